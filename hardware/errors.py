@@ -1,0 +1,31 @@
+"""The root of the error tree, and the errors of the servo side.
+
+A message says what is wrong, where, what was found, what is allowed, and what to do next. The command line turns every
+`RetargetError` into one message on stderr and exit code 2; a stop of the guard while running is a state, not an error.
+"""
+
+
+class RetargetError(Exception):
+    """Root of every error that a user can cause or meet. Its text stands alone: no traceback is needed to act on it."""
+
+
+class HardwareError(RetargetError):
+    """Anything wrong on the servo side: models, maps, buses, the guard."""
+
+
+class BusError(HardwareError):
+    """A bus cannot be opened, read or written."""
+
+
+class GuardError(HardwareError):
+    """The guard refuses what was asked in its present state."""
+
+
+def describe(*, what: str, where: str = "", found: object = None, allowed: object = None, then: str = "") -> str:
+    """Compose a message in the project's order: where, what, found, allowed, what next; empty parts are left out."""
+    text = f"{where}: {what}" if where else what
+    if found is not None:
+        text += f"; found {found}"
+    if allowed is not None:
+        text += f"; allowed: {allowed}"
+    return f"{text}. {then}" if then else f"{text}."
