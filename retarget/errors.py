@@ -1,0 +1,104 @@
+"""Errors that stop a command before anything moves: bad files, bad configurations, bad options.
+
+Each carries one or more `Problem`s (what, where, found, allowed, next step) and renders all of them as one message, so
+that a user mends a file in one go. The command line prints the message and leaves with exit code 2. The root of the
+tree, `RetargetError`, lives in `hardware.errors`, because `hardware` imports nothing from here.
+"""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+from hardware.errors import RetargetError, describe
+
+__all__ = ["ConfigError", "InputError", "Problem", "RefusedError", "RetargetError", "UsageError", "nearest", "suggest"]
+
+MAX_SHOWN = 20
+"""At most this many problems are spelled out in one message; the rest are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong. Empty parts are left out of the text.
+
+    what: the fault in a few words. where: "file", "file:line" or "file:line: key". found: what stands there.
+    allowed: what may stand there. next_step: what the user should do, one sentence without the full stop.
+    """
+
+    what: str
+    where: str = ""
+    found: str = ""
+    allowed: str = ""
+    next_step: str = ""
+
+    def render(self) -> str:
+        """One line of text."""
+        return describe(
+            what=self.what,
+            where=self.where,
+            found=self.found or None,
+            allowed=self.allowed or None,
+            then=f"{self.next_step}." if self.next_step else "",
+        )
+
+
+class RefusedError(RetargetError):
+    """Refused before anything moved. Not raised itself: see `InputError`, `ConfigError`, `UsageError`."""
+
+    def __init__(
+        self, what: str, *, where: str = "", found: object = "", allowed: object = "", next_step: str = ""
+    ) -> None:
+        """One problem; `found` and `allowed` are turned into text. Several: `from_problems`."""
+        problem = Problem(what, where, str(found), str(allowed), next_step.rstrip("."))
+        super().__init__(problem.render())
+        self.problems: tuple[Problem, ...] = (problem,)
+
+    @classmethod
+    def from_problems(cls, problems: Sequence[Problem], *, title: str = "") -> Self:
+        """All problems of one file as one error. `title` heads the list when there is more than one."""
+        if not problems:
+            raise ValueError("an error needs at least one problem")
+        error = cls(problems[0].what)
+        error.problems = tuple(problems)
+        error.args = (_render_all(problems, title),)
+        return error
+
+
+class InputError(RefusedError):
+    """Bad data from outside: a motion file, a stream address, a recording."""
+
+
+class ConfigError(RefusedError):
+    """A configuration (robot profile, priorities, performer) that cannot be used."""
+
+
+class UsageError(RefusedError):
+    """A command line option that cannot be used: unknown name, unwritable path, impossible combination."""
+
+
+def nearest(name: str, known: Iterable[str], *, limit: int = 3) -> tuple[str, ...]:
+    """The known names closest in spelling to `name`, best first; empty when none is near."""
+    spelled = {}
+    for candidate in known:
+        spelled.setdefault(candidate.casefold(), candidate)
+    matches = difflib.get_close_matches(name.casefold()[:100], list(spelled), n=limit, cutoff=0.6)
+    return tuple(spelled[match] for match in matches)
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """A next step for an unknown name: 'did you mean a, b or c?' without the mark, or '' when nothing is near."""
+    near = nearest(name, known)
+    if not near:
+        return ""
+    return "Did you mean " + (near[0] if len(near) == 1 else ", ".join(near[:-1]) + " or " + near[-1])
+
+
+def _render_all(problems: Sequence[Problem], title: str) -> str:
+    if len(problems) == 1:
+        return problems[0].render()
+    lines = [title or f"{len(problems)} problems"]
+    lines += [f"  {problem.render()}" for problem in problems[:MAX_SHOWN]]
+    if len(problems) > MAX_SHOWN:
+        lines.append(f"  ... and {len(problems) - MAX_SHOWN} more.")
+    return "\n".join(lines)
