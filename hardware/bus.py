@@ -1,0 +1,81 @@
+"""The one interface to servos: a real bus, a mock, an emulator and a physics simulation all stand behind `ServoBus`."""
+
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Protocol
+
+from hardware.arrays import BoolArray, ByteArray, FloatArray, TickArray
+
+
+class ServoAlert(IntFlag):
+    """Hardware Error Status, register 70 of the X and MX(2.0) series; any of these bits has switched the servo's torque off."""
+
+    INPUT_VOLTAGE = 0x01
+    OVERHEATING = 0x04
+    ENCODER = 0x08
+    ELECTRICAL_SHOCK = 0x10
+    OVERLOAD = 0x20
+
+
+@dataclass(frozen=True)
+class ServoStates:
+    """What the servos said, one entry per servo in the profile's servo order, all arrays (n,).
+
+    A servo that did not answer in this cycle has `valid` False and keeps its last values; `age` says how old they are.
+    Values are the shaft's, in the servo's own sense of rotation: `hardware.joint_map` turns them into joint values.
+    """
+
+    time: float
+    """When the cycle was read, s on the bus's clock."""
+    position: TickArray
+    """Present position, ticks."""
+    velocity: FloatArray
+    """Present velocity, rad/s."""
+    current: FloatArray
+    """Present current, A; NaN where the model reports no current."""
+    voltage: FloatArray
+    """Input voltage, V."""
+    temperature: FloatArray
+    """Internal temperature, degrees Celsius."""
+    error: ByteArray
+    """Error byte of the last status packet (bit 7: alert)."""
+    alert: ByteArray
+    """Hardware Error Status as `ServoAlert` bits, 0 when healthy."""
+    age: FloatArray
+    """Time since the last answer, s; 0 when valid, inf before the first answer."""
+    valid: BoolArray
+    """Whether the servo answered in this cycle."""
+
+
+@dataclass(frozen=True)
+class ServoGoals:
+    """What the servos are asked to do: goal positions in ticks, (n,), in the profile's servo order."""
+
+    ticks: TickArray
+
+
+class ServoBus(Protocol):
+    """All servos of one robot, on however many ports. Every method may raise BusError.
+
+    Only `hardware.guard.Guard` may call `write` and `torque(True)`; anyone may call `torque(False)`.
+    """
+
+    def open(self) -> None:
+        """Open the ports and check that the expected servos are there; torque stays as it is."""
+        ...
+
+    def read(self) -> ServoStates:
+        """Read one cycle. A missing servo is marked in the answer and never an exception; a dead bus raises BusError."""
+        ...
+
+    def write(self, goals: ServoGoals) -> None:
+        """Send goal positions to all servos; no servo acknowledges."""
+        ...
+
+    def torque(self, on: bool) -> None:
+        """Switch the torque of all servos."""
+        ...
+
+    def close(self) -> None:
+        """Close the ports and leave the bus safe, torque off; closing twice is allowed."""
+        ...

@@ -1,0 +1,61 @@
+"""Time. This is the only file that reads a clock; everything else is handed a `Clock`, so tests and file runs need no waiting."""
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Monotonic seconds that somebody else provides."""
+
+    def now(self) -> float:
+        """Return the time in s, from an arbitrary but fixed origin; never decreases."""
+        ...
+
+    def sleep_until(self, deadline: float) -> None:
+        """Return at `deadline` (s on this clock), or at once when it has passed."""
+        ...
+
+
+class MonotonicClock:
+    """The machine's monotonic clock, untouched by changes of the wall clock."""
+
+    def now(self) -> float:
+        """Return the machine's monotonic time in s."""
+        return time.monotonic()
+
+    def sleep_until(self, deadline: float) -> None:
+        """Sleep (no busy wait) until `deadline`, in s."""
+        remaining = deadline - time.monotonic()
+        if remaining > 0.0:
+            time.sleep(remaining)
+
+
+class VirtualClock:
+    """A clock that jumps: sleeping takes no time. For tests, and for files played as fast as the machine allows."""
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        """Return the virtual time in s."""
+        return self._now
+
+    def sleep_until(self, deadline: float) -> None:
+        """Move the virtual time to `deadline` (s), never backwards."""
+        self._now = max(self._now, deadline)
+
+    def advance(self, seconds: float) -> None:
+        """Move the virtual time forward by `seconds`. Raises ValueError for a negative or non-finite step."""
+        if not 0.0 <= seconds < float("inf"):
+            raise ValueError(f"a clock moves forward by a finite time; found {seconds} s")
+        self._now += seconds
+
+
+def thread_cpu() -> float:
+    """Return the CPU time of the calling thread in s: what a computation costs, whatever else the machine does."""
+    return time.thread_time()
+
+
+def process_cpu() -> float:
+    """Return the CPU time of all threads of this process in s."""
+    return time.process_time()

@@ -1,0 +1,94 @@
+"""Joint radians <-> servo ticks, with direction, zero and gear, for all servos of a robot at once."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hardware.arrays import BoolArray, FloatArray, TickArray
+from hardware.errors import HardwareError, describe
+from hardware.servo import ServoSpec
+
+NO_SERVO = -1
+"""Goal tick of a joint that no servo drives."""
+
+
+class JointMap:
+    """Maps arrays whose last axis is the profile's servo order; leading axes (ticks of time, say) pass through.
+
+    Raises HardwareError with every finding at once when a servo cannot serve its joint, or a joint or (bus, id) is named twice.
+    """
+
+    def __init__(self, servos: Sequence[ServoSpec]) -> None:
+        found = [problem for servo in servos for problem in servo.problems()]
+        found += _twice([servo.joint for servo in servos], "joint")
+        found += _twice([f"{servo.id} on bus {servo.bus!r}" for servo in servos], "servo id")
+        if found:
+            raise HardwareError(describe(what="servos do not fit", where="joint map", found="; ".join(found), then="Correct the profile"))
+        self.servos = tuple(servos)
+        self.joints = tuple(servo.joint for servo in servos)
+        self.lower = np.array([servo.lower for servo in servos], dtype=np.float64)  # (n,) [rad]
+        self.upper = np.array([servo.upper for servo in servos], dtype=np.float64)  # (n,) [rad]
+        self.max_velocity = np.array([servo.max_velocity for servo in servos], dtype=np.float64)  # (n,) [rad/s]
+        self.max_acceleration = np.array([servo.max_acceleration for servo in servos], dtype=np.float64)  # (n,) [rad/s^2]
+        self._scale = np.array([servo.ticks_per_rad for servo in servos], dtype=np.float64)  # (n,) [tick/rad]
+        self._zero = np.array([servo.zero_tick for servo in servos], dtype=np.float64)  # (n,) [tick]
+        self._shaft = np.array([servo.direction * servo.gear for servo in servos], dtype=np.float64)  # (n,) joint -> shaft
+        self._last = np.array([servo.model.ticks - 1 for servo in servos], dtype=np.int64)  # (n,) [tick]
+        ends = np.stack([self._zero + self._scale * self.lower, self._zero + self._scale * self.upper])
+        # First and last whole tick inside the limits; a limit of half a tick past the travel is the travel's end.
+        self._first_inside = np.maximum(np.ceil(ends.min(axis=0)).astype(np.int64), 0)  # (n,) [tick]
+        self._last_inside = np.minimum(np.floor(ends.max(axis=0)).astype(np.int64), self._last)  # (n,) [tick]
+
+    def __len__(self) -> int:
+        return len(self.servos)
+
+    def to_ticks(self, positions: FloatArray) -> TickArray:
+        """Return goal ticks (..., n) for joint `positions` (..., n) in rad.
+
+        Rounds to the nearest tick, except that an angle inside the limits never becomes a tick beyond them. Raises HardwareError
+        when a value is not finite or asks for a tick that the servo does not have: that is a defect upstream, never clipped here.
+        """
+        exact = self._zero + self._scale * positions
+        if not np.all(np.isfinite(exact)):
+            raise HardwareError(self._complaint(positions, ~np.isfinite(exact), "a joint angle is not a finite number"))
+        ticks = np.rint(exact).astype(np.int64)
+        inside = (positions >= self.lower) & (positions <= self.upper)
+        ticks = np.where(inside, np.clip(ticks, self._first_inside, self._last_inside), ticks)
+        beyond = (ticks < 0) | (ticks > self._last)
+        if np.any(beyond):
+            raise HardwareError(self._complaint(positions, beyond, "a joint angle is beyond the servo's travel"))
+        return ticks
+
+    def to_radians(self, ticks: TickArray) -> FloatArray:
+        """Return joint positions (..., n) in rad for shaft `ticks` (..., n)."""
+        return (ticks - self._zero) / self._scale
+
+    def joint_velocity(self, shaft_velocity: FloatArray) -> FloatArray:
+        """Return joint velocities (..., n) in rad/s for shaft velocities (..., n) in rad/s, in the servo's sense of rotation."""
+        return shaft_velocity / self._shaft
+
+    def spread(self, joints: Sequence[str], ticks: TickArray) -> TickArray:
+        """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO (-1) where no servo drives the joint."""
+        column = {joint: index for index, joint in enumerate(self.joints)}
+        out = np.full((*ticks.shape[:-1], len(joints)), NO_SERVO, dtype=np.int64)
+        for index, joint in enumerate(joints):
+            if joint in column:
+                out[..., index] = ticks[..., column[joint]]
+        return out
+
+    def _complaint(self, positions: FloatArray, bad: BoolArray, what: str) -> str:
+        index = int(np.argwhere(bad)[0][-1])
+        value = float(positions[tuple(np.argwhere(bad)[0])])
+        servo = self.servos[index]
+        return describe(
+            what=what,
+            where=f"joint {servo.joint} (servo {servo.id})",
+            found=f"{value} rad",
+            allowed=f"{servo.lower:.4f} to {servo.upper:.4f} rad",
+            then="Send goals through the gate",
+        )
+
+
+def _twice(names: Sequence[str], kind: str) -> list[str]:
+    """Findings about `names` that appear more than once."""
+    return [f"{kind} {name} is used {names.count(name)} times" for name in sorted(set(names)) if names.count(name) > 1]
