@@ -23,7 +23,7 @@ class Problem:
     """One thing that is wrong. Empty parts are left out of the text.
 
     what: the fault in a few words. where: "file", "file:line" or "file:line: key". found: what stands there.
-    allowed: what may stand there. next_step: what the user should do, one sentence without the full stop.
+    allowed: what may stand there. next_step: what the user should do, one sentence (a full stop is added).
     """
 
     what: str
@@ -39,7 +39,7 @@ class Problem:
             where=self.where,
             found=self.found or None,
             allowed=self.allowed or None,
-            then=f"{self.next_step}." if self.next_step else "",
+            then=self.next_step + "." if self.next_step and self.next_step[-1] not in ".?" else self.next_step,
         )
 
 
@@ -50,7 +50,7 @@ class RefusedError(RetargetError):
         self, what: str, *, where: str = "", found: object = "", allowed: object = "", next_step: str = ""
     ) -> None:
         """One problem; `found` and `allowed` are turned into text. Several: `from_problems`."""
-        problem = Problem(what, where, str(found), str(allowed), next_step.rstrip("."))
+        problem = Problem(what, where, str(found), str(allowed), next_step)
         super().__init__(problem.render())
         self.problems: tuple[Problem, ...] = (problem,)
 
@@ -79,7 +79,7 @@ class UsageError(RefusedError):
 
 def nearest(name: str, known: Iterable[str], *, limit: int = 3) -> tuple[str, ...]:
     """The known names closest in spelling to `name`, best first; empty when none is near."""
-    spelled = {}
+    spelled: dict[str, str] = {}
     for candidate in known:
         spelled.setdefault(candidate.casefold(), candidate)
     matches = difflib.get_close_matches(name.casefold()[:100], list(spelled), n=limit, cutoff=0.6)
@@ -87,11 +87,11 @@ def nearest(name: str, known: Iterable[str], *, limit: int = 3) -> tuple[str, ..
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """A next step for an unknown name: 'did you mean a, b or c?' without the mark, or '' when nothing is near."""
+    """A next step for an unknown name: "Did you mean a, b or c?", or "" when nothing is near."""
     near = nearest(name, known)
     if not near:
         return ""
-    return "Did you mean " + (near[0] if len(near) == 1 else ", ".join(near[:-1]) + " or " + near[-1])
+    return "Did you mean " + (near[0] if len(near) == 1 else ", ".join(near[:-1]) + " or " + near[-1]) + "?"
 
 
 def _render_all(problems: Sequence[Problem], title: str) -> str:
