@@ -11,6 +11,9 @@ from hardware.servo import ServoSpec
 NO_SERVO = -1
 """Goal tick of a joint that no servo drives."""
 
+_TICK_SLACK = 1e-6
+"""Round-off, in ticks, by which a limit may miss the whole tick that it was written for."""
+
 
 class JointMap:
     """Maps arrays whose last axis is the profile's servo order; leading axes (ticks of time, say) pass through.
@@ -36,8 +39,8 @@ class JointMap:
         self._last = np.array([servo.model.ticks - 1 for servo in servos], dtype=np.int64)  # (n,) [tick]
         ends = np.stack([self._zero + self._scale * self.lower, self._zero + self._scale * self.upper])
         # First and last whole tick inside the limits; a limit of half a tick past the travel is the travel's end.
-        self._first_inside = np.maximum(np.ceil(ends.min(axis=0)).astype(np.int64), 0)  # (n,) [tick]
-        self._last_inside = np.minimum(np.floor(ends.max(axis=0)).astype(np.int64), self._last)  # (n,) [tick]
+        self._first_inside = np.maximum(np.ceil(ends.min(axis=0) - _TICK_SLACK).astype(np.int64), 0)  # (n,) [tick]
+        self._last_inside = np.minimum(np.floor(ends.max(axis=0) + _TICK_SLACK).astype(np.int64), self._last)  # (n,) [tick]
 
     def __len__(self) -> int:
         return len(self.servos)
