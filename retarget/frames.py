@@ -1,0 +1,292 @@
+"""What every reader yields: named sensors over time, the whole body where the source knows it, and its rest skeleton.
+
+World frame REP-103 (x forward, y left, z up), metres, seconds, quaternions wxyz. Arrays are float64, C-contiguous and
+read-only, so that one recording can be shared by every stage.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from retarget import rotations
+from retarget.errors import UsageError, suggest
+from retarget.rotations import FloatArray
+
+__all__ = [
+    "JOINTS",
+    "SENSORS",
+    "BoolArray",
+    "JointTracks",
+    "SensorFrames",
+    "SensorSample",
+    "Skeleton",
+    "mirrored_name",
+]
+
+BoolArray = NDArray[np.bool_]
+
+SENSORS: tuple[str, ...] = tuple(
+    "head l_wrist r_wrist l_ankle r_ankle pelvis chest l_knee r_knee l_elbow r_elbow"
+    " l_shoulder r_shoulder l_hip r_hip l_toe r_toe".split()
+)
+"""Canonical sensor names. The first five are the default set."""
+
+JOINTS: tuple[str, ...] = tuple(
+    "pelvis spine chest neck head l_collar r_collar l_shoulder r_shoulder l_elbow r_elbow l_wrist r_wrist"
+    " l_hip r_hip l_knee r_knee l_ankle r_ankle l_toe r_toe l_hand r_hand".split()
+)
+"""Canonical joint names."""
+
+_SNAP = 1e-9
+"""A time within this share of a frame interval of a frame is that frame, not a mixture of two."""
+
+_REFLECT_POSITION = np.array([1.0, -1.0, 1.0])
+_REFLECT_QUATERNION = np.array([1.0, -1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class JointTracks:
+    """Joint centres over time: what the source knows of the whole body.
+
+    names: m canonical joint names, only those that the source knows. position (T, m, 3) m, world; NaN where unknown.
+    """
+
+    names: tuple[str, ...]
+    position: FloatArray
+
+    def __post_init__(self) -> None:
+        _freeze(self, "position", (None, len(self.names), 3))
+
+    def of(self, name: str) -> FloatArray:
+        """Track (T, 3) of one joint. Raises UsageError with the nearest names."""
+        return np.asarray(self.position[:, _index(name, self.names, "joint")])
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Joint centres of the rest pose, from which bone lengths are read.
+
+    names: m canonical joint names. position (m, 3) m: upright, facing x, the pelvis at the origin; arms and legs as the
+    file's own rest pose has them (T-pose, arms down, legs apart).
+    """
+
+    names: tuple[str, ...]
+    position: FloatArray
+
+    def __post_init__(self) -> None:
+        _freeze(self, "position", (len(self.names), 3))
+
+    def of(self, name: str) -> FloatArray:
+        """Rest position (3,) of one joint. Raises UsageError with the nearest names."""
+        return np.asarray(self.position[_index(name, self.names, "joint")])
+
+    def distance(self, first: str, second: str) -> float:
+        """Straight distance (m) between two joints of the rest pose."""
+        return float(np.linalg.norm(self.of(first) - self.of(second)))
+
+
+@dataclass(frozen=True)
+class SensorSample:
+    """The sensors at one instant: names (k,), position (k, 3), orientation (k, 4) wxyz, valid (k,); NaN where invalid."""
+
+    names: tuple[str, ...]
+    position: FloatArray
+    orientation: FloatArray
+    valid: BoolArray
+
+
+@dataclass(frozen=True)
+class SensorFrames:
+    """Sensors of one performer over time.
+
+    time (T,) s, from 0, strictly rising. names: k canonical sensor names. position (T, k, 3) m, world, NaN where invalid.
+    orientation (T, k, 4) wxyz, world, NaN where unknown or invalid. It is the orientation of the body segment that the
+    joint of the sensor's name carries (wrist: hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee: shank, ankle and
+    toe: foot, chest: thorax), and is the identity in the source's rest pose, standing upright and facing x.
+    valid (T, k). joints: the whole body where the source knows it. skeleton: its rest pose. source: where it comes from.
+    rate_hz: nominal frame rate. notes: warnings for the user.
+    """
+
+    time: FloatArray
+    names: tuple[str, ...]
+    position: FloatArray
+    orientation: FloatArray
+    valid: BoolArray
+    joints: JointTracks | None = None
+    skeleton: Skeleton | None = None
+    source: str = ""
+    rate_hz: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        frames, sensors = len(self.time), len(self.names)
+        assert frames > 0 and np.all(np.diff(self.time) > 0.0), "time must rise strictly"
+        assert len(set(self.names)) == sensors, "a sensor name occurs twice"
+        _freeze(self, "time", (frames,))
+        _freeze(self, "position", (frames, sensors, 3))
+        _freeze(self, "orientation", (frames, sensors, 4))
+        _freeze(self, "valid", (frames, sensors), bool)
+        assert self.joints is None or len(self.joints.position) == frames, "joints have another number of frames"
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first frame to the last."""
+        return float(self.time[-1] - self.time[0])
+
+    def index(self, name: str) -> int:
+        """Column of a sensor. Raises UsageError with the nearest names."""
+        return _index(name, self.names, "sensor")
+
+    def select(self, names: Sequence[str]) -> "SensorFrames":
+        """Only these sensors, in this order. Raises UsageError with the nearest names for one that is not there."""
+        columns = [self.index(name) for name in names]
+        return replace(
+            self,
+            names=tuple(names),
+            position=self.position[:, columns],
+            orientation=self.orientation[:, columns],
+            valid=self.valid[:, columns],
+        )
+
+    def cut(self, start: float | None = None, end: float | None = None) -> "SensorFrames":
+        """The frames from `start` to `end` (s, both included), with time counted from 0 again.
+
+        Raises UsageError if a time is not finite, the order is wrong, or no frame lies between.
+        """
+        first = 0.0 if start is None else float(start)
+        last = float(self.time[-1]) if end is None else float(end)
+        allowed = f"0 to {self.time[-1]:.3f} s, start before end"
+        if not (np.isfinite(first) and np.isfinite(last) and first <= last):
+            raise UsageError(
+                "start and end do not enclose anything",
+                found=f"{first:g} to {last:g} s",
+                allowed=allowed,
+            )
+        margin = _SNAP * max(self.duration_s, 1.0)
+        rows = np.flatnonzero((self.time >= first - margin) & (self.time <= last + margin))
+        if rows.size == 0:
+            raise UsageError(
+                "no frame between start and end",
+                found=f"{first:g} to {last:g} s",
+                allowed=allowed,
+            )
+        return self._rows(slice(int(rows[0]), int(rows[-1]) + 1))
+
+    def mirror(self) -> "SensorFrames":
+        """Left and right exchanged: every position reflected at the world's x-z plane, every name on its other side."""
+        names, columns = _mirror_order(self.names)
+        joints, skeleton = self.joints, self.skeleton
+        if joints is not None:
+            joint_names, order = _mirror_order(joints.names)
+            joints = JointTracks(joint_names, joints.position[:, order] * _REFLECT_POSITION)
+        if skeleton is not None:
+            joint_names, order = _mirror_order(skeleton.names)
+            skeleton = Skeleton(joint_names, skeleton.position[order] * _REFLECT_POSITION)
+        return replace(
+            self,
+            names=names,
+            position=self.position[:, columns] * _REFLECT_POSITION,
+            orientation=self.orientation[:, columns] * _REFLECT_QUATERNION,
+            valid=self.valid[:, columns],
+            joints=joints,
+            skeleton=skeleton,
+        )
+
+    def sample(self, time: float) -> SensorSample:
+        """The sensors at `time` (s): see `resample`."""
+        at = self.resample(np.array([time]))
+        return SensorSample(at.names, at.position[0], at.orientation[0], at.valid[0])
+
+    def resample(self, time: ArrayLike) -> "SensorFrames":
+        """The same motion on another clock: `time` (n,) s, strictly rising.
+
+        Positions go straight and orientations along the short arc between the two neighbouring frames; a sensor is valid
+        where it is valid in both. At the time of a frame, that frame is returned bit for bit. Before the first frame and
+        after the last, the first and the last are held. The nominal rate is that of the new clock.
+        """
+        time = np.asarray(time, float)
+        before, share = self._locate(time)
+        after = np.minimum(before + 1, len(self) - 1)
+        exact = share == 0.0
+        weight = share[:, None, None]
+
+        def line(track: FloatArray) -> FloatArray:
+            a, b = track[before], track[after]
+            return np.where(exact[:, None, None], a, a + weight * (b - a))
+
+        a, b = self.orientation[before], self.orientation[after]
+        orientation = np.where(
+            exact[:, None, None],
+            a,
+            rotations.slerp(a, b, np.broadcast_to(share[:, None], a.shape[:2])),
+        )
+        return replace(
+            self,
+            time=time,
+            position=line(self.position),
+            orientation=orientation,
+            valid=self.valid[before] & (exact[:, None] | self.valid[after]),
+            joints=None if self.joints is None else JointTracks(self.joints.names, line(self.joints.position)),
+            rate_hz=float((time.size - 1) / (time[-1] - time[0])) if time.size > 1 else self.rate_hz,
+        )
+
+    def _locate(self, time: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+        """Frame at or before each time (n,) and the share (n,) of the way to the next frame, 0 to below 1."""
+        held = np.clip(time, self.time[0], self.time[-1])
+        before = np.clip(np.searchsorted(self.time, held, side="right") - 1, 0, len(self) - 1)
+        after = np.minimum(before + 1, len(self) - 1)
+        interval = np.where(after > before, self.time[after] - self.time[before], 1.0)
+        share = (held - self.time[before]) / interval
+        before = np.where(share > 1.0 - _SNAP, after, before)
+        return before, np.where((share < _SNAP) | (share > 1.0 - _SNAP), 0.0, share)
+
+    def _rows(self, rows: slice) -> "SensorFrames":
+        return replace(
+            self,
+            time=self.time[rows] - self.time[rows][0],
+            position=self.position[rows],
+            orientation=self.orientation[rows],
+            valid=self.valid[rows],
+            joints=None if self.joints is None else JointTracks(self.joints.names, self.joints.position[rows]),
+        )
+
+
+def mirrored_name(name: str) -> str:
+    """The name on the other side of the body: l_wrist for r_wrist; a middle part keeps its name."""
+    return {"l_": "r_", "r_": "l_"}.get(name[:2], name[:2]) + name[2:]
+
+
+def _mirror_order(names: tuple[str, ...]) -> tuple[tuple[str, ...], list[int]]:
+    """Names after mirroring and, for each, the column it comes from. Names with both sides present keep their order."""
+    mirrored = tuple(mirrored_name(name) for name in names)
+    new_names = names if set(mirrored) == set(names) else mirrored
+    return new_names, [mirrored.index(name) for name in new_names]
+
+
+def _index(name: str, names: tuple[str, ...], what: str) -> int:
+    if name not in names:
+        raise UsageError(
+            f"unknown {what}",
+            found=repr(name),
+            allowed=", ".join(names),
+            next_step=suggest(name, names),
+        )
+    return names.index(name)
+
+
+def _freeze(owner: object, name: str, shape: tuple[int | None, ...], dtype: type = float) -> None:
+    """Check the shape of an array field (None: any) and store it contiguous and read-only."""
+    given = getattr(owner, name)
+    array: NDArray[np.generic] = np.ascontiguousarray(given, dtype)
+    assert array.ndim == len(shape) and all(
+        want in (None, got) for want, got in zip(shape, array.shape, strict=True)
+    ), f"{name} has shape {array.shape}, not {shape}"
+    if array is given and array.flags.writeable:
+        array = array.view()
+    array.flags.writeable = False
+    object.__setattr__(owner, name, array)

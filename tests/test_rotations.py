@@ -1,0 +1,138 @@
+"""Quaternion functions against SciPy and against their own inverses."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from retarget import rotations
+from retarget.rotations import FloatArray
+
+
+def random_quaternions(count: int, seed: int = 0) -> FloatArray:
+    q = np.random.default_rng(seed).normal(size=(count, 4))
+    return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
+
+
+def as_scipy(q: FloatArray) -> Rotation:
+    return Rotation.from_quat(np.roll(q, -1, axis=-1))
+
+
+def assert_same_rotation(a: FloatArray, b: FloatArray, tolerance: float = 1e-12) -> None:
+    assert np.max(np.abs(np.abs(np.sum(a * b, axis=-1)) - 1.0)) < tolerance
+
+
+def test_multiply_and_rotate_agree_with_scipy() -> None:
+    a, b = random_quaternions(50), random_quaternions(50, seed=1)
+    v = np.random.default_rng(2).normal(size=(50, 3))
+    assert_same_rotation(
+        rotations.multiply(a, b),
+        np.roll((as_scipy(a) * as_scipy(b)).as_quat(), 1, axis=-1),
+    )
+    np.testing.assert_allclose(rotations.rotate(a, v), as_scipy(a).apply(v), atol=1e-14)
+
+
+def test_broadcasts_over_leading_axes() -> None:
+    q = random_quaternions(6).reshape(2, 3, 4)
+    v = np.array([1.0, 2.0, 3.0])
+    assert rotations.rotate(q, v).shape == (2, 3, 3)
+    assert rotations.multiply(q, q[0]).shape == (2, 3, 4)
+    assert rotations.from_axis_angle([0.0, 0.0, 1.0], np.zeros((2, 3))).shape == (
+        2,
+        3,
+        4,
+    )
+    assert rotations.from_axis_angle([0.0, 0.0, 1.0], 0.3).shape == (4,)
+
+
+def test_conjugate_is_the_inverse() -> None:
+    q = random_quaternions(20)
+    assert_same_rotation(
+        rotations.multiply(q, rotations.conjugate(q)),
+        np.broadcast_to(rotations.IDENTITY, q.shape),
+    )
+
+
+def test_matrix_round_trip_covers_every_pivot() -> None:
+    half_turns = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 0, 0, 0]])
+    q = np.concatenate([random_quaternions(200), half_turns])
+    matrix = rotations.to_matrix(q)
+    np.testing.assert_allclose(matrix, as_scipy(q).as_matrix(), atol=1e-14)
+    assert_same_rotation(rotations.from_matrix(matrix), q)
+
+
+def test_log_is_the_inverse_of_the_exponential_map() -> None:
+    vectors = np.random.default_rng(3).normal(size=(100, 3))
+    vectors *= np.linspace(0.0, np.pi - 1e-6, 100)[:, None] / np.linalg.norm(vectors, axis=1, keepdims=True)
+    vectors = np.concatenate([vectors, [[1e-12, 0, 0], [0, 1e-9, 0]]])
+    q = rotations.from_rotation_vector(vectors)
+    np.testing.assert_allclose(rotations.log(q), vectors, atol=1e-9)
+    np.testing.assert_allclose(rotations.log(-q), vectors, atol=1e-9)
+
+
+def test_axis_angle_is_the_exponential_of_axis_times_angle() -> None:
+    axis = np.array([0.6, 0.0, 0.8])
+    angles = np.linspace(-3, 3, 7)
+    np.testing.assert_allclose(
+        rotations.from_axis_angle(axis, angles),
+        rotations.from_rotation_vector(angles[:, None] * axis),
+        atol=1e-15,
+    )
+
+
+@pytest.mark.parametrize("axes", ["".join(p) for n in (1, 2, 3) for p in itertools.permutations("xyz", n)])
+def test_euler_of_any_order_agrees_with_scipy(axes: str) -> None:
+    angles = np.random.default_rng(4).uniform(-3, 3, size=(30, len(axes)))
+    expected = Rotation.from_euler(axes.upper(), angles)
+    assert_same_rotation(rotations.from_euler(angles, axes), np.roll(expected.as_quat(), 1, axis=-1))
+    assert_same_rotation(
+        rotations.from_euler(angles, axes.upper()),
+        np.roll(expected.as_quat(), 1, axis=-1),
+    )
+
+
+@pytest.mark.parametrize("axes", ["".join(p) for p in itertools.permutations("xyz")])
+def test_euler_round_trip_with_gimbal_lock(axes: str) -> None:
+    q = random_quaternions(100)
+    locked = rotations.from_euler(np.array([[0.3, np.pi / 2, 0.7], [-2.0, -np.pi / 2, 0.1]]), axes)
+    both = np.concatenate([q, locked])
+    assert_same_rotation(rotations.from_euler(rotations.to_euler(both, axes), axes), both, tolerance=1e-9)
+
+
+def test_slerp_goes_the_short_way_at_constant_speed() -> None:
+    a, b = random_quaternions(40), random_quaternions(40, seed=5)
+    angle = rotations.angle_between(a, b)
+    for share in (0.0, 0.25, 0.5, 1.0):
+        middle = rotations.slerp(a, b, np.full(40, share))
+        np.testing.assert_allclose(rotations.angle_between(a, middle), share * angle, atol=1e-7)
+        assert_same_rotation(middle, rotations.slerp(a, -b, np.full(40, share)))
+
+
+def test_slerp_of_equal_orientations_is_that_orientation() -> None:
+    q = random_quaternions(5)
+    np.testing.assert_allclose(rotations.slerp(q, q, np.full(5, 0.3)), q, atol=1e-15)
+
+
+def test_shortest_arc_turns_one_direction_into_the_other() -> None:
+    generator = np.random.default_rng(6)
+    a, b = generator.normal(size=(30, 3)), generator.normal(size=(30, 3))
+    b[0] = -2.0 * a[0]
+    b[1] = 3.0 * a[1]
+    turned = rotations.rotate(rotations.shortest_arc(a, b), a / np.linalg.norm(a, axis=1, keepdims=True))
+    np.testing.assert_allclose(turned, b / np.linalg.norm(b, axis=1, keepdims=True), atol=1e-7)
+
+
+def test_nan_stays_nan_and_raises_nothing() -> None:
+    q = np.full((2, 4), np.nan)
+    assert np.isnan(rotations.slerp(q, q, np.array([0.1, 0.2]))).all()
+    assert np.isnan(rotations.normalise(np.zeros(4))).all()
+
+
+def test_wrong_axes_are_refused() -> None:
+    with pytest.raises(ValueError, match="axis"):
+        rotations.from_euler([1.0], "w")
+    with pytest.raises(ValueError, match="axes"):
+        rotations.from_euler([1.0], "xy")
+    with pytest.raises(ValueError, match="different"):
+        rotations.to_euler(rotations.IDENTITY, "xyx")
