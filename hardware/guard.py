@@ -24,7 +24,13 @@ class Guard:
     """
 
     def __init__(
-        self, *, bus: ServoBus, joint_map: JointMap, goal_filter: GoalFilter, clock: Clock, limits: GuardLimits | None = None
+        self,
+        *,
+        bus: ServoBus,
+        joint_map: JointMap,
+        goal_filter: GoalFilter,
+        clock: Clock,
+        limits: GuardLimits | None = None,
     ) -> None:
         self._bus = bus
         self._map = joint_map
@@ -77,7 +83,9 @@ class Guard:
             present = self._filter.position
             goals = self._map.to_ticks(present)
             if not np.array_equal(goals, states.position):
-                raise GuardError(describe(what="the filter moved the present posture", then="Seed the filter with what it is given"))
+                raise GuardError(
+                    describe(what="the filter moved the present posture", then="Seed the filter with what it is given")
+                )
             self._write(goals)
             self._bus.torque(True)
         except Exception:
@@ -150,7 +158,10 @@ class Guard:
             self.stop(self._name(states.alert != 0, "reports", states), StopCause.SERVO_ALERT)
         elif (states.age > self._limits.max_age).any():
             lost = states.age > self._limits.max_age
-            self.stop(self._name(lost, f"has not answered for more than {self._limits.max_age} s:", states), StopCause.SERVO_LOST)
+            self.stop(
+                self._name(lost, f"has not answered for more than {self._limits.max_age} s:", states),
+                StopCause.SERVO_LOST,
+            )
 
     def _move(self, think: Think) -> None:
         assert self._states is not None, "a tick reads before it thinks"
@@ -196,16 +207,26 @@ class Guard:
         if self._state not in allowed:
             names = ", ".join(state.value for state in allowed)
             then = f"It stopped because: {self._stop.reason}" if self._stop else ""
-            raise GuardError(describe(what="not possible in this state", where="guard", found=self._state.value, allowed=names, then=then))
+            raise GuardError(
+                describe(
+                    what="not possible in this state", where="guard", found=self._state.value, allowed=names, then=then
+                )
+            )
 
     def _refuse_unhealthy(self, states: ServoStates) -> None:
         missing = ~states.valid
         if missing.all():
-            raise BusError(describe(what="no servo answers", where="arming", then="Check power, wiring and the bus of the profile"))
+            raise BusError(
+                describe(what="no servo answers", where="arming", then="Check power, wiring and the bus of the profile")
+            )
         problems = [self._name(missing, "does not answer:", states)] if missing.any() else []
         problems += [self._name(states.alert != 0, "reports", states)] if states.alert.any() else []
         if problems:
-            raise GuardError(describe(what="not every servo is well", where="arming", found="; ".join(problems), then="Torque stays off"))
+            raise GuardError(
+                describe(
+                    what="not every servo is well", where="arming", found="; ".join(problems), then="Torque stays off"
+                )
+            )
 
     def _name(self, which: BoolArray, complaint: str, states: ServoStates) -> str:
         """One text that names every servo of the mask, for example: servo reports l_el (id 6) OVERLOAD."""

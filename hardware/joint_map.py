@@ -26,21 +26,31 @@ class JointMap:
         found += _twice([servo.joint for servo in servos], "joint")
         found += _twice([f"{servo.id} on bus {servo.bus!r}" for servo in servos], "servo id")
         if found:
-            raise HardwareError(describe(what="servos do not fit", where="joint map", found="; ".join(found), then="Correct the profile"))
+            raise HardwareError(
+                describe(
+                    what="servos do not fit", where="joint map", found="; ".join(found), then="Correct the profile"
+                )
+            )
         self.servos = tuple(servos)
         self.joints = tuple(servo.joint for servo in servos)
         self.lower = np.array([servo.lower for servo in servos], dtype=np.float64)  # (n,) [rad]
         self.upper = np.array([servo.upper for servo in servos], dtype=np.float64)  # (n,) [rad]
         self.max_velocity = np.array([servo.max_velocity for servo in servos], dtype=np.float64)  # (n,) [rad/s]
-        self.max_acceleration = np.array([servo.max_acceleration for servo in servos], dtype=np.float64)  # (n,) [rad/s^2]
+        self.max_acceleration = np.array(
+            [servo.max_acceleration for servo in servos], dtype=np.float64
+        )  # (n,) [rad/s^2]
         self._scale = np.array([servo.ticks_per_rad for servo in servos], dtype=np.float64)  # (n,) [tick/rad]
         self._zero = np.array([servo.zero_tick for servo in servos], dtype=np.float64)  # (n,) [tick]
-        self._shaft = np.array([servo.direction * servo.gear for servo in servos], dtype=np.float64)  # (n,) joint -> shaft
+        self._shaft = np.array(
+            [servo.direction * servo.gear for servo in servos], dtype=np.float64
+        )  # (n,) joint -> shaft
         self._last = np.array([servo.model.ticks - 1 for servo in servos], dtype=np.int64)  # (n,) [tick]
         ends = np.stack([self._zero + self._scale * self.lower, self._zero + self._scale * self.upper])
         # First and last whole tick inside the limits; a limit of half a tick past the travel is the travel's end.
         self._first_inside = np.maximum(np.ceil(ends.min(axis=0) - _TICK_SLACK).astype(np.int64), 0)  # (n,) [tick]
-        self._last_inside = np.minimum(np.floor(ends.max(axis=0) + _TICK_SLACK).astype(np.int64), self._last)  # (n,) [tick]
+        self._last_inside = np.minimum(
+            np.floor(ends.max(axis=0) + _TICK_SLACK).astype(np.int64), self._last
+        )  # (n,) [tick]
 
     def __len__(self) -> int:
         return len(self.servos)

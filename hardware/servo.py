@@ -64,7 +64,12 @@ def find_model(name: str) -> ServoModel:
     if model is None:
         known = ", ".join(SERVO_MODELS)
         raise HardwareError(
-            describe(what="unknown servo model", found=repr(name), allowed=known, then="Use the name printed on the servo's case")
+            describe(
+                what="unknown servo model",
+                found=repr(name),
+                allowed=known,
+                then="Use the name printed on the servo's case",
+            )
         )
     return model
 

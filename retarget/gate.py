@@ -1,0 +1,214 @@
+"""The gate: the last word on a goal. Nothing passes that is not finite, inside every limit, and able to stop within them."""
+
+from collections.abc import Callable
+from enum import IntEnum
+
+import numpy as np
+
+from hardware.arrays import FloatArray, TickArray
+from hardware.errors import HardwareError, describe
+from hardware.joint_map import JointMap
+from retarget._solver import frame_bounds
+
+PathCheck = Callable[[FloatArray], bool]
+"""From a path of postures, rad (k, n), first row present, last row at rest, to whether all of it is clear of collision."""
+
+ROUND_OFF = 1e-9
+"""How far, in rad, a goal may miss a bound before it counts as a refusal: two programs that agree differ by less."""
+
+
+class GateReason(IntEnum):
+    """Why a goal was not sent. The first that applies, in this order."""
+
+    PASSED = 0
+    NOT_FINITE = 1
+    POSITION = 2
+    VELOCITY = 3
+    ACCELERATION = 4
+    BRAKING = 5
+    COLLISION = 6
+
+
+class Gate:
+    """A `hardware.goal_filter.GoalFilter`. Postures are joint radians (n,) in the profile's servo order; one call per tick of `dt` s.
+
+    A goal passes whole or not at all: a posture in which some joints brake and others go on was never asked for by anybody. Limits are
+    judged on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be 24 rad/s^2).
+
+    Each joint brakes by its own full deceleration, so the braking trajectory follows from position and velocity alone: what was
+    verified when a goal passed is what `brake` follows. After a refusal the caller starts anew from `position` and `velocity`.
+    """
+
+    def __init__(
+        self,
+        *,
+        lower: FloatArray,
+        upper: FloatArray,
+        max_velocity: FloatArray,
+        max_acceleration: FloatArray,
+        dt: float,
+        path_is_clear: PathCheck | None = None,
+    ) -> None:
+        self._lower = np.array(lower, dtype=np.float64)  # (n,) [rad]
+        self._upper = np.array(upper, dtype=np.float64)
+        self._max_velocity = np.array(max_velocity, dtype=np.float64)  # (n,) [rad/s]
+        self._max_acceleration = np.array(max_acceleration, dtype=np.float64)  # (n,) [rad/s^2]
+        self._dt = float(dt)
+        self._step = self._max_velocity * dt  # (n,) largest displacement of one tick [rad]
+        self._change = self._max_acceleration * dt**2  # (n,) largest change of displacement between ticks [rad]
+        self._path_is_clear = path_is_clear
+        limits = np.stack([self._lower, self._upper, self._step, self._change])
+        if not (np.isfinite(limits).all() and (self._lower < self._upper).all() and (limits[2:] > 0.0).all()):
+            raise HardwareError(
+                describe(
+                    what="needs finite limits in ascending order and positive rates",
+                    where="gate",
+                    then="Correct the profile",
+                )
+            )
+        # Ticks that the fastest joint needs to stand, and one for the goal itself.
+        self._path_rows = 2 + int(np.ceil((self._step / self._change).max()))
+        self._position = np.zeros_like(self._lower)
+        self._displacement = np.zeros_like(self._lower)
+        self._reason = GateReason.PASSED
+        self._culprit = -1
+        self._counts = np.zeros(len(GateReason), dtype=np.int64)
+
+    @classmethod
+    def for_servos(cls, joint_map: JointMap, *, dt: float, path_is_clear: PathCheck | None = None) -> "Gate":
+        """Return the gate for the limits of a profile's servos, with control period `dt` s."""
+        return cls(
+            lower=joint_map.lower,
+            upper=joint_map.upper,
+            max_velocity=joint_map.max_velocity,
+            max_acceleration=joint_map.max_acceleration,
+            dt=dt,
+            path_is_clear=path_is_clear,
+        )
+
+    @property
+    def position(self) -> FloatArray:
+        """Posture returned last, rad (n,); a copy."""
+        return self._position.copy()
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocity at which the posture returned last was reached, rad/s (n,)."""
+        return self._displacement / self._dt
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing is left to brake."""
+        return not self._displacement.any()
+
+    @property
+    def reason(self) -> GateReason:
+        """Why the last goal was changed, or PASSED."""
+        return self._reason
+
+    @property
+    def culprit(self) -> int:
+        """Index of the joint that missed its bound by most in the last refusal; -1 where no single joint is to blame."""
+        return self._culprit
+
+    @property
+    def counts(self) -> TickArray:
+        """Goals judged since the seed, by `GateReason`, (7,); a copy."""
+        return self._counts.copy()
+
+    @property
+    def gated(self) -> int:
+        """Goals that were changed since the seed."""
+        return int(self._counts[1:].sum())
+
+    def seed(self, position: FloatArray) -> None:
+        """Start at rest at `position`, rad (n,); beyond a limit a joint may stand or walk back in. Raises HardwareError if not finite."""
+        start = np.array(position, dtype=np.float64)
+        if start.shape != self._lower.shape or not np.isfinite(start).all():
+            raise HardwareError(
+                describe(
+                    what="cannot start from this posture",
+                    where="gate",
+                    found=start,
+                    allowed=f"{self._lower.size} finite joint angles",
+                    then="Check that every servo answers",
+                )
+            )
+        self._position = start
+        self._displacement = np.zeros_like(start)
+        self._reason = GateReason.PASSED
+        self._culprit = -1
+        self._counts[:] = 0
+
+    def admit(self, goal: FloatArray) -> FloatArray:
+        """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking trajectory."""
+        displacement, reason, culprit = self._judge(np.asarray(goal, dtype=np.float64))
+        self._reason = reason
+        self._culprit = culprit
+        self._counts[reason] += 1
+        return self._advance(displacement)
+
+    def brake(self) -> FloatArray:
+        """Return the next posture of the last verified braking trajectory, rad (n,)."""
+        return self._advance(self._braked(self._displacement))
+
+    def _judge(self, goal: FloatArray) -> tuple[FloatArray, GateReason, int]:
+        """Displacement to follow, the reason, and the joint to blame."""
+        braked = self._braked(self._displacement)
+        if goal.shape != self._position.shape or not np.isfinite(goal).all():
+            culprit = int(np.argmin(np.isfinite(goal))) if goal.shape == self._position.shape else -1
+            return braked, GateReason.NOT_FINITE, culprit
+        lo, hi = self._bounds(braked)
+        asked = goal - self._position
+        missed = np.maximum(lo - asked, asked - hi)  # (n,) [rad], above 0 outside the box
+        culprit = int(np.argmax(missed))
+        if missed[culprit] > ROUND_OFF:
+            return braked, self._classify(goal, asked), culprit
+        admitted = np.clip(asked, lo, hi)
+        if self._path_is_clear is not None and not self._path_is_clear(self._path(admitted)):
+            return braked, GateReason.COLLISION, -1
+        return admitted, GateReason.PASSED, -1
+
+    def _bounds(self, braked: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Displacements that leave a braking trajectory, (n,) each. To go on braking is always among them, beyond a limit too."""
+        lo, hi = frame_bounds(
+            self._position,
+            self._displacement,
+            self._lower,
+            self._upper,
+            self._max_velocity,
+            self._max_acceleration,
+            self._dt,
+        )
+        return np.minimum(lo, braked), np.maximum(hi, braked)
+
+    def _classify(self, goal: FloatArray, asked: FloatArray) -> GateReason:
+        """The plainest limit that the refused `goal` breaks."""
+        above = (goal > self._upper + ROUND_OFF) & (asked > 0.0)
+        below = (goal < self._lower - ROUND_OFF) & (asked < 0.0)
+        if (above | below).any():
+            return GateReason.POSITION
+        if (np.abs(asked) > self._step + ROUND_OFF).any():
+            return GateReason.VELOCITY
+        if (np.abs(asked - self._displacement) > self._change + ROUND_OFF).any():
+            return GateReason.ACCELERATION
+        return GateReason.BRAKING
+
+    def _braked(self, displacement: FloatArray) -> FloatArray:
+        """The next displacement under full deceleration, (n,)."""
+        slower: FloatArray = np.maximum(np.abs(displacement) - self._change, 0.0)
+        return np.copysign(slower, displacement)
+
+    def _advance(self, displacement: FloatArray) -> FloatArray:
+        self._position = self._position + displacement
+        self._displacement = displacement
+        return self._position.copy()
+
+    def _path(self, displacement: FloatArray) -> FloatArray:
+        """Postures from the present one through `displacement` to rest, (rows, n); the last rows may repeat."""
+        path = np.empty((self._path_rows + 1, self._position.size))
+        path[0] = self._position
+        for row in range(1, self._path_rows + 1):
+            path[row] = path[row - 1] + displacement
+            displacement = self._braked(displacement)
+        return path

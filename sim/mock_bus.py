@@ -1,0 +1,177 @@
+"""A bus of servos in this process: each with a speed limit, a first-order lag and an encoder, on the time of a given clock."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hardware.arrays import BoolArray, FloatArray, TickArray
+from hardware.bus import ServoGoals, ServoStates
+from hardware.clock import Clock
+from hardware.errors import BusError, describe
+from hardware.servo import ServoSpec
+from sim.mock_faults import FaultKind, MockFault
+from sim.servo_load import ServoLoad
+from sim.servo_motion import loop_lag, saturated_lag
+
+VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
+
+
+class MockBus:
+    """A `hardware.bus.ServoBus` without wires. Nothing loads the joints: with torque off a servo stays where it is.
+
+    A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain whose drive
+    saturates at its no-load speed. `lag` in s, for all servos; None takes it from the model and its P gain (about 45 ms for an
+    XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. `start` in ticks, (n,).
+    """
+
+    def __init__(
+        self,
+        servos: Sequence[ServoSpec],
+        clock: Clock,
+        *,
+        start: TickArray | None = None,
+        lag: float | None = None,
+        faults: Sequence[MockFault] = (),
+    ) -> None:
+        count = len(servos)
+        self._clock = clock
+        self._servos = tuple(servos)
+        self._faults = tuple(faults)
+        models = [servo.model for servo in servos]
+        self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
+        self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
+        self._lag = np.array([loop_lag(servo) if lag is None else lag for servo in servos])  # (n,) [s]
+        self._last = np.array([model.ticks - 1 for model in models], dtype=np.int64)  # (n,) [tick]
+        self._current_unit = np.array([model.current_unit or np.nan for model in models])  # (n,) [A], NaN: reports none
+        zero = np.array([servo.zero_tick for servo in servos], dtype=np.int64)
+        self._position: FloatArray = np.array(
+            zero if start is None else start, dtype=np.float64
+        )  # (n,) exact shaft [tick]
+        self._goal: FloatArray = np.array(
+            [model.centre_tick for model in models], dtype=np.float64
+        )  # (n,) register [tick]
+        self._velocity = np.zeros(count)  # (n,) [tick/s]
+        self._load = ServoLoad(np.array([model.voltage for model in models]), self._top * self._tick_rad)
+        self._torque = np.zeros(count, dtype=np.bool_)
+        self._alert = np.zeros(count, dtype=np.uint8)
+        self._cycle = -1  # of reads
+        self._time = clock.now()
+        self._answered = np.full(count, -np.inf)  # (n,) [s]
+        self._shown: ServoStates | None = None
+        self._open = False
+
+    def open(self) -> None:
+        """Open the bus; torque is off."""
+        self._open = True
+        self._time = self._clock.now()
+
+    def read(self) -> ServoStates:
+        """Move time on and return what the servos say. Raises BusError when closed, or when a fault says so."""
+        self._require_open("read")
+        self._cycle += 1
+        self._catch_up()
+        if self._failing(FaultKind.READ_FAILS):
+            raise BusError(
+                describe(what="no answer from any servo", where="mock bus, read", then="Check power and wiring")
+            )
+        missing = self._silent()
+        now = self._time
+        self._answered[~missing] = now
+        fresh = self._registers()
+        old = self._shown or fresh
+        self._shown = ServoStates(
+            time=now,
+            position=np.where(missing, old.position, fresh.position),
+            velocity=np.where(missing, old.velocity, fresh.velocity),
+            current=np.where(missing, old.current, fresh.current),
+            voltage=np.where(missing, old.voltage, fresh.voltage),
+            temperature=np.where(missing, old.temperature, fresh.temperature),
+            error=np.where(missing, old.error, fresh.error),
+            alert=np.where(missing, old.alert, fresh.alert),
+            age=now - self._answered,
+            valid=~missing,
+        )
+        return self._shown
+
+    def write(self, goals: ServoGoals) -> None:
+        """Set the goal registers. Raises BusError when closed, on a goal that a servo does not have, or when a fault says so."""
+        self._require_open("write")
+        self._catch_up()
+        if self._failing(FaultKind.WRITE_FAILS):
+            raise BusError(
+                describe(
+                    what="the port takes no data", where="mock bus, write", then="Check that the adapter is plugged in"
+                )
+            )
+        if goals.ticks.shape != self._last.shape or np.any((goals.ticks < 0) | (goals.ticks > self._last)):
+            text = describe(
+                what="goal ticks out of range", where="mock bus, write", found=goals.ticks, allowed=f"0 to {self._last}"
+            )
+            raise BusError(text)
+        self._goal = np.where(self._silent(), self._goal, goals.ticks).astype(np.float64)
+
+    def torque(self, on: bool) -> None:
+        """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come first."""
+        self._require_open("torque")
+        self._catch_up()
+        self._torque = np.where(self._silent(), self._torque, on & (self._alert == 0))
+
+    def close(self) -> None:
+        """Torque off, and no further call but `open`."""
+        if self._open:
+            self.torque(False)
+        self._open = False
+
+    @property
+    def torque_on(self) -> bool:
+        """Whether any servo has torque: for tests and the emulated robot's lamp."""
+        return bool(self._torque.any())
+
+    def _catch_up(self) -> None:
+        """Move every servo from the last call's time to now, exactly."""
+        elapsed = self._clock.now() - self._time
+        self._time += elapsed
+        for fault in self._faults:
+            if fault.kind is FaultKind.ALERT and fault.lasts(self._cycle):
+                self._alert[fault.servo] |= fault.alert
+        self._torque &= self._alert == 0
+        if elapsed <= 0.0:
+            return
+        before = self._velocity
+        moved, velocity = saturated_lag(self._goal - self._position, lag=self._lag, top=self._top, elapsed=elapsed)
+        self._position = np.where(self._torque, self._position + moved, self._position)
+        self._velocity = np.where(self._torque, velocity, 0.0)
+        self._load.advance(
+            before=before * self._tick_rad, after=self._velocity * self._tick_rad, torque=self._torque, elapsed=elapsed
+        )
+
+    def _registers(self) -> ServoStates:
+        """What the registers of all servos show now, rounded as they round."""
+        count = len(self._servos)
+        return ServoStates(
+            time=self._time,
+            position=np.rint(self._position).astype(np.int64),
+            velocity=np.rint(self._velocity * self._tick_rad / VELOCITY_UNIT) * VELOCITY_UNIT,
+            current=np.rint(self._load.current / self._current_unit) * self._current_unit,
+            voltage=np.round(self._load.voltage, 1),
+            temperature=np.rint(self._load.temperature),
+            error=np.where(self._alert != 0, 0x80, 0).astype(np.uint8),
+            alert=self._alert.copy(),
+            age=np.zeros(count),
+            valid=np.ones(count, dtype=np.bool_),
+        )
+
+    def _silent(self) -> BoolArray:
+        """Mask (n,) of servos that are missing in this cycle."""
+        mask = np.zeros(len(self._servos), dtype=np.bool_)
+        for fault in self._faults:
+            if fault.kind is FaultKind.MISSING and fault.lasts(self._cycle):
+                mask[fault.servo] = True
+        return mask
+
+    def _failing(self, kind: FaultKind) -> bool:
+        return any(fault.kind is kind and fault.lasts(self._cycle) for fault in self._faults)
+
+    def _require_open(self, action: str) -> None:
+        if not self._open:
+            raise BusError(describe(what="the bus is closed", where=f"mock bus, {action}", then="Call open first"))

@@ -1,0 +1,32 @@
+"""What may go wrong on the mock bus, as data: which servo, which cycles, what."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class FaultKind(Enum):
+    """What happens while a fault lasts."""
+
+    MISSING = "missing"
+    """The servo does not answer reads and does not hear writes."""
+    ALERT = "alert"
+    """The servo reports `alert` bits and its torque is off; it stays so when the fault is over, like a real one until its reboot."""
+    READ_FAILS = "read fails"
+    """The whole bus raises BusError on a read."""
+    WRITE_FAILS = "write fails"
+    """The whole bus raises BusError on a write."""
+
+
+@dataclass(frozen=True)
+class MockFault:
+    """One fault: `kind`, from read cycle `first` (counted from 0) for `cycles` cycles, on `servo` (index in servo order)."""
+
+    kind: FaultKind
+    first: int
+    cycles: int
+    servo: int = 0
+    alert: int = 0
+
+    def lasts(self, cycle: int) -> bool:
+        """Whether the fault is present in read cycle `cycle`."""
+        return self.first <= cycle < self.first + self.cycles

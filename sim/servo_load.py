@@ -1,0 +1,43 @@
+"""Plausible currents, voltages and temperatures of servos that carry nothing: friction, speed, acceleration, heat."""
+
+import numpy as np
+
+from hardware.arrays import BoolArray, FloatArray
+
+AMBIENT = 25.0  # [degrees Celsius]
+IDLE_CURRENT = 0.03  # [A] electronics of one servo
+FRICTION_CURRENT = 0.10  # [A] to overcome friction
+SPEED_CURRENT = 0.30  # [A] more at no-load speed
+LARGEST_CURRENT = 2.3  # [A] XM430-W350 at stall
+TORQUE_PER_AMPERE = 1.8  # [N m/A] XM430-W350: 4.1 N m at 2.3 A
+INERTIA = 0.01  # [kg m^2] at the shaft
+SUPPLY_RESISTANCE = 0.05  # [ohm] of battery and wires, shared by all servos
+HEAT_PER_AMPERE2 = 12.0  # [degrees Celsius/A^2] final rise
+HEAT_TIME = 300.0  # [s] thermal time constant
+
+
+class ServoLoad:
+    """Electrical and thermal state of servos with nominal voltages (n,) V and no-load speeds (n,) rad/s."""
+
+    def __init__(self, voltage: FloatArray, top_speed: FloatArray) -> None:
+        self._nominal = voltage
+        self._top = top_speed
+        self.current = np.full(voltage.size, IDLE_CURRENT)
+        """Present current, (n,) A."""
+        self.temperature = np.full(voltage.size, AMBIENT)
+        """Present temperature, (n,) degrees Celsius."""
+
+    @property
+    def voltage(self) -> FloatArray:
+        """Present input voltage, (n,) V: the supply sags with the current of all servos together."""
+        sagged: FloatArray = self._nominal - SUPPLY_RESISTANCE * self.current.sum()
+        return sagged
+
+    def advance(self, *, before: FloatArray, after: FloatArray, torque: BoolArray, elapsed: float) -> None:
+        """Move on by `elapsed` s, in which the shaft velocities (n,) rad/s went from `before` to `after`."""
+        share = np.abs(after) / self._top
+        inertia = INERTIA * np.abs(after - before) / elapsed / TORQUE_PER_AMPERE  # [A]
+        drive = np.minimum(FRICTION_CURRENT * (share > 1e-3) + SPEED_CURRENT * share + inertia, LARGEST_CURRENT)
+        self.current = IDLE_CURRENT + np.where(torque, drive, 0.0)
+        final = AMBIENT + HEAT_PER_AMPERE2 * self.current**2
+        self.temperature = self.temperature - (final - self.temperature) * np.expm1(-elapsed / HEAT_TIME)

@@ -1,0 +1,42 @@
+"""How a servo's shaft follows its goal: a position loop with a pure P gain whose drive saturates at the no-load speed."""
+
+import numpy as np
+
+from hardware.arrays import FloatArray
+from hardware.servo import ServoModel, ServoSpec
+
+FULL_PWM = 885.0  # register value of full drive
+GAIN_UNIT = 128.0  # position P gain register per unit of gain
+DEFAULT_P_GAIN = 800  # XM430 series
+
+
+def loop_lag(servo: ServoSpec) -> float:
+    """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load speed.
+
+    Source: e-Manual, Position PID Gain (84, unit 1/128) and Goal PWM (100, full at 885).
+    """
+    gain = DEFAULT_P_GAIN if not servo.gains.position_p else servo.gains.position_p
+    full_drive_error = FULL_PWM * GAIN_UNIT / gain * _tick_of_x_series(servo.model)  # [rad]
+    return full_drive_error / servo.model.no_load_speed
+
+
+def _tick_of_x_series(model: ServoModel) -> float:
+    """The P gain acts on encoder ticks of a turn of 4096, whatever the model counts in, rad."""
+    return 2.0 * np.pi / 4096.0 if model.ticks < 4096 else model.tick_rad
+
+
+def saturated_lag(
+    error: FloatArray, *, lag: FloatArray, top: FloatArray, elapsed: float
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement and final velocity (n,) after `elapsed` s of d/dt x = clip((goal - x) / lag, -top, top), `error` = goal - x at start.
+
+    At top speed while the error exceeds `top * lag`, exponential after; `lag` 0 is a servo that runs at top speed to its goal.
+    """
+    distance = np.abs(error)
+    knee = top * lag  # below this error the loop no longer saturates
+    cruise = np.clip((distance - knee) / top, 0.0, elapsed)  # [s] at top speed
+    left = distance - cruise * top  # error when the cruise ends
+    decay = np.exp(-(elapsed - cruise) / np.maximum(lag, 1e-12))
+    final = left * decay
+    speed = np.where(cruise < elapsed, final / np.maximum(lag, 1e-12), top)
+    return np.copysign(distance - final, error), np.copysign(np.minimum(speed, top), error)
