@@ -1,0 +1,185 @@
+"""MJCF and URDF files as a compiled MuJoCo model: the one reader that the solver, the physics and the pictures share.
+
+MuJoCo is imported inside the functions: it costs a quarter of a second, and commands that read no body must not pay it.
+"""
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Literal
+from xml.etree import ElementTree
+
+from retarget.errors import InputError
+
+__all__ = ["BodyFile", "Root", "compile_body", "compile_body_text"]
+
+Root = Literal["free", "fixed", "suspended"]
+"""How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs from a stand (also bolted)."""
+
+MAX_BYTES = 64 * 1024 * 1024
+"""Largest body file that is read."""
+
+_BODY_HELP = "Give an MJCF (<mujoco>) or URDF (<robot>) file that MuJoCo can compile"
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFile:
+    """A compiled body. `model`: `mujoco.MjModel`; `notes`: what was changed or is not used, for the user."""
+
+    source: str
+    model: Any
+    root: Root
+    notes: tuple[str, ...]
+
+
+def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
+    """Read and compile an MJCF or URDF file; the content decides which of the two it is.
+
+    Every link is kept (no static fusing). `root` "free" adds the free joint where the file has none, "fixed" and
+    "suspended" remove it; None takes the file as it is. Raises InputError: missing, too large, not a body, no root.
+    """
+    import mujoco
+
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise InputError("cannot read the body", where=str(path), found=error.strerror or str(error)) from error
+    if not path.is_file():
+        raise InputError("cannot read the body", where=str(path), found="not a regular file", next_step=_BODY_HELP)
+    if not 0 < size <= MAX_BYTES:
+        raise InputError(
+            "cannot read the body", where=str(path), found=f"{size} bytes", allowed=f"1 to {MAX_BYTES} bytes"
+        )
+    with path.open("rb") as stream:
+        urdf = _is_urdf(stream, source=str(path))
+    return _compile(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
+
+
+def compile_body_text(text: str, *, source: str, root: Root | None = None) -> BodyFile:
+    """As `compile_body`, from MJCF or URDF text; `source` names it in messages."""
+    import mujoco
+
+    urdf = _is_urdf(io.BytesIO(text.encode()), source=source)
+    return _compile(lambda: mujoco.MjSpec.from_string(text), urdf=urdf, source=source, root=root)
+
+
+def _is_urdf(stream: IO[bytes], *, source: str) -> bool:
+    """Whether the outermost element is a URDF's. Reads no further than that element."""
+    try:
+        _, element = next(iter(ElementTree.iterparse(stream, events=("start",))))
+    except (ElementTree.ParseError, StopIteration, ValueError) as error:
+        raise _refused(source, error) from error
+    if element.tag not in ("mujoco", "mujocoinclude", "robot"):
+        raise _refused(source, ValueError(f"the outermost element is <{element.tag}>"))
+    return bool(element.tag == "robot")
+
+
+def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> BodyFile:
+    notes: list[str] = []
+    try:
+        spec = parse()
+        _keep_every_link(spec, urdf=urdf)
+        for key in list(spec.keys):  # keyframes have the size of the file's own root
+            spec.delete(key)
+    except (ValueError, RuntimeError) as error:
+        raise _refused(source, error) from error
+    found = _set_root(spec, root, source=source, notes=notes)
+    try:
+        model = spec.compile()
+    except (ValueError, RuntimeError) as error:
+        if not (urdf and _drop_meshes(spec, notes)):
+            raise _refused(source, error) from error
+        try:
+            model = spec.compile()
+        except (ValueError, RuntimeError) as second:
+            raise _refused(source, second) from second
+    _check(model, source=source)
+    notes += _unused(spec)
+    return BodyFile(source=source, model=model, root=found, notes=tuple(notes))
+
+
+def _refused(source: str, error: Exception) -> InputError:
+    reason = " ".join(str(error).split())
+    return InputError("not a usable body", where=source, found=reason, next_step=_BODY_HELP)
+
+
+def _keep_every_link(spec: Any, *, urdf: bool) -> None:
+    spec.compiler.fusestatic = False
+    if urdf:
+        # Kinematics needs masses, not inertias: dummy links without mass and inertias that break the triangle
+        # inequality are common in URDF files and harmless here.
+        spec.compiler.balanceinertia = True
+        spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
+        spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
+
+
+def _set_root(spec: Any, root: Root | None, *, source: str, notes: list[str]) -> Root:
+    """Add or remove the free joint so that the body stands as `root` says; what it is then."""
+    import mujoco
+
+    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    if len(free) > 1:
+        names = ", ".join(joint.parent.name or "unnamed" for joint in free)
+        raise InputError(
+            "more than one free body", where=source, found=names, allowed="one", next_step="Keep the robot only"
+        )
+    if root is None:
+        return "free" if free else "fixed"
+    if root != "free":
+        for joint in free:
+            notes.append(f"free joint of '{joint.parent.name}' removed: the root is {root}")
+            spec.delete(joint)
+        return root
+    if not free:
+        base = _single_base(spec, source=source)
+        base.add_freejoint(name="root")
+        notes.append(f"free joint added to '{base.name}'")
+    return "free"
+
+
+def _single_base(spec: Any, *, source: str) -> Any:
+    bases = list(spec.worldbody.bodies)
+    if len(bases) != 1:
+        names = ", ".join(body.name or "unnamed" for body in bases) or "none"
+        raise InputError("no single root link to set free", where=source, found=names, allowed="one link on the world")
+    if list(bases[0].joints):
+        raise InputError(
+            "the root link cannot be set free",
+            where=source,
+            found=f"'{bases[0].name}' already moves on joint '{bases[0].joints[0].name}'",
+            allowed="a root link without joints, or with a free joint",
+        )
+    return bases[0]
+
+
+def _drop_meshes(spec: Any, notes: list[str]) -> bool:
+    """Remove mesh shapes of a URDF, whose masses stand in its <inertial> parts. False: there was none."""
+    import mujoco
+
+    shapes = [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]
+    for geom in shapes:
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    if shapes:
+        notes.append(f"{len(shapes)} mesh shapes left out: their files cannot be read")
+    return bool(shapes)
+
+
+def _check(model: Any, *, source: str) -> None:
+    if model.nbody < 2:
+        raise InputError("the body has no links", where=source, next_step=_BODY_HELP)
+    if model.nv == 0:
+        raise InputError("nothing moves", where=source, found="no joints", allowed="at least one joint")
+
+
+def _unused(spec: Any) -> list[str]:
+    """Parts of the file that a kinematic tree does not know."""
+    notes = []
+    for kind, parts in (("equality constraints", spec.equalities), ("tendons", spec.tendons)):
+        names = [part.name or "unnamed" for part in parts]
+        if names:
+            shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+            notes.append(f"{len(names)} {kind} not used, their joints move independently: {shown}")
+    return notes
