@@ -1,3 +1,20 @@
+//! retarget._solver: kinematics, strict hierarchies and whole frames. Knows no file, no clock and no servo.
+
+pub mod body;
+pub mod bounds;
+pub mod hierarchy;
+pub mod math;
+mod py_body;
+mod py_bounds;
+mod py_hierarchy;
+
 use pyo3::prelude::*;
+
 #[pymodule]
-fn _solver(_m: &Bound<'_, PyModule>) -> PyResult<()> { Ok(()) }
+fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<py_body::PyBody>()?;
+    m.add_class::<py_hierarchy::HierarchyResult>()?;
+    m.add_function(wrap_pyfunction!(py_hierarchy::solve_hierarchy, m)?)?;
+    m.add_function(wrap_pyfunction!(py_bounds::frame_bounds, m)?)?;
+    Ok(())
+}

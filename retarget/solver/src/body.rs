@@ -1,0 +1,329 @@
+//! A body: a tree of links joined by free, ball, slide and hinge joints (MuJoCo's conventions).
+//!
+//! `q` holds a free joint as position xyz and quaternion wxyz, a ball joint as wxyz. `dq` holds a free
+//! joint as world linear then body-local angular velocity, a ball joint as body-local angular velocity.
+
+use crate::math::*;
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum JointKind {
+    Free,
+    Ball,
+    Slide,
+    Hinge,
+}
+
+impl JointKind {
+    pub fn from_code(code: i64) -> Option<Self> {
+        [Self::Free, Self::Ball, Self::Slide, Self::Hinge]
+            .get(usize::try_from(code).ok()?)
+            .copied()
+    }
+
+    /// (entries in q, entries in dq)
+    pub fn size(self) -> (usize, usize) {
+        match self {
+            Self::Free => (7, 6),
+            Self::Ball => (4, 3),
+            Self::Slide | Self::Hinge => (1, 1),
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Joint {
+    pub body: usize,
+    pub kind: JointKind,
+    pub axis: Vec3,
+    pub pos: Vec3,
+    pub q_address: usize,
+    pub v_address: usize,
+    /// Value of q at the rest geometry (hinge and slide only).
+    pub q_rest: f64,
+}
+
+#[derive(Clone, Debug)]
+pub struct Link {
+    pub parent: usize,
+    pub pos: Vec3,
+    pub quat: Quat,
+    pub mass: f64,
+    pub com: Vec3,
+    /// Joints of this link, in order: `joints[first..end]`.
+    pub joints: (usize, usize),
+    /// Velocity coordinates that move this link, ascending.
+    pub chain: Vec<usize>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Body {
+    pub links: Vec<Link>,
+    pub joints: Vec<Joint>,
+    pub nq: usize,
+    pub nv: usize,
+    /// Link of each velocity coordinate.
+    pub dof_link: Vec<usize>,
+    /// True for a translation (slide, or the linear part of a free joint).
+    pub dof_linear: Vec<bool>,
+    pub total_mass: f64,
+}
+
+/// Where everything is for one `q`.
+#[derive(Clone, Debug, Default)]
+pub struct Pose {
+    pub position: Vec<Vec3>,
+    pub rotation: Vec<Mat3>,
+    pub quat: Vec<Quat>,
+    /// World axis and anchor of each velocity coordinate.
+    pub axis: Vec<Vec3>,
+    pub anchor: Vec<Vec3>,
+    /// Mass and mass-weighted centre of the subtree of each link.
+    pub subtree_mass: Vec<f64>,
+    pub subtree_moment: Vec<Vec3>,
+    pub com: Vec3,
+}
+
+impl Body {
+    /// Links and joints must be sorted: a parent before its children, joints by link.
+    pub fn new(mut links: Vec<Link>, mut joints: Vec<Joint>) -> Result<Self, String> {
+        if links.is_empty() {
+            return Err("a body needs at least the world link".into());
+        }
+        let (mut nq, mut nv) = (0, 0);
+        let (mut dof_link, mut dof_linear) = (vec![], vec![]);
+        for (j, joint) in joints.iter_mut().enumerate() {
+            if joint.body >= links.len() {
+                return Err(format!("joint {j} sits on link {}, of {}", joint.body, links.len()));
+            }
+            joint.q_address = nq;
+            joint.v_address = nv;
+            let (size_q, size_v) = joint.kind.size();
+            nq += size_q;
+            nv += size_v;
+            for k in 0..size_v {
+                dof_link.push(joint.body);
+                dof_linear.push(match joint.kind {
+                    JointKind::Free => k < 3,
+                    JointKind::Slide => true,
+                    _ => false,
+                });
+            }
+            joint.axis = unit_or(joint.axis, [0.0, 0.0, 1.0]);
+        }
+        for b in 0..links.len() {
+            let first = joints.iter().position(|j| j.body == b);
+            let count = joints.iter().filter(|j| j.body == b).count();
+            let first = first.unwrap_or(0);
+            if joints[first..(first + count).min(joints.len())].iter().any(|j| j.body != b) {
+                return Err(format!("the joints of link {b} are not contiguous"));
+            }
+            links[b].joints = (first, first + count);
+            if b > 0 && links[b].parent >= b {
+                return Err(format!("link {b} comes before its parent {}", links[b].parent));
+            }
+            let mut chain = if b > 0 { links[links[b].parent].chain.clone() } else { vec![] };
+            for joint in &joints[first..first + count] {
+                chain.extend(joint.v_address..joint.v_address + joint.kind.size().1);
+            }
+            chain.sort_unstable();
+            links[b].chain = chain;
+            links[b].quat = quat_unit(links[b].quat);
+        }
+        let total_mass = links.iter().map(|l| l.mass).sum();
+        Ok(Self { links, joints, nq, nv, dof_link, dof_linear, total_mass })
+    }
+
+    pub fn new_pose(&self) -> Pose {
+        let n = self.links.len();
+        Pose {
+            position: vec![[0.0; 3]; n],
+            rotation: vec![[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]; n],
+            quat: vec![[1.0, 0.0, 0.0, 0.0]; n],
+            axis: vec![[0.0; 3]; self.nv],
+            anchor: vec![[0.0; 3]; self.nv],
+            subtree_mass: vec![0.0; n],
+            subtree_moment: vec![[0.0; 3]; n],
+            com: [0.0; 3],
+        }
+    }
+
+    /// Rest posture: joints at their rest values, free and ball joints at the link's own frame.
+    pub fn rest(&self) -> Vec<f64> {
+        let mut q = vec![0.0; self.nq];
+        for joint in &self.joints {
+            let a = joint.q_address;
+            match joint.kind {
+                JointKind::Free => {
+                    q[a..a + 3].copy_from_slice(&self.links[joint.body].pos);
+                    q[a + 3..a + 7].copy_from_slice(&self.links[joint.body].quat);
+                }
+                JointKind::Ball => q[a] = 1.0,
+                _ => q[a] = joint.q_rest,
+            }
+        }
+        q
+    }
+
+    /// Forward kinematics: fills positions, rotations, and the axes of all coordinates.
+    pub fn forward(&self, q: &[f64], pose: &mut Pose) {
+        for (b, link) in self.links.iter().enumerate() {
+            let (mut p, mut r);
+            if b == 0 {
+                p = link.pos;
+                r = link.quat;
+            } else {
+                let parent = link.parent;
+                p = add(pose.position[parent], mat_vec(&pose.rotation[parent], link.pos));
+                r = quat_mul(pose.quat[parent], link.quat);
+            }
+            let mut m = quat_to_mat(r);
+            for joint in &self.joints[link.joints.0..link.joints.1] {
+                let (a, v) = (joint.q_address, joint.v_address);
+                match joint.kind {
+                    JointKind::Free => {
+                        p = [q[a], q[a + 1], q[a + 2]];
+                        r = quat_unit([q[a + 3], q[a + 4], q[a + 5], q[a + 6]]);
+                        m = quat_to_mat(r);
+                        for k in 0..3 {
+                            let mut e = [0.0; 3];
+                            e[k] = 1.0;
+                            pose.axis[v + k] = e;
+                            pose.axis[v + 3 + k] = column(&m, k);
+                            pose.anchor[v + 3 + k] = p;
+                        }
+                    }
+                    JointKind::Ball => {
+                        let anchor = add(p, mat_vec(&m, joint.pos));
+                        r = quat_mul(r, quat_unit([q[a], q[a + 1], q[a + 2], q[a + 3]]));
+                        m = quat_to_mat(r);
+                        p = sub(anchor, mat_vec(&m, joint.pos));
+                        for k in 0..3 {
+                            pose.axis[v + k] = column(&m, k);
+                            pose.anchor[v + k] = anchor;
+                        }
+                    }
+                    JointKind::Slide => {
+                        let axis = mat_vec(&m, joint.axis);
+                        p = add(p, scale(axis, q[a] - joint.q_rest));
+                        pose.axis[v] = axis;
+                    }
+                    JointKind::Hinge => {
+                        let anchor = add(p, mat_vec(&m, joint.pos));
+                        pose.axis[v] = mat_vec(&m, joint.axis);
+                        pose.anchor[v] = anchor;
+                        r = quat_mul(r, quat_axis_angle(joint.axis, q[a] - joint.q_rest));
+                        m = quat_to_mat(r);
+                        p = sub(anchor, mat_vec(&m, joint.pos));
+                    }
+                }
+            }
+            pose.position[b] = p;
+            pose.quat[b] = r;
+            pose.rotation[b] = m;
+        }
+    }
+
+    /// Centre of mass and subtree sums; needs `forward` first.
+    pub fn mass_properties(&self, pose: &mut Pose) {
+        for (b, link) in self.links.iter().enumerate() {
+            let c = add(pose.position[b], mat_vec(&pose.rotation[b], link.com));
+            pose.subtree_mass[b] = link.mass;
+            pose.subtree_moment[b] = scale(c, link.mass);
+        }
+        for b in (1..self.links.len()).rev() {
+            let parent = self.links[b].parent;
+            pose.subtree_mass[parent] += pose.subtree_mass[b];
+            pose.subtree_moment[parent] = add(pose.subtree_moment[parent], pose.subtree_moment[b]);
+        }
+        let mass = if self.total_mass > 0.0 { self.total_mass } else { 1.0 };
+        pose.com = scale(pose.subtree_moment[0], 1.0 / mass);
+    }
+
+    #[inline(always)]
+    pub fn point(&self, pose: &Pose, link: usize, local: Vec3) -> Vec3 {
+        add(pose.position[link], mat_vec(&pose.rotation[link], local))
+    }
+
+    /// Column of the Jacobian of a world point, for a coordinate in its chain.
+    #[inline(always)]
+    pub fn point_column(&self, pose: &Pose, dof: usize, point: Vec3) -> Vec3 {
+        if self.dof_linear[dof] {
+            pose.axis[dof]
+        } else {
+            cross(pose.axis[dof], sub(point, pose.anchor[dof]))
+        }
+    }
+
+    /// Column of the angular Jacobian, for a coordinate in the link's chain.
+    #[inline(always)]
+    pub fn angular_column(&self, pose: &Pose, dof: usize) -> Vec3 {
+        if self.dof_linear[dof] {
+            [0.0; 3]
+        } else {
+            pose.axis[dof]
+        }
+    }
+
+    /// Column of the centre-of-mass Jacobian; needs `mass_properties` first.
+    #[inline(always)]
+    pub fn com_column(&self, pose: &Pose, dof: usize) -> Vec3 {
+        let link = self.dof_link[dof];
+        let share = if self.total_mass > 0.0 { 1.0 / self.total_mass } else { 0.0 };
+        let mass = pose.subtree_mass[link];
+        if self.dof_linear[dof] {
+            return scale(pose.axis[dof], mass * share);
+        }
+        let arm = sub(pose.subtree_moment[link], scale(pose.anchor[dof], mass));
+        scale(cross(pose.axis[dof], arm), share)
+    }
+
+    /// q <- q (+) dq
+    pub fn integrate(&self, q: &mut [f64], dq: &[f64]) {
+        for joint in &self.joints {
+            let (a, v) = (joint.q_address, joint.v_address);
+            match joint.kind {
+                JointKind::Free => {
+                    for k in 0..3 {
+                        q[a + k] += dq[v + k];
+                    }
+                    turn(&mut q[a + 3..a + 7], [dq[v + 3], dq[v + 4], dq[v + 5]]);
+                }
+                JointKind::Ball => turn(&mut q[a..a + 4], [dq[v], dq[v + 1], dq[v + 2]]),
+                _ => q[a] += dq[v],
+            }
+        }
+    }
+
+    /// dq with `from (+) dq = to`
+    pub fn difference(&self, from: &[f64], to: &[f64], dq: &mut [f64]) {
+        for joint in &self.joints {
+            let (a, v) = (joint.q_address, joint.v_address);
+            match joint.kind {
+                JointKind::Free => {
+                    for k in 0..3 {
+                        dq[v + k] = to[a + k] - from[a + k];
+                    }
+                    dq[v + 3..v + 6].copy_from_slice(&turn_between(&from[a + 3..a + 7], &to[a + 3..a + 7]));
+                }
+                JointKind::Ball => {
+                    dq[v..v + 3].copy_from_slice(&turn_between(&from[a..a + 4], &to[a..a + 4]));
+                }
+                _ => dq[v] = to[a] - from[a],
+            }
+        }
+    }
+}
+
+fn turn(q: &mut [f64], rotation: Vec3) {
+    let turned = quat_unit(quat_mul(
+        quat_unit([q[0], q[1], q[2], q[3]]),
+        quat_exp(rotation),
+    ));
+    q.copy_from_slice(&turned);
+}
+
+fn turn_between(from: &[f64], to: &[f64]) -> Vec3 {
+    let from = quat_unit([from[0], from[1], from[2], from[3]]);
+    let to = quat_unit([to[0], to[1], to[2], to[3]]);
+    quat_log(quat_mul(quat_conj(from), to))
+}

@@ -1,0 +1,142 @@
+//! Level by level, each a small quadratic program in what is left: slower, simple to see correct, behind the active set over all
+//! levels when that one cycles.
+//!
+//! Stage k keeps a feasible point that is optimal for the stages before, and a working set of limits that is linearly
+//! independent of their rows (it starts empty; a limit met on the way is always independent). Multipliers are then unique, and
+//! the lowest-index rule after a while makes it finite.
+
+use super::active_set::{advance, first_limit, hold_violated_rows, let_go};
+use super::kernels::{add_scaled, dot};
+use super::problem::{Outcome, Problem, Side};
+use super::Workspace;
+
+/// Moves per stage; beyond it the point is kept as it is and counted.
+const MOST_MOVES: u32 = 400;
+/// Moves before the lowest-index rule replaces the worst-sign rule.
+const PATIENCE: u32 = 60;
+const STILL: f64 = 1e-12;
+
+#[inline(always)]
+pub fn solve<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+    work.multipliers.clear(problem);
+    let mut locked = std::mem::take(&mut work.multipliers.locked);
+    let mut locked_row = std::mem::take(&mut work.multipliers.locked_row);
+    for k in 0..=problem.level_count() {
+        open_stage::<FMA>(problem, k, &locked, &locked_row);
+        work.multipliers.locked.clone_from(&locked);
+        work.multipliers.locked_row.clone_from(&locked_row);
+        if !run_stage::<FMA>(problem, work, k, outcome) {
+            outcome.capped = true;
+        }
+        locked.clone_from(&work.multipliers.locked);
+        locked_row.clone_from(&work.multipliers.locked_row);
+    }
+    work.multipliers.locked = locked;
+    work.multipliers.locked_row = locked_row;
+}
+
+/// Working set of stage k: what is locked, equalities, and violated rows.
+#[inline(always)]
+fn open_stage<const FMA: bool>(problem: &mut Problem, k: usize, locked: &[bool], locked_row: &[bool]) {
+    for i in 0..problem.n {
+        if problem.variable_side[i] != Side::Both && !locked[i] {
+            problem.variable_side[i] = Side::Free;
+        }
+    }
+    for r in 0..problem.row_count() {
+        if problem.row_side[r] != Side::Both && !locked_row[r] {
+            problem.row_side[r] = Side::Free;
+        }
+    }
+    hold_violated_rows::<FMA>(problem);
+    // Rows of later levels are no limits yet.
+    let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
+    for r in end..problem.row_count() {
+        if problem.row_side[r] != Side::Both {
+            problem.row_side[r] = Side::Free;
+        }
+    }
+}
+
+#[inline(always)]
+fn run_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: usize, outcome: &mut Outcome) -> bool {
+    for moves in 0..MOST_MOVES {
+        let length = direction::<FMA>(problem, work, k);
+        outcome.factorizations += 1;
+        if length > STILL {
+            for i in 0..problem.stride {
+                work.candidate[i] = problem.z[i] + work.direction[i];
+            }
+            match first_limit_up_to::<FMA>(problem, &work.candidate, k) {
+                Some(step) => {
+                    advance(problem, &work.candidate, step.share);
+                    step.hold(problem);
+                    continue;
+                }
+                None => problem.z.copy_from_slice(&work.candidate),
+            }
+        }
+        let locks = (work.multipliers.locked.clone(), work.multipliers.locked_row.clone());
+        let point = std::mem::take(&mut problem.z);
+        let mut release = work.multipliers.examine_level::<FMA>(problem, &work.factor, &point, k);
+        problem.z = point;
+        if release.is_none() {
+            return true;
+        }
+        if moves > PATIENCE {
+            release = work.multipliers.lowest_wrong;
+        }
+        (work.multipliers.locked, work.multipliers.locked_row) = locks;
+        if let Some(release) = release {
+            let_go(problem, release);
+        }
+    }
+    false
+}
+
+/// Direction to the optimum of stage k that leaves the stages before alone. Returns its largest entry.
+#[inline(always)]
+fn direction<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> f64 {
+    let factor = &mut work.factor;
+    factor.restart(problem);
+    for level in 0..problem.level_count().min(k + 1) {
+        for r in problem.level(level) {
+            if problem.row_side[r] != Side::Free {
+                factor.rhs[r] = if level < k {
+                    0.0
+                } else {
+                    problem.target(r) - dot::<FMA>(problem.row(r), &problem.z)
+                };
+            }
+        }
+        factor.add_level::<FMA>(problem, level);
+    }
+    let d = &mut work.direction;
+    if k == problem.level_count() {
+        for i in 0..problem.stride {
+            d[i] = if i < problem.n && factor.is_free(i) { -problem.z[i] } else { 0.0 };
+        }
+        for j in 0..factor.rank() {
+            let c = dot::<FMA>(factor.basis_row(j), d);
+            add_scaled::<FMA>(d, -c, factor.basis_row(j));
+        }
+    } else {
+        d.fill(0.0);
+        let first = if k == 0 { 0 } else { factor.rank_end[k - 1] };
+        for j in first..factor.rank() {
+            add_scaled::<FMA>(d, factor.y[j], factor.basis_row(j));
+        }
+    }
+    d.iter().fold(0.0, |m: f64, v| m.max(v.abs()))
+}
+
+/// Limits of the box and of rows up to level k.
+#[inline(always)]
+fn first_limit_up_to<const FMA: bool>(
+    problem: &Problem,
+    candidate: &[f64],
+    k: usize,
+) -> Option<super::active_set::Step> {
+    let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
+    first_limit::<FMA>(problem, candidate, end)
+}

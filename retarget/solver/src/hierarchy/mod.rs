@@ -1,0 +1,46 @@
+//! One strict hierarchy of linear tasks, solved exactly (the linear problem of one IK iteration).
+//!
+//! Variables z in R^n. Level k = 1..p has rows `lower <= c . z <= upper` (an equality when lower = upper) that hold up to
+//! a slack; the box `lo <= z <= hi` is hard:
+//!
+//!     lex min (||v_1||^2, ..., ||v_p||^2, ||z||^2)
+//!
+//! The last, full-rank term makes the answer unique. A posture attraction `||W (x - x_ref)||^2` becomes `||z||^2` by the
+//! change of variables z = W (x - x_ref), and soft rows beside it by one more variable each, so that the whole last level costs
+//! no factorization of its own.
+//!
+//! * `problem`: rows, levels, box, and the active set.
+//! * `factor`: the equality-only hierarchy for a given active set (orthogonal row basis, level after level).
+//! * `multipliers`: who is held by a limit rightly, level by level.
+//! * `active_set`: guess, verify, move, add, release (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
+//! * `cascade`: level by level with a classical active set, behind it when it cycles.
+
+mod active_set;
+mod cascade;
+mod factor;
+mod kernels;
+mod least_squares;
+mod multipliers;
+mod problem;
+
+pub use problem::{Outcome, Problem, Side};
+
+use factor::Factor;
+use multipliers::Multipliers;
+
+/// Work space of the solver; nothing is allocated after the first solve of a given size.
+#[derive(Default)]
+pub struct Workspace {
+    factor: Factor,
+    multipliers: Multipliers,
+    candidate: Vec<f64>,
+    direction: Vec<f64>,
+}
+
+/// Solve `problem` from its warm active set; the answer is in `problem.z`.
+pub fn solve(problem: &mut Problem, work: &mut Workspace) -> Outcome {
+    let fma = kernels::has_fma();
+    work.candidate.resize(problem.stride, 0.0);
+    work.direction.resize(problem.stride, 0.0);
+    active_set::solve(problem, work, fma)
+}

@@ -1,0 +1,154 @@
+//! The data of one hierarchy and its active set.
+
+/// Which side of a limit holds a variable or a row.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Side {
+    #[default]
+    Free,
+    Lower,
+    Upper,
+    /// Equal limits: held on both sides, never released.
+    Both,
+}
+
+/// How a solve ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    pub factorizations: u32,
+    /// The level-by-level method had to take over.
+    pub fallback: bool,
+    /// The iteration cap of the fallback was met: feasible, but not proved optimal.
+    pub capped: bool,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Problem {
+    /// Variables, and the padded row length (a multiple of 8).
+    pub n: usize,
+    pub stride: usize,
+    /// Rows, `stride` apart; padding is zero.
+    pub rows: Vec<f64>,
+    pub lower: Vec<f64>,
+    pub upper: Vec<f64>,
+    /// Rows of level k: `level_end[k-1]..level_end[k]`.
+    pub level_end: Vec<usize>,
+    /// A row that is not present takes no part.
+    pub present: Vec<bool>,
+    /// The box.
+    pub lo: Vec<f64>,
+    pub hi: Vec<f64>,
+    /// Damping begins where a level's pivot falls below this share of its largest row; 0 switches it off.
+    pub damping: f64,
+    /// Warm start in, final active set out.
+    pub variable_side: Vec<Side>,
+    pub row_side: Vec<Side>,
+    /// The answer.
+    pub z: Vec<f64>,
+}
+
+impl Problem {
+    /// A problem of `n` variables and `level_rows[k]` rows in level k; every entry is zero, every row absent.
+    pub fn new(n: usize, level_rows: &[usize]) -> Self {
+        let stride = n.div_ceil(8).max(1) * 8;
+        let m: usize = level_rows.iter().sum();
+        let level_end = level_rows
+            .iter()
+            .scan(0, |end, rows| {
+                *end += rows;
+                Some(*end)
+            })
+            .collect();
+        Self {
+            n,
+            stride,
+            rows: vec![0.0; m * stride],
+            lower: vec![0.0; m],
+            upper: vec![0.0; m],
+            level_end,
+            present: vec![false; m],
+            lo: vec![f64::NEG_INFINITY; n],
+            hi: vec![f64::INFINITY; n],
+            damping: 0.0,
+            variable_side: vec![Side::Free; n],
+            row_side: vec![Side::Free; m],
+            z: vec![0.0; stride],
+        }
+    }
+
+    #[inline(always)]
+    pub fn row(&self, r: usize) -> &[f64] {
+        &self.rows[r * self.stride..(r + 1) * self.stride]
+    }
+
+    #[inline(always)]
+    pub fn row_mut(&mut self, r: usize) -> &mut [f64] {
+        &mut self.rows[r * self.stride..(r + 1) * self.stride]
+    }
+
+    pub fn row_count(&self) -> usize {
+        self.lower.len()
+    }
+
+    pub fn level_count(&self) -> usize {
+        self.level_end.len()
+    }
+
+    #[inline(always)]
+    pub fn level(&self, k: usize) -> std::ops::Range<usize> {
+        let start = if k == 0 { 0 } else { self.level_end[k - 1] };
+        start..self.level_end[k]
+    }
+
+    /// Value that a held variable takes.
+    #[inline(always)]
+    pub fn bound(&self, i: usize) -> f64 {
+        match self.variable_side[i] {
+            Side::Upper => self.hi[i],
+            _ => self.lo[i],
+        }
+    }
+
+    /// Value that a held row asks for.
+    #[inline(always)]
+    pub fn target(&self, r: usize) -> f64 {
+        match self.row_side[r] {
+            Side::Upper => self.upper[r],
+            _ => self.lower[r],
+        }
+    }
+
+    #[inline(always)]
+    pub fn is_equality(&self, r: usize) -> bool {
+        self.lower[r] == self.upper[r]
+    }
+
+    /// Set the sides that follow from the limits themselves, and drop warm-start sides that no longer make sense.
+    pub fn settle_sides(&mut self) {
+        for i in 0..self.n {
+            let (lo, hi) = (self.lo[i], self.hi[i]);
+            let side = &mut self.variable_side[i];
+            if lo == hi {
+                *side = Side::Both;
+            } else if *side == Side::Both
+                || (*side == Side::Lower && !lo.is_finite())
+                || (*side == Side::Upper && !hi.is_finite())
+            {
+                *side = Side::Free;
+            }
+        }
+        for r in 0..self.row_count() {
+            let (lower, upper) = (self.lower[r], self.upper[r]);
+            let side = &mut self.row_side[r];
+            if !self.present[r] {
+                *side = Side::Free;
+            } else if lower == upper {
+                *side = Side::Both;
+            } else if *side == Side::Both
+                || (*side == Side::Lower && !lower.is_finite())
+                || (*side == Side::Upper && !upper.is_finite())
+            {
+                *side = Side::Free;
+            }
+        }
+    }
+}
