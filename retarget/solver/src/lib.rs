@@ -2,17 +2,23 @@
 
 pub mod body;
 pub mod bounds;
+pub mod frame;
 pub mod hierarchy;
 pub mod math;
 mod py_body;
 mod py_bounds;
 mod py_hierarchy;
+mod py_solver;
+pub mod rows;
+pub mod task;
 
 use pyo3::prelude::*;
 
 #[pymodule]
 fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<py_body::PyBody>()?;
+    m.add_class::<py_solver::PyTask>()?;
+    m.add_class::<py_solver::PySolver>()?;
     m.add_class::<py_hierarchy::HierarchyResult>()?;
     m.add_function(wrap_pyfunction!(py_hierarchy::solve_hierarchy, m)?)?;
     m.add_function(wrap_pyfunction!(py_bounds::frame_bounds, m)?)?;

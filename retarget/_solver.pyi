@@ -1,0 +1,205 @@
+"""The compiled core: kinematics, strict hierarchies, whole frames.
+
+Conventions are MuJoCo's. `q (nq,)` holds a free joint as world xyz and quaternion wxyz, a ball joint as wxyz, a hinge in rad, a
+slide in m. `dq (nv,)` holds a free joint as world linear, then link-local angular motion. Links are numbered from 0, the world. Arrays
+are float64 and C-contiguous; bad shapes, NaN and inverted limits raise ValueError. The GIL is released while solving.
+"""
+
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+type Floats = NDArray[np.float64]
+type Level = tuple[Floats, Floats, Floats, Floats, Floats]
+
+@final
+class Body:
+    """A tree of links joined by free (0), ball (1), slide (2) and hinge (3) joints.
+
+    Links are sorted (a parent before its children); joints are sorted by link. `qpos0` holds the values of q at the rest geometry.
+    """
+
+    def __init__(
+        self,
+        parent: NDArray[np.int64],
+        body_pos: Floats,
+        body_quat: Floats,
+        mass: Floats,
+        com: Floats,
+        joint_body: NDArray[np.int64],
+        joint_type: NDArray[np.int64],
+        joint_axis: Floats,
+        joint_pos: Floats,
+        qpos0: Floats,
+    ) -> None: ...
+    @property
+    def nq(self) -> int: ...
+    @property
+    def nv(self) -> int: ...
+    @property
+    def nbody(self) -> int: ...
+    @property
+    def total_mass(self) -> float: ...
+    def rest(self) -> Floats:
+        """Posture (nq,) of the rest geometry."""
+    def forward(self, q: Floats) -> tuple[Floats, Floats]:
+        """World positions (nbody, 3) and orientations (nbody, 4) wxyz of the links."""
+    def points(self, q: Floats, links: list[int], local: Floats) -> Floats:
+        """World positions (T, k, 3) of points `local (k, 3)` of `links`, for postures q (T, nq)."""
+    def orientations(self, q: Floats, links: list[int]) -> Floats:
+        """World orientations (T, k, 4) wxyz of `links`, for postures q (T, nq)."""
+    def centre_of_mass(self, q: Floats) -> Floats:
+        """Centre of mass (T, 3), for postures q (T, nq)."""
+    def frame_jacobian(self, q: Floats, link: int, local: tuple[float, float, float]) -> Floats:
+        """(6, nv): linear, then angular, world frame, of a point of a link."""
+    def centre_of_mass_jacobian(self, q: Floats) -> Floats:
+        """(3, nv), world frame."""
+    def integrate(self, q: Floats, dq: Floats) -> Floats:
+        """q (+) dq."""
+    def difference(self, q_from: Floats, q_to: Floats) -> Floats:
+        """dq (nv,) with q_from (+) dq = q_to."""
+
+@final
+class Task:
+    """One thing asked of a body. It owns a slice of the target vector: a leading weight (0 or NaN: absent this frame), then its target.
+
+    `gain` is the share of the error corrected per iteration; `max_error` caps the error asked per iteration (m or rad). Row weights
+    multiply rows (so the objective holds their squares), and the leading weight too, except in a last level with a posture, where
+    the leading weight and the weights of a posture multiply squares directly.
+    """
+
+    @staticmethod
+    def position(
+        body: int,
+        point: tuple[float, float, float] = ...,
+        *,
+        weight: tuple[float, float, float] = ...,
+        gain: float = 1.0,
+        max_error: float = 0.05,
+    ) -> Task:
+        """A point of a link goes to a world position. Target 3."""
+    @staticmethod
+    def orientation(
+        body: int,
+        quat: tuple[float, float, float, float] = ...,
+        *,
+        weight: tuple[float, float, float] = ...,
+        gain: float = 1.0,
+        max_error: float = 0.2,
+    ) -> Task:
+        """The frame `quat` of a link takes a world orientation. Target 4, wxyz. Rows are world axes."""
+    @staticmethod
+    def axis(
+        body: int, axis: tuple[float, float, float], *, weight: float = 1.0, gain: float = 1.0, max_error: float = 0.2
+    ) -> Task:
+        """An axis of a link points along a world direction. Target 3. Two rows."""
+    @staticmethod
+    def centre_of_mass(
+        *,
+        weight: tuple[float, float, float] = ...,
+        over: int | None = None,
+        gain: float = 1.0,
+        max_error: float = 0.05,
+    ) -> Task:
+        """The centre of mass goes to a world position, or to an offset from the origin of link `over`. Target 3; rows where weight > 0."""
+    @staticmethod
+    def support(max_edges: int, *, max_error: float = 0.05) -> Task:
+        """The centre of mass stays inside a polygon: max_edges times (nx, ny, d), nx x + ny y <= d; unused edges are 0, 0, 0."""
+    @staticmethod
+    def look_at(
+        body: int,
+        point: tuple[float, float, float],
+        axis: tuple[float, float, float],
+        *,
+        weight: float = 1.0,
+        gain: float = 1.0,
+        max_error: float = 0.2,
+    ) -> Task:
+        """An axis of a link, from a point of it, aims at a world point. Target 3. Two rows."""
+    @staticmethod
+    def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:
+        """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per coordinate."""
+
+@final
+class Solver:
+    """A body, its levels and limits, and the state of the convergence loop.
+
+    The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see `frame_bounds`). Locked
+    coordinates (nv,) never move. `damping` is the share of a level's largest row below which a direction counts as near-singular; 0 is exact.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        levels: list[list[Task]],
+        *,
+        lower: Floats,
+        upper: Floats,
+        max_velocity: Floats,
+        max_acceleration: Floats,
+        locked: NDArray[np.bool_],
+        n_ik: int = 5,
+        max_step: float = 0.3,
+        damping: float = 0.01,
+        early_stop: bool = True,
+    ) -> None: ...
+    @property
+    def target_size(self) -> int: ...
+    def target_slice(self, level: int, task: int) -> tuple[int, int]:
+        """(start, stop) of a task in the target vector, its leading weight included."""
+    def reset(self, q: Floats, velocity: Floats | None = None) -> None:
+        """Start from posture q (nq,), moving at velocity (nv,) per second."""
+    def frame(self, targets: Floats, dt: float) -> Floats:
+        """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
+    def clip(self, targets: Floats, dt: float) -> Floats:
+        """Many frames: targets (T, target_size) -> postures (T, nq)."""
+    @property
+    def q(self) -> Floats: ...
+    @property
+    def velocity(self) -> Floats:
+        """Displacement per second of the last frame (nv,)."""
+    @property
+    def task_errors(self) -> Floats:
+        """Error norm of each task at the posture reached, in order of levels; NaN where absent."""
+    @property
+    def stats(self) -> dict[str, int]:
+        """frames, iterations, factorizations, fallbacks, capped; since construction."""
+
+@final
+class HierarchyResult:
+    @property
+    def x(self) -> Floats: ...
+    @property
+    def level_residuals(self) -> list[float]: ...
+    @property
+    def factorizations(self) -> int: ...
+    @property
+    def fallback(self) -> bool: ...
+    @property
+    def capped(self) -> bool: ...
+
+def solve_hierarchy(
+    levels: list[Level],
+    lo: Floats,
+    hi: Floats,
+    *,
+    weight: Floats | None = None,
+    reference: Floats | None = None,
+    soft: tuple[Floats, Floats] | None = None,
+    damping: float = 0.0,
+) -> HierarchyResult:
+    """One linear solve: lexicographic least squares of levels (C (m,n), e (m,), D (k,n), lower (k,), upper (k,)) with lower <= D x <= upper up
+    to a slack, under the hard box lo <= x <= hi; last, sum_i weight_i^2 (x_i - reference_i)^2 + ||S x - s||^2."""
+
+def frame_bounds(
+    q: Floats,
+    displacement_before: Floats,
+    lower: Floats,
+    upper: Floats,
+    max_velocity: Floats,
+    max_acceleration: Floats,
+    dt: float,
+) -> tuple[Floats, Floats]:
+    """Displacement box (lo, hi), each (n,), of one frame of dt seconds: velocity, acceleration, and a braking distance that stays inside
+    lower and upper. A start beyond a limit may only come back. Always lo <= hi."""

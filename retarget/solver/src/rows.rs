@@ -1,0 +1,198 @@
+//! Jacobian rows of tasks, written into a hierarchy problem.
+
+use crate::body::{Body, Pose};
+use crate::hierarchy::Problem;
+use crate::math::*;
+use crate::task::{edges, tangents, Task, TaskKind};
+
+/// The velocity coordinates that take part, packed: `(coordinate, column)` of each link's chain.
+pub struct Columns {
+    pub chain: Vec<Vec<(usize, usize)>>,
+    pub all: Vec<(usize, usize)>,
+}
+
+impl Columns {
+    pub fn new(body: &Body, locked: &[bool]) -> Self {
+        let mut column = vec![usize::MAX; body.nv];
+        let mut all = vec![];
+        for dof in 0..body.nv {
+            if !locked[dof] {
+                column[dof] = all.len();
+                all.push((dof, all.len()));
+            }
+        }
+        let chain = body
+            .links
+            .iter()
+            .map(|l| l.chain.iter().filter(|d| !locked[**d]).map(|d| (*d, column[*d])).collect())
+            .collect();
+        Self { chain, all }
+    }
+}
+
+/// Writes the rows of one task from row `first` on.
+pub struct RowWriter<'a> {
+    pub body: &'a Body,
+    pub pose: &'a Pose,
+    pub columns: &'a Columns,
+    pub problem: &'a mut Problem,
+}
+
+impl RowWriter<'_> {
+    /// Rows and targets of `task`; `strength` multiplies rows and targets alike.
+    pub fn write(&mut self, task: &Task, target: &[f64], first: usize, strength: f64) {
+        let error = self.asked(task, target);
+        let body = self.body;
+        let pose = self.pose;
+        let columns = self.columns;
+        match &task.kind {
+            TaskKind::Position { link, point } => {
+                let p = body.point(pose, *link, *point);
+                let rows = self.open(task, error, first, strength);
+                for &(dof, c) in &columns.chain[*link] {
+                    self.put(&rows, c, body.point_column(pose, dof, p));
+                }
+            }
+            TaskKind::Orientation { link, .. } => {
+                let rows = self.open(task, error, first, strength);
+                for &(dof, c) in &columns.chain[*link] {
+                    self.put(&rows, c, body.angular_column(pose, dof));
+                }
+            }
+            TaskKind::CentreOfMass { over } => {
+                let rows = self.open(task, error, first, strength);
+                for &(dof, c) in &columns.all {
+                    self.put(&rows, c, body.com_column(pose, dof));
+                }
+                if let Some(link) = over {
+                    let p = pose.position[*link];
+                    for &(dof, c) in &columns.chain[*link] {
+                        self.put(&rows, c, scale(body.point_column(pose, dof, p), -1.0));
+                    }
+                }
+            }
+            TaskKind::Axis { link, axis } => {
+                let now = mat_vec(&pose.rotation[*link], *axis);
+                self.direction_rows(task, *link, now, error, first, strength, |_| [0.0; 3]);
+            }
+            TaskKind::LookAt { link, point, axis } => {
+                let now = mat_vec(&pose.rotation[*link], *axis);
+                let eye = body.point(pose, *link, *point);
+                let line = sub([target[1], target[2], target[3]], eye);
+                let distance = norm(line).max(1e-3);
+                let d = unit_or(line, now);
+                // The eye's own motion turns the wanted direction the other way.
+                self.direction_rows(task, *link, now, error, first, strength, |dof| {
+                    scale(cross(d, body.point_column(pose, dof, eye)), 1.0 / distance)
+                });
+            }
+            TaskKind::Support { max_edges } => self.support_rows(task, target, *max_edges, first),
+            TaskKind::Posture => self.posture_rows(task, first, strength),
+        }
+    }
+
+    /// Error times gain, capped.
+    fn asked(&self, task: &Task, target: &[f64]) -> Vec3 {
+        let e = scale(task.error(self.body, self.pose, target), task.gain);
+        let size = norm(e);
+        if size > task.max_error {
+            scale(e, task.max_error / size)
+        } else {
+            e
+        }
+    }
+
+    /// Opens the rows with a positive weight: (row, axis, scale).
+    fn open(&mut self, task: &Task, error: Vec3, first: usize, strength: f64) -> OpenRows {
+        let mut rows = OpenRows { count: 0, row: [0; 3], axis: [0; 3], scale: [0.0; 3] };
+        for k in 0..3 {
+            let w = task.weight[k];
+            if w > 0.0 {
+                let r = first + rows.count;
+                self.equality(r, w * strength * error[k]);
+                rows.row[rows.count] = r;
+                rows.axis[rows.count] = k;
+                rows.scale[rows.count] = w * strength;
+                rows.count += 1;
+            }
+        }
+        rows
+    }
+
+    fn equality(&mut self, r: usize, target: f64) {
+        self.problem.row_mut(r).fill(0.0);
+        self.problem.lower[r] = target;
+        self.problem.upper[r] = target;
+        self.problem.present[r] = true;
+    }
+
+    #[inline(always)]
+    fn put(&mut self, rows: &OpenRows, column: usize, value: Vec3) {
+        let stride = self.problem.stride;
+        for k in 0..rows.count {
+            self.problem.rows[rows.row[k] * stride + column] += rows.scale[k] * value[rows.axis[k]];
+        }
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn direction_rows(
+        &mut self,
+        task: &Task,
+        link: usize,
+        now: Vec3,
+        error: Vec3,
+        first: usize,
+        strength: f64,
+        extra: impl Fn(usize) -> Vec3,
+    ) {
+        let (t1, t2) = tangents(now);
+        let (w1, w2) = (task.weight[0] * strength, task.weight[1] * strength);
+        self.equality(first, w1 * dot(t1, error));
+        self.equality(first + 1, w2 * dot(t2, error));
+        let (body, pose, columns) = (self.body, self.pose, self.columns);
+        for &(dof, c) in &columns.chain[link] {
+            let column = add(body.angular_column(pose, dof), extra(dof));
+            self.problem.row_mut(first)[c] = w1 * dot(t1, column);
+            self.problem.row_mut(first + 1)[c] = w2 * dot(t2, column);
+        }
+    }
+
+    /// n . (c + J dq) <= d for every edge.
+    fn support_rows(&mut self, task: &Task, target: &[f64], max_edges: usize, first: usize) {
+        let (body, pose, columns) = (self.body, self.pose, self.columns);
+        for r in first..first + max_edges {
+            self.problem.present[r] = false;
+        }
+        for (k, (n, d)) in edges(target, max_edges).enumerate() {
+            let r = first + k;
+            self.equality(r, 0.0);
+            self.problem.lower[r] = f64::NEG_INFINITY;
+            let room = d - n[0] * pose.com[0] - n[1] * pose.com[1];
+            self.problem.upper[r] = room.max(-task.max_error);
+            for &(dof, c) in &columns.all {
+                let column = body.com_column(pose, dof);
+                self.problem.row_mut(r)[c] = n[0] * column[0] + n[1] * column[1];
+            }
+        }
+    }
+
+    /// One row per weighted coordinate; targets are set by the caller, who knows the posture error.
+    fn posture_rows(&mut self, task: &Task, first: usize, strength: f64) {
+        let mut r = first;
+        let columns = self.columns;
+        for &(dof, c) in &columns.all {
+            if task.weight[dof] > 0.0 {
+                self.equality(r, 0.0);
+                self.problem.row_mut(r)[c] = task.weight[dof] * strength;
+                r += 1;
+            }
+        }
+    }
+}
+
+struct OpenRows {
+    count: usize,
+    row: [usize; 3],
+    axis: [usize; 3],
+    scale: [f64; 3],
+}

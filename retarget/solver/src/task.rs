@@ -1,0 +1,128 @@
+//! Tasks: what is asked of the body, as an error and Jacobian rows.
+
+use crate::body::{Body, Pose};
+use crate::math::*;
+
+#[derive(Clone, Debug)]
+pub enum TaskKind {
+    /// A point of a link goes to a world position.
+    Position { link: usize, point: Vec3 },
+    /// A frame of a link takes a world orientation.
+    Orientation { link: usize, quat: Quat },
+    /// An axis of a link points along a world direction.
+    Axis { link: usize, axis: Vec3 },
+    /// The centre of mass goes to a world position, or keeps an offset from a link's origin.
+    CentreOfMass { over: Option<usize> },
+    /// The centre of mass stays inside a support polygon of at most `max_edges` edges.
+    Support { max_edges: usize },
+    /// An axis of a link, from a point of it, aims at a world point.
+    LookAt { link: usize, point: Vec3, axis: Vec3 },
+    /// Every coordinate goes to that of a posture.
+    Posture,
+}
+
+#[derive(Clone, Debug)]
+pub struct Task {
+    pub kind: TaskKind,
+    /// One weight per row (3 for points and orientations, 2 for directions, nv for a posture).
+    pub weight: Vec<f64>,
+    /// Share of the error corrected per iteration.
+    pub gain: f64,
+    /// Largest error norm asked per iteration (m or rad; per coordinate for a posture).
+    pub max_error: f64,
+}
+
+impl Task {
+    /// Entries in the target vector after the leading weight.
+    pub fn target_size(&self, body: &Body) -> usize {
+        match self.kind {
+            TaskKind::Orientation { .. } => 4,
+            TaskKind::Support { max_edges } => 3 * max_edges,
+            TaskKind::Posture => body.nq,
+            _ => 3,
+        }
+    }
+
+    /// Rows of the hierarchy that this task may use.
+    pub fn row_count(&self) -> usize {
+        match self.kind {
+            TaskKind::Support { max_edges } => max_edges,
+            _ => self.weight.iter().filter(|w| **w > 0.0).count(),
+        }
+    }
+
+    /// Whether this frame has the task: a positive leading weight and a finite target.
+    pub fn is_present(&self, target: &[f64]) -> bool {
+        target[0] > 0.0 && target.iter().all(|v| v.is_finite())
+    }
+}
+
+/// Directional error: rotation vector that turns unit `from` onto unit `to`.
+pub fn turn_error(from: Vec3, to: Vec3) -> Vec3 {
+    let c = cross(from, to);
+    let (s, d) = (norm(c), dot(from, to));
+    if s < 1e-9 {
+        return if d > 0.0 { c } else { scale(perpendicular(from), std::f64::consts::PI) };
+    }
+    scale(c, s.atan2(d) / s)
+}
+
+/// Two unit vectors that complete the unit vector `a`.
+pub fn tangents(a: Vec3) -> (Vec3, Vec3) {
+    let t = perpendicular(a);
+    (t, cross(a, t))
+}
+
+impl Task {
+    /// Unweighted error of a three-row task (m or rad, world frame). Support and posture have none.
+    pub fn error(&self, body: &Body, pose: &Pose, target: &[f64]) -> Vec3 {
+        let goal = [target[1], target[2], target[3]];
+        match &self.kind {
+            TaskKind::Position { link, point } => sub(goal, body.point(pose, *link, *point)),
+            TaskKind::Orientation { link, quat } => {
+                let now = quat_mul(pose.quat[*link], *quat);
+                let wanted = quat_unit([target[1], target[2], target[3], target[4]]);
+                quat_log(quat_mul(wanted, quat_conj(now)))
+            }
+            TaskKind::Axis { link, axis } => {
+                turn_error(mat_vec(&pose.rotation[*link], *axis), unit_or(goal, [1.0, 0.0, 0.0]))
+            }
+            TaskKind::CentreOfMass { over } => {
+                let from = over.map_or([0.0; 3], |link| pose.position[link]);
+                sub(add(goal, from), pose.com)
+            }
+            TaskKind::LookAt { link, point, axis } => {
+                let eye = body.point(pose, *link, *point);
+                let now = mat_vec(&pose.rotation[*link], *axis);
+                turn_error(now, unit_or(sub(goal, eye), now))
+            }
+            TaskKind::Support { .. } | TaskKind::Posture => [0.0; 3],
+        }
+    }
+
+    /// Error norm for reports: distance for points, angle for directions, depth outside for support.
+    pub fn error_norm(&self, body: &Body, pose: &Pose, target: &[f64]) -> f64 {
+        match &self.kind {
+            TaskKind::Support { max_edges } => edges(target, *max_edges)
+                .map(|(n, d)| n[0] * pose.com[0] + n[1] * pose.com[1] - d)
+                .fold(0.0, f64::max),
+            TaskKind::Posture => 0.0,
+            _ => {
+                let e = self.error(body, pose, target);
+                let used = |k: usize| self.weight.get(k).is_none_or(|w| *w > 0.0);
+                match self.kind {
+                    TaskKind::Axis { .. } | TaskKind::LookAt { .. } => norm(e),
+                    _ => (0..3).filter(|k| used(*k)).map(|k| e[k] * e[k]).sum::<f64>().sqrt(),
+                }
+            }
+        }
+    }
+}
+
+/// Edges (normal, offset) of a support target that are in use.
+pub fn edges(target: &[f64], max_edges: usize) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
+    (0..max_edges).filter_map(move |k| {
+        let e = &target[1 + 3 * k..4 + 3 * k];
+        (e[0] != 0.0 || e[1] != 0.0).then_some(([e[0], e[1]], e[2]))
+    })
+}
