@@ -27,15 +27,24 @@ __all__ = [
 
 BoolArray = NDArray[np.bool_]
 
-SENSORS: tuple[str, ...] = tuple(
-    "head l_wrist r_wrist l_ankle r_ankle pelvis chest l_knee r_knee l_elbow r_elbow"
-    " l_shoulder r_shoulder l_hip r_hip l_toe r_toe".split()
+
+def _both(*parts: str) -> tuple[str, ...]:
+    """Names of paired body parts, left before right."""
+    return tuple(f"{side}_{part}" for part in parts for side in "lr")
+
+
+SENSORS: tuple[str, ...] = (
+    "head",
+    *_both("wrist", "ankle"),
+    "pelvis",
+    "chest",
+    *_both("knee", "elbow", "shoulder", "hip", "toe"),
 )
 """Canonical sensor names. The first five are the default set."""
 
-JOINTS: tuple[str, ...] = tuple(
-    "pelvis spine chest neck head l_collar r_collar l_shoulder r_shoulder l_elbow r_elbow l_wrist r_wrist"
-    " l_hip r_hip l_knee r_knee l_ankle r_ankle l_toe r_toe l_hand r_hand".split()
+JOINTS: tuple[str, ...] = (
+    *("pelvis", "spine", "chest", "neck", "head"),
+    *_both("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe", "hand"),
 )
 """Canonical joint names."""
 

@@ -1,0 +1,184 @@
+"""A joint tree in motion -> sensor frames: which joint is which, where forward is, how long a unit is.
+
+Canonical joints that the names do not give come from the tree: the chest is where neck and arms part, the spine joint lies
+half way up to it, the head's centre is half way between the head joint and the top of the head, and the toe joint, where a
+file has none, is the end of the foot.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from retarget import rotations
+from retarget.errors import InputError
+from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
+from retarget.rotations import FloatArray
+from retarget.sources.axes import REST_AXES_ERROR, Axes, rest_axes, world_axes
+from retarget.sources.files import frame_times
+from retarget.sources.naming import joints_by_name
+from retarget.sources.topology import joints_by_shape
+from retarget.sources.tree import JointTree, Pose
+from retarget.sources.units import Unit, choose_unit
+
+__all__ = ["CanonicalJoint", "body_height", "canonical_frames", "canonical_joints"]
+
+_SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
+"""Segments that a file may split (twist joints): the part next to the far joint tells the orientation."""
+
+
+@dataclass(frozen=True)
+class CanonicalJoint:
+    """A canonical joint as a point (3,) fixed in the frame of one joint of the tree."""
+
+    joint: int
+    local: FloatArray
+
+
+def canonical_frames(
+    tree: JointTree,
+    pose: Pose,
+    *,
+    unit: Unit | None,
+    rate: float,
+    source: str,
+    detect_up: bool,
+    notes: tuple[str, ...] = (),
+) -> SensorFrames:
+    """Sensors, joints and rest skeleton of a tree in motion.
+
+    pose: of every frame, in the file's axes and units. unit: None to guess it from the size of the body. detect_up: whether
+    the frames may overrule the rest pose about which axis is up. Raises InputError if the tree is no human.
+    """
+    joints, found_notes = canonical_joints(tree, where=source)
+    unit = unit or choose_unit(body_height(tree, joints), where=source)
+    rest = rest_joint_positions(tree, joints)
+    body = rest_axes(rest)
+    if body is None:
+        raise InputError(REST_AXES_ERROR, where=source, next_step="Export the file with a standing rest pose")
+    tracks = {name: pose.point(at.joint, at.local) for name, at in joints.items()}
+    world, axis_notes = world_axes(body, tracks) if detect_up else (Axes.with_up(body.up), ())
+
+    to_world = world.matrix()
+    names = tuple(name for name in JOINTS if name in joints)
+    position = np.stack([tracks[name] for name in names], axis=1) @ to_world.T * unit.metres
+    sensors = tuple(name for name in SENSORS if name in joints)
+    columns = [names.index(name) for name in sensors]
+    orientation = np.stack([pose.orientation[:, segment_joint(tree, joints, name)] for name in sensors], axis=1)
+    # World <- file axes <- segment <- person standing upright and facing x in the rest pose.
+    left, right = rotations.from_matrix(to_world), rotations.from_matrix(body.matrix().T)
+    orientation = rotations.normalise(rotations.multiply(rotations.multiply(left, orientation), right))
+    skeleton = np.stack([rest[name] for name in names]) @ body.matrix().T * unit.metres
+    return SensorFrames(
+        time=frame_times(len(position), rate),
+        names=sensors,
+        position=position[:, columns],
+        orientation=orientation,
+        valid=np.ones((len(position), len(sensors)), bool),
+        joints=JointTracks(names, position),
+        skeleton=Skeleton(names, skeleton),
+        source=source,
+        rate_hz=rate,
+        notes=(*notes, *((unit.note,) if unit.note else ()), *axis_notes, *found_notes),
+    )
+
+
+def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
+    """The canonical joints that a tree holds, by name tables or else by shape, and notes. Raises InputError if neither fits."""
+    notes: list[str] = []
+    found = joints_by_name(tree.names)
+    if found is None:
+        found = joints_by_shape(tree)
+        notes.append("joint names not known: the body was recognised by the shape of its skeleton")
+    if found is None:
+        raise InputError(
+            "no human skeleton recognised",
+            where=where,
+            found=", ".join(tree.names[:12]) + (", ..." if len(tree.names) > 12 else ""),
+            allowed="a body with head, two arms and two legs",
+            next_step="Rename the joints to Hips, LeftUpLeg, LeftArm and so on (docs: motion files)",
+        )
+    joints = {name: CanonicalJoint(joint, np.zeros(3)) for name, joint in found.items() if name in JOINTS}
+    _add_trunk(tree, joints)
+    if not _centre_head(tree, joints, found.get("head_top")):
+        notes.append("the file does not know the top of the head: its head sensor is the head joint")
+    for side in "lr":
+        _add_toe(tree, joints, side)
+    return joints, tuple(notes)
+
+
+def rest_joint_positions(tree: JointTree, joints: dict[str, CanonicalJoint]) -> dict[str, FloatArray]:
+    """Rest position (3,) of the canonical joints, file axes and units, pelvis at the origin."""
+    rest = tree.rest_positions()
+    origin = rest[joints["pelvis"].joint]
+    return {name: rest[at.joint] + at.local - origin for name, at in joints.items()}
+
+
+def body_height(tree: JointTree, joints: dict[str, CanonicalJoint]) -> float:
+    """Height of the body (file units) along its bones, so that it does not depend on how the rest pose stands."""
+    rest = rest_joint_positions(tree, joints)
+    hips = 0.5 * (rest["l_hip"] + rest["r_hip"])
+    line = ["neck", "head"] if "chest" not in rest else ["chest", "neck", "head"]
+    trunk = [hips, *(rest[name] for name in line if name in rest)]
+    leg = [rest[name] for name in ("l_hip", "l_knee", "l_ankle")]
+    # Beyond the points that are known: half a head above its centre, the foot below the ankle (Drillis and Contini: 0.039 H).
+    return float(1.12 * (_length(trunk) + _length(leg)))
+
+
+def segment_joint(tree: JointTree, joints: dict[str, CanonicalJoint], name: str) -> int:
+    """Joint of the tree whose frame is the orientation of the sensor `name`."""
+    side, part = name[:2], name[2:]
+    if part == "toe":
+        return joints[f"{side}ankle"].joint
+    if part in _SEGMENT_END:
+        return tree.parents[joints[side + _SEGMENT_END[part]].joint]
+    return joints[name].joint
+
+
+def _length(points: list[FloatArray]) -> float:
+    return sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
+
+
+def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
+    """Chest, spine and neck, as far as the tree has joints for them."""
+    paths = [tree.path(joints[name].joint) for name in ("head", "l_shoulder", "r_shoulder")]
+    shared = [step[0] for step in zip(*paths, strict=False) if len(set(step)) == 1]
+    above = paths[0][len(shared) :]
+    rest = tree.rest_positions()
+    zero = np.zeros(3)
+    if len(shared) > 1:
+        joints["chest"] = CanonicalJoint(shared[-1], zero)
+        between = shared[shared.index(joints["pelvis"].joint) + 1 : -1] if joints["pelvis"].joint in shared else []
+        half = 0.5 * (rest[joints["pelvis"].joint] + rest[shared[-1]])
+        if between:
+            joints["spine"] = CanonicalJoint(
+                min(between, key=lambda joint: float(np.linalg.norm(rest[joint] - half))), zero
+            )
+    if "neck" not in joints and above:
+        joints["neck"] = CanonicalJoint(above[0], zero)
+
+
+def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> bool:
+    """Move the head from its joint to half way to its top; False if the file does not know the top."""
+    head = joints["head"].joint
+    if top is not None and tree.parents[top] == head:
+        end = tree.offsets[top]
+    else:
+        ends = [end for end in tree.ends[head] if end.any()]
+        if not ends:
+            return False
+        end = max(ends, key=lambda end: float(np.linalg.norm(end)))
+    joints["head"] = replace(joints["head"], local=0.5 * end)
+    return True
+
+
+def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
+    """Where the file has no toe joint: the end of the foot, wherever the chain below the ankle ends."""
+    if f"{side}_toe" in joints:
+        return
+    joint = joints[f"{side}_ankle"].joint
+    while children := tree.children(joint):
+        joint = children[0]
+    ends = [end for end in tree.ends[joint] if end.any()]
+    if ends or joint != joints[f"{side}_ankle"].joint:
+        joints[f"{side}_toe"] = CanonicalJoint(joint, ends[0] if ends else np.zeros(3))

@@ -1,0 +1,130 @@
+"""Motion files as text or bytes: everything that can be wrong before a parser looks at the content."""
+
+import math
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from retarget.errors import InputError
+from retarget.rotations import FloatArray
+
+__all__ = [
+    "MAX_FILE_BYTES",
+    "MAX_FRAMES",
+    "MAX_RATE_HZ",
+    "MAX_VALUE",
+    "check_frame_count",
+    "check_rate",
+    "frame_times",
+    "numbers",
+    "read_bytes",
+    "read_head",
+    "read_lines",
+]
+
+MAX_FILE_BYTES = 128 * 2**20
+"""Larger motion files are refused before they are read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
+MAX_FRAMES = 200_000
+"""Longer recordings are refused (28 minutes at 120 Hz)."""
+MAX_RATE_HZ = 10_000.0
+"""Faster recordings are refused: no motion capture reaches it, so it is a wrong unit."""
+MAX_VALUE = 1e9
+"""Larger magnitudes in a file are no coordinate or angle, and their squares would overflow later."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """Content of a motion file. Raises InputError if it is missing, no plain file, empty, too large or unreadable."""
+    return _read(path, MAX_FILE_BYTES + 1)
+
+
+def read_head(path: Path) -> bytes:
+    """The first 4 KiB of a motion file. Raises InputError as `read_bytes`."""
+    return _read(path, 4096)
+
+
+def _read(path: Path, count: int) -> bytes:
+    where = str(path)
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or pipe"
+            raise InputError("not a motion file", where=where, found=kind, next_step="Give the file itself")
+        if status.st_size > MAX_FILE_BYTES:
+            raise InputError(
+                "motion file too large",
+                where=where,
+                found=f"{status.st_size / 2**20:.0f} MiB",
+                allowed=f"up to {MAX_FILE_BYTES // 2**20} MiB",
+                next_step="Cut the recording into parts",
+            )
+        with path.open("rb") as file:
+            content = file.read(count)
+    except FileNotFoundError:
+        raise InputError("no such motion file", where=where, next_step="Check the path") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("cannot read the motion file", where=where, found=reason) from None
+    if not content:
+        raise InputError("empty motion file", where=where, next_step="Export or download it again")
+    return content
+
+
+def read_lines(path: Path) -> list[str]:
+    """Lines of a text motion file, any line ends. Raises InputError as `read_bytes`, and for binary content."""
+    content = read_bytes(path)
+    if b"\0" in content:
+        line = content[: content.index(b"\0")].count(b"\n") + 1
+        raise InputError("not a text file", where=f"{path}:{line}", found="a NUL byte", allowed="ASF, AMC or BVH text")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")  # older exporters write names in the encoding of their machine
+    if not text.strip():
+        raise InputError("empty motion file", where=str(path), next_step="Export or download it again")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def numbers(tokens: Iterable[str], where: str) -> list[float]:
+    """The tokens as finite numbers of plausible size. Raises InputError that names the bad one."""
+    values = []
+    for token in tokens:
+        try:
+            value = math.nan if "_" in token else float(token)
+        except ValueError:
+            value = math.nan
+        if not abs(value) <= MAX_VALUE:
+            raise InputError(
+                "not a usable number", where=where, found=repr(token[:40]), allowed="a finite number up to 1e9"
+            )
+        values.append(value)
+    return values
+
+
+def check_frame_count(count: int, where: str) -> None:
+    """Raise InputError if a recording has no frame, or more than MAX_FRAMES."""
+    if count < 1:
+        raise InputError("no frame of motion", where=where, allowed=f"1 to {MAX_FRAMES} frames")
+    if count > MAX_FRAMES:
+        raise InputError(
+            "too many frames",
+            where=where,
+            found=count,
+            allowed=f"up to {MAX_FRAMES}",
+            next_step="Cut the recording into parts",
+        )
+
+
+def check_rate(rate: float, where: str) -> float:
+    """The frame rate (Hz), if it is one. Raises InputError."""
+    if not 0.0 < rate <= MAX_RATE_HZ:
+        raise InputError(
+            "impossible frame rate", where=where, found=f"{rate:g} Hz", allowed=f"above 0 to {MAX_RATE_HZ:g} Hz"
+        )
+    return rate
+
+
+def frame_times(count: int, rate: float) -> FloatArray:
+    """Times (count,) s of frames at a constant rate (Hz), from 0."""
+    return np.arange(count) / rate

@@ -1,0 +1,60 @@
+"""Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from retarget.errors import InputError
+from retarget.frames import SensorFrames
+from retarget.sources.asf_amc import read_amc
+from retarget.sources.bvh import read_bvh
+from retarget.sources.c3d import read_c3d
+from retarget.sources.files import read_head
+
+__all__ = ["FORMATS", "open_source", "recognise"]
+
+FORMATS = ("amc", "bvh", "c3d")
+
+_C3D_KEY = 0x50
+"""Second byte of every C3D file."""
+
+
+def open_source(
+    path: str | Path, *, skeleton: str | Path | None = None, unit: str | None = None, rate: float | None = None
+) -> SensorFrames:
+    """Read a motion file of any known format.
+
+    skeleton: the ASF of an AMC, where it does not lie beside it. unit: m, cm, mm, inch or cmu, where the file does not state
+    it and the guess is wrong. rate: frames per second instead of the file's. Raises InputError with file, line and what to do;
+    UsageError for an unknown unit, or for a skeleton with a format that has none.
+    """
+    path = Path(path)
+    readers: dict[str, Callable[[], SensorFrames]] = {
+        "amc": lambda: read_amc(path, skeleton=None if skeleton is None else Path(skeleton), unit=unit, rate=rate),
+        "bvh": lambda: read_bvh(path, unit=unit, rate=rate),
+        "c3d": lambda: read_c3d(path, unit=unit, rate=rate),
+    }
+    return readers[recognise(path)]()
+
+
+def recognise(path: Path) -> str:
+    """Format of a motion file, one of FORMATS. Raises InputError if it cannot be read or is none of them."""
+    head, suffix = read_head(path), path.suffix.lower().lstrip(".")
+    first = next((word for line in head.splitlines() if (word := line.strip()) and not word.startswith(b"#")), b"")
+    if first.upper().startswith(b"HIERARCHY"):
+        return "bvh"
+    if head[1:2] == bytes([_C3D_KEY]) and suffix not in ("bvh", "amc", "asf"):
+        return "c3d"
+    if suffix == "asf" or first.lower().startswith((b":version", b":name", b":units")):
+        raise InputError(
+            "a skeleton without motion", where=str(path), next_step="Open the AMC and give this with --skeleton"
+        )
+    if suffix in FORMATS:
+        return suffix  # its reader says what is wrong with the content
+    if first.lower().startswith((b":fully-specified", b":degrees", b":radians")):
+        return "amc"
+    raise InputError(
+        "unknown kind of motion file",
+        where=str(path),
+        found=f"suffix '{path.suffix}'" if suffix else "no suffix",
+        allowed=", ".join(FORMATS),
+    )
