@@ -8,6 +8,7 @@ tree, `RetargetError`, lives in `hardware.errors`, because `hardware` imports no
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Self
 
 from hardware.errors import RetargetError, describe
@@ -24,6 +25,7 @@ class Problem:
 
     what: the fault in a few words. where: "file", "file:line" or "file:line: key". found: what stands there.
     allowed: what may stand there. next_step: what the user should do, one sentence (a full stop is added).
+    line: of the file, from 1, to list problems in the file's order; 0 where there is none.
     """
 
     what: str
@@ -31,6 +33,7 @@ class Problem:
     found: str = ""
     allowed: str = ""
     next_step: str = ""
+    line: int = 0
 
     def render(self) -> str:
         """One line of text."""
@@ -56,12 +59,12 @@ class RefusedError(RetargetError):
 
     @classmethod
     def from_problems(cls, problems: Sequence[Problem], *, title: str = "") -> Self:
-        """All problems of one file as one error. `title` heads the list when there is more than one."""
+        """All problems of one file as one error, by line. `title` heads the list when there is more than one."""
         if not problems:
             raise ValueError("an error needs at least one problem")
         error = cls(problems[0].what)
-        error.problems = tuple(problems)
-        error.args = (_render_all(problems, title),)
+        error.problems = tuple(sorted(problems, key=attrgetter("line")))
+        error.args = (_render_all(error.problems, title),)
         return error
 
 

@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from operator import itemgetter
 from pathlib import Path
 from typing import TypeAlias
 
@@ -43,28 +42,41 @@ _Loader: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # same events; li
 
 @dataclass(frozen=True)
 class Document:
-    """A YAML file as plain data. `lines`: key path (keys and list indices from the top) -> line, from 1."""
+    """A YAML file as plain data. `lines`: key path (keys and list indices from the top) -> line, from 1.
+
+    `problems`: what the strict reader refuses; the data then has holes (None) and must only be used to find more.
+    """
 
     path: Path
     data: dict[str, Node]
     lines: dict[KeyPath, int] = field(repr=False)
+    problems: tuple[Problem, ...] = ()
 
-    def where(self, key_path: KeyPath) -> str:
-        """`file:line: dotted.key` of a key path, or of the nearest parent that stands in the file."""
+    def problem(
+        self, key_path: KeyPath, what: str, *, found: str = "", allowed: str = "", next_step: str = ""
+    ) -> Problem:
+        """A problem at `file:line: dotted.key`; the line is that of the nearest parent that stands in the file."""
         known = key_path
         while known and known not in self.lines:
             known = known[:-1]
-        place = f"{self.path}:{self.lines.get(known, 1)}"
-        return f"{place}: {dotted(key_path)}" if key_path else place
+        return _problem(self.path, self.lines.get(known, 1), key_path, what, found, allowed, next_step)
 
 
 def load(path: Path) -> Document:
     """Read a strict YAML file whose top level is a mapping. Raises ConfigError with all problems found."""
-    return parse(_read(path), path)
+    return parse(read_text(path), path)
 
 
 def parse(text: str, path: Path) -> Document:
     """Strict YAML from text; `path` only names it in messages. Raises ConfigError with all problems found."""
+    document = scan(text, path)
+    if document.problems:
+        raise ConfigError.from_problems(document.problems, title=f"{path}: {len(document.problems)} problems")
+    return document
+
+
+def scan(text: str, path: Path) -> Document:
+    """As `parse`, but what is refused stands in `Document.problems`. Raises ConfigError when there is no mapping."""
     builder = _Builder(path)
     data: Node = None
     try:
@@ -73,15 +85,14 @@ def parse(text: str, path: Path) -> Document:
         builder.syntax_problem(error)
     except _TooDeepError:
         pass  # already among the problems
-    if not builder.problems and not isinstance(data, dict):
-        found = "an empty file" if data is None else _kind(data)
-        allowed = "lines of the form `key: value`"
-        builder.problem(1, (), "the file is not a mapping of keys", found=found, allowed=allowed)
-    if builder.problems:
-        in_order = [problem for _, problem in sorted(builder.problems, key=itemgetter(0))]
-        raise ConfigError.from_problems(in_order, title=f"{path}: {len(in_order)} problems")
-    assert isinstance(data, dict)
-    return Document(path, data, builder.lines)
+    else:
+        if not isinstance(data, dict):
+            found = "an empty file" if data is None else _kind(data)
+            allowed = "lines of the form `key: value`"
+            builder.problem(1, (), "the file is not a mapping of keys", found=found, allowed=allowed)
+    if not isinstance(data, dict):
+        raise ConfigError.from_problems(builder.problems, title=f"{path}: {len(builder.problems)} problems")
+    return Document(path, data, builder.lines, tuple(builder.problems))
 
 
 def dotted(key_path: KeyPath) -> str:
@@ -92,8 +103,8 @@ def dotted(key_path: KeyPath) -> str:
     return text
 
 
-def _read(path: Path) -> str:
-    """The text of a regular file of at most 1 MiB in UTF-8 (a byte order mark is skipped)."""
+def read_text(path: Path) -> str:
+    """The text of a regular file of at most 1 MiB in UTF-8 (a byte order mark is skipped). Raises ConfigError."""
     try:
         if not path.is_file():
             what = "this is a folder, not a file" if path.is_dir() else "there is no such file"
@@ -118,12 +129,11 @@ class _Builder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.problems: list[tuple[int, Problem]] = []
+        self.problems: list[Problem] = []
         self.lines: dict[KeyPath, int] = {}
 
     def problem(self, line: int, key_path: KeyPath, what: str, *, found: str = "", allowed: str = "") -> None:
-        where = f"{self.path}:{line}" + (f": {dotted(key_path)}" if key_path else "")
-        self.problems.append((line, Problem(what, where, found, allowed)))
+        self.problems.append(_problem(self.path, line, key_path, what, found, allowed))
 
     def syntax_problem(self, error: yaml.YAMLError) -> None:
         """What the parser itself refuses; it cannot go on after this."""
@@ -132,7 +142,7 @@ class _Builder:
         line = mark.line + 1 if mark else 1
         where = f"{self.path}:{line}" if mark else str(self.path)
         step = "Check indentation, quotes and brackets near this line"
-        self.problems.append((line, Problem(f"not valid YAML: {reason}", where, next_step=step)))
+        self.problems.append(Problem(f"not valid YAML: {reason}", where, next_step=step, line=line))
 
     def document(self, events: Iterator[ev.Event]) -> Node:
         """The first document of the stream; a second one is a problem."""
@@ -222,6 +232,13 @@ class _Builder:
 
 class _TooDeepError(Exception):
     """Ends the reading early; the problem is already noted."""
+
+
+def _problem(
+    path: Path, line: int, key_path: KeyPath, what: str, found: str, allowed: str, next_step: str = ""
+) -> Problem:
+    where = f"{path}:{line}" + (f": {dotted(key_path)}" if key_path else "")
+    return Problem(what, where, found, allowed, next_step, line)
 
 
 def _line(event: ev.Event) -> int:

@@ -1,0 +1,106 @@
+"""A robot's profile: everything about the robot that its body file does not say. `configs/robots/<name>/robot.yaml`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, PrivateAttr
+
+from hardware.servo import ServoGains, ServoSpec, find_model
+from retarget.catalogue import Kind, find
+from retarget.errors import Problem
+from retarget.profile_body import check_body
+from retarget.profile_checks import check_parts
+from retarget.profile_parts import (
+    Bus,
+    Foot,
+    Frame,
+    IgnorePair,
+    Landmark,
+    Observer,
+    Postures,
+    Safety,
+    Servo,
+)
+from retarget.schema import Name, Schema, Text, read_model
+from retarget.strict_yaml import Document
+
+__all__ = ["RobotProfile", "load_profile", "read_profile"]
+
+
+class RobotProfile(Schema):
+    """A robot. Names: links, joints and geoms are those of the body file; frames are the profile's own.
+
+    The order of `servos` is the order of every array of the servo side. `retarget` and `reconstruct` name the priority
+    file of each stage. `load_profile` makes one.
+    """
+
+    name: Name
+    body: Text
+    root: Literal["free", "fixed", "suspended"]
+    frames: Annotated[dict[Name, Frame], Field(max_length=200)]
+    servos: Annotated[dict[Name, Servo], Field(min_length=1, max_length=250)]
+    buses: Annotated[dict[Name, Bus], Field(min_length=1, max_length=16)]
+    observers: Annotated[dict[Name, Observer], Field(max_length=200)]
+    ignore_pairs: Annotated[tuple[IgnorePair, ...], Field(max_length=500)]
+    feet: Annotated[dict[Name, Foot], Field(max_length=4)]
+    postures: Postures
+    landmarks: Annotated[dict[Name, Landmark], Field(max_length=50)]
+    safety: Safety
+    reconstruct: Name
+    retarget: Name
+
+    _path: Path = PrivateAttr(default=Path())
+
+    @property
+    def path(self) -> Path:
+        """The file that the profile was read from."""
+        return self._path
+
+    @property
+    def body_path(self) -> Path:
+        """The body file, MJCF or URDF; `body` is relative to the profile's folder."""
+        return self._path.parent / self.body
+
+    def servo_specs(self) -> tuple[ServoSpec, ...]:
+        """The servos for the hardware side, in the profile's order. Raises HardwareError for an unknown model."""
+        return tuple(
+            ServoSpec(
+                joint=joint,
+                id=servo.id,
+                model=find_model(servo.model),
+                bus=servo.bus,
+                direction=servo.direction,
+                zero_tick=servo.zero_tick,
+                lower=servo.limits[0],
+                upper=servo.limits[1],
+                max_velocity=servo.max_velocity,
+                max_acceleration=servo.max_acceleration,
+                gear=servo.gear,
+                gains=ServoGains(servo.gains.p, servo.gains.i, servo.gains.d),
+                current_limit=servo.current,
+            )
+            for joint, servo in self.servos.items()
+        )
+
+
+def load_profile(path_or_name: str | Path) -> RobotProfile:
+    """A robot's profile by shipped or user's name, path of the file, or path of its folder; checked against its body.
+
+    Raises UsageError for an unknown name, ConfigError with all problems of the file.
+    """
+    path = find(Kind.ROBOT, path_or_name)
+    profile, _ = read_model(RobotProfile, path, check=_check)
+    profile._path = path
+    return profile
+
+
+def read_profile(path_or_name: str | Path) -> RobotProfile:
+    """As `load_profile`, without any cross check and without reading the body: for lists of robots."""
+    path = find(Kind.ROBOT, path_or_name)
+    profile, _ = read_model(RobotProfile, path)
+    profile._path = path
+    return profile
+
+
+def _check(profile: RobotProfile, document: Document) -> list[Problem]:
+    return check_parts(profile, document) + check_body(profile, document, document.path.parent)

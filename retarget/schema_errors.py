@@ -1,0 +1,131 @@
+"""pydantic's errors in our words: the place in the file, what stands there, what may, and the nearest valid name."""
+
+import re
+from collections.abc import Iterable
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from retarget.errors import Problem, suggest
+from retarget.strict_yaml import Document, KeyPath
+
+
+def in_our_words(model: type[BaseModel], error: ValidationError, document: Document) -> list[Problem]:
+    """All errors of `model` in `document`."""
+    return [_problem(model, detail, document) for detail in error.errors(include_url=False)]
+
+
+def unknown_name(document: Document, key_path: KeyPath, kind: str, name: str, known: Iterable[str]) -> Problem:
+    """The problem that `name`, at `key_path`, is none of the `known` names of that `kind`."""
+    names = tuple(known)
+    step = suggest(name, names) or f"Name a known {kind}"
+    return document.problem(key_path, f"unknown {kind}", found=repr(name), allowed=listed(names), next_step=step)
+
+
+def listed(names: Iterable[str], *, limit: int = 30) -> str:
+    """Names for a message, in their own order, cut to `limit`."""
+    every = tuple(names)
+    more = f" and {len(every) - limit} more" if len(every) > limit else ""
+    return ", ".join(every[:limit]) + more if every else "none"
+
+
+def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -> Problem:
+    key_path = _key_path(detail["loc"], document.data)
+    kind, message = detail["type"], detail["msg"]
+    if kind == "extra_forbidden":
+        known = keys_at(model, detail["loc"][:-1])
+        name = str(key_path[-1])
+        step = suggest(name, known) or "Remove the key"
+        return document.problem(key_path, "unknown key", found=repr(name), allowed=listed(known), next_step=step)
+    if kind == "missing":
+        return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
+    expected = message.removeprefix("Input should be ").removeprefix("a valid ")
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        context = detail.get("ctx", {})
+        expected = str(context.get("expected_tags", ""))
+        key_path = (*key_path, str(context.get("discriminator", "type")).strip("'"))
+    elif expected == message:  # not pydantic's own "should be": one of our validators, whose message says it all
+        expected = ""
+    found = _value_at(document.data, key_path)
+    names = re.findall(r"'([^']+)'", expected)
+    return document.problem(
+        key_path,
+        "wrong value" if expected else message,
+        found=_shown(found),
+        allowed=expected,
+        next_step=suggest(found, names) if isinstance(found, str) else "",
+    )
+
+
+def _key_path(loc: tuple[int | str, ...], data: object) -> KeyPath:
+    """pydantic's place without what is not in the file (names of union members)."""
+    path: list[int | str] = []
+    for index, part in enumerate(loc):
+        last = index == len(loc) - 1
+        if isinstance(data, dict) and part in data:
+            data = data[str(part)]
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        elif not last or not isinstance(data, dict) or part == "[key]":
+            continue
+        path.append(part)
+    return tuple(path)
+
+
+def _value_at(data: object, key_path: KeyPath) -> object:
+    for part in key_path:
+        if isinstance(data, dict):
+            data = data.get(str(part))
+        elif isinstance(data, list) and isinstance(part, int):
+            data = data[part]
+    return data
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def keys_at(kind: Any, loc: tuple[int | str, ...]) -> list[str]:
+    """The keys that the model at pydantic's place `loc` accepts."""
+    for part in loc:
+        kind = _inner(kind, part)
+    model = model_of(kind)
+    return [field.alias or name for name, field in model.model_fields.items()] if model else []
+
+
+def _inner(kind: Any, part: int | str) -> Any:
+    """The type one step further down: a field, an entry of a container, or the named member of a union."""
+    leaves = members(kind)
+    for member in leaves:
+        if isinstance(member, type) and issubclass(member, BaseModel):
+            for name, field in member.model_fields.items():
+                if part in (name, field.alias):
+                    return field.annotation
+            tag = member.model_fields.get("type")
+            if tag is not None and part in get_args(tag.annotation):
+                return member
+        elif get_origin(member) in (dict, list, tuple):
+            arguments = [argument for argument in get_args(member) if argument is not Ellipsis]
+            return arguments[-1]
+    return None
+
+
+def model_of(kind: Any) -> type[BaseModel] | None:
+    models = [member for member in members(kind) if isinstance(member, type) and issubclass(member, BaseModel)]
+    return models[0] if len(models) == 1 else None
+
+
+def members(kind: Any) -> list[Any]:
+    """The members of a union, the type itself otherwise; annotations are stripped."""
+    if get_origin(kind) is Annotated:
+        return members(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return [leaf for member in get_args(kind) for leaf in members(member)]
+    return [kind]
