@@ -1,0 +1,88 @@
+# One command per task. Each makes what it needs in .venv; nothing outside this folder is touched.
+# Needed: make, python3 (>= 3.11) with its venv module, a C linker (cc) and cargo. What is missing is named, with how to get it.
+
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+# The first interpreter that is new enough; PYTHON=... chooses another.
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+VENV := .venv
+BIN := $(VENV)/bin
+CRATE := retarget/solver
+MANIFEST := $(CRATE)/Cargo.toml
+RUST := $(MANIFEST) $(CRATE)/Cargo.lock $(shell find $(CRATE)/src -name '*.rs')
+RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
+JOBS ?= 2
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help demo test lint bench long wheels clean machine
+
+help:
+	@echo 'make demo    a synthetic performer drives a robot on an emulated bus; report and pictures in out/demo'
+	@echo 'make test    every test but the long ones'
+	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
+	@echo 'make bench   our frame time beside PlaCo and mink'
+	@echo 'make long    tests that take minutes'
+	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
+	@echo 'make clean   remove .venv and everything built'
+
+demo: $(VENV)/.with-base
+	$(BIN)/retarget demo
+
+test: $(VENV)/.with-test
+	PYO3_PYTHON=$(abspath $(BIN)/python) cargo test --release --lib --locked --quiet --manifest-path $(MANIFEST)
+	$(BIN)/python -m pytest -n $(JOBS) -m 'not long' $(PYTEST)
+
+long: $(VENV)/.with-test
+	$(BIN)/python -m pytest -m long $(PYTEST)
+
+lint: $(VENV)/.with-test $(VENV)/.with-lint
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	cargo fmt --check --manifest-path $(MANIFEST)
+	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --release --locked --all-targets --quiet --manifest-path $(MANIFEST) -- -D warnings
+
+bench: $(VENV)/.with-bench
+	$(BIN)/python -m benchmarks $(BENCH)
+
+# zig links against an old glibc (2.17), for machines older than this one and for the other architecture.
+wheels: $(VENV)/.pip
+	@command -v rustup >/dev/null || { echo 'make wheels needs rustup, to add the standard library of both' \
+		'architectures: https://rustup.rs (a cargo from a system package has only its own)' >&2; exit 1; }
+	rustup target add $(RUST_TARGETS)
+	$(BIN)/python -m pip install --quiet 'ziglang>=0.13'
+	for target in $(RUST_TARGETS); do \
+		PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --zig --target $$target \
+			--compatibility manylinux2014 --interpreter $(abspath $(BIN)/python) --out wheels || exit 1; \
+	done
+	@ls -l wheels
+
+clean:
+	rm -rf $(VENV) $(CRATE)/target wheels out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -f retarget/_solver*.so
+	find retarget hardware sim tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+# One stamp per set of dependencies. A change of the crate or of pyproject.toml builds the extension (release) and installs again.
+$(VENV)/.with-%: pyproject.toml $(RUST) | $(VENV)/.pip
+	$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[$(filter-out base,$*)]'
+	@touch $@
+
+$(VENV)/.pip: | machine
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=24' 'maturin>=1.9,<2'
+	@touch $@
+
+machine:
+	@missing=0; \
+	say() { echo "missing: $$1" >&2; echo "   get it: $$2" >&2; missing=1; }; \
+	if [ -z "$(PYTHON)" ]; then \
+		say 'Python 3.11 or newer' 'Debian, Ubuntu: apt install python3 python3-venv; or make PYTHON=/path/to/python3.12'; \
+	elif ! "$(PYTHON)" -c 'import venv, ensurepip' 2>/dev/null; then \
+		say "the venv module of $(PYTHON)" 'Debian, Ubuntu: apt install python3-venv'; \
+	fi; \
+	command -v cc >/dev/null || say 'a C linker (cc)' 'Debian, Ubuntu: apt install gcc; Fedora: dnf install gcc'; \
+	command -v cargo >/dev/null || say 'cargo (Rust)' 'https://rustup.rs, or Debian, Ubuntu: apt install cargo (1.85 or newer)'; \
+	[ $$missing -eq 0 ]
