@@ -2,8 +2,8 @@
 
 Masses, centres of mass and radii of gyration are one table, Winter (2009) after Dempster, and are never mixed with
 another source. Lengths are fractions of stature: limbs and heights after Drillis & Contini (1966; Winter's Figure 4.1);
-the inner points of trunk and shoulder girdle, which that figure does not have, are means over twelve recorded skeletons
-of an optical motion database (clavicle 0.195 m, three trunk links of 0.117 m, hip offset 0.140 m at a stature of 1.72 m).
+the inner points of trunk and shoulder girdle, which that figure does not have, are means over twelve skeletons of the
+CMU motion database (clavicle 0.195 m, three trunk links of 0.117 m, hip offset 0.140 m at a stature of 1.72 m).
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ SEGMENTS: tuple[Segment, ...] = (
     Segment("ankle", "ankle", "toe", 0.0145, 0.50, 0.475),
 )
 """Winter (2009), Table 4.1. A limb segment occurs on both sides; the collars carry no mass of their own (it is the
-thorax's). The head's centre of mass is at the ear canal, which is where the head point is. Sum over both sides: 1.000."""
+thorax's). The head's centre of mass is at the ear canal, where the head point is. Sum over both sides: 1.000."""
 
 
 @dataclass(frozen=True)

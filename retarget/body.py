@@ -1,7 +1,7 @@
 """A robot or a virtual human as a kinematic tree: names and limits, beside the plain arrays that the solver takes.
 
-Conventions are MuJoCo's (see `retarget/_solver.pyi`): body 0 is the world, a parent comes before its children, `q` holds
-a free joint as xyz + wxyz and a ball as wxyz, velocities have three coordinates for each of those rotations.
+Conventions are MuJoCo's (see `retarget/_solver.pyi`): body 0 is the world, a parent comes before its children, `q`
+holds a free joint as xyz + wxyz and a ball as wxyz, velocities have three coordinates for each of those rotations.
 """
 
 from dataclasses import dataclass, field

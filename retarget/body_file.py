@@ -15,7 +15,7 @@ from retarget.errors import InputError
 __all__ = ["BodyFile", "Root", "compile_body", "compile_body_text"]
 
 Root = Literal["free", "fixed", "suspended"]
-"""How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs from a stand (also bolted)."""
+"""How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs bolted to a stand."""
 
 MAX_BYTES = 64 * 1024 * 1024
 """Largest body file that is read."""

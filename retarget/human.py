@@ -1,8 +1,8 @@
 """The virtual human: a body of one person's size, its degrees of freedom, and its reference postures.
 
 Two readings of the paper's "18 joints (51 degrees of freedom)" share one body: A, seventeen internal joints of three
-axes each, beside the six of the root (57 velocities); B, 51 with the root, which locks the axes across each knee (4) and
-the sideward axis of each elbow (2). B is the default.
+axes each, beside the six of the root (57 velocities); B, 51 with the root, which locks two axes of each knee and the
+sideward axis of each elbow. B is the default.
 """
 
 from collections.abc import Iterable

@@ -5,10 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget.anthropometry import FRACTIONS, StatureFractions
+from retarget.errors import InputError, Problem
 from retarget.human_joints import ENDS, HUMAN_JOINTS
 from retarget.rotations import FloatArray
 
-__all__ = ["PARENTS", "POINTS", "HumanDimensions", "proportional_dimensions"]
+__all__ = [
+    "PARENTS",
+    "POINTS",
+    "HumanDimensions",
+    "check_plausible",
+    "default_mass",
+    "proportional_dimensions",
+]
 
 POINTS: tuple[str, ...] = tuple(joint.name for joint in HUMAN_JOINTS) + tuple(name for name, _ in ENDS)
 """All points of the human, parents first: the canonical joint names."""
@@ -19,6 +27,12 @@ PARENTS: tuple[int, ...] = tuple(
 )
 """Index of each point's parent; -1 for the pelvis."""
 
+STATURE_M = (0.5, 2.6)
+"""Statures that are taken for a human's, m: from an infant to the tallest people alive (2.5 m)."""
+
+LENGTH_RATIO = (0.4, 2.2)
+"""How far the length of a limb segment may be from average proportions."""
+
 BODY_MASS_INDEX = 22.5
 """kg/m2: the mass of a person whose mass is not known. It scales forces only; postures depend on shares of it."""
 
@@ -27,8 +41,8 @@ BODY_MASS_INDEX = 22.5
 class HumanDimensions:
     """One person's size.
 
-    offset (23, 3) m: each of `POINTS` from its parent in the rest frame (x forward, y left, z up), standing upright with
-    the arms hanging; zero for the pelvis. stature: m. mass: kg. origin: where the numbers come from, for reports.
+    offset (23, 3) m: each of `POINTS` from its parent in the rest frame (x forward, y left, z up), standing upright,
+    arms hanging; zero for the pelvis. stature: m. mass: kg. origin: where the numbers come from, for reports.
     """
 
     offset: FloatArray
@@ -80,6 +94,39 @@ def proportional_dimensions(stature: float, *, mass: float | None = None) -> Hum
         mass=default_mass(stature) if mass is None else mass,
         origin=f"average proportions at a stature of {stature:.2f} m",
     )
+
+
+def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
+    """Raise InputError, all faults at once, if this cannot be a human: stature, or a limb far from the usual."""
+    low, high = STATURE_M
+    if not low <= dimensions.stature <= high:
+        raise InputError(
+            "not the size of a human",
+            where=source,
+            found=f"a stature of {dimensions.stature:.3g} m",
+            allowed=f"{low} to {high} m",
+            next_step="Check the unit of length",
+        )
+    usual = proportional_dimensions(dimensions.stature)
+    problems = []
+    for name in _CHECKED:
+        length, expected = dimensions.length(name), usual.length(name)
+        low, high = (ratio * expected for ratio in LENGTH_RATIO)
+        if not low <= length <= high:
+            problems.append(
+                Problem(
+                    "not the proportions of a human",
+                    where=source,
+                    found=f"{POINTS[PARENTS[POINTS.index(name)]]} to {name} {length:.3f} m",
+                    allowed=f"{low:.3f} to {high:.3f} m at a stature of {dimensions.stature:.2f} m",
+                )
+            )
+    if problems:
+        raise InputError.from_problems(problems)
+
+
+_CHECKED = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle") for side in "lr")
+"""Points whose distance from their parent is checked: the limbs, which every skeleton knows."""
 
 
 def _proportional_offset(name: str, part: StatureFractions) -> tuple[float, float, float]:

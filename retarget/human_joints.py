@@ -3,8 +3,8 @@
 Eighteen joints: a floating root and seventeen internal ones, each a chain of three hinges in anatomical order, so that
 limits are a box. Zero is standing upright with the arms hanging, thumbs forward. Axes are in the rest frame (x forward,
 y left, z up) and a positive angle is the motion that the name says: flexion, abduction, medial rotation, pronation,
-dorsiflexion, inversion, elevation, protraction; trunk and neck bend and turn to the left. Limits: AAOS, the thoracic and
-lumbar share split over spine and chest; 0 of the table is `LAXITY_DEG`, because a hinge needs some range.
+dorsiflexion, inversion, elevation, protraction; trunk and neck bend and turn to the left. Limits: AAOS, those of the
+trunk split over spine and chest; a 0 of the table is `LAXITY_DEG` here, because a hinge needs some range.
 
 The shoulder. Three hinges lose one direction (gimbal lock) when the upper arm points along the first axis, either way.
 Flexion first would lock with the arm held out to the side, abduction first with the arm held forward, a turn about the

@@ -1,8 +1,8 @@
 """The virtual human as MJCF text, written from one person's dimensions.
 
 Links are named for the joint at their near end, so that a link's origin is that joint's centre; hinges are
-`<joint>_<motion>`. Sites are the points that no joint carries: head, hands, toes, and the soles. Shapes are capsules and
-a sphere, massless: masses and inertias stand in <inertial>.
+`<joint>_<motion>`. Sites are the points that no joint carries: head, hands, toes, and the soles. Shapes are capsules
+and a sphere, massless: masses and inertias stand in <inertial>.
 """
 
 import numpy as np
