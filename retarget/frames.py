@@ -110,12 +110,12 @@ class SensorSample:
 class SensorFrames:
     """Sensors of one performer over time.
 
-    time (T,) s, from 0, strictly rising. names: k canonical sensor names. position (T, k, 3) m, world, NaN where invalid.
-    orientation (T, k, 4) wxyz, world, NaN where unknown or invalid. It is the orientation of the body segment that the
-    joint of the sensor's name carries (wrist: hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee: shank, ankle and
-    toe: foot, chest: thorax), and is the identity in the source's rest pose, standing upright and facing x.
-    valid (T, k). joints: the whole body where the source knows it. skeleton: its rest pose. source: where it comes from.
-    rate_hz: nominal frame rate. notes: warnings for the user.
+    time (T,) s, from 0, strictly rising. names: k canonical sensor names. position (T, k, 3) m, world, NaN where
+    invalid. orientation (T, k, 4) wxyz, world, NaN where unknown or invalid. It is the orientation of the body segment
+    that the joint of the sensor's name carries (wrist: hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee:
+    shank, ankle and toe: foot, chest: thorax), and is the identity in the source's rest pose, standing upright and
+    facing x. valid (T, k). joints: the whole body where the source knows it. skeleton: its rest pose. source: where it
+    comes from. rate_hz: nominal frame rate. notes: warnings for the user.
     """
 
     time: FloatArray
@@ -214,9 +214,9 @@ class SensorFrames:
     def resample(self, time: ArrayLike) -> "SensorFrames":
         """The same motion on another clock: `time` (n,) s, strictly rising.
 
-        Positions go straight and orientations along the short arc between the two neighbouring frames; a sensor is valid
-        where it is valid in both. At the time of a frame, that frame is returned bit for bit. Before the first frame and
-        after the last, the first and the last are held. The nominal rate is that of the new clock.
+        Positions go straight and orientations along the short arc between the two neighbouring frames; a sensor is
+        valid where it is valid in both. At the time of a frame, that frame is returned bit for bit. Before the first
+        frame and after the last, the first and the last are held. The nominal rate is that of the new clock.
         """
         time = np.asarray(time, float)
         before, share = self._locate(time)

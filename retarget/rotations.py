@@ -1,8 +1,9 @@
 """Rotations as unit quaternions, wxyz, vectorised over leading axes.
 
-Every function takes arrays of shape (..., 4) for quaternions, (..., 3) for vectors and (..., 3, 3) for matrices, broadcasts
-the leading axes and returns float64. Angles are radians. `rotate(q, v)` maps from the frame that q describes to the
-frame it is described in: v_parent = rotate(q_parent_child, v_child). NaN in, NaN out; no errors are raised for values.
+Every function takes arrays of shape (..., 4) for quaternions, (..., 3) for vectors and (..., 3, 3) for matrices,
+broadcasts the leading axes and returns float64. Angles are radians. `rotate(q, v)` maps from the frame that q describes
+to the frame it is described in: v_parent = rotate(q_parent_child, v_child). NaN in, NaN out; no errors are raised for
+values.
 
 Small on purpose: `scipy.spatial.transform` takes 0.4 s to import, longer than the whole start-up of the command line.
 """
@@ -190,8 +191,8 @@ def slerp(a: ArrayLike, b: ArrayLike, share: ArrayLike) -> FloatArray:
 def from_euler(angles: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
     """Unit quaternions (..., 4) of rotations about the axes in the order listed, each about the axis already turned.
 
-    angles: (..., n) rad. axes: n letters of "xyz" in any case and order (or their indices): q = q_1 q_2 ... q_n, which is
-    the channel order of a BVH file. For angles applied one after the other about fixed axes, reverse the list.
+    angles: (..., n) rad. axes: n letters of "xyz" in any case and order (or their indices): q = q_1 q_2 ... q_n, which
+    is the channel order of a BVH file. For angles applied one after the other about fixed axes, reverse the list.
     """
     angles = np.asarray(angles, float)
     if angles.shape[-1] != len(axes):

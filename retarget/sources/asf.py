@@ -30,9 +30,10 @@ _DOF = ("rx", "ry", "rz")
 class AsfSkeleton:
     """A skeleton in the file's axes (y up) and units.
 
-    tree: joint i is the start of bone i, joint 0 the root. dof (n): per bone the channels that its AMC line holds, in order,
-    "rx" "ry" "rz" and for the root "tx" "ty" "tz" too. frames (n, 4): orientation C of each bone's axes, about which it turns.
-    length_unit: the number at `length` in :units. degrees: whether angles are in degrees. path: the file.
+    tree: joint i is the start of bone i, joint 0 the root. dof (n): per bone the channels that its AMC line holds, in
+    order, "rx" "ry" "rz" and for the root "tx" "ty" "tz" too. frames (n, 4): orientation C of each bone's axes, about
+    which it turns. length_unit: the number at `length` in :units. degrees: whether angles are in degrees. path: the
+    file.
     """
 
     tree: JointTree

@@ -1,8 +1,8 @@
 """Acclaim motion files (.amc) with their skeletons (.asf).
 
-The AMC names no frame rate (most CMU trials have 120 Hz) and no unit (CMU: 0.0254 / 0.45 m where the ASF says length 0.45).
-World: the file's y is up; (x, y, z)_robot = (z, x, y)_file, so a performer in the rest pose faces x. Sensors and joints as in
-`canonical`; the ground is where the file has it.
+The AMC names no frame rate (most CMU trials have 120 Hz) and no unit (CMU: 0.0254 / 0.45 m where the ASF says length
+0.45). World: the file's y is up; (x, y, z)_robot = (z, x, y)_file, so a performer in the rest pose faces x. Sensors and
+joints as in `canonical`; the ground is where the file has it.
 """
 
 from itertools import groupby
@@ -31,9 +31,9 @@ def read_amc(
 ) -> SensorFrames:
     """Read a motion and its skeleton.
 
-    skeleton: the ASF; by default the one beside the AMC, by subject number (02_06.amc: 02.asf) or by the same name. unit: a
-    name of `units.UNITS`; by default CMU's for `length 0.45`, else guessed from the body's size. rate: frames per second,
-    120 by default. Raises InputError with file and line.
+    skeleton: the ASF; by default the one beside the AMC, by subject number (02_06.amc: 02.asf) or by the same name.
+    unit: a name of `units.UNITS`; by default CMU's for `length 0.45`, else guessed from the body's size. rate: frames
+    per second, 120 by default. Raises InputError with file and line.
     """
     lines = read_lines(path)
     asf = read_asf(skeleton if skeleton is not None else find_skeleton(path))
@@ -56,7 +56,7 @@ def read_amc(
 
 
 def find_skeleton(path: Path) -> Path:
-    """The ASF beside an AMC, in any case: by subject number, then by the same name. Raises InputError if there is none."""
+    """The ASF beside an AMC, in any case: by subject number, else by the same name. Raises InputError if none."""
     wanted = [f"{path.stem.split('_')[0]}.asf", f"{path.stem}.asf"]
     try:
         beside = sorted(entry for entry in path.parent.iterdir() if entry.suffix.lower() == ".asf")
@@ -77,7 +77,7 @@ def find_skeleton(path: Path) -> Path:
 
 
 def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatArray, bool]:
-    """Values (T, d) of all channels in the order of the skeleton's bones, as in the file, and whether angles are degrees.
+    """Values (T, d) of all channels as in the file, in the order of the skeleton's bones; whether angles are degrees.
 
     Raises InputError with file and line.
     """

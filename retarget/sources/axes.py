@@ -11,7 +11,7 @@ __all__ = ["REST_AXES_ERROR", "Axes", "rest_axes", "world_axes"]
 REST_AXES_ERROR = "the rest pose of the skeleton has no up and left"
 
 UPRIGHT = 0.7
-"""Share of the line from ankles to head that must lie along an axis, on average, before the frames decide what is up."""
+"""Mean share of the line from ankles to head that must lie along an axis before the frames decide what is up."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Axes:
 
 
 def rest_axes(rest: dict[str, FloatArray]) -> Axes | None:
-    """Axes of the rest pose: up from the hips to the head, left from the right hip to the left; None if they coincide."""
+    """Axes of the rest pose: up from hips to head, left from the right hip to the left; None if they coincide."""
     up = _nearest_axis(rest["head"] - 0.5 * (rest["l_hip"] + rest["r_hip"]))
     if up is None:
         return None
@@ -51,8 +51,8 @@ def rest_axes(rest: dict[str, FloatArray]) -> Axes | None:
 def world_axes(body: Axes, tracks: dict[str, FloatArray]) -> tuple[Axes, tuple[str, ...]]:
     """World axes of a recording, and a note where its frames stand along another axis than its rest pose.
 
-    tracks: canonical joints (T, 3) in file axes. Some exporters write a rest pose with y up and a world with z up: there the
-    body stands upright along z all the time, with its feet near z = 0.
+    tracks: canonical joints (T, 3) in file axes. Some exporters write a rest pose with y up and a world with z up:
+    there the body stands upright along z all the time, with its feet near z = 0.
     """
     ankles = 0.5 * (tracks["l_ankle"] + tracks["r_ankle"])
     standing = tracks["head"] - ankles

@@ -1,8 +1,8 @@
 """A joint tree in motion -> sensor frames: which joint is which, where forward is, how long a unit is.
 
-Canonical joints that the names do not give come from the tree: the chest is where neck and arms part, the spine joint lies
-half way up to it, the head's centre is half way between the head joint and the top of the head, and the toe joint, where a
-file has none, is the end of the foot.
+Canonical joints that the names do not give come from the tree: the chest is where neck and arms part, the spine joint
+lies half way up to it, the head's centre is half way between the head joint and the top of the head, and the toe joint,
+where a file has none, is the end of the foot.
 """
 
 from dataclasses import dataclass, replace
@@ -47,8 +47,8 @@ def canonical_frames(
 ) -> SensorFrames:
     """Sensors, joints and rest skeleton of a tree in motion.
 
-    pose: of every frame, in the file's axes and units. unit: None to guess it from the size of the body. detect_up: whether
-    the frames may overrule the rest pose about which axis is up. Raises InputError if the tree is no human.
+    pose: of every frame, in the file's axes and units. unit: None to guess it from the size of the body. detect_up:
+    whether the frames may overrule the rest pose about which axis is up. Raises InputError if the tree is no human.
     """
     joints, found_notes = canonical_joints(tree, where=source)
     unit = unit or choose_unit(body_height(tree, joints), where=source)
@@ -84,7 +84,7 @@ def canonical_frames(
 
 
 def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
-    """The canonical joints that a tree holds, by name tables or else by shape, and notes. Raises InputError if neither fits."""
+    """Canonical joints of a tree, by name tables or else by shape, and notes. Raises InputError if neither fits."""
     notes: list[str] = []
     found = joints_by_name(tree.names)
     if found is None:
@@ -121,7 +121,7 @@ def body_height(tree: JointTree, joints: dict[str, CanonicalJoint]) -> float:
     line = ["neck", "head"] if "chest" not in rest else ["chest", "neck", "head"]
     trunk = [hips, *(rest[name] for name in line if name in rest)]
     leg = [rest[name] for name in ("l_hip", "l_knee", "l_ankle")]
-    # Beyond the points that are known: half a head above its centre, the foot below the ankle (Drillis and Contini: 0.039 H).
+    # Beyond the points that are known: half a head above its centre, the foot below the ankle (0.039 of the height).
     return float(1.12 * (_length(trunk) + _length(leg)))
 
 

@@ -1,11 +1,10 @@
 """Joint names of the skeletons that motion files hold, as data, and finding the canonical joints by them.
 
 A name is compared in lower case, without its name space (`mixamorig:`), blanks, points, dashes and underscores, and
-without a prefix that all joints share (`Bip01`). In a side's entry `{s}` stands for the style's word of that side. Where
-several names are given, the first that occurs counts.
+without a prefix that all joints share (`Bip01`). In a side's entry `{s}` stands for the style's word of that side.
+Where several names are given, the first that occurs counts.
 """
 
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -158,10 +157,17 @@ STYLES: tuple[NamingStyle, ...] = (
 def plain_names(names: tuple[str, ...]) -> list[str]:
     """Joint names as they are compared with the tables."""
     plain = [re.sub(r"[\s._\-]", "", name.rsplit(":", 1)[-1]).lower() for name in names]
-    shared = os.path.commonprefix([name for name in plain if name])
+    shared = _shared_start([name for name in plain if name])
     if len(shared) < 3 or len(plain) < 2:
         return plain
     return [name.removeprefix(shared) for name in plain]
+
+
+def _shared_start(names: list[str]) -> str:
+    """The longest start that all names share."""
+    first, last = min(names, default=""), max(names, default="")
+    length = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
+    return first[:length]
 
 
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:

@@ -23,9 +23,9 @@ def open_source(
 ) -> SensorFrames:
     """Read a motion file of any known format.
 
-    skeleton: the ASF of an AMC, where it does not lie beside it. unit: m, cm, mm, inch or cmu, where the file does not state
-    it and the guess is wrong. rate: frames per second instead of the file's. Raises InputError with file, line and what to do;
-    UsageError for an unknown unit, or for a skeleton with a format that has none.
+    skeleton: the ASF of an AMC, where it does not lie beside it. unit: m, cm, mm, inch or cmu, where the file does not
+    state it and the guess is wrong. rate: frames per second instead of the file's. Raises InputError with file, line
+    and what to do; UsageError for an unknown unit, or for a skeleton with a format that has none.
     """
     path = Path(path)
     readers: dict[str, Callable[[], SensorFrames]] = {

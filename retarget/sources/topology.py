@@ -1,4 +1,4 @@
-"""Finding a human in a joint tree without knowing a single name: by symmetry, extent and bone lengths of its rest pose."""
+"""Finding a human in a joint tree without knowing a name: by symmetry, extent and bone lengths of its rest pose."""
 
 from dataclasses import dataclass
 
@@ -26,9 +26,9 @@ class _Leaf:
 def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     """Canonical joint -> joint of the tree, or None if the tree does not look like a body.
 
-    The mirror plane of the leaves gives the sides (left and right by the direction of the toes), the middle leaf farthest
-    from the root is the head, the lowest leaf of each side ends a leg, the farthest other one an arm; the two longest
-    bones of a limb are thigh and shank, or upper arm and forearm.
+    The mirror plane of the leaves gives the sides (left and right by the direction of the toes), the middle leaf
+    farthest from the root is the head, the lowest leaf of each side ends a leg, the farthest other one an arm; the two
+    longest bones of a limb are thigh and shank, or upper arm and forearm.
     """
     leaves = _leaves(tree)
     size = max((float(np.linalg.norm(leaf.point)) for leaf in leaves), default=0.0)

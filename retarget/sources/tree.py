@@ -1,7 +1,7 @@
 """A skeleton as a tree of joints, and its forward kinematics over all frames at once.
 
-The common form of ASF and BVH: a joint turns everything below it, and its offset is constant in its parent's frame. Axes and
-units are those of the file.
+The common form of ASF and BVH: a joint turns everything below it, and its offset is constant in its parent's frame.
+Axes and units are those of the file.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,9 @@ __all__ = ["JointTree", "Pose", "forward_kinematics"]
 class JointTree:
     """n joints, parents before children, joint 0 the root.
 
-    names (n): as in the file. parents (n): index, -1 for the root. offsets (n, 3): joint centre in the parent joint's frame.
-    ends (n): for each joint the ends of bones that have no joint there (leaves: fingertip, top of the head), each (3,).
+    names (n): as in the file. parents (n): index, -1 for the root. offsets (n, 3): joint centre in the parent joint's
+    frame. ends (n): for each joint the ends of bones that have no joint there (leaves: fingertip, top of the head),
+    each (3,).
     """
 
     names: tuple[str, ...]

@@ -1,0 +1,227 @@
+"""C3D marker recordings, parsed by the `c3d` package (an extra).
+
+A sensor is the mean of a group of markers (`markers`), valid in a frame when all of them were seen: a point is lost
+where its residual is negative, it lies at the exact origin, or it is not finite. Positions only: markers know no joint
+and no orientation. Unit, rate and up axis are the file's own; heading and ground stay where the file has them.
+"""
+
+import io
+import struct
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from retarget.errors import InputError
+from retarget.frames import SENSORS, BoolArray, SensorFrames
+from retarget.rotations import FloatArray
+from retarget.sources.axes import Axes
+from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, frame_times, read_bytes
+from retarget.sources.markers import groups_in
+from retarget.sources.units import UNITS, Unit, named_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["MarkerTracks", "read_c3d", "read_markers"]
+
+MAX_POINTS = 5000
+"""Recordings with more points are refused."""
+
+_UNIT_NAMES = {"in": "inch", "inches": "inch", "meters": "m", "metres": "m", "millimeters": "mm", "millimetres": "mm"}
+
+
+@dataclass(frozen=True)
+class MarkerTracks:
+    """Markers over time, in the file's axes and unit.
+
+    labels (m): as in the file, without blanks at the ends. position (T, m, 3). seen (T, m). rate_hz. unit: its name, ""
+    if not stated. up (3,): unit vector.
+    """
+
+    labels: tuple[str, ...]
+    position: FloatArray
+    seen: BoolArray
+    rate_hz: float
+    unit: str
+    up: FloatArray
+
+
+def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) -> SensorFrames:
+    """Read the sensors that the markers of a file allow.
+
+    unit, rate: instead of the file's. Raises InputError if the `c3d` package is missing, the file is damaged, or it
+    holds no known marker.
+    """
+    markers = read_markers(path)
+    columns, notes = _one_subject(markers.labels)
+    groups = groups_in(columns)
+    if not groups:
+        found = ", ".join(markers.labels[:12])
+        raise InputError(
+            "no known marker",
+            where=str(path),
+            found=found,
+            allowed="Vicon names such as LFHD, LWRA, LANK (docs: motion files)",
+        )
+    sensors = tuple(sensor for sensor in SENSORS if sensor in groups)
+    position, valid = _sensor_tracks(markers, [[columns[label] for label in groups[sensor]] for sensor in sensors])
+    scale, unit_note = _metres(markers, unit, path)
+    position = position @ Axes.with_up(markers.up).matrix().T * scale
+    lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in _lost(sensors, valid).items()]
+    rate = markers.rate_hz if rate is None else rate
+    return SensorFrames(
+        time=frame_times(len(position), check_rate(rate, str(path))),
+        names=sensors,
+        position=position,
+        orientation=np.full((*valid.shape, 4), np.nan),
+        valid=valid,
+        source=str(path),
+        rate_hz=rate,
+        notes=(*notes, *unit_note, *lost, "sensors are means of skin markers, not joint centres"),
+    )
+
+
+def read_markers(path: Path) -> MarkerTracks:
+    """All points of a file. Raises InputError as `read_c3d`."""
+    reader_class = _reader_class()
+    content = read_bytes(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader = reader_class(io.BytesIO(content))
+            return _tracks(reader, path)
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the package raises whatever a damaged file leads it to
+        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise InputError(
+            "damaged C3D file", where=str(path), found=reason, next_step="Export or download it again"
+        ) from None
+
+
+def _reader_class() -> Any:
+    """The package's reader, without its self-check: it refuses files that only their analog part contradicts."""
+    try:
+        import c3d
+    except ImportError:
+        raise InputError(
+            "C3D files need an extra package",
+            found="no module 'c3d'",
+            next_step="Install it with: pip install 'retarget[c3d]'",
+        ) from None
+
+    class Reader(c3d.Reader):  # type: ignore[misc, unused-ignore]
+        def _check_metadata(self) -> None:
+            """Points are checked by `_tracks`; analog channels are not read."""
+
+    return Reader
+
+
+def _tracks(reader: Any, path: Path) -> MarkerTracks:
+    where = str(path)
+    declared, points = int(reader.last_frame) - int(reader.first_frame) + 1, int(reader.point_used)
+    check_frame_count(declared, where)
+    if not 1 <= points <= MAX_POINTS:
+        raise InputError("impossible number of points", where=where, found=points, allowed=f"1 to {MAX_POINTS}")
+    labels = _labels(reader, points)
+    frames = []
+    for _, block, _ in reader.read_frames(copy=True, analog_transform=False):
+        frames.append(block[:, :4])
+    if len(frames) < declared:
+        raise InputError(
+            "fewer frames than declared",
+            where=where,
+            found=len(frames),
+            allowed=declared,
+            next_step="The file is cut short: get it again",
+        )
+    data = np.array(frames, float)
+    position = data[..., :3]
+    seen = (data[..., 3] >= 0.0) & np.all(np.abs(position) <= MAX_VALUE, axis=-1) & np.any(position != 0.0, axis=-1)
+    return MarkerTracks(
+        labels=labels,
+        position=position[:, : len(labels)],
+        seen=seen[:, : len(labels)],
+        rate_hz=check_rate(float(reader.point_rate), where),
+        unit=_text(reader, "POINT:UNITS"),
+        up=_up_axis(_text(reader, "POINT:Y_SCREEN")),
+    )
+
+
+def _labels(reader: Any, points: int) -> tuple[str, ...]:
+    """Names of the points; beyond 255 they go on in LABELS2, LABELS3 and so on."""
+    labels: list[str] = []
+    for suffix in ("", *range(2, 2 + points // 255)):
+        parameter = reader.get(f"POINT:LABELS{suffix}")
+        if parameter is not None:
+            labels += [str(label).strip() for label in parameter.string_array]
+    return tuple(labels[:points])
+
+
+def _text(reader: Any, key: str) -> str:
+    parameter = reader.get(key)
+    try:
+        return "" if parameter is None else str(parameter.string_value).strip()
+    except (UnicodeDecodeError, struct.error, IndexError):
+        return ""
+
+
+def _up_axis(text: str) -> FloatArray:
+    """Up as the file's screen has it (Y_SCREEN, such as +Z); z where it says nothing."""
+    axis = "XYZ".find(text[-1:].upper()) if text else 2
+    up = np.zeros(3)
+    up[axis if axis >= 0 else 2] = -1.0 if text.startswith("-") else 1.0
+    return up
+
+
+def _one_subject(labels: tuple[str, ...]) -> tuple[dict[str, int], tuple[str, ...]]:
+    """Marker name -> column, of the subject with the most sensors; a note where there are more subjects."""
+    subjects: dict[str, dict[str, int]] = {}
+    for column, label in enumerate(labels):
+        subject, _, name = label.rpartition(":")
+        subjects.setdefault(subject, {}).setdefault(name.strip().upper(), column)
+    if not subjects:
+        return {}, ()
+    best = max(subjects, key=lambda subject: len(groups_in(subjects[subject])))
+    people = [subject for subject in subjects if groups_in(subjects[subject])]
+    note = (
+        (f"{len(people)} performers in the file ({', '.join(people)}): only {best!r} is read",)
+        if len(people) > 1
+        else ()
+    )
+    return subjects[best], note
+
+
+def _sensor_tracks(markers: MarkerTracks, groups: list[list[int]]) -> tuple[FloatArray, BoolArray]:
+    """Sensor positions (T, k, 3), NaN where lost, and validity (T, k)."""
+    valid = np.stack([markers.seen[:, group].all(axis=1) for group in groups], axis=1)
+    position = np.stack([markers.position[:, group].mean(axis=1) for group in groups], axis=1)
+    return np.where(valid[..., None], position, np.nan), valid
+
+
+def _metres(markers: MarkerTracks, unit: str | None, path: Path) -> tuple[float, tuple[str, ...]]:
+    """Metres per unit, and a note where the file states none."""
+    if unit is not None:
+        return named_unit(unit).metres, ()
+    name = markers.unit.lower()
+    name = _UNIT_NAMES.get(name, name)
+    if name in UNITS:
+        return Unit(name, UNITS[name]).metres, ()
+    if name:
+        raise InputError(
+            "unknown unit in the file",
+            where=str(path),
+            found=repr(markers.unit[:20]),
+            allowed=", ".join(UNITS),
+            next_step="Say it with --unit",
+        )
+    return UNITS["mm"], ("unit not stated: taken as mm (change it with --unit)",)
+
+
+def _lost(sensors: tuple[str, ...], valid: BoolArray) -> "Mapping[str, int]":
+    """Sensor -> number of frames without it, where there are any."""
+    counts = (~valid).sum(axis=0)
+    return {sensor: int(count) for sensor, count in zip(sensors, counts, strict=True) if count}
