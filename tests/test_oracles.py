@@ -1,0 +1,81 @@
+"""The references themselves: they agree with each other, with answers known by hand, and notice wrong answers."""
+
+import numpy as np
+import pytest
+
+from oracles.cascade import solve_cascade
+from oracles.hierarchies import CHANGES, random_hierarchy
+from oracles.optimality import optimality, outside_box
+from oracles.problem import Hierarchy, Level
+from oracles.textbook import clamping_loop, prioritized_pseudo_inverse
+
+
+def small(*levels: Level, reach: float = 1.0, nv: int = 2) -> Hierarchy:
+    """Levels over `nv` variables in a box of half width `reach`, unit weights, reference zero."""
+    return Hierarchy(levels, np.full(nv, -reach), np.full(nv, reach), np.ones(nv), np.zeros(nv))
+
+
+def test_a_joint_that_clamping_would_keep_is_released() -> None:
+    # Unconstrained level 1 leaves x0 = 3 beyond its bound; clamped there, level 2 pulls it back inside.
+    top = Level.of(np.array([[1.0, 1.0]]), np.array([2.0]))
+    below = Level.of(np.array([[1.0, -1.0]]), np.array([-1.0]))
+    problem = small(top, below, reach=2.0)
+    assert solve_cascade(problem) == pytest.approx([0.5, 1.5], abs=1e-10)
+
+
+def test_out_of_reach_goes_to_the_corner() -> None:
+    problem = small(Level.of(np.array([[1.0, 1.0]]), np.array([10.0])))
+    assert solve_cascade(problem) == pytest.approx([1.0, 1.0], abs=1e-12)
+    assert problem.residuals(np.ones(2))[0] == pytest.approx(8.0)
+
+
+def test_opposed_inequalities_share_the_violation() -> None:
+    row = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    level = Level.of(np.zeros((0, 2)), np.zeros(0), row, np.array([0.4, 0.2]), np.full(2, np.inf))
+    x = solve_cascade(small(level))
+    assert x == pytest.approx([0.1, 0.0], abs=1e-10)
+    assert np.linalg.norm(level.violation(x)) == pytest.approx(0.3 * np.sqrt(2.0))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_cascade_agrees_with_the_textbook_where_no_bound_matters(seed: int) -> None:
+    problem = random_hierarchy(seed, CHANGES[:4], share=0.5)
+    wide = Hierarchy(problem.levels, problem.lo - 1e4, problem.hi + 1e4, problem.weight, problem.ref)
+    levels = [(level.C, level.e) for level in problem.levels]
+    textbook = prioritized_pseudo_inverse(levels, problem.weight, problem.ref)
+    assert solve_cascade(wide) == pytest.approx(textbook, abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_cascade_is_optimal_and_inside(seed: int) -> None:
+    problem = random_hierarchy(seed)
+    x = solve_cascade(problem)
+    assert outside_box(problem, x) == 0.0
+    assert optimality(problem, x).max() < 1e-8, problem.name
+
+
+def test_optimality_notices_small_errors() -> None:
+    rng = np.random.default_rng(3)
+    noticed = []
+    for seed in range(30):
+        problem = random_hierarchy(seed)
+        if np.any(problem.hi - problem.lo < 1e-3):
+            continue
+        x = solve_cascade(problem)
+        moved = np.clip(x + 1e-4 * rng.normal(size=problem.nv), problem.lo, problem.hi)
+        noticed.append(optimality(problem, moved).max() > 1e-7)
+    assert all(noticed)
+
+
+def test_clamping_loop_is_not_optimal() -> None:
+    worse = 0
+    for seed in range(30):
+        problem = random_hierarchy(seed, ())
+        levels = [(level.C, level.e) for level in problem.levels]
+        x, _ = clamping_loop(levels, problem.weight, problem.ref, problem.lo, problem.hi)
+        assert outside_box(problem, x) == 0.0
+        excess = problem.residuals(x) - problem.residuals(solve_cascade(problem))
+        first = excess[np.abs(excess) > 1e-6]
+        assert len(first) == 0 or first[0] > 0.0
+        worse += len(first) > 0
+    assert worse > 15
