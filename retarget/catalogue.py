@@ -1,6 +1,6 @@
 """Where configurations are: shipped ones beside the package, the user's own in the XDG config folder; by name or path.
 
-Shipped: `configs/` beside the `retarget` package, in a checkout and in an installed wheel alike. The user's:
+Shipped: `configs/` inside the `retarget` package (an installed wheel) or beside it (a checkout). The user's:
 `$XDG_CONFIG_HOME/retarget/` (`~/.config/retarget/` by default), with the same folders inside; a user's file hides the
 shipped one of the same name.
 """
@@ -16,6 +16,9 @@ from retarget.schema_errors import listed
 
 MAX_LISTED = 1000
 """At most this many configurations of one kind are looked at in one folder."""
+
+MAX_SHOWN = 200
+"""At most this many characters of a user's path are repeated in a message."""
 
 
 class Kind(StrEnum):
@@ -42,7 +45,7 @@ class Entry:
 
 def shipped_folder() -> Path:
     """The folder `configs/` that comes with the package."""
-    return Path(__file__).resolve().parent.parent / "configs"
+    return (Path(__file__).parent / "configs").resolve()
 
 
 def user_folder(environment: Mapping[str, str] | None = None) -> Path:
@@ -69,23 +72,25 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
     known = {entry.name: entry.path for entry in entries(kind)}
     if str(name_or_path) in known:
         return known[str(name_or_path)]
-    path = Path(name_or_path).expanduser()
-    if kind is Kind.ROBOT and path.is_dir() and _inside(path).is_file():
+    path = Path(name_or_path)
+    if kind is Kind.ROBOT and _is_file(_inside(path)):
         return _inside(path)
-    if path.is_file():
+    if _is_file(path):
         return path
-    if _looks_like_path(str(name_or_path)):
+    text = str(name_or_path)
+    shown = text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."
+    if _looks_like_path(text):
         raise UsageError(
-            f"there is no such {kind.label} file",
-            where=str(name_or_path),
-            allowed=f"a path, or a name: {listed(known)}",
+            f"there is no such {kind.label}",
+            where=shown,
+            allowed=f"the path of a YAML file, or a name: {listed(known)}",
             next_step="Check the path",
         )
     raise UsageError(
         f"unknown {kind.label}",
-        found=repr(str(name_or_path)),
+        found=repr(shown),
         allowed=listed(known),
-        next_step=suggest(str(name_or_path), known) or f"Give one of these, or the path of a {kind.label}",
+        next_step=suggest(text, known) or f"Give one of these, or the path of a {kind.label}",
     )
 
 
@@ -103,6 +108,14 @@ def _in_folder(kind: Kind, folder: Path, *, shipped: bool) -> list[Entry]:
     if kind is Kind.ROBOT:
         return [Entry(item.name, _inside(item), shipped) for item in items if _inside(item).is_file()]
     return [Entry(item.stem, item, shipped) for item in items if item.suffix == ".yaml" and item.is_file()]
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a regular file is there; no for a path that the system cannot even look up (too long, a zero byte)."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _inside(robot: Path) -> Path:

@@ -34,8 +34,8 @@ def check_body(profile: "RobotProfile", document: Document, folder: "Path") -> l
         return []  # told already
     try:
         body = _read(folder / profile.body, profile.root)
-    except InputError as error:
-        reason = error.problems[0]
+    except (InputError, ValueError) as error:  # ValueError: a path that no system can have
+        reason = error.problems[0] if isinstance(error, InputError) else Problem(str(error), profile.body)
         return [
             document.problem(
                 ("body",),

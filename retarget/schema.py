@@ -81,7 +81,7 @@ def _sound_part(model: type[M], data: Mapping[str, Any]) -> M:
         if field.annotation is None or section is None:
             sound[name] = None if field.is_required() else field.get_default(call_default_factory=True)
         else:
-            sound[name] = _sound(Annotated[field.annotation, *field.metadata], section)
+            sound[name] = _sound(Annotated[field.annotation, field], section)
         if sound[name] is None and get_origin(field.annotation) in (dict, tuple):
             sound[name] = get_origin(field.annotation)()  # type: ignore[misc]
     return model.model_construct(**sound)

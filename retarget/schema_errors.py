@@ -11,10 +11,24 @@ from pydantic_core import ErrorDetails
 from retarget.errors import Problem, suggest
 from retarget.strict_yaml import Document, KeyPath
 
+_PLAIN_WORDS = {
+    "tuple": "a list",
+    "dictionary": "a mapping of keys",
+    "string": "text",
+    "integer": "a whole number",
+    "number": "a number",
+    "boolean": "true or false",
+}
+"""pydantic's names of types (after "a valid") for a reader of YAML."""
+
 
 def in_our_words(model: type[BaseModel], error: ValidationError, document: Document) -> list[Problem]:
     """All errors of `model` in `document`."""
-    return [_problem(model, detail, document) for detail in error.errors(include_url=False)]
+    details = error.errors(include_url=False)
+    inside = {detail["loc"][:end] for detail in details for end in range(len(detail["loc"]))}
+    # A list whose entries are all wrong is also reported as too short: that adds nothing.
+    telling = [detail for detail in details if not (detail["type"] == "too_short" and detail["loc"] in inside)]
+    return [_problem(model, detail, document) for detail in telling]
 
 
 def unknown_name(document: Document, key_path: KeyPath, kind: str, name: str, known: Iterable[str]) -> Problem:
@@ -42,11 +56,14 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
     if kind == "missing":
         return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
     expected = message.removeprefix("Input should be ").removeprefix("a valid ")
+    expected = _PLAIN_WORDS.get(expected, expected)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         context = detail.get("ctx", {})
         expected = str(context.get("expected_tags", ""))
         key_path = (*key_path, str(context.get("discriminator", "type")).strip("'"))
-    elif expected == message:  # not pydantic's own "should be": one of our validators, whose message says it all
+    elif not message.startswith(
+        "Input should be "
+    ):  # not pydantic's own "should be": one of our validators, whose message says it all
         expected = ""
     found = _value_at(document.data, key_path)
     names = re.findall(r"'([^']+)'", expected)

@@ -1,0 +1,56 @@
+"""A performer file: which sensors a person wears, and where. `configs/performers/*.yaml`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from retarget.catalogue import Kind, find
+from retarget.errors import Problem
+from retarget.frames import JOINTS, SENSORS
+from retarget.schema import Name, Schema, Switch, Text, read_model
+from retarget.schema_errors import unknown_name
+from retarget.strict_yaml import Document
+
+__all__ = ["Performer", "WornSensor", "load_performer"]
+
+
+class WornSensor(Schema):
+    """A sensor and the joint of the human that it sits on. orientation: used where the source knows it."""
+
+    joint: Name
+    orientation: Switch = False
+
+
+class Performer(Schema):
+    """A performer. `sensors`: canonical sensor name -> where it is worn, in the order of the sample's rows."""
+
+    name: Name
+    description: Text
+    sensors: Annotated[dict[Name, WornSensor], Field(min_length=1, max_length=64)]
+
+    @property
+    def oriented(self) -> tuple[str, ...]:
+        """Sensors whose orientation is used."""
+        return tuple(name for name, sensor in self.sensors.items() if sensor.orientation)
+
+
+def load_performer(path_or_name: str | Path) -> Performer:
+    """A performer by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    performer, _ = read_model(Performer, find(Kind.PERFORMER, path_or_name), check=_check)
+    return performer
+
+
+def _check(performer: Performer, document: Document) -> list[Problem]:
+    problems = []
+    first: dict[str, str] = {}
+    for name, sensor in performer.sensors.items():
+        if name not in SENSORS:
+            problems.append(unknown_name(document, ("sensors", name), "sensor", name, SENSORS))
+        if sensor.joint not in JOINTS:
+            problems.append(unknown_name(document, ("sensors", name, "joint"), "joint", sensor.joint, JOINTS))
+        earlier = first.setdefault(sensor.joint, name)
+        if earlier != name:
+            found = f"{sensor.joint}, which {earlier} sits on"
+            problems.append(document.problem(("sensors", name, "joint"), "two sensors on one joint", found=found))
+    return problems

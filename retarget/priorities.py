@@ -1,0 +1,232 @@
+"""A priority file: the ordered levels of one stage, each a list of tasks. `configs/priorities/*.yaml`.
+
+Levels are data: level 1 is never traded for a lower one. What a task's `of` names depends on the stage: sensors for
+`reconstruct`, landmarks or frames of the robot for `retarget`. What is absent this frame takes no part; what the body
+does not have is refused when the hierarchy is built, unless the task is `optional`.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+from retarget.catalogue import Kind, find
+from retarget.errors import Problem
+from retarget.schema import (
+    Integer,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Schema,
+    Share,
+    Switch,
+    Text,
+    Vector3,
+    read_model,
+)
+from retarget.strict_yaml import Document
+
+__all__ = [
+    "AxisTask",
+    "CentreOfMassTask",
+    "HeadingTask",
+    "Level",
+    "LookAtTask",
+    "OrientationTask",
+    "PositionTask",
+    "PostureTask",
+    "PreventiveTask",
+    "Priorities",
+    "ReactiveTask",
+    "Task",
+    "load_priorities",
+]
+
+
+def _per_row(value: Any) -> Any:
+    """One number weighs all rows alike."""
+    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _not_all_zero(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(value):
+        raise PydanticCustomError("zero", "all three are zero")
+    return value
+
+
+def _one_or_more(value: Any) -> Any:
+    return (value,) if isinstance(value, str) else value
+
+
+def _uniform() -> dict[str, float]:
+    return {"default": 1.0}
+
+
+RowWeights = Annotated[
+    tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_per_row), AfterValidator(_not_all_zero)
+]
+"""Weights of the x, y and z rows, or one number for all three; a row of weight 0 is not there."""
+Direction = Annotated[Vector3, AfterValidator(_not_all_zero)]
+"""A direction; its length does not matter."""
+Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_length=1, max_length=64)]
+
+
+class _Weighed(Schema):
+    """Keys of every task that has rows of its own. gain: share of the error corrected per iteration, (0, 1].
+
+    max_error: cap of the error asked per iteration, m or rad; absent: the solver's own. optional: what `of` names may
+    be missing on the body or among the worn sensors.
+    """
+
+    gain: Share = 1.0
+    max_error: Positive | None = None
+    optional: Switch = False
+
+
+class PositionTask(_Weighed):
+    """Points of the body go to the positions asked of them. Rows are the world's x, y, z."""
+
+    type: Literal["position"]
+    of: Names
+    weight: RowWeights = (1.0, 1.0, 1.0)
+
+
+class OrientationTask(_Weighed):
+    """Frames of the body take the orientations asked of them. Rows are rotations about the world's x, y, z."""
+
+    type: Literal["orientation"]
+    of: Names
+    weight: RowWeights = (1.0, 1.0, 1.0)
+
+
+class AxisTask(_Weighed):
+    """`axis` of each frame points along `direction` in the heading frame (z up): soles flat, trunk upright."""
+
+    type: Literal["axis"]
+    of: Names
+    axis: Direction
+    direction: Direction
+    weight: Positive = 1.0
+
+
+class HeadingTask(_Weighed):
+    """The forward axis of each link points where the heading estimate says."""
+
+    type: Literal["heading"]
+    of: Names
+    weight: Positive = 1.0
+
+
+class LookAtTask(_Weighed):
+    """`axis` of each frame aims at the point asked of it."""
+
+    type: Literal["look_at"]
+    of: Names
+    axis: Direction = (1.0, 0.0, 0.0)
+    weight: Positive = 1.0
+
+
+class CentreOfMassTask(_Weighed):
+    """The centre of mass.
+
+    over_root: horizontally at a fixed offset from the root, as in the paper; over_feet: over the middle of the feet,
+    `forward` m along the heading; support: inside the support polygon shrunk by `margin` m, as inequality rows.
+    fade_speed, m/s: the weight falls as 1 / (1 + (v / fade_speed)^4) with the speed v of the body; absent: never.
+    """
+
+    type: Literal["centre_of_mass"]
+    mode: Literal["over_root", "over_feet", "support"]
+    weight: RowWeights = (1.0, 1.0, 0.0)
+    forward: Number = 0.0
+    margin: NotNegative = 0.0
+    fade_speed: Positive | None = None
+
+
+class PostureTask(_Weighed):
+    """Joints are drawn to the attractor posture, and to the posture of the frame before with share `previous`.
+
+    stiffness: weight by joint or by group of joints; `default` is that of all others.
+    """
+
+    type: Literal["posture"]
+    stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=_uniform)]
+    previous: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)] = 0.0
+
+
+class ReactiveTask(Schema):
+    """Observers that touch push their part out, at `speed` m/s at most. of: names of observers; absent: all."""
+
+    type: Literal["reactive"]
+    of: Names | None = None
+    speed: Positive = 0.1
+
+
+class PreventiveTask(Schema):
+    """Observers inside their influence damp the approach of their part. of: names of observers; absent: all."""
+
+    type: Literal["preventive"]
+    of: Names | None = None
+
+
+Task = Annotated[
+    PositionTask
+    | OrientationTask
+    | AxisTask
+    | HeadingTask
+    | LookAtTask
+    | CentreOfMassTask
+    | PostureTask
+    | ReactiveTask
+    | PreventiveTask,
+    Field(discriminator="type"),
+]
+
+
+class Level(Schema):
+    """Tasks of equal rank. A level without tasks keeps its place and asks nothing."""
+
+    name: Text
+    tasks: Annotated[tuple[Task, ...], Field(max_length=32)]
+
+
+class Priorities(Schema):
+    """Levels, highest first. iterations: most per frame (the paper's N_IK).
+
+    activation: which preventive observers put up their row: the closest per obstacle (paper), one after the other by
+    distance, or all.
+    """
+
+    name: Name
+    description: Text
+    iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
+    activation: Literal["closest", "ranked", "all"] = "closest"
+    levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
+
+    def tasks(self) -> Iterator[tuple[int, int, Task]]:
+        """All tasks with their places: (level, index in the level, task), from 0."""
+        for level, entry in enumerate(self.levels):
+            for index, task in enumerate(entry.tasks):
+                yield level, index, task
+
+
+def load_priorities(path_or_name: str | Path) -> Priorities:
+    """A priority file by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    priorities, _ = read_model(Priorities, find(Kind.PRIORITIES, path_or_name), check=_check)
+    return priorities
+
+
+def _check(priorities: Priorities, document: Document) -> list[Problem]:
+    problems = []
+    first: dict[str, int] = {}
+    for index, level in enumerate(priorities.levels):
+        earlier = first.setdefault(level.name, index)
+        if earlier != index:
+            here = ("levels", index, "name")
+            found = f"{level.name!r}, also of level {earlier + 1}"
+            problems.append(document.problem(here, "duplicate level name", found=found))
+    if priorities.levels and not any(level.tasks for level in priorities.levels):
+        problems.append(document.problem(("levels",), "no level has a task", allowed="at least one task"))
+    return problems
