@@ -1,1 +1,1 @@
-"""The servo side: bus interface, servo data, joint <-> tick map, the guard that alone moves anything. Imports no sibling."""
+"""The servo side: buses, servo data, joint <-> tick map, the guard that alone moves anything. Imports no sibling."""

@@ -1,4 +1,4 @@
-"""Names for the array types of the servo side; all are C-contiguous and one entry per servo, in the profile's servo order."""
+"""Names for the array types of the servo side: C-contiguous, one entry per servo, in the profile's servo order."""
 
 import numpy as np
 from numpy.typing import NDArray

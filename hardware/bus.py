@@ -8,7 +8,8 @@ from hardware.arrays import BoolArray, ByteArray, FloatArray, TickArray
 
 
 class ServoAlert(IntFlag):
-    """Hardware Error Status, register 70 of the X and MX(2.0) series; any of these bits has switched the servo's torque off."""
+    """Hardware Error Status, register 70 of the X and MX(2.0) series; any of these bits has switched the servo's torque
+    off."""
 
     INPUT_VOLTAGE = 0x01
     OVERHEATING = 0x04
@@ -65,7 +66,8 @@ class ServoBus(Protocol):
         ...
 
     def read(self) -> ServoStates:
-        """Read one cycle. A missing servo is marked in the answer and never an exception; a dead bus raises BusError."""
+        """Read one cycle. A missing servo is marked in the answer and never an exception; a dead bus raises
+        BusError."""
         ...
 
     def write(self, goals: ServoGoals) -> None:

@@ -1,4 +1,4 @@
-"""Time. This is the only file that reads a clock; everything else is handed a `Clock`, so tests and file runs need no waiting."""
+"""Time. The only file that reads a clock: everything else is handed a `Clock`, so tests and file runs never wait."""
 
 import time
 from typing import Protocol

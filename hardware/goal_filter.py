@@ -6,7 +6,8 @@ from hardware.arrays import FloatArray
 
 
 class GoalFilter(Protocol):
-    """The last word on a goal. It can always stop: from every posture it returns, it knows a braking trajectory within the limits.
+    """The last word on a goal. It can always stop: from every posture it returns, it knows a braking trajectory within
+    the limits.
 
     Postures are joint positions in rad, (n,), in the profile's servo order.
     """
@@ -22,7 +23,8 @@ class GoalFilter(Protocol):
         ...
 
     def seed(self, position: FloatArray) -> None:
-        """Start at rest at the robot's present `position`, which may lie beyond a limit. Raises HardwareError if not finite."""
+        """Start at rest at the robot's present `position`, which may lie beyond a limit. Raises HardwareError if not
+        finite."""
         ...
 
     def admit(self, goal: FloatArray) -> FloatArray:

@@ -19,8 +19,9 @@ Think = Callable[[ServoStates], FloatArray | None]
 class Guard:
     """Owns the stop states of one robot. One call of `tick` per control period: read, think, act.
 
-    Whatever fails in a tick stops the robot: a failure of the goal's source or of the filter brakes along the last verified trajectory;
-    a failure of the bus, which can then no longer be trusted to brake, switches torque off. The first reason is latched.
+    Whatever fails in a tick stops the robot: a failure of the goal's source or of the filter brakes along the last
+    verified trajectory; a failure of the bus, which can then no longer be trusted to brake, switches torque off. The
+    first reason is latched.
     """
 
     def __init__(
@@ -71,8 +72,8 @@ class Guard:
     def arm(self) -> FloatArray:
         """Set every goal to its present position, then switch torque on. Returns the present posture, rad (n,).
 
-        Raises GuardError when not idle or when a servo is missing, alarmed or unreadable (all of them named), BusError when the bus
-        fails; torque is then off.
+        Raises GuardError when not idle or when a servo is missing, alarmed or unreadable (all of them named), BusError
+        when the bus fails; torque is then off.
         """
         self._require(GuardState.IDLE)
         try:
@@ -97,7 +98,8 @@ class Guard:
     def tick(self, think: Think) -> GuardState:
         """Run one control period: read the servos, let `think` find a goal, send what the filter makes of it.
 
-        Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or stopped.
+        Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or
+        stopped.
         """
         self._require(GuardState.ARMED, GuardState.MOVING, GuardState.STOPPING)
         self._attempt(self._read)

@@ -41,7 +41,8 @@ class Stop:
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """What the guard tolerates. `max_age` s since a servo's last answer; `max_brake_ticks` until the robot must stand."""
+    """What the guard tolerates. `max_age` s since a servo's last answer; `max_brake_ticks` until the robot must
+    stand."""
 
     max_age: float = 0.1
     max_brake_ticks: int = 2000

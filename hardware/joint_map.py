@@ -18,7 +18,8 @@ _TICK_SLACK = 1e-6
 class JointMap:
     """Maps arrays whose last axis is the profile's servo order; leading axes (ticks of time, say) pass through.
 
-    Raises HardwareError with every finding at once when a servo cannot serve its joint, or a joint or (bus, id) is named twice.
+    Raises HardwareError with every finding at once when a servo cannot serve its joint, or a joint or (bus, id) is
+    named twice.
     """
 
     def __init__(self, servos: Sequence[ServoSpec]) -> None:
@@ -58,8 +59,9 @@ class JointMap:
     def to_ticks(self, positions: FloatArray) -> TickArray:
         """Return goal ticks (..., n) for joint `positions` (..., n) in rad.
 
-        Rounds to the nearest tick, except that an angle inside the limits never becomes a tick beyond them. Raises HardwareError
-        when a value is not finite or asks for a tick that the servo does not have: that is a defect upstream, never clipped here.
+        Rounds to the nearest tick, except that an angle inside the limits never becomes a tick beyond them. Raises
+        HardwareError when a value is not finite or asks for a tick that the servo does not have: that is a defect
+        upstream, never clipped here.
         """
         exact = self._zero + self._scale * positions
         if not np.all(np.isfinite(exact)):
@@ -77,11 +79,13 @@ class JointMap:
         return (ticks - self._zero) / self._scale
 
     def joint_velocity(self, shaft_velocity: FloatArray) -> FloatArray:
-        """Return joint velocities (..., n) in rad/s for shaft velocities (..., n) in rad/s, in the servo's sense of rotation."""
+        """Return joint velocities (..., n) in rad/s for shaft velocities (..., n) in rad/s, in the servo's sense of
+        rotation."""
         return shaft_velocity / self._shaft
 
     def spread(self, joints: Sequence[str], ticks: TickArray) -> TickArray:
-        """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO (-1) where no servo drives the joint."""
+        """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO (-1) where no servo drives the
+        joint."""
         column = {joint: index for index, joint in enumerate(self.joints)}
         out = np.full((*ticks.shape[:-1], len(joints)), NO_SERVO, dtype=np.int64)
         for index, joint in enumerate(joints):

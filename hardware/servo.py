@@ -12,8 +12,8 @@ RPM = 2.0 * math.pi / 60.0  # [rad/s]
 class ServoModel:
     """One servo model (e-Manual overview table).
 
-    `ticks` counts over `travel` rad, `centre_tick` is the middle of travel; `no_load_speed` rad/s and `stall_torque` N m at `voltage` V;
-    `current_unit` A per register step, None where the servo reports a load instead of a current.
+    `ticks` counts over `travel` rad, `centre_tick` is the middle of travel; `no_load_speed` rad/s and `stall_torque` N
+    m at `voltage` V; `current_unit` A per register step, None where the servo reports a load instead of a current.
     """
 
     name: str
@@ -59,7 +59,8 @@ SERVO_MODELS: dict[str, ServoModel] = {model.name: model for model in _MODELS}
 
 
 def find_model(name: str) -> ServoModel:
-    """Return the model called `name`; a trailing connector suffix (-T or -R) is accepted. Raises HardwareError with the known names."""
+    """Return the model called `name`; a trailing connector suffix (-T or -R) is accepted. Raises HardwareError with the
+    known names."""
     model = SERVO_MODELS.get(name) or SERVO_MODELS.get(name.removesuffix("-T").removesuffix("-R"))
     if model is None:
         known = ", ".join(SERVO_MODELS)
@@ -87,8 +88,9 @@ class ServoGains:
 class ServoSpec:
     """One servo of a robot and the joint that it drives.
 
-    A joint angle q is held at shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns per joint turn.
-    `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration` rad/s^2 are the joint's; `current_limit` in A, None: unlimited.
+    A joint angle q is held at shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns per
+    joint turn. `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration` rad/s^2 are the joint's;
+    `current_limit` in A, None: unlimited.
     """
 
     joint: str
@@ -135,13 +137,13 @@ class ServoSpec:
         last = self.model.ticks - 1
         if ends[0] < -0.5 or ends[1] > last + 0.5:
             found.append(
-                f"{self.joint}: limits {self.lower:.4f} to {self.upper:.4f} rad need ticks {ends[0]:.0f} to {ends[1]:.0f}; "
-                f"allowed: 0 to {last} ({self.model.name})"
+                f"{self.joint}: limits {self.lower:.4f} to {self.upper:.4f} rad need ticks {ends[0]:.0f} to "
+                f"{ends[1]:.0f}; allowed: 0 to {last} ({self.model.name})"
             )
         fastest = self.model.no_load_speed / self.gear
         if self.max_velocity > fastest:
             found.append(
-                f"{self.joint}: max_velocity {self.max_velocity:.3f} rad/s is above the no-load speed {fastest:.3f} rad/s "
-                f"of {self.model.name} at {self.model.voltage} V"
+                f"{self.joint}: max_velocity {self.max_velocity:.3f} rad/s is above the no-load speed "
+                f"{fastest:.3f} rad/s of {self.model.name} at {self.model.voltage} V"
             )
         return found

@@ -1,0 +1,36 @@
+"""From a performer's sensors to safe goals for a servo humanoid. Public names load on first use."""
+
+import importlib
+from typing import Any
+
+from retarget import siblings
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "BodyModel": "retarget.body",
+    "Gate": "retarget.gate",
+    "InputError": "retarget.errors",
+    "RetargetError": "hardware.errors",
+    "SensorFrames": "retarget.frames",
+    "load_body": "retarget.body",
+    "load_profile": "retarget.profile",
+    "open_source": "retarget.sources.open",
+}
+
+__all__ = ["__version__", *sorted(_HOMES)]  # noqa: PLE0604
+
+siblings.verify()
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its home on first use (PEP 562), so that `import retarget` stays light."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'retarget' has no attribute {name!r}; public names: {', '.join(sorted(_HOMES))}")
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

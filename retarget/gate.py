@@ -1,4 +1,5 @@
-"""The gate: the last word on a goal. Nothing passes that is not finite, inside every limit, and able to stop within them."""
+"""The gate: the last word on a goal. Nothing passes that is not finite, inside every limit, and able to stop within
+them."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -11,7 +12,8 @@ from hardware.joint_map import JointMap
 from retarget._solver import frame_bounds
 
 PathCheck = Callable[[FloatArray], bool]
-"""From a path of postures, rad (k, n), first row present, last row at rest, to whether all of it is clear of collision."""
+"""From a path of postures, rad (k, n), first row present, last row at rest, to whether all of it is clear of
+collision."""
 
 ROUND_OFF = 1e-9
 """How far, in rad, a goal may miss a bound before it counts as a refusal: two programs that agree differ by less."""
@@ -30,13 +32,16 @@ class GateReason(IntEnum):
 
 
 class Gate:
-    """A `hardware.goal_filter.GoalFilter`. Postures are joint radians (n,) in the profile's servo order; one call per tick of `dt` s.
+    """A `hardware.goal_filter.GoalFilter`. Postures are joint radians (n,) in the profile's servo order; one call per
+    tick of `dt` s.
 
-    A goal passes whole or not at all: a posture in which some joints brake and others go on was never asked for by anybody. Limits are
-    judged on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be 24 rad/s^2).
+    A goal passes whole or not at all: a posture in which some joints brake and others go on was never asked for by
+    anybody. Limits are judged on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone
+    be 24 rad/s^2).
 
-    Each joint brakes by its own full deceleration, so the braking trajectory follows from position and velocity alone: what was
-    verified when a goal passed is what `brake` follows. After a refusal the caller starts anew from `position` and `velocity`.
+    Each joint brakes by its own full deceleration, so the braking trajectory follows from position and velocity alone:
+    what was verified when a goal passed is what `brake` follows. After a refusal the caller starts anew from `position`
+    and `velocity`.
     """
 
     def __init__(
@@ -108,7 +113,8 @@ class Gate:
 
     @property
     def culprit(self) -> int:
-        """Index of the joint that missed its bound by most in the last refusal; -1 where no single joint is to blame."""
+        """Index of the joint that missed its bound by most in the last refusal; -1 where no single joint is to
+        blame."""
         return self._culprit
 
     @property
@@ -122,7 +128,8 @@ class Gate:
         return int(self._counts[1:].sum())
 
     def seed(self, position: FloatArray) -> None:
-        """Start at rest at `position`, rad (n,); beyond a limit a joint may stand or walk back in. Raises HardwareError if not finite."""
+        """Start at rest at `position`, rad (n,); beyond a limit a joint may stand or walk back in. Raises HardwareError
+        if not finite."""
         start = np.array(position, dtype=np.float64)
         if start.shape != self._lower.shape or not np.isfinite(start).all():
             raise HardwareError(
@@ -141,7 +148,8 @@ class Gate:
         self._counts[:] = 0
 
     def admit(self, goal: FloatArray) -> FloatArray:
-        """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking trajectory."""
+        """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking
+        trajectory."""
         displacement, reason, culprit = self._judge(np.asarray(goal, dtype=np.float64))
         self._reason = reason
         self._culprit = culprit
@@ -170,7 +178,8 @@ class Gate:
         return admitted, GateReason.PASSED, -1
 
     def _bounds(self, braked: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Displacements that leave a braking trajectory, (n,) each. To go on braking is always among them, beyond a limit too."""
+        """Displacements that leave a braking trajectory, (n,) each. To go on braking is always among them, beyond a
+        limit too."""
         lo, hi = frame_bounds(
             self._position,
             self._displacement,

@@ -1,1 +1,1 @@
-"""What stands in for hardware and performer: mock bus, synthetic performer. Imported by the command line and the tests only."""
+"""What stands in for hardware and performer. Imported by the command line and the tests only."""

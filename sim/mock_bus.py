@@ -1,4 +1,4 @@
-"""A bus of servos in this process: each with a speed limit, a first-order lag and an encoder, on the time of a given clock."""
+"""Servos in this process, each with a speed limit, a first-order lag and an encoder, on the time of a given clock."""
 
 from collections.abc import Sequence
 
@@ -19,9 +19,10 @@ VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
 class MockBus:
     """A `hardware.bus.ServoBus` without wires. Nothing loads the joints: with torque off a servo stays where it is.
 
-    A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain whose drive
-    saturates at its no-load speed. `lag` in s, for all servos; None takes it from the model and its P gain (about 45 ms for an
-    XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. `start` in ticks, (n,).
+    A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
+    whose drive saturates at its no-load speed. `lag` in s, for all servos; None takes it from the model and its P gain
+    (about 45 ms for an XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart
+    they are. `start` in ticks, (n,).
     """
 
     def __init__(
@@ -94,7 +95,8 @@ class MockBus:
         return self._shown
 
     def write(self, goals: ServoGoals) -> None:
-        """Set the goal registers. Raises BusError when closed, on a goal that a servo does not have, or when a fault says so."""
+        """Set the goal registers. Raises BusError when closed, on a goal that a servo does not have, or when a fault
+        says so."""
         self._require_open("write")
         self._catch_up()
         if self._failing(FaultKind.WRITE_FAILS):
@@ -111,7 +113,8 @@ class MockBus:
         self._goal = np.where(self._silent(), self._goal, goals.ticks).astype(np.float64)
 
     def torque(self, on: bool) -> None:
-        """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come first."""
+        """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come
+        first."""
         self._require_open("torque")
         self._catch_up()
         self._torque = np.where(self._silent(), self._torque, on & (self._alert == 0))

@@ -10,7 +10,8 @@ class FaultKind(Enum):
     MISSING = "missing"
     """The servo does not answer reads and does not hear writes."""
     ALERT = "alert"
-    """The servo reports `alert` bits and its torque is off; it stays so when the fault is over, like a real one until its reboot."""
+    """The servo reports `alert` bits and its torque is off; it stays so when the fault is over, like a real one until
+    its reboot."""
     READ_FAILS = "read fails"
     """The whole bus raises BusError on a read."""
     WRITE_FAILS = "write fails"
@@ -19,7 +20,8 @@ class FaultKind(Enum):
 
 @dataclass(frozen=True)
 class MockFault:
-    """One fault: `kind`, from read cycle `first` (counted from 0) for `cycles` cycles, on `servo` (index in servo order)."""
+    """One fault: `kind`, from read cycle `first` (counted from 0) for `cycles` cycles, on `servo` (index in servo
+    order)."""
 
     kind: FaultKind
     first: int

@@ -1,4 +1,5 @@
-"""How a servo's shaft follows its goal: a position loop with a pure P gain whose drive saturates at the no-load speed."""
+"""How a servo's shaft follows its goal: a position loop with a pure P gain whose drive saturates at the no-load
+speed."""
 
 import numpy as np
 
@@ -11,7 +12,8 @@ DEFAULT_P_GAIN = 800  # XM430 series
 
 
 def loop_lag(servo: ServoSpec) -> float:
-    """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load speed.
+    """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load
+    speed.
 
     Source: e-Manual, Position PID Gain (84, unit 1/128) and Goal PWM (100, full at 885).
     """
@@ -28,9 +30,11 @@ def _tick_of_x_series(model: ServoModel) -> float:
 def saturated_lag(
     error: FloatArray, *, lag: FloatArray, top: FloatArray, elapsed: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Displacement and final velocity (n,) after `elapsed` s of d/dt x = clip((goal - x) / lag, -top, top), `error` = goal - x at start.
+    """Displacement and final velocity (n,) after `elapsed` s of d/dt x = clip((goal - x) / lag, -top, top), `error` =
+    goal - x at start.
 
-    At top speed while the error exceeds `top * lag`, exponential after; `lag` 0 is a servo that runs at top speed to its goal.
+    At top speed while the error exceeds `top * lag`, exponential after; `lag` 0 is a servo that runs at top speed to
+    its goal.
     """
     distance = np.abs(error)
     knee = top * lag  # below this error the loop no longer saturates

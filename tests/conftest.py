@@ -15,7 +15,8 @@ settings.load_profile("repeatable")
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """Folder of recorded motion and reference facts: `../shared`, or where RETARGET_SHARED says; absent, the test is skipped."""
+    """Folder of recorded motion and reference facts: `../shared`, or where RETARGET_SHARED says; absent, the test is
+    skipped."""
     path = Path(os.environ.get("RETARGET_SHARED", str(ROOT.parent / "shared")))
     if not (path / "mocap").is_dir():
         pytest.skip(f"no recorded motion at {path} (put it beside the repository, or set RETARGET_SHARED)")

@@ -1,0 +1,98 @@
+"""The command line's frame: help, version, exit codes and the boundary where errors become messages."""
+
+import importlib
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import retarget
+from hardware.errors import RetargetError
+from retarget import cli
+from retarget.cli.boundary import DEFECT, DONE, REFUSED, STOPPED, exit_code_of
+
+
+def leave(*words: str) -> int:
+    with pytest.raises(SystemExit) as leaving:
+        cli.main(words)
+    assert isinstance(leaving.value.code, int)
+    return leaving.value.code
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("--version") == DONE
+    assert capsys.readouterr().out.strip() == f"retarget {retarget.__version__}"
+
+
+def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture[str]) -> None:
+    before = set(sys.modules)
+    assert leave("--help") == DONE
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in cli.COMMANDS)
+    assert not {f"retarget.cli.{name}" for name in cli.COMMANDS} & (set(sys.modules) - before)
+
+
+def test_module_is_the_command() -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "retarget", "--version"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (result.returncode, result.stdout.strip()) == (0, f"retarget {retarget.__version__}")
+
+
+@pytest.mark.parametrize("name", list(cli.COMMANDS))
+def test_every_command_is_documented(name: str) -> None:
+    function = getattr(importlib.import_module(f"retarget.cli.{name}"), name)
+    assert inspect.getdoc(function)
+
+
+def test_an_unknown_command_is_refused_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("inspekt") == REFUSED
+    assert "inspect" in capsys.readouterr().err
+
+
+def test_an_unknown_option_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("robots", "--colour") == REFUSED
+    assert "--colour" in capsys.readouterr().err
+
+
+def test_a_refusal_is_one_message_without_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    def refuse() -> None:
+        raise RetargetError("robot.yaml:3: limits inverted")
+
+    assert exit_code_of(refuse) == REFUSED
+    assert capsys.readouterr().err == "error: robot.yaml:3: limits inverted\n"
+
+
+def test_an_interrupt_is_a_stop(capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    assert exit_code_of(interrupted) == STOPPED
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_a_defect_shows_its_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code_of(lambda: 1 // 0) == DEFECT
+    shown = capsys.readouterr().err
+    assert "ZeroDivisionError" in shown
+    assert "report" in shown
+
+
+@pytest.mark.parametrize(("code", "expected"), [(None, DONE), (0, DONE), (1, STOPPED), (2, REFUSED)])
+def test_an_exit_passes(code: int | None, expected: int) -> None:
+    def leaves() -> None:
+        sys.exit(code)
+
+    assert exit_code_of(leaves) == expected
+
+
+def test_a_reader_that_leaves_is_no_defect() -> None:
+    code = "from retarget.cli.boundary import exit_code_of\nimport sys\n"
+    code += "sys.exit(exit_code_of(lambda: [print('line') for _ in range(100000)]))"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        shown = process.stderr.read()
+    assert shown == b""
