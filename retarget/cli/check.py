@@ -1,0 +1,157 @@
+"""`retarget check FILE...`: validate robot profiles, priority files and performers; say what is in them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from retarget.catalogue import Kind, entries, find, kind_of
+from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
+from retarget.performer import Performer, load_performer
+from retarget.priorities import Priorities, load_priorities
+from retarget.profile import RobotProfile, load_profile
+from retarget.schema import Schema
+from retarget.schema_errors import unknown_name
+from retarget.strict_yaml import Document, read_text, scan
+
+TELLING_KEYS: dict[Kind, frozenset[str]] = {
+    Kind.ROBOT: frozenset(RobotProfile.model_fields) - {"name"},
+    Kind.PRIORITIES: frozenset(Priorities.model_fields) - {"name", "description"},
+    Kind.PERFORMER: frozenset(Performer.model_fields) - {"name", "description"},
+}
+"""Keys by which a file tells its kind."""
+
+
+def check(
+    files: Annotated[list[str], typer.Argument(help="Files, folders of robots, or names of shipped or own ones.")],
+) -> None:
+    """Validate robot profiles, priority files and performers; all errors of a file are shown at once."""
+    refused = False
+    for name in files:
+        try:
+            for target in _targets(name):
+                typer.echo(_report(target))
+        except RefusedError as error:
+            refused = True
+            typer.echo(f"error: {error}", err=True)
+    if refused:
+        raise typer.Exit(2)
+
+
+@dataclass(frozen=True, slots=True)
+class _Target:
+    kind: Kind
+    path: Path
+
+
+def _targets(name: str) -> list[_Target]:
+    """The files that a name or a path means: a name may be one of a robot and of a priority file."""
+    named = [_Target(kind, entry.path) for kind in Kind for entry in entries(kind) if entry.name == name]
+    if named:
+        return named
+    path = Path(name)
+    try:
+        path = find(Kind.ROBOT, path)
+    except UsageError:
+        known = [entry.name for kind in Kind for entry in entries(kind)]
+        raise UsageError(
+            "there is no such file, and no configuration of that name",
+            where=name[:200],
+            allowed=", ".join(known),
+            next_step=suggest(name, known) or "Check the path",
+        ) from None
+    return [_Target(_kind(path), path)]
+
+
+def _kind(path: Path) -> Kind:
+    """What a file is: by its keys, then by the folder that it lies in. Raises ConfigError."""
+    keys = scan(read_text(path), path).data.keys()
+    shared = {kind: len(telling & keys) for kind, telling in TELLING_KEYS.items()}
+    best = max(shared, key=lambda kind: shared[kind])
+    kind = best if shared[best] else kind_of(path)
+    if kind is None:
+        raise ConfigError(
+            "this is no configuration that can be checked",
+            where=str(path),
+            found="keys " + (", ".join(map(str, list(keys)[:10])) or "none"),
+            allowed="a robot profile (servos, frames, ...), a priority file (levels), a performer (sensors)",
+        )
+    return kind
+
+
+def _report(target: _Target) -> str:
+    """One paragraph about a sound file. Raises ConfigError for any other."""
+    return _REPORTS[target.kind](target.path)
+
+
+def _robot(path: Path) -> str:
+    problems = _unknown_priorities(scan(read_text(path), path))
+    try:
+        profile = load_profile(path)
+    except ConfigError as error:
+        problems = [*error.problems, *problems]
+    if problems:
+        raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
+    models = [servo.model for servo in profile.servos.values()]
+    buses = (f"{name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids)" for name, bus in profile.buses.items())
+    return _paragraph(
+        "robot",
+        profile,
+        path,
+        {
+            "body": f"{profile.body_path.name}, root {profile.root}",
+            "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
+            "buses": "; ".join(buses),
+            "frames": f"{len(profile.frames)}",
+            "landmarks": ", ".join(profile.landmarks),
+            "observers": f"{len(profile.observers)}, {len(profile.ignore_pairs)} pairs ignored",
+            "feet": ", ".join(profile.feet) or "none",
+            "tick": f"{profile.safety.rate_hz:g} Hz",
+            "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}",
+        },
+    )
+
+
+def _unknown_priorities(document: Document) -> list[Problem]:
+    """Priority files that the profile names and that do not exist."""
+    known = tuple(entry.name for entry in entries(Kind.PRIORITIES))
+    named = {key: document.data.get(key) for key in ("reconstruct", "retarget")}
+    return [
+        unknown_name(document, (key,), Kind.PRIORITIES.label, name, known)
+        for key, name in named.items()
+        if isinstance(name, str) and name not in known
+    ]
+
+
+def _priorities(path: Path) -> str:
+    priorities = load_priorities(path)
+    levels = {
+        f"level {index}": f"{level.name}: {', '.join(task.type for task in level.tasks) or 'nothing'}"
+        for index, level in enumerate(priorities.levels, 1)
+    }
+    about = {"about": priorities.description, "iterations": f"{priorities.iterations} per frame at most"}
+    return _paragraph("priorities", priorities, path, about | levels)
+
+
+def _performer(path: Path) -> str:
+    performer = load_performer(path)
+    sensors = (
+        (name if name == sensor.joint else f"{name} on {sensor.joint}") + (" (oriented)" if sensor.orientation else "")
+        for name, sensor in performer.sensors.items()
+    )
+    return _paragraph("performer", performer, path, {"about": performer.description, "sensors": ", ".join(sensors)})
+
+
+_REPORTS: dict[Kind, Callable[[Path], str]] = {
+    Kind.ROBOT: _robot,
+    Kind.PRIORITIES: _priorities,
+    Kind.PERFORMER: _performer,
+}
+
+
+def _paragraph(kind: str, model: Schema, path: Path, facts: dict[str, str]) -> str:
+    width = max(map(len, facts)) + 2
+    head = f"{kind} {getattr(model, 'name', path.stem)}: good ({path})"
+    return "\n".join([head, *(f"  {key + ':':<{width}}{value}" for key, value in facts.items())])

@@ -1,0 +1,31 @@
+"""`retarget robots`: the robots known by name, shipped and the user's own."""
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from retarget.catalogue import Entry, Kind, entries, user_folder
+from retarget.errors import RefusedError
+from retarget.profile import read_profile
+
+
+def robots() -> None:
+    """List the robots known by name: shipped ones and those in the user's configuration folder."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("robot", "servos", "root", "priorities", "from"):
+        table.add_column(heading, overflow="fold")
+    for entry in entries(Kind.ROBOT):
+        table.add_row(*_row(entry))
+    Console().print(table)
+    typer.echo(f"\nYour own: {user_folder() / Kind.ROBOT.value}/NAME/robot.yaml, or give --robot a path.")
+
+
+def _row(entry: Entry) -> tuple[str, ...]:
+    origin = "shipped" if entry.shipped else str(entry.path.parent)
+    try:
+        profile = read_profile(entry.path)
+    except RefusedError:
+        return entry.name, "-", "-", f"not usable: see retarget check {entry.name}", origin
+    models = [servo.model for servo in profile.servos.values()]
+    servos = ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models))
+    return entry.name, servos, profile.root, f"{profile.reconstruct}, {profile.retarget}", origin
