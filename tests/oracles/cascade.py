@@ -1,7 +1,8 @@
-"""The strict hierarchy as a cascade of quadratic programs: each level solved with what the levels above reached held fixed.
+"""The strict hierarchy as a cascade of quadratic programs: each level with what the levels above reached fixed.
 
-The quadratic programs go to two well-kept solvers (quadprog, daqp); the better answer of each level is kept, after its active set
-has been solved once more to rounding. Levels are rank-deficient, the solvers want a definite Hessian: proximal-point steps bridge that.
+The programs go to two well-kept solvers (quadprog, daqp); the better answer of each level is kept, after its active set
+has been solved once more to rounding. Levels are rank-deficient and the solvers want a definite Hessian: proximal-point
+steps bridge that.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 import quadprog
+from numpy.typing import NDArray
 
 from oracles.optimality import find_multipliers, row_basis
 from oracles.problem import Array, Hierarchy, Level
@@ -34,7 +36,7 @@ class Rows:
         join = np.concatenate
         return Rows(np.vstack([self.A, A]), join([self.lower, lower]), join([self.upper, upper]))
 
-    def subset(self, keep: Array) -> Rows:
+    def subset(self, keep: NDArray[np.bool_]) -> Rows:
         """The rows marked in `keep`."""
         return Rows(self.A[keep], self.lower[keep], self.upper[keep])
 
@@ -50,7 +52,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class LevelProgram:
-    """min ||A z - b||^2 + ||s||^2 s.t. soft rows hold up to s, hard rows hold: one level in coordinates z of the space left."""
+    """min ||A z - b||^2 + ||s||^2, soft rows hold up to s, hard rows hold: one level in the space left, z."""
 
     A: Array
     b: Array
@@ -136,7 +138,7 @@ def proximal_step(program: LevelProgram, solver: QuadraticSolver, centre: Array,
 
 
 def polish(program: LevelProgram, z: Array, centre: Array) -> Array:
-    """Solve the active set found at z by orthogonal decompositions; z unchanged when that leaves the hard rows or costs more."""
+    """Solve the active set found at z by least squares; z itself when that leaves the hard rows or costs more."""
     value = program.hard.A @ z
     near = 1e-8 * (1.0 + np.abs(value))
     low, high = value - program.hard.lower < near, program.hard.upper - value < near
@@ -183,7 +185,7 @@ def level_program(level: Level, x: Array, N: Array, hard: Rows) -> LevelProgram:
 
 
 def fix_level(level: Level, x: Array, fixed: Array, hard: Rows) -> tuple[Array, Rows]:
-    """Rows that x reached in this level, for the levels below: its equality and violated rows, and bounds it leans on, are fixed."""
+    """Rows for the levels below: equality rows, violated rows and bounds that x leans on are fixed from here on."""
     violation = level.violation(x)
     broken = np.abs(violation) > FEASIBLE
     gradient = level.C.T @ (level.C @ x - level.e) + level.D.T @ violation
@@ -194,7 +196,7 @@ def fix_level(level: Level, x: Array, fixed: Array, hard: Rows) -> tuple[Array, 
     sign = np.where(low, 1.0, -1.0)[met, None]
     multipliers = np.zeros(len(value))
     multipliers[met] = find_multipliers(gradient, fixed, sign * hard.A[met]).signed
-    # A bound with a positive multiplier is met by every optimum of this level, so it is one of the fixed rows from here on.
+    # A bound with a positive multiplier is met by every optimum of this level.
     leaning = multipliers > 1e-7 * (1.0 + float(np.linalg.norm(gradient)))
     both = low & high
     fixed = np.vstack([fixed, level.C, level.D[broken], hard.A[leaning | both]])

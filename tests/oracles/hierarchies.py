@@ -18,7 +18,9 @@ def plain(rng: Generator, nv: int, levels: int) -> Hierarchy:
     rows = [int(rng.integers(1, max(2, min(nv, 12)))) for _ in range(levels)]
     half = rng.uniform(0.2, 2.0, nv)
     return Hierarchy(
-        levels=tuple(Level.of(rng.normal(size=(m, nv)), rng.normal(size=m) * rng.choice([0.3, 1.0, 3.0])) for m in rows),
+        levels=tuple(
+            Level.of(rng.normal(size=(m, nv)), rng.normal(size=m) * rng.choice([0.3, 1.0, 3.0])) for m in rows
+        ),
         lo=-half * rng.uniform(0.3, 1.0, nv),
         hi=half * rng.uniform(0.3, 1.0, nv),
         weight=rng.uniform(0.3, 2.0, nv),
@@ -100,7 +102,7 @@ def inequalities(problem: Hierarchy, rng: Generator) -> Hierarchy:
 
 
 def opposed(problem: Hierarchy, rng: Generator) -> Hierarchy:
-    """Pairs of inequality rows that push against each other, in one level and across levels, and that no x can satisfy."""
+    """A pair of inequality rows that push against each other, in one level or across two, and that no x satisfies."""
     normal = rng.normal(size=problem.nv)
     gap = rng.uniform(0.0, 1.0)
 

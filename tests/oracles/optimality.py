@@ -1,6 +1,6 @@
-"""Is x lexicographically optimal? Multipliers with the right signs must exist at every level (KKT), however x was found.
+"""Is x lexicographically optimal? Multipliers with the right signs must exist at every level (KKT).
 
-Level k is optimal on the set that the levels above left when its gradient `C^T (C x - e) + D^T violation` is a combination of
+Level k is optimal on the set that the levels above left when its gradient `C^T (C x - e) + D^T violation` combines
 * rows that this set fixes (equality rows above, violated rows above, fixed columns): any sign;
 * rows and box bounds met with equality, violated nowhere: the sign that pushes back inside.
 Multipliers need not be unique, so they are searched for by non-negative least squares instead of being computed.
@@ -27,7 +27,7 @@ class Multipliers:
 
 
 def find_multipliers(gradient: Array, free: Array, signed: Array) -> Multipliers:
-    """Best `gradient = free^T a + signed^T b` with b >= 0; rows of `free` (f, n) and `signed` (s, n) may be dependent."""
+    """Best `gradient = free^T a + signed^T b`, b >= 0; rows of `free` (f, n) and `signed` (s, n) may be dependent."""
     basis = row_basis(free)
     rest = gradient - basis.T @ (basis @ gradient)
     if len(signed) == 0:
@@ -57,7 +57,7 @@ def row_basis(rows: Array, tolerance: float = 1e-10) -> Array:
 
 
 def signed_rows(level: Level, x: Array) -> tuple[Array, Array]:
-    """Inequality rows of a level at x: those violated (f, n), and those met, signed so that a multiplier is >= 0 (s, n)."""
+    """Inequality rows of a level at x: violated (f, n), and met, signed so that a multiplier is >= 0 (s, n)."""
     value = level.D @ x
     reach = ACTIVE * (1.0 + np.linalg.norm(level.D, axis=1) * np.linalg.norm(x))
     broken = np.abs(level.violation(x)) > reach
@@ -79,19 +79,21 @@ def gradient_of(level: Level, x: Array) -> Array:
     return level.C.T @ (level.C @ x - level.e) + level.D.T @ level.violation(x)
 
 
-def gradient_scale(level: Level, x: Array) -> float:
-    """Size of the terms that cancel in the gradient: what its error is measured against."""
+def gradient_scale(level: Level, x: Array, box: float) -> float:
+    """Size of the terms that cancel in the gradient: what its error is measured against. `box`: length of the box."""
     rows = float(np.sqrt(np.sum(level.C**2) + np.sum(level.D**2)))
-    return rows * (level.size(x) + rows * float(np.linalg.norm(x))) + np.finfo(float).tiny
+    reach = float(np.linalg.norm(x)) + 1e-3 * box
+    return rows * (level.size(x) + rows * reach) + np.finfo(float).tiny
 
 
 def optimality(problem: Hierarchy, x: Array) -> Array:
-    """Unexplained part of every level's gradient at x, relative (p + 1,), the tie-break last; zero when x is optimal."""
+    """Unexplained part of every level's gradient at x, relative (p + 1,), the tie-break last; 0 when x is optimal."""
+    box = float(np.linalg.norm(problem.hi - problem.lo))
     free, signed = box_rows(problem, x)
     worst = []
     for level in problem.all_levels:
         residual = find_multipliers(gradient_of(level, x), free, signed).residual
-        worst.append(float(np.linalg.norm(residual)) / gradient_scale(level, x))
+        worst.append(float(np.linalg.norm(residual)) / gradient_scale(level, x, box))
         broken, met = signed_rows(level, x)
         free = np.vstack([free, level.C, broken])
         signed = np.vstack([signed, met])

@@ -13,7 +13,7 @@ LevelTuple = tuple[Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Level:
-    """Rows of one priority: `C x = e` (m rows) and `lower <= D x <= upper` (k rows), each up to a slack to be minimised."""
+    """Rows of one priority: `C x = e` (m) and `lower <= D x <= upper` (k), each up to a slack to be minimised."""
 
     C: Array
     e: Array

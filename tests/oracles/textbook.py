@@ -1,7 +1,7 @@
 """The strict hierarchy as the literature writes it, on equality rows only: projectors and pseudo-inverses.
 
-Siciliano and Slotine 1991, with the recursive projector of Baerlocher and Boulic 2004; and the clamping loop of the paper's Figure 2,
-which only ever adds clamped joints and is therefore not optimal (it is here to be compared with, never to be trusted).
+Siciliano and Slotine 1991, with the recursive projector of Baerlocher and Boulic 2004; and the clamping loop of the
+paper's Figure 2, which only ever adds clamped joints and is therefore not optimal: compare with it, never trust it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ RANK = 1e-9  # relative singular value below which a direction is given up
 
 
 def prioritized_pseudo_inverse(levels: list[EqualityLevel], weight: Array, ref: Array) -> Array:
-    """Solve `C_k x = e_k` level by level; what is left follows `ref` (n,) in the metric of `weight` (n,), all weights > 0."""
-    # Substituting y = w (x - ref) turns the weighted tie-break into the least-norm solution that a pseudo-inverse gives.
+    """Solve `C_k x = e_k` level by level; what is left follows `ref` (n,) in the metric of `weight` (n,) > 0."""
+    # With y = w (x - ref) the weighted tie-break is the least-norm solution that a pseudo-inverse gives.
     y = np.zeros_like(ref)
     P = np.eye(len(ref))
     for C, e in levels:
@@ -37,7 +37,7 @@ def pseudo_inverse(J_P: Array, J: Array) -> Array:
 
 
 def clamping_loop(levels: list[EqualityLevel], weight: Array, ref: Array, lo: Array, hi: Array) -> tuple[Array, int]:
-    """Figure 2 of the paper: solve, clamp every joint that left its limits there, solve in what is left; x (n,) and the solves made."""
+    """Solve, clamp every joint that left its limits, solve in what is left (Figure 2); x (n,) and the solves made."""
     x = np.clip(ref, lo, hi)
     free = np.ones(len(ref), dtype=bool)
     solves = 0
