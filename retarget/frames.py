@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from retarget import rotations
 from retarget.errors import UsageError, suggest
+from retarget.interpolate import SNAP, along_arcs, along_lines, locate, valid_at
 from retarget.rotations import FloatArray
 
 __all__ = [
@@ -47,9 +47,6 @@ JOINTS: tuple[str, ...] = (
     *_both("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe", "hand"),
 )
 """Canonical joint names."""
-
-_SNAP = 1e-9
-"""A time within this share of a frame interval of a frame is that frame, not a mixture of two."""
 
 _REFLECT_POSITION = np.array([1.0, -1.0, 1.0])
 _REFLECT_QUATERNION = np.array([1.0, -1.0, 1.0, -1.0])
@@ -98,7 +95,7 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class SensorSample:
-    """The sensors at one instant: names (k,), position (k, 3), orientation (k, 4) wxyz, valid (k,); NaN where invalid."""
+    """The sensors at one instant: names (k), position (k, 3), orientation (k, 4) wxyz, valid (k); NaN where invalid."""
 
     names: tuple[str, ...]
     position: FloatArray
@@ -176,7 +173,7 @@ class SensorFrames:
                 found=f"{first:g} to {last:g} s",
                 allowed=allowed,
             )
-        margin = _SNAP * max(self.duration_s, 1.0)
+        margin = SNAP * max(self.duration_s, 1.0)
         rows = np.flatnonzero((self.time >= first - margin) & (self.time <= last + margin))
         if rows.size == 0:
             raise UsageError(
@@ -208,8 +205,13 @@ class SensorFrames:
 
     def sample(self, time: float) -> SensorSample:
         """The sensors at `time` (s): see `resample`."""
-        at = self.resample(np.array([time]))
-        return SensorSample(at.names, at.position[0], at.orientation[0], at.valid[0])
+        at = locate(self.time, np.array([time]))
+        return SensorSample(
+            self.names,
+            along_lines(self.position, at)[0],
+            along_arcs(self.orientation, at)[0],
+            valid_at(self.valid, at)[0],
+        )
 
     def resample(self, time: ArrayLike) -> "SensorFrames":
         """The same motion on another clock: `time` (n,) s, strictly rising.
@@ -219,40 +221,17 @@ class SensorFrames:
         frame and after the last, the first and the last are held. The nominal rate is that of the new clock.
         """
         time = np.asarray(time, float)
-        before, share = self._locate(time)
-        after = np.minimum(before + 1, len(self) - 1)
-        exact = share == 0.0
-        weight = share[:, None, None]
-
-        def line(track: FloatArray) -> FloatArray:
-            a, b = track[before], track[after]
-            return np.where(exact[:, None, None], a, a + weight * (b - a))
-
-        a, b = self.orientation[before], self.orientation[after]
-        orientation = np.where(
-            exact[:, None, None],
-            a,
-            rotations.slerp(a, b, np.broadcast_to(share[:, None], a.shape[:2])),
-        )
+        at = locate(self.time, time)
+        joints = self.joints
         return replace(
             self,
             time=time,
-            position=line(self.position),
-            orientation=orientation,
-            valid=self.valid[before] & (exact[:, None] | self.valid[after]),
-            joints=None if self.joints is None else JointTracks(self.joints.names, line(self.joints.position)),
+            position=along_lines(self.position, at),
+            orientation=along_arcs(self.orientation, at),
+            valid=valid_at(self.valid, at),
+            joints=None if joints is None else JointTracks(joints.names, along_lines(joints.position, at)),
             rate_hz=float((time.size - 1) / (time[-1] - time[0])) if time.size > 1 else self.rate_hz,
         )
-
-    def _locate(self, time: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-        """Frame at or before each time (n,) and the share (n,) of the way to the next frame, 0 to below 1."""
-        held = np.clip(time, self.time[0], self.time[-1])
-        before = np.clip(np.searchsorted(self.time, held, side="right") - 1, 0, len(self) - 1)
-        after = np.minimum(before + 1, len(self) - 1)
-        interval = np.where(after > before, self.time[after] - self.time[before], 1.0)
-        share = (held - self.time[before]) / interval
-        before = np.where(share > 1.0 - _SNAP, after, before)
-        return before, np.where((share < _SNAP) | (share > 1.0 - _SNAP), 0.0, share)
 
     def _rows(self, rows: slice) -> "SensorFrames":
         return replace(
