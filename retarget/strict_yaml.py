@@ -77,7 +77,7 @@ def parse(text: str, path: Path) -> Document:
 
 def scan(text: str, path: Path) -> Document:
     """As `parse`, but what is refused stands in `Document.problems`. Raises ConfigError when there is no mapping."""
-    builder = _Builder(path)
+    builder = _Builder(path, text)
     data: Node = None
     try:
         data = builder.document(yaml.parse(text, Loader=_Loader))
@@ -127,8 +127,9 @@ def read_text(path: Path) -> str:
 class _Builder:
     """Turns parser events into data; collects problems and lines."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, text: str) -> None:
         self.path = path
+        self.last_line = text.rstrip().count("\n") + 1
         self.problems: list[Problem] = []
         self.lines: dict[KeyPath, int] = {}
 
@@ -137,9 +138,12 @@ class _Builder:
 
     def syntax_problem(self, error: yaml.YAMLError) -> None:
         """What the parser itself refuses; it cannot go on after this."""
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        began = getattr(error, "context_mark", None)
+        mark = getattr(error, "problem_mark", None) or began
         reason = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error).splitlines()[0]
-        line = mark.line + 1 if mark else 1
+        line = min(mark.line + 1, self.last_line) if mark else 1
+        if began and (context := getattr(error, "context", None)):
+            reason = f"{reason}, {context} that starts in line {began.line + 1}"
         where = f"{self.path}:{line}" if mark else str(self.path)
         step = "Check indentation, quotes and brackets near this line"
         self.problems.append(Problem(f"not valid YAML: {reason}", where, next_step=step, line=line))
