@@ -1,0 +1,252 @@
+"""Synthetic performer: six reach and crouch cycles, in place of a recording.
+
+Timing and heights follow CMU trial 02_06 (bend over, scoop up, rise, lift the right arm): a crouch about every 330
+frames at 120 Hz with the pelvis 0.54 to 0.60 m high, a drop of 0.37 to 0.43 m, the right hand at 1.88 to 1.95 m in
+between, feet down throughout. The body is a simple skeleton of 1.7 m: trunk and arms by forward kinematics, legs by
+two-link inverse kinematics onto planted feet, so bone lengths are constant and soles do not move. All paths are
+minimum-jerk, hence C2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget import rotations
+from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
+from retarget.rotations import FloatArray
+from retarget.sources.tree import JointTree, Pose, forward_kinematics
+
+__all__ = ["CYCLES", "DURATION_S", "RATE_HZ", "synthetic_performer"]
+
+RATE_HZ = 120.0
+DURATION_S = 18.6
+CYCLES = 6
+
+FIRST_CROUCH_S = 1.22
+CYCLE_S = 2.73
+CROUCH_TO_REACH_S = 1.28
+STANDING_HEIGHT = 0.97
+CROUCH_HEIGHT = (0.545, 0.595)
+
+THIGH, SHANK = 0.42, 0.41
+HIP = np.array([0.0, 0.09, -0.09])
+ANKLE = np.array([0.0, 0.13, 0.08])
+TOE = np.array([0.13, 0.0, -0.05])
+FOOT_YAW = np.radians(8.0)
+
+# Joint, parent, rest offset (m) of the left side; "s" stands for a side. The rest pose is a T-pose facing x.
+_UPPER_BODY: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
+    ("pelvis", "", (0.0, 0.0, 0.0)),
+    ("spine", "pelvis", (0.0, 0.0, 0.11)),
+    ("chest", "spine", (0.0, 0.0, 0.12)),
+    ("neck", "chest", (0.0, 0.0, 0.12)),
+    ("head", "neck", (0.02, 0.0, 0.21)),
+    ("s_collar", "chest", (0.0, 0.02, 0.11)),
+    ("s_shoulder", "s_collar", (0.0, 0.16, 0.03)),
+    ("s_elbow", "s_shoulder", (0.0, 0.29, 0.0)),
+    ("s_wrist", "s_elbow", (0.0, 0.26, 0.0)),
+    ("s_hand", "s_wrist", (0.0, 0.08, 0.0)),
+)
+
+
+@dataclass(frozen=True)
+class _Stance:
+    """What the body does at one instant. Lengths m, angles degrees; flexion bends forward, an arm hangs at 0."""
+
+    height: float = STANDING_HEIGHT
+    forward: float = 0.0
+    pelvis_pitch: float = 0.0
+    spine_pitch: float = 0.0
+    chest_pitch: float = 0.0
+    head_pitch: float = 0.0
+    twist: float = 0.0
+    sway: float = 0.0
+    r_collar: float = 0.0
+    r_shoulder: float = 4.0
+    r_elbow: float = 14.0
+    l_collar: float = 0.0
+    l_shoulder: float = 4.0
+    l_elbow: float = 14.0
+    spread: float = 12.0
+
+
+_CROUCH = _Stance(
+    forward=-0.13,
+    pelvis_pitch=35.0,
+    spine_pitch=22.0,
+    chest_pitch=15.0,
+    head_pitch=-18.0,
+    r_shoulder=72.0,
+    r_elbow=22.0,
+    l_shoulder=70.0,
+    l_elbow=24.0,
+    spread=9.0,
+)
+_REACH = _Stance(
+    pelvis_pitch=-1.0,
+    spine_pitch=-4.0,
+    chest_pitch=-4.0,
+    head_pitch=-14.0,
+    twist=7.0,
+    sway=-0.015,
+    r_collar=14.0,
+    r_shoulder=135.0,
+    r_elbow=10.0,
+    l_shoulder=16.0,
+    l_elbow=32.0,
+    spread=8.0,
+)
+
+_VARIATION = {"forward": 0.01, "twist": 3.0, "sway": 0.006, "r_shoulder": 2.5, "l_shoulder": 5.0, "l_elbow": 6.0}
+"""How much a value varies from cycle to cycle (uniform, plus or minus)."""
+_DELAY_S = {"height": -0.15, "forward": -0.15, "pelvis_pitch": -0.12, "spine_pitch": -0.06, "r_elbow": 0.03}
+"""How much later (s) than the hand a value comes to its reach."""
+
+
+def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFrames:
+    """Six reach and crouch cycles, about 18.6 s, with all sensors, joint truth and skeleton.
+
+    seed: of the small differences between the cycles; the same seed gives the same bits. rate_hz: frames per second.
+    Orientations and frames as in `SensorFrames`: z up, facing x, the ground at 0.
+    """
+    time = np.arange(round(DURATION_S * rate_hz)) / rate_hz
+    paths = _paths(time, np.random.default_rng(seed))
+    tree = _upper_body()
+    joints, segments = _upper_tracks(tree, _upper_pose(tree, paths))
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        points, turns = _leg(joints["pelvis"], segments["pelvis"], sign)
+        joints |= {f"{side}_{name}": track for name, track in points.items()}
+        segments |= {f"{side}_{name}": track for name, track in turns.items()}
+    names = tuple(name for name in JOINTS if name in joints)
+    return SensorFrames(
+        time=time,
+        names=SENSORS,
+        position=np.stack([joints[name] for name in SENSORS], axis=1),
+        orientation=np.stack([segments[name] for name in SENSORS], axis=1),
+        valid=np.ones((len(time), len(SENSORS)), bool),
+        joints=JointTracks(names, np.stack([joints[name] for name in names], axis=1)),
+        skeleton=_skeleton(tree, names),
+        source=f"synthetic performer, seed {seed}",
+        rate_hz=rate_hz,
+    )
+
+
+def minimum_jerk(time: FloatArray, key_times: FloatArray, key_values: FloatArray) -> FloatArray:
+    """Values (T,) that rest at each key and go between keys with least jerk (Flash and Hogan 1985): C2 throughout.
+
+    Before the first key and after the last, their values are held. key_times rise strictly.
+    """
+    left = np.clip(np.searchsorted(key_times, time, side="right") - 1, 0, len(key_times) - 2)
+    u = np.clip((time - key_times[left]) / (key_times[left + 1] - key_times[left]), 0.0, 1.0)
+    share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return np.asarray(key_values[left] + share * (key_values[left + 1] - key_values[left]))
+
+
+def _paths(time: FloatArray, generator: np.random.Generator) -> dict[str, FloatArray]:
+    """Value (T,) of every field of `_Stance` over time."""
+    crouch_times = FIRST_CROUCH_S + CYCLE_S * np.arange(CYCLES) + generator.uniform(-0.03, 0.03, CYCLES)
+    reach_times = crouch_times + CROUCH_TO_REACH_S + generator.uniform(-0.03, 0.03, CYCLES)
+    heights = generator.uniform(*CROUCH_HEIGHT, CYCLES)
+    end = reach_times[-1] + CROUCH_TO_REACH_S
+    paths = {}
+    for name, standing in vars(_Stance()).items():
+        delay, spread = _DELAY_S.get(name, 0.0), _VARIATION.get(name, 0.0)
+        crouched = (
+            heights if name == "height" else getattr(_CROUCH, name) + spread * generator.uniform(-1.0, 1.0, CYCLES)
+        )
+        reached = getattr(_REACH, name) + (0.0 if name == "height" else spread * generator.uniform(-1.0, 1.0, CYCLES))
+        values = np.column_stack([crouched, np.broadcast_to(reached, CYCLES)]).ravel()
+        # Only the way up is shifted: all joints reach the bottom together, from the pelvis outwards they leave it.
+        times = np.column_stack([crouch_times, reach_times + delay]).ravel()
+        keys = np.concatenate([[0.0], times, [end]])
+        paths[name] = minimum_jerk(time, keys, np.concatenate([[standing], values, [standing]]))
+    return paths
+
+
+def _upper_body() -> JointTree:
+    """Pelvis, trunk, head and both arms as a tree."""
+    rows = [row for row in _UPPER_BODY if not row[0].startswith("s_")]
+    for side, sign in (("l_", 1.0), ("r_", -1.0)):
+        for name, parent, (x, y, z) in _UPPER_BODY:
+            if name.startswith("s_"):
+                above = side + parent[2:] if parent.startswith("s_") else parent
+                rows.append((side + name[2:], above, (x, sign * y, z)))
+    names = tuple(row[0] for row in rows)
+    return JointTree(
+        names=names,
+        parents=tuple(names.index(row[1]) if row[1] else -1 for row in rows),
+        offsets=np.array([row[2] for row in rows]),
+        ends=((),) * len(names),
+    )
+
+
+def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> Pose:
+    """Forward kinematics of trunk and arms. Positive pitch bends forward (about y), positive twist turns left (z)."""
+    frames = len(paths["height"])
+    angle = {name: np.radians(path) for name, path in paths.items() if name not in ("height", "forward", "sway")}
+    zero = np.zeros(frames)
+    turns = {
+        "pelvis": ((zero, angle["pelvis_pitch"]), "zy"),
+        "spine": ((0.5 * angle["twist"], angle["spine_pitch"]), "zy"),
+        "chest": ((0.5 * angle["twist"], angle["chest_pitch"]), "zy"),
+        "neck": ((-0.5 * angle["twist"], angle["head_pitch"]), "zy"),
+    }
+    for side, sign in (("l_", 1.0), ("r_", -1.0)):
+        hang = sign * (np.radians(90.0) - angle["spread"])
+        turns[f"{side}collar"] = ((sign * angle[f"{side}collar"], zero), "xy")
+        turns[f"{side}shoulder"] = ((-angle[f"{side}shoulder"], -hang), "yx")
+        turns[f"{side}elbow"] = ((-sign * angle[f"{side}elbow"], zero), "zy")
+    local = np.broadcast_to(rotations.IDENTITY, (frames, len(tree.names), 4)).copy()
+    for name, (angles, axes) in turns.items():
+        local[:, tree.names.index(name)] = rotations.from_euler(np.stack(angles, axis=-1), axes)
+    translation = np.broadcast_to(tree.offsets, (frames, len(tree.names), 3)).copy()
+    translation[:, 0] = np.stack([paths["forward"], paths["sway"], paths["height"]], axis=-1)
+    return forward_kinematics(tree, local, translation)
+
+
+def _upper_tracks(tree: JointTree, pose: Pose) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Joint positions (T, 3) and segment orientations (T, 4) by name."""
+    positions = {name: pose.position[:, i] for i, name in enumerate(tree.names)}
+    return positions, {name: pose.orientation[:, i] for i, name in enumerate(tree.names)}
+
+
+def _leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Joint positions (T, 3) and segment orientations (T, 4) of one leg on its planted foot. sign: +1 left, -1 right.
+
+    The knee lies where a thigh and a shank of constant length meet, in the vertical plane of the foot's direction
+    through hip and ankle.
+    """
+    mirror = np.array([1.0, sign, 1.0])
+    hip = pelvis + rotations.rotate(turn, HIP * mirror)
+    foot = rotations.from_axis_angle([0.0, 0.0, 1.0], sign * FOOT_YAW)
+    ankle = np.broadcast_to(ANKLE * mirror, hip.shape)
+    line = hip - ankle
+    reach = np.linalg.norm(line, axis=1, keepdims=True)
+    up = line / reach
+    along = (reach**2 + SHANK**2 - THIGH**2) / (2.0 * reach)
+    left = np.cross(up, rotations.rotate(foot, [1.0, 0.0, 0.0]))
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    knee = ankle + along * up + np.sqrt(SHANK**2 - along**2) * np.cross(left, up)
+    foot_turn = np.broadcast_to(foot, (len(hip), 4))
+    toe = ankle + rotations.rotate(foot, TOE * mirror)
+    points = {"hip": hip, "knee": knee, "ankle": np.array(ankle), "toe": toe}
+    turns = {"hip": _segment(knee, hip, left), "knee": _segment(np.array(ankle), knee, left)}
+    return points, turns | {"ankle": foot_turn, "toe": foot_turn}
+
+
+def _segment(bottom: FloatArray, top: FloatArray, left: FloatArray) -> FloatArray:
+    """Orientation (T, 4) of a segment whose z goes from bottom to top and whose y is the unit vector `left`."""
+    up = (top - bottom) / np.linalg.norm(top - bottom, axis=1, keepdims=True)
+    return rotations.from_matrix(np.stack([np.cross(left, up), left, up], axis=-1))
+
+
+def _skeleton(tree: JointTree, names: tuple[str, ...]) -> Skeleton:
+    """The T-pose with straight legs."""
+    rest = dict(zip(tree.names, tree.rest_positions(), strict=True))
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        mirror = np.array([1.0, sign, 1.0])
+        hip = HIP * mirror
+        knee = hip - [0.0, 0.0, THIGH]
+        ankle = knee - [0.0, 0.0, SHANK]
+        rest |= {f"{side}_hip": hip, f"{side}_knee": knee, f"{side}_ankle": ankle, f"{side}_toe": ankle + TOE * mirror}
+    return Skeleton(names, np.stack([rest[name] for name in names]))
