@@ -56,7 +56,7 @@ def test_sizes(tree: Tree) -> None:
 def test_the_trees_hold_every_kind_of_joint_and_several_on_a_link() -> None:
     models = [random_tree(seed).model for seed in SEEDS]
     assert {int(kind) for model in models for kind in model.jnt_type} == {0, 1, 2, 3}
-    assert max(int(model.body_jntnum.max()) for model in models) == 3
+    assert max(int(model.body_jntnum.max()) for model in models) >= 3
 
 
 def test_forward(tree: Tree) -> None:
