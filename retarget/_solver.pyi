@@ -126,7 +126,7 @@ class Solver:
     """A body, its levels and limits, and the state of the convergence loop.
 
     The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see `frame_bounds`). Locked
-    coordinates (nv,) never move. `damping` is the share of a level's largest row below which a direction counts as near-singular; 0 is exact.
+    coordinates (nv,) never move. A near-singular direction is damped so that it moves at most about `1 / damping` (rad) per iteration; 0 is exact.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class Solver:
         locked: NDArray[np.bool_],
         n_ik: int = 5,
         max_step: float = 0.3,
-        damping: float = 0.01,
+        damping: float = 3.0,
         early_stop: bool = True,
     ) -> None: ...
     @property

@@ -65,6 +65,8 @@ pub struct Body {
     pub dof_link: Vec<usize>,
     /// True for a translation (slide, or the linear part of a free joint).
     pub dof_linear: Vec<bool>,
+    /// True for the coordinates of a free joint.
+    pub dof_is_root: Vec<bool>,
     pub total_mass: f64,
 }
 
@@ -90,7 +92,7 @@ impl Body {
             return Err("a body needs at least the world link".into());
         }
         let (mut nq, mut nv) = (0, 0);
-        let (mut dof_link, mut dof_linear) = (vec![], vec![]);
+        let (mut dof_link, mut dof_linear, mut dof_is_root) = (vec![], vec![], vec![]);
         for (j, joint) in joints.iter_mut().enumerate() {
             if joint.body >= links.len() {
                 return Err(format!("joint {j} sits on link {}, of {}", joint.body, links.len()));
@@ -102,6 +104,7 @@ impl Body {
             nv += size_v;
             for k in 0..size_v {
                 dof_link.push(joint.body);
+                dof_is_root.push(joint.kind == JointKind::Free);
                 dof_linear.push(match joint.kind {
                     JointKind::Free => k < 3,
                     JointKind::Slide => true,
@@ -130,7 +133,7 @@ impl Body {
             links[b].quat = quat_unit(links[b].quat);
         }
         let total_mass = links.iter().map(|l| l.mass).sum();
-        Ok(Self { links, joints, nq, nv, dof_link, dof_linear, total_mass })
+        Ok(Self { links, joints, nq, nv, dof_link, dof_linear, dof_is_root, total_mass })
     }
 
     pub fn new_pose(&self) -> Pose {

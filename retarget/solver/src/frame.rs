@@ -65,6 +65,8 @@ pub struct FrameSolver {
     weight2: Vec<f64>,
     scale: Vec<f64>,
     reference: Vec<f64>,
+    /// Weight of a typical joint in the last level.
+    soft_scale: f64,
     posture_error: Vec<f64>,
 }
 
@@ -124,6 +126,7 @@ impl FrameSolver {
             weight2: vec![0.0; body.nv],
             scale: vec![1.0; body.nv],
             reference: vec![0.0; body.nv],
+            soft_scale: 1.0,
             posture_error: vec![0.0; body.nv],
             limits,
             settings,
@@ -183,6 +186,13 @@ impl FrameSolver {
         self.q_address[dof].map_or(0.0, |a| self.q[a])
     }
 
+    /// Within a hair of a position limit.
+    fn is_at_stop(&self, dof: usize) -> bool {
+        const NEAR: f64 = 1e-3;
+        let (q, limit) = (self.coordinate(dof), &self.limits[dof]);
+        limit.upper - q < NEAR || q - limit.lower < NEAR
+    }
+
     fn iterate(&mut self, targets: &[f64]) {
         self.metric(targets);
         self.write_rows(targets);
@@ -220,12 +230,23 @@ impl FrameSolver {
                 self.reference[i] += w * (p.task.gain * self.posture_error[i]).max(-cap).min(cap);
             }
         }
-        let largest = self.weight2.iter().fold(0.0, |m: f64, w| m.max(*w));
+        let mut largest: f64 = 0.0;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for &(dof, _) in &self.columns.all {
+            largest = largest.max(self.weight2[dof]);
+            if !self.body.dof_is_root[dof] && self.weight2[dof] > 0.0 {
+                sum += self.weight2[dof].ln();
+                count += 1.0;
+            }
+        }
         let floor = if largest > 0.0 { 1e-6 * largest } else { 1.0 };
+        // A typical joint has weight one, so that rows and damping keep their units (m/rad).
+        let typical = if count > 0.0 { f64::exp(sum / count) } else { 1.0 };
+        self.soft_scale = typical;
         for i in 0..self.body.nv {
             let w = self.weight2[i] + floor;
             self.reference[i] /= w;
-            self.scale[i] = 1.0 / w.sqrt();
+            self.scale[i] = (typical / w).sqrt();
         }
     }
 
@@ -238,7 +259,7 @@ impl FrameSolver {
                 continue;
             }
             let soft = p.soft_column.is_some();
-            let strength = if soft { target[0].sqrt() } else { target[0] };
+            let strength = if soft { (target[0] / self.soft_scale).sqrt() } else { target[0] };
             let mut writer = RowWriter {
                 body: &self.body,
                 pose: &self.pose,
@@ -274,6 +295,7 @@ impl FrameSolver {
             let (x, s) = (self.reference[dof], 1.0 / self.scale[dof]);
             self.problem.lo[c] = (lo - x) * s;
             self.problem.hi[c] = (hi - x) * s;
+            self.problem.at_stop[c] = self.is_at_stop(dof);
         }
     }
 

@@ -88,7 +88,7 @@ pub struct PySolver {
 impl PySolver {
     #[new]
     #[pyo3(signature = (body, levels, *, lower, upper, max_velocity, max_acceleration, locked, n_ik=5, max_step=0.3,
-                        damping=0.01, early_stop=true))]
+                        damping=3.0, early_stop=true))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,
@@ -112,8 +112,8 @@ impl PySolver {
         if n_ik == 0 || n_ik > 1000 {
             return Err(bad(format!("n_ik is {n_ik}, expected 1 to 1000")));
         }
-        if !(max_step > 0.0) || !(0.0..1.0).contains(&damping) {
-            return Err(bad(format!("max_step {max_step} must be positive, damping {damping} in [0, 1)")));
+        if !(max_step > 0.0) || !(damping >= 0.0 && damping.is_finite()) {
+            return Err(bad(format!("max_step {max_step} must be positive, damping {damping} not negative")));
         }
         for (level, tasks) in levels.iter().enumerate() {
             for (k, task) in tasks.iter().enumerate() {

@@ -35,8 +35,17 @@ fn solve_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace) -> Ou
     work.factor.prepare::<FMA>(problem);
     start::<FMA>(problem);
     let mut outcome = Outcome::default();
+    let mut damp = damping_is_asked(problem);
+    if damp && problem.variable_side.iter().zip(&problem.at_stop).any(|(s, stop)| *s != Side::Free && !stop) {
+        let stops = |p: &Problem, i: usize| p.variable_side[i] == Side::Free || !p.at_stop[i];
+        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, true, stops);
+        outcome.factorizations += 1;
+        damp = false;
+    }
     while outcome.factorizations < MOST_CHANGES {
-        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate);
+        let free = |p: &Problem, i: usize| p.variable_side[i] == Side::Free;
+        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, damp, free);
+        damp = false;
         outcome.factorizations += 1;
         if let Some(step) = first_limit::<FMA>(problem, &work.candidate, problem.row_count()) {
             advance(problem, &work.candidate, step.share);
@@ -56,6 +65,17 @@ fn solve_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace) -> Ou
     cascade::solve::<FMA>(problem, work, &mut outcome);
     clamp_to_box(problem);
     outcome
+}
+
+/// Small steps need no damping: some level must ask for enough to let a weak direction run away.
+#[inline(always)]
+fn damping_is_asked(problem: &Problem) -> bool {
+    const LITTLE: f64 = 0.01;
+    if problem.damping == 0.0 {
+        return false;
+    }
+    let asked = |k| problem.level(k).filter(|r| problem.row_side[*r] == Side::Both).map(|r| problem.lower[r].powi(2)).sum::<f64>();
+    (0..problem.level_count()).any(|k| problem.damping * asked(k).sqrt() > LITTLE)
 }
 
 /// A point inside the box that agrees with the active set; rows that it violates are held.
@@ -91,8 +111,14 @@ pub fn hold_violated_rows<const FMA: bool>(problem: &mut Problem) {
 
 /// The equality-only answer for the active set, into `candidate`.
 #[inline(always)]
-fn factor_all<const FMA: bool>(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) {
-    factor.restart(problem);
+fn factor_all<const FMA: bool>(
+    problem: &mut Problem,
+    factor: &mut Factor,
+    candidate: &mut [f64],
+    damp: bool,
+    is_free: impl Fn(&Problem, usize) -> bool,
+) {
+    factor.restart_with(problem, |i| is_free(problem, i));
     for i in 0..problem.n {
         candidate[i] = if factor.is_free(i) { 0.0 } else { problem.bound(i) };
     }
@@ -103,7 +129,11 @@ fn factor_all<const FMA: bool>(problem: &Problem, factor: &mut Factor, candidate
                 factor.rhs[r] = problem.target(r) - dot::<FMA>(problem.row(r), candidate);
             }
         }
-        factor.add_level::<FMA>(problem, k);
+        if damp {
+            factor.add_damped_level::<FMA>(problem, k);
+        } else {
+            factor.add_level::<FMA>(problem, k);
+        }
     }
     for j in 0..factor.rank() {
         add_scaled::<FMA>(candidate, factor.y[j], factor.basis_row(j));

@@ -11,6 +11,9 @@ use super::problem::{Problem, Side};
 /// A pivot below this share of the level's largest row counts as zero.
 const RANK_TOLERANCE: f64 = 1e-8;
 
+/// Pivots above this are never damped.
+const MOST_DAMPED: f64 = 0.5;
+
 #[derive(Default)]
 pub struct Factor {
     stride: usize,
@@ -37,6 +40,7 @@ pub struct Factor {
     members: Vec<usize>,
     remaining: Vec<f64>,
     damping: Vec<f64>,
+    exact: Vec<f64>,
     small: SmallLeastSquares,
 }
 
@@ -73,11 +77,16 @@ impl Factor {
     /// Forget all levels, and take the free columns from the active set.
     #[inline(always)]
     pub fn restart(&mut self, problem: &Problem) {
+        self.restart_with(problem, |i| problem.variable_side[i] == Side::Free);
+    }
+
+    #[inline(always)]
+    pub fn restart_with(&mut self, problem: &Problem, is_free: impl Fn(usize) -> bool) {
         self.pivot_row.clear();
         self.rank_end.clear();
         self.y.clear();
         for i in 0..problem.n {
-            self.mask[i] = if problem.variable_side[i] == Side::Free { 1.0 } else { 0.0 };
+            self.mask[i] = if is_free(i) { 1.0 } else { 0.0 };
         }
     }
 
@@ -104,6 +113,39 @@ impl Factor {
     /// Add level `k`: its held rows, with `rhs` set beforehand.
     #[inline(always)]
     pub fn add_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
+        self.add_rows::<FMA>(problem, k);
+        self.solve_level(self.first_of(k));
+        self.rank_end.push(self.rank());
+    }
+
+    /// The same, but what a near-singular direction would have to give is first taken back: the level's targets are changed to
+    /// what a damped step reaches, and stay so for the rest of the solve. Zero above the threshold on the pivots, growing below it.
+    #[inline(always)]
+    pub fn add_damped_level<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
+        self.add_rows::<FMA>(problem, k);
+        let first = self.first_of(k);
+        self.solve_level(first);
+        let asked: f64 = self.members.iter().map(|r| self.rhs[*r] * self.rhs[*r]).sum::<f64>().sqrt();
+        let threshold = (problem.damping * asked).min(MOST_DAMPED);
+        let rank = self.rank();
+        let weak = |f: &Self, j: usize| f.coefficient(f.pivot_row[j], j) < threshold;
+        if (first..rank).any(|j| weak(self, j)) {
+            self.damp(problem, first, threshold);
+        }
+        self.rank_end.push(rank);
+    }
+
+    #[inline(always)]
+    fn first_of(&self, k: usize) -> usize {
+        if k == 0 {
+            0
+        } else {
+            self.rank_end[k - 1]
+        }
+    }
+
+    #[inline(always)]
+    fn add_rows<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
         let first = self.rank();
         self.members.clear();
         for r in problem.level(k) {
@@ -113,8 +155,6 @@ impl Factor {
         }
         self.load_rows::<FMA>(problem, first);
         self.pivot::<FMA>(RANK_TOLERANCE * self.level_scale[k], first);
-        self.solve_level(first, problem.damping * self.level_scale[k]);
-        self.rank_end.push(self.rank());
     }
 
     /// Copy the held rows' free columns and take out what earlier levels span.
@@ -207,9 +247,9 @@ impl Factor {
         left[a * stride..(a + 1) * stride].swap_with_slice(&mut right[..stride]);
     }
 
-    /// Coordinates of the level's new directions: exact, least squares where rows depend on each other, damped near a singularity.
+    /// Coordinates of the level's new directions: exact, or least squares where rows depend on each other.
     #[inline(always)]
-    fn solve_level(&mut self, first: usize, damping_from: f64) {
+    fn solve_level(&mut self, first: usize) {
         let (count, rank) = (self.members.len(), self.rank());
         let new = rank - first;
         // What is asked beyond what earlier levels already give.
@@ -220,10 +260,7 @@ impl Factor {
             self.residual[r] = self.rhs[r] - given;
         }
         self.y.resize(rank, 0.0);
-        let weakest = (first..rank)
-            .map(|j| self.coefficient(self.pivot_row[j], j))
-            .fold(f64::INFINITY, f64::min);
-        if new == count && weakest >= damping_from {
+        if new == count {
             for j in first..rank {
                 let r = self.pivot_row[j];
                 let row = &self.coefficients[r * self.width..(r + 1) * self.width];
@@ -234,7 +271,7 @@ impl Factor {
                 self.y[j] = sum / row[j];
             }
         } else if new > 0 {
-            self.least_squares(first, damping_from);
+            self.least_squares(first, 0.0);
         }
         for slot in 0..count {
             let r = self.members[slot];
@@ -244,9 +281,35 @@ impl Factor {
         }
     }
 
+    /// Replace the solution and the targets of the level (from basis vector `first` on) by the damped ones.
+    fn damp(&mut self, problem: &mut Problem, first: usize, threshold: f64) {
+        self.exact.clear();
+        self.exact.extend_from_slice(&self.y[first..]);
+        for &r in &self.members {
+            // Back to what was asked, for the second solve.
+            self.residual[r] = self.reached(r, first) - self.residual[r];
+        }
+        self.least_squares(first, threshold);
+        for slot in 0..self.members.len() {
+            let r = self.members[slot];
+            let row = &self.coefficients[r * self.width + first..];
+            let taken_back: f64 = row.iter().zip(&self.y[first..]).zip(&self.exact).map(|((c, y), e)| c * (e - y)).sum();
+            if problem.is_equality(r) {
+                problem.lower[r] -= taken_back;
+                problem.upper[r] = problem.lower[r];
+                self.residual[r] -= taken_back;
+            }
+            self.residual[r] = self.reached(r, first) - self.residual[r];
+        }
+    }
+
+    fn reached(&self, r: usize, first: usize) -> f64 {
+        let row = &self.coefficients[r * self.width + first..];
+        row.iter().zip(&self.y[first..]).map(|(c, y)| c * y).sum()
+    }
+
     /// min ||L y - b||^2 + sum_j d_j^2 y_j^2, with d_j zero for pivots above the damping threshold.
-    fn least_squares(&mut self, first: usize, damping_from: f64) {
-        let (count, rank) = (self.members.len(), self.rank());
+    fn least_squares(&mut self, first: usize, damping_from: f64) {        let (count, rank) = (self.members.len(), self.rank());
         let new = rank - first;
         self.damping.clear();
         for j in first..rank {

@@ -37,8 +37,11 @@ pub struct Problem {
     /// The box.
     pub lo: Vec<f64>,
     pub hi: Vec<f64>,
-    /// Damping begins where a level's pivot falls below this share of its largest row; 0 switches it off.
+    /// Damping begins where a level's pivot falls below `damping` times what is asked of the level, so that one direction moves
+    /// at most about `1 / damping`; 0 switches it off.
     pub damping: f64,
+    /// Held variables that damping counts as held too: those at the end of their range, not those that are only slow.
+    pub at_stop: Vec<bool>,
     /// Warm start in, final active set out.
     pub variable_side: Vec<Side>,
     pub row_side: Vec<Side>,
@@ -69,6 +72,7 @@ impl Problem {
             lo: vec![f64::NEG_INFINITY; n],
             hi: vec![f64::INFINITY; n],
             damping: 0.0,
+            at_stop: vec![false; n],
             variable_side: vec![Side::Free; n],
             row_side: vec![Side::Free; m],
             z: vec![0.0; stride],
