@@ -28,4 +28,6 @@ def describe(*, what: str, where: str = "", found: object = None, allowed: objec
         text += f"; found {found}"
     if allowed is not None:
         text += f"; allowed: {allowed}"
+    if then and then[-1] not in ".?!":
+        then += "."
     return f"{text}. {then}" if then else f"{text}."

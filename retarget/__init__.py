@@ -18,7 +18,7 @@ _HOMES = {
     "open_source": "retarget.sources.open",
 }
 
-__all__ = ["__version__", *sorted(_HOMES)]  # noqa: PLE0604
+__all__ = ["__version__", *sorted(_HOMES)]
 
 siblings.verify()
 

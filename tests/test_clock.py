@@ -1,0 +1,36 @@
+"""Clocks: virtual time jumps, real time does not go back."""
+
+import pytest
+
+from hardware.clock import MonotonicClock, VirtualClock, process_cpu, thread_cpu
+
+
+def test_virtual_time_moves_only_forward() -> None:
+    clock = VirtualClock(5.0)
+    clock.sleep_until(6.5)
+    assert clock.now() == 6.5
+    clock.sleep_until(1.0)
+    assert clock.now() == 6.5
+    clock.advance(0.25)
+    assert clock.now() == 6.75
+
+
+@pytest.mark.parametrize("step", [-1e-9, float("nan"), float("inf")])
+def test_a_bad_step_is_refused(step: float) -> None:
+    with pytest.raises(ValueError, match="forward"):
+        VirtualClock().advance(step)
+
+
+def test_the_monotonic_clock_returns_at_once_when_late() -> None:
+    clock = MonotonicClock()
+    before = clock.now()
+    clock.sleep_until(before - 1.0)
+    clock.sleep_until(before + 0.002)
+    assert 0.002 <= clock.now() - before < 1.0
+
+
+def test_cpu_time_grows_with_work() -> None:
+    before = thread_cpu(), process_cpu()
+    sum(range(200_000))
+    assert thread_cpu() > before[0]
+    assert process_cpu() > before[1]

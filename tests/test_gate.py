@@ -1,0 +1,220 @@
+"""The gate: whatever is asked, what is sent is finite, inside the limits, and can stop."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hardware.arrays import FloatArray
+from hardware.errors import HardwareError
+from hardware.goal_filter import GoalFilter
+from hardware.joint_map import JointMap
+from oracles.frame_bounds import braking_displacement
+from oracles.frame_bounds import frame_bounds as bounds_oracle
+from retarget._solver import frame_bounds
+from retarget.gate import Gate, GateReason, PathCheck
+from servos import four_servos
+
+MAP = JointMap(four_servos())
+DT = 0.008
+STEP = MAP.max_velocity * DT
+CHANGE = MAP.max_acceleration * DT**2
+TINY = 1e-8
+
+
+def make(start: FloatArray | None = None, path_is_clear: PathCheck | None = None) -> Gate:
+    gate = Gate.for_servos(MAP, dt=DT, path_is_clear=path_is_clear)
+    gate.seed(np.zeros(4) if start is None else start)
+    return gate
+
+
+def reason_of(gate: Gate) -> GateReason:
+    return gate.reason
+
+
+def check_motion(path: FloatArray) -> None:
+    """Assert that postures (T, 4), starting at rest, keep every limit."""
+    steps = np.diff(path, axis=0)
+    changes = np.diff(steps, axis=0, prepend=0.0)
+    assert np.isfinite(path).all()
+    assert np.all((path >= MAP.lower - TINY) & (path <= MAP.upper + TINY))
+    assert np.all(np.abs(steps) <= STEP + TINY)
+    assert np.all(np.abs(changes) <= CHANGE + TINY)
+
+
+def test_it_is_a_goal_filter() -> None:
+    gate: GoalFilter = make()
+    assert gate.at_rest
+
+
+def test_a_goal_within_reach_passes_untouched() -> None:
+    gate = make()
+    goal = 0.5 * CHANGE
+    assert gate.admit(goal).tolist() == goal.tolist()
+    assert reason_of(gate) is GateReason.PASSED
+    assert gate.gated == 0
+    np.testing.assert_allclose(gate.velocity, goal / DT)
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason", "culprit"),
+    [
+        ([0.0, np.nan, 0.0, 0.0], GateReason.NOT_FINITE, 1),
+        ([np.inf, 0.0, 0.0, 0.0], GateReason.NOT_FINITE, 0),
+        ([0.0, 0.0, 0.7, 0.0], GateReason.POSITION, 2),
+        ([0.0, 0.0, 0.0, -0.5], GateReason.VELOCITY, 3),
+        ([0.003, 0.0, 0.0, 0.0], GateReason.ACCELERATION, 0),
+    ],
+)
+def test_a_refused_goal_has_a_reason_and_a_culprit(goal: list[float], reason: GateReason, culprit: int) -> None:
+    gate = make()
+    assert gate.admit(np.array(goal)).tolist() == [0.0] * 4
+    assert reason_of(gate) is reason
+    assert gate.culprit == culprit
+    assert gate.counts[reason] == gate.gated == 1
+
+
+def test_a_goal_of_the_wrong_size_is_refused() -> None:
+    gate = make()
+    gate.admit(np.zeros(3))
+    assert reason_of(gate) is GateReason.NOT_FINITE
+    assert gate.culprit == -1
+
+
+def test_a_goal_from_which_no_braking_is_left_is_refused() -> None:
+    gate = make()
+    reasons = set()
+    velocity = np.zeros(4)
+    for _ in range(400):  # always faster towards the upper limits, and never a thought of stopping
+        velocity = np.minimum(velocity + CHANGE, STEP)
+        gate.admit(gate.position + velocity)
+        reasons.add(gate.reason)
+        velocity = gate.velocity * DT
+    assert GateReason.BRAKING in reasons
+    assert np.all(gate.position <= MAP.upper)
+
+
+def test_a_refusal_brakes_every_joint_at_full_deceleration() -> None:
+    gate = make()
+    for k in range(1, 6):
+        gate.admit(gate.position + k * CHANGE)
+    path = [gate.position]
+    gate.admit(np.full(4, np.nan))
+    path.append(gate.position)
+    while not gate.at_rest:
+        path.append(gate.brake())
+    np.testing.assert_allclose(np.diff(path, axis=0)[:4], np.array([4, 3, 2, 1])[:, None] * CHANGE, rtol=1e-9)
+    rest = gate.position
+    assert gate.brake().tolist() == rest.tolist()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_nothing_that_is_asked_breaks_a_limit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    gate = make(rng.uniform(MAP.lower, MAP.upper))
+    path = [gate.position]
+    for _ in range(60):
+        kind = rng.integers(4)
+        lo, hi = bounds_oracle(
+            gate.position, gate.velocity * DT, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT
+        )
+        goals = (
+            gate.position + rng.uniform(lo, hi),  # legal
+            gate.position + rng.choice([lo, hi]),  # at the bound
+            gate.position + rng.normal(0.0, 2.0, 4) * STEP,  # wild
+            np.where(rng.random(4) < 0.3, np.nan, 0.0),
+        )
+        path.append(gate.admit(goals[kind]))
+        if kind < 2:
+            assert reason_of(gate) is GateReason.PASSED
+    while not gate.at_rest:
+        path.append(gate.brake())
+    check_motion(np.array(path))
+
+
+def test_from_beyond_a_limit_it_may_stand_or_walk_back_in() -> None:
+    start = np.array([1.7, 0.0, 0.0, 0.0])  # 0.2 beyond
+    gate = make(start)
+    assert gate.admit(start).tolist() == start.tolist()
+    assert reason_of(gate) is GateReason.PASSED
+    gate.admit(np.add(start, [1e-3, 0.0, 0.0, 0.0]))
+    assert reason_of(gate) is GateReason.POSITION
+    gate.admit(start - [CHANGE[0], 0.0, 0.0, 0.0])
+    assert reason_of(gate) is GateReason.PASSED
+    assert gate.position[0] < start[0]
+
+
+def test_a_path_that_collides_is_refused_and_the_clear_one_is_followed() -> None:
+    seen: list[FloatArray] = []
+
+    def below_a_wall(path: FloatArray) -> bool:
+        seen.append(path)
+        return bool((path[:, 0] < 0.5).all())
+
+    gate = make(path_is_clear=below_a_wall)
+    sent = [gate.position]
+    while reason_of(gate) is not GateReason.COLLISION:
+        before = gate.position
+        speed = np.minimum(gate.velocity * DT + CHANGE, STEP)
+        sent.append(gate.admit(before + speed * [1, 0, 0, 0]))
+        path = seen[-1]
+        assert path[0].tolist() == before.tolist()
+        np.testing.assert_allclose(path[-1], path[-2])
+    while not gate.at_rest:
+        sent.append(gate.brake())
+    assert gate.culprit == -1
+    assert 0.4 < gate.position[0] < 0.5
+    check_motion(np.array(sent))
+
+
+@pytest.mark.parametrize("start", [np.full(4, np.nan), np.zeros(5)])
+def test_a_senseless_start_is_refused(start: FloatArray) -> None:
+    with pytest.raises(HardwareError, match="4 finite joint angles"):
+        make(start)
+
+
+def test_a_seed_forgets_the_past() -> None:
+    gate = make()
+    gate.admit(CHANGE)
+    gate.admit(np.full(4, np.nan))
+    gate.seed(np.zeros(4))
+    assert gate.at_rest
+    assert gate.gated == 0
+
+
+@pytest.mark.parametrize(
+    "change", [{"upper": MAP.lower}, {"max_velocity": np.zeros(4)}, {"lower": np.full(4, -np.inf)}]
+)
+def test_senseless_limits_are_refused(change: dict[str, FloatArray]) -> None:
+    def limit(name: str) -> FloatArray:
+        original: FloatArray = getattr(MAP, name)
+        return change.get(name, original)
+
+    with pytest.raises(HardwareError, match="limits"):
+        Gate(
+            lower=limit("lower"),
+            upper=limit("upper"),
+            max_velocity=limit("max_velocity"),
+            max_acceleration=limit("max_acceleration"),
+            dt=DT,
+        )
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_crates_bounds_are_the_oracles(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(MAP.lower - 0.1, MAP.upper + 0.1)
+    before = rng.uniform(-STEP, STEP)
+    arguments = (q, before, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT)
+    lo, hi = frame_bounds(*arguments)
+    expected_lo, expected_hi = bounds_oracle(*arguments)
+    np.testing.assert_allclose(lo, expected_lo, atol=1e-12)
+    np.testing.assert_allclose(hi, expected_hi, atol=1e-12)
+    assert np.all(lo <= hi)
+
+
+@given(st.floats(1e-6, 3.0), st.floats(1e-5, 1e-2))
+def test_the_oracle_uses_the_gap_to_the_last_bit(gap: float, change: float) -> None:
+    x = float(braking_displacement(np.array(gap), np.array(change)))
+    terms = x - change * np.arange(int(x / change) + 2)
+    assert terms[terms > 0].sum() == pytest.approx(gap, rel=1e-9)

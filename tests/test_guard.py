@@ -1,0 +1,92 @@
+"""The guard: arms gently and moves through the filter only."""
+
+import numpy as np
+import pytest
+
+from guard_rig import DT, MAP, START, Rig
+from hardware.bus import ServoAlert
+from hardware.errors import BusError, GuardError
+from hardware.guard_state import GuardState
+from sim.mock_faults import FaultKind, MockFault
+
+
+def test_goal_is_present_before_torque() -> None:
+    rig = Rig()
+    present = rig.guard.arm()
+    assert rig.bus.calls == ["write", "torque on"]
+    assert rig.guard.sent is not None
+    assert rig.guard.sent.tolist() == START.tolist()
+    np.testing.assert_allclose(present, MAP.to_radians(START))
+    assert rig.state() is GuardState.ARMED
+    rig.clock.advance(1.0)
+    assert rig.bus.read().position.tolist() == START.tolist()
+
+
+def test_arming_beyond_a_limit_does_not_move_the_robot() -> None:
+    rig = Rig()
+    rig.bus._position = np.array([3900.0, 2000.0, 2048.0, 500.0])
+    rig.guard.arm()
+    rig.clock.advance(1.0)
+    assert rig.bus.read().position[0] == 3900
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        (MockFault(FaultKind.MISSING, 0, 9, servo=1), "elbow (id 2)"),
+        (MockFault(FaultKind.ALERT, 0, 9, servo=3, alert=ServoAlert.OVERLOAD | 0x40), "head (id 4) OVERLOAD+0x40"),
+    ],
+)
+def test_arming_refuses_an_unhealthy_servo_by_name(fault: MockFault, text: str) -> None:
+    rig = Rig(fault)
+    with pytest.raises(GuardError) as refusal:
+        rig.guard.arm()
+    assert text in str(refusal.value)
+    assert rig.bus.calls == ["torque off"]
+    assert rig.state() is GuardState.IDLE
+
+
+def test_arming_without_any_servo_says_so() -> None:
+    rig = Rig(*(MockFault(FaultKind.MISSING, 0, 9, servo=index) for index in range(4)))
+    with pytest.raises(BusError, match="no servo answers"):
+        rig.guard.arm()
+
+
+def test_nothing_is_written_unless_armed() -> None:
+    rig = Rig()
+    with pytest.raises(GuardError, match="found idle"):
+        rig.guard.tick(rig.faster)
+    assert rig.bus.calls == []
+
+
+def test_goals_pass_through_the_filter() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(1, lambda _: np.full(4, 5.0))  # far beyond everything
+    assert rig.gate.gated == 1
+    assert rig.bus.goals[-1].tolist() == rig.bus.goals[0].tolist()
+    rig.run(50)
+    assert rig.state() is GuardState.MOVING
+    rig.check_goals()
+
+
+def test_without_a_goal_the_robot_brakes_and_stands() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    rig.run(20, lambda _: None)
+    assert rig.gate.at_rest
+    assert rig.state() is GuardState.MOVING
+    rig.check_goals()
+
+
+def test_the_ordinary_end_comes_to_rest_unlatched_and_releases() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    assert rig.guard.come_to_rest(DT) is GuardState.ARMED
+    assert rig.gate.at_rest
+    rig.check_goals()
+    rig.guard.release()
+    assert rig.state() is GuardState.IDLE
+    assert not rig.bus.torque_on

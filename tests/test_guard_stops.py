@@ -1,0 +1,196 @@
+"""The guard stops whatever happens, along the braking trajectory if it can, and remembers why."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from guard_rig import DT, Rig
+from hardware.arrays import FloatArray
+from hardware.bus import ServoAlert, ServoStates
+from hardware.errors import GuardError
+from hardware.guard import Think
+from hardware.guard_state import GuardLimits, GuardState, StopCause
+from sim.mock_faults import FaultKind, MockFault
+
+
+def failing(error: Exception, after: int) -> Callable[[Rig], Think]:
+    def build(rig: Rig) -> Think:
+        count = 0
+
+        def think(states: ServoStates) -> FloatArray:
+            nonlocal count
+            count += 1
+            if count > after:
+                raise error
+            return rig.faster(states)
+
+        return think
+
+    return build
+
+
+def test_a_requested_stop_brakes_and_latches() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    rig.guard.stop("space bar")
+    rig.guard.stop("again")
+    assert rig.state() is GuardState.STOPPING
+    rig.run(100)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None
+    assert (rig.guard.stop_reason.cause, rig.guard.stop_reason.reason) == (StopCause.REQUESTED, "space bar")
+    assert rig.gate.at_rest
+    assert rig.bus.torque_on  # a robot that stands is held
+    rig.check_goals()
+    with pytest.raises(GuardError, match="space bar"):
+        rig.guard.tick(rig.faster)
+    with pytest.raises(GuardError, match="space bar"):
+        rig.guard.arm()
+
+
+def test_a_stop_asked_for_while_thinking_sends_no_goal() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+
+    def think(states: ServoStates) -> FloatArray:
+        rig.guard.stop("enough")
+        return rig.faster(states)
+
+    speed = abs(rig.gate.velocity[0])
+    rig.run(1, think)
+    assert abs(rig.gate.velocity[0]) < speed
+
+
+@pytest.mark.parametrize(
+    ("think", "cause"),
+    [
+        (failing(ValueError("no such sensor"), 20), StopCause.SOURCE),
+        (failing(ZeroDivisionError(), 20), StopCause.SOURCE),
+    ],
+)
+def test_an_exception_while_thinking_brakes_in_the_same_tick(think: Callable[[Rig], Think], cause: StopCause) -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(100, think(rig))
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None
+    assert rig.guard.stop_reason.cause is cause
+    assert rig.guard.stop_reason.reason in ("no such sensor", "ZeroDivisionError")
+    assert rig.bus.torque_on
+    rig.check_goals()
+
+
+def test_an_exception_in_the_filter_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    monkeypatch.setattr(rig.gate, "admit", lambda goal: 1 // 0)
+    rig.run(100)
+    assert rig.guard.stop_reason is not None
+    assert rig.guard.stop_reason.cause is StopCause.FILTER
+    assert rig.gate.at_rest
+    rig.check_goals()
+
+
+def test_a_filter_that_cannot_brake_costs_the_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    monkeypatch.setattr(rig.gate, "brake", lambda: np.full(4, np.nan))
+    rig.guard.stop("space bar")
+    rig.run(3)
+    assert rig.state() is GuardState.STOPPED
+    assert not rig.bus.torque_on
+    assert rig.guard.stop_reason is not None
+    assert "space bar, then: joint shoulder" in rig.guard.stop_reason.reason
+
+
+@pytest.mark.parametrize("kind", [FaultKind.READ_FAILS, FaultKind.WRITE_FAILS])
+def test_a_dead_bus_costs_the_torque_and_nothing_more_is_written(kind: FaultKind) -> None:
+    rig = Rig(MockFault(kind, first=20, cycles=1))
+    rig.guard.arm()
+    rig.run(100)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.bus.calls[-1] == "torque off"
+    assert not rig.bus.torque_on
+    assert rig.guard.stop_reason is not None
+    assert rig.guard.stop_reason.cause is StopCause.BUS
+    assert "torque is off" in rig.guard.stop_reason.reason
+
+
+def test_when_not_even_torque_goes_off_a_person_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(MockFault(FaultKind.WRITE_FAILS, first=20, cycles=1))
+    rig.guard.arm()
+
+    def unplugged(on: bool) -> None:
+        raise OSError("unplugged")
+
+    monkeypatch.setattr(rig.bus, "torque", unplugged)
+    rig.run(100)
+    assert rig.guard.stop_reason is not None
+    assert "cut the power" in rig.guard.stop_reason.reason
+
+
+def test_a_servo_that_is_lost_stops_the_others_once_it_is_too_old() -> None:
+    rig = Rig(MockFault(FaultKind.MISSING, first=20, cycles=100, servo=2), limits=GuardLimits(max_age=0.055))
+    rig.guard.arm()
+    rig.run(24)
+    assert rig.state() is GuardState.MOVING
+    rig.run(100)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None
+    assert rig.guard.stop_reason.cause is StopCause.SERVO_LOST
+    assert "waist (id 3)" in rig.guard.stop_reason.reason
+    rig.check_goals()
+
+
+def test_a_short_silence_goes_unnoticed() -> None:
+    rig = Rig(MockFault(FaultKind.MISSING, first=20, cycles=3, servo=2))
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.state() is GuardState.MOVING
+
+
+def test_an_alert_stops() -> None:
+    rig = Rig(MockFault(FaultKind.ALERT, first=20, cycles=1, servo=0, alert=ServoAlert.OVERHEATING))
+    rig.guard.arm()
+    rig.run(100)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None
+    assert rig.guard.stop_reason.cause is StopCause.SERVO_ALERT
+    assert "shoulder (id 1) OVERHEATING" in rig.guard.stop_reason.reason
+    assert rig.guard.stop_reason.time == pytest.approx(0.2)
+    rig.check_goals()
+
+
+def test_braking_has_a_bound() -> None:
+    rig = Rig(limits=GuardLimits(max_brake_ticks=2))
+    rig.guard.arm()
+    rig.run(20)
+    assert rig.guard.come_to_rest(DT) is GuardState.STOPPED
+    assert not rig.bus.torque_on
+
+
+def test_a_latched_stop_needs_a_person() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.guard.stop("space bar")
+    rig.run(1)
+    rig.guard.release()
+    assert rig.state() is GuardState.STOPPED
+    rig.guard.acknowledge()
+    assert rig.state() is GuardState.IDLE
+    assert rig.guard.stop_reason is None
+    rig.guard.arm()
+    assert rig.guard.active
+
+
+def test_a_stop_while_idle_latches_too() -> None:
+    rig = Rig()
+    rig.guard.stop("not yet")
+    with pytest.raises(GuardError, match="not yet"):
+        rig.guard.arm()
+    assert rig.bus.calls == []

@@ -1,0 +1,52 @@
+"""The servo's position loop: exact in time, limited in speed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hardware.arrays import FloatArray
+from hardware.servo import ServoGains
+from servos import four_servos
+from sim.servo_motion import loop_lag, saturated_lag
+
+LAG = np.array([0.045, 0.02, 0.1, 0.0])  # [s]
+TOP = np.array([3140.0, 1000.0, 50.0, 800.0])  # [tick/s]
+
+
+def integrate(error: FloatArray, elapsed: float, steps: int) -> FloatArray:
+    """Displacement by small explicit steps of the same law."""
+    moved = np.zeros_like(error)
+    dt = elapsed / steps
+    for _ in range(steps):
+        moved += dt * np.clip((error - moved) / np.maximum(LAG, 2 * dt), -TOP, TOP)
+    return moved
+
+
+@pytest.mark.parametrize("elapsed", [0.001, 0.05, 0.4])
+def test_as_fine_steps(elapsed: float) -> None:
+    error = np.array([600.0, -30.0, 4.0, -200.0])
+    moved, _ = saturated_lag(error, lag=LAG, top=TOP, elapsed=elapsed)
+    np.testing.assert_allclose(moved, integrate(error, elapsed, 20_000), atol=0.1)
+
+
+def test_two_halves_are_the_whole() -> None:
+    error = np.array([600.0, -300.0, 40.0, -200.0])
+    whole, speed = saturated_lag(error, lag=LAG, top=TOP, elapsed=0.3)
+    half, _ = saturated_lag(error, lag=LAG, top=TOP, elapsed=0.15)
+    rest, speed_after = saturated_lag(error - half, lag=LAG, top=TOP, elapsed=0.15)
+    np.testing.assert_allclose(half + rest, whole, atol=1e-9)
+    np.testing.assert_allclose(speed_after, speed, atol=1e-9)
+    assert np.all(np.abs(speed) <= TOP)
+
+
+def test_the_default_lag_is_that_of_an_xm430() -> None:
+    servo = four_servos()[0]
+    # 885 PWM at 885 * 128 / 800 = 141.6 ticks of error, 0.2172 rad; at 4.817 rad/s that is 45 ms.
+    assert loop_lag(servo) == pytest.approx(0.0451, abs=1e-4)
+
+
+def test_a_stiffer_loop_lags_less() -> None:
+    servo = four_servos()[0]
+    stiff = replace(servo, gains=ServoGains(position_p=1600))
+    assert loop_lag(stiff) == pytest.approx(loop_lag(servo) / 2)
