@@ -113,7 +113,7 @@ class AxisTask(_Weighed):
 
 
 class HeadingTask(_Weighed):
-    """The forward axis of each link points where the heading estimate says."""
+    """The left axis of each frame points to the left of the heading estimate; bending forward stays free."""
 
     type: Literal["heading"]
     of: Names
@@ -146,14 +146,16 @@ class CentreOfMassTask(_Weighed):
 
 
 class PostureTask(_Weighed):
-    """Joints are drawn to the attractor posture, and to the posture of the frame before with share `previous`.
+    """Joints are drawn to a posture of the body.
 
-    stiffness: weight by joint or by group of joints; `default` is that of all others.
+    towards: its name. stiffness: weight by joint or by group of joints; `default` is that of all others, and of a free
+    root 0. settle: s, time constant with which free joints approach it; absent or 0: at once.
     """
 
     type: Literal["posture"]
+    towards: Name = "attractor"
     stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=_uniform)]
-    previous: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)] = 0.0
+    settle: NotNegative = 0.0
 
 
 class ReactiveTask(Schema):

@@ -108,7 +108,7 @@ def _frame_names(profile: "RobotProfile", document: Document) -> Iterable[Proble
 
 def _feet(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
     for name, foot in profile.feet.items():
-        if not _convex(foot.polygon):
+        if not is_convex(foot.polygon):
             yield document.problem(
                 ("feet", name, "polygon"),
                 "the sole's outline is not convex and counter-clockwise",
@@ -118,7 +118,7 @@ def _feet(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
             )
 
 
-def _convex(polygon: tuple[Point2, ...]) -> bool:
+def is_convex(polygon: tuple[Point2, ...]) -> bool:
     """Whether no three neighbours are in line and every corner lies to the left of every edge (or on it)."""
     edges = list(zip(polygon, polygon[1:] + polygon[:1], strict=True))
     after = polygon[2:] + polygon[:2]

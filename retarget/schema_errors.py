@@ -53,14 +53,15 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
         name = str(key_path[-1])
         step = suggest(name, known) or "Remove the key"
         return document.problem(key_path, "unknown key", found=repr(name), allowed=listed(known), next_step=step)
-    if kind == "missing":
+    if kind == "union_tag_not_found":
+        key_path = (*key_path, "type")
+    if kind in ("missing", "union_tag_not_found"):
         return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
     expected = message.removeprefix("Input should be ").removeprefix("a valid ")
     expected = _PLAIN_WORDS.get(expected, expected)
-    if kind in ("union_tag_invalid", "union_tag_not_found"):
-        context = detail.get("ctx", {})
-        expected = str(context.get("expected_tags", ""))
-        key_path = (*key_path, str(context.get("discriminator", "type")).strip("'"))
+    if kind == "union_tag_invalid":
+        expected = str(detail.get("ctx", {}).get("expected_tags", ""))
+        key_path = (*key_path, "type")
     elif not message.startswith(
         "Input should be "
     ):  # not pydantic's own "should be": one of our validators, whose message says it all
@@ -135,6 +136,7 @@ def _inner(kind: Any, part: int | str) -> Any:
 
 
 def model_of(kind: Any) -> type[BaseModel] | None:
+    """The only model among the members of a type; None where there is none, or a choice."""
     models = [member for member in members(kind) if isinstance(member, type) and issubclass(member, BaseModel)]
     return models[0] if len(models) == 1 else None
 

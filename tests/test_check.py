@@ -1,0 +1,113 @@
+"""`retarget check` and `retarget robots` as a user meets them: output, messages, exit codes."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from retarget.catalogue import shipped_folder
+from retarget.cli import main
+
+OP3 = shipped_folder() / "robots" / "op3"
+
+
+@pytest.fixture(autouse=True)
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's configuration folder, empty."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "xdg"))
+    return tmp_path / "xdg" / "retarget"
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of `retarget WORDS`."""
+    with pytest.raises(SystemExit) as left:
+        main([str(word) for word in words])
+    out, err = capsys.readouterr()
+    return int(left.value.code or 0), out, err
+
+
+def copy_of_op3(folder: Path, *replacements: tuple[str, str]) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    text = (OP3 / "robot.yaml").read_text(encoding="utf-8")
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (folder / "robot.yaml").write_text(text, encoding="utf-8")
+    shutil.copy(OP3 / "body.xml", folder)
+    return folder / "robot.yaml"
+
+
+def test_shipped_robot_is_good(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capsys, "check", "op3")
+    assert (code, err) == (0, "")
+    assert "robot op3: good" in out
+    assert "20 x XM430-W350" in out
+
+
+def test_every_shipped_file_is_good(capsys: pytest.CaptureFixture[str]) -> None:
+    files = sorted(shipped_folder().rglob("*.yaml"))
+    code, out, err = run(capsys, "check", *files)
+    assert (code, err) == (0, "")
+    assert out.count(": good (") == len(files)
+
+
+def test_one_bad_file_does_not_hide_the_others(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bad = copy_of_op3(tmp_path / "bad", ("{id: 2,", "{id: 1,"), ("root: free", "root: fre"))
+    code, out, err = run(capsys, "check", bad, "five")
+    assert code == 2
+    assert "performer five: good" in out
+    assert f"error: {bad}: " in err
+    assert f"{bad}:5: root: wrong value; found 'fre'" in err
+    assert "duplicate servo id" in err
+
+
+def test_priorities_that_a_profile_names_must_exist(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bad = copy_of_op3(tmp_path / "bad", ("retarget: servo", "retarget: servvo"), ("root: free", "root: fre"))
+    code, _, err = run(capsys, "check", bad)
+    assert code == 2
+    assert "retarget: unknown priority file; found 'servvo'" in err
+    assert "root: wrong value" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("a: 1\n", "this is no configuration that can be checked; found keys a"),
+        ("", "an empty file"),
+        ("levels: []\nname: x\n", "description: missing key"),
+        ("sensors: {hed: {joint: head}}\n", "sensors.hed: unknown sensor; found 'hed'"),
+        ("a: [\n", "not valid YAML"),
+    ],
+)
+def test_any_other_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, part: str) -> None:
+    path = tmp_path / "file.yaml"
+    path.write_text(text, encoding="utf-8")
+    code, out, err = run(capsys, "check", path)
+    assert (code, out) == (2, "")
+    assert part in err
+    assert "Traceback" not in err
+
+
+def test_binary_and_missing_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    binary = tmp_path / "x.yaml"
+    binary.write_bytes(bytes(range(256)))
+    code, _, err = run(capsys, "check", binary, tmp_path / "gone.yaml", "opp3")
+    assert code == 2
+    assert err.count("error: ") == 3
+    assert "gone.yaml: there is no such file" in err
+    assert "Did you mean op3?" in err
+
+
+def test_nothing_to_check_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(capsys, "check")[0] == 2
+
+
+def test_robots_lists_shipped_and_own(capsys: pytest.CaptureFixture[str], own: Path) -> None:
+    copy_of_op3(own / "robots" / "mine")
+    copy_of_op3(own / "robots" / "broken", ("root: free", "root: fre"))
+    code, out, err = run(capsys, "robots")
+    assert (code, err) == (0, "")
+    rows = {line.split()[0]: line for line in out.splitlines() if line.strip()}
+    assert "shipped" in rows["op3"]
+    assert "20 x XM430-W350" in rows["mine"]
+    assert "not usable" in rows["broken"]

@@ -1,0 +1,230 @@
+"""The OP3 body against published numbers, and the postures of its profile against statics and collisions."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from hardware.servo import find_model
+from retarget.profile import RobotProfile, load_profile
+
+Array = NDArray[np.float64]
+
+# Zero-pose joint anchors in the base frame, m, and axes: computed from ROBOTIS' own model.
+LEFT = {
+    "l_sho_pitch": ((-0.001, 0.06, 0.111), (0, 1, 0)),
+    "l_sho_roll": ((0.018, 0.0885, 0.101), (-1, 0, 0)),
+    "l_el": ((0.018, 0.1789, 0.1009), (1, 0, 0)),
+    "l_hip_yaw": ((0, 0.035, 0), (0, 0, -1)),
+    "l_hip_roll": ((-0.024, 0.035, -0.0285), (-1, 0, 0)),
+    "l_hip_pitch": ((0.0001, 0.054, -0.0285), (0, 1, 0)),
+    "l_knee": ((0.0001, 0.054, -0.13865), (0, 1, 0)),
+    "l_ank_pitch": ((0.0001, 0.054, -0.24865), (0, -1, 0)),
+    "l_ank_roll": ((-0.024, 0.035, -0.24865), (1, 0, 0)),
+}
+PITCH = ("sho_pitch", "hip_pitch", "knee", "ank_pitch")
+RIGHT = {
+    "r" + name[1:]: ((x, -y, z), tuple(-a for a in axis) if name[2:] in PITCH else axis)
+    for name, ((x, y, z), axis) in LEFT.items()
+}
+HEAD = {"head_pan": ((-0.001, 0, 0.1365), (0, 0, 1)), "head_tilt": ((0.009, 0.019, 0.165), (0, -1, 0))}
+
+# Stand frame (middle of the soles, made level): centre of mass, m. Poses of ROBOTIS' software, rad.
+ZERO: dict[str, float] = {}
+STANDUP = {
+    "r_sho_pitch": 0.087437, "l_sho_pitch": -0.088971, "r_sho_roll": -0.794602, "l_sho_roll": 0.793068,
+    "r_el": 0.788466, "l_el": -0.79, "l_hip_yaw": -0.001534, "r_hip_roll": 0.044485, "l_hip_roll": -0.046019,
+    "r_hip_pitch": 0.161068, "l_hip_pitch": -0.162602, "r_knee": -0.233165, "l_knee": 0.231631,
+    "r_ank_pitch": -0.158, "l_ank_pitch": 0.156466, "r_ank_roll": 0.021476, "l_ank_roll": -0.02301,
+    "head_pan": 0.148796, "head_tilt": -0.006136,
+}  # fmt: skip
+WALK_READY = {
+    "r_sho_pitch": 0.088971, "l_sho_pitch": -0.088971, "r_sho_roll": -0.785398, "l_sho_roll": 0.786932,
+    "r_el": 0.78233, "l_el": -0.785398, "r_hip_yaw": -0.003068, "l_hip_yaw": -0.001534, "r_hip_roll": 0.035282,
+    "l_hip_roll": -0.036816, "r_hip_pitch": 0.490874, "l_hip_pitch": -0.493942, "r_knee": -0.886641,
+    "l_knee": 0.883573, "r_ank_pitch": -0.490874, "l_ank_pitch": 0.490874, "r_ank_roll": 0.033748,
+    "l_ank_roll": -0.03835, "head_pan": -0.003068, "head_tilt": -0.17334,
+}  # fmt: skip
+CROUCH = {
+    "r_sho_pitch": 0.261799, "l_sho_pitch": -0.261799, "r_sho_roll": -0.785398, "l_sho_roll": 0.785398,
+    "r_el": 0.785398, "l_el": -0.785398, "r_hip_pitch": 1.22173, "l_hip_pitch": -1.22173, "r_knee": -2.478368,
+    "l_knee": 2.478368, "r_ank_pitch": -1.22173, "l_ank_pitch": 1.22173, "head_tilt": -0.174533,
+}  # fmt: skip
+POSES = [
+    (ZERO, (-0.010568, 0.000072, 0.274312)),
+    (STANDUP, (0.003469, 0.000027, 0.265685)),
+    (WALK_READY, (0.007188, -0.000391, 0.250229)),
+    (CROUCH, (-0.004291, 0.000072, 0.149202)),
+]
+POSTURES = ("neutral", "stand", "rest", "attractor")
+
+
+class Body:
+    """The body file in MuJoCo, posed."""
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self.profile = profile
+        self.model: Any = mujoco.MjModel.from_xml_path(str(profile.body_path))
+        self.data: Any = mujoco.MjData(self.model)
+
+    def pose(self, joints: Mapping[str, float]) -> "Body":
+        self.data.qpos[:] = self.model.qpos0
+        for joint, angle in joints.items():
+            self.data.qpos[self.model.joint(joint).qposadr[0]] = angle
+        mujoco.mj_forward(self.model, self.data)
+        return self
+
+    def frame(self, name: str) -> tuple[Array, Array]:
+        """World position (3,) and rotation (3,3) of a frame of the profile."""
+        frame = self.profile.frames[name]
+        link = self.data.body(frame.link)
+        rotation = np.array(link.xmat).reshape(3, 3)
+        own = np.zeros(9)
+        mujoco.mju_quat2Mat(own, np.array(frame.quat))
+        return np.array(link.xpos) + rotation @ np.array(frame.pos), rotation @ own.reshape(3, 3)
+
+    def at(self, name: str) -> Array:
+        return self.frame(name)[0]
+
+    def com_in_stand_frame(self) -> Array:
+        (left, left_axes), (right, right_axes) = self.frame("l_sole"), self.frame("r_sole")
+        up = left_axes[:, 2] + right_axes[:, 2]
+        up /= np.linalg.norm(up)
+        ahead = left_axes[:, 0] + right_axes[:, 0]
+        ahead -= up * (up @ ahead)
+        ahead /= np.linalg.norm(ahead)
+        axes = np.stack([ahead, np.cross(up, ahead), up])
+        return np.asarray(axes @ (self.data.subtree_com[1] - (left + right) / 2))
+
+    def touching(self) -> set[tuple[str, str]]:
+        links = self.model.geom_bodyid
+        return {(self.model.body(links[c.geom1]).name, self.model.body(links[c.geom2]).name) for c in self.data.contact}
+
+
+@pytest.fixture(scope="module")
+def body(root: Path) -> Body:
+    return Body(load_profile(root / "configs" / "robots" / "op3"))
+
+
+def test_size_and_mass(body: Body) -> None:
+    assert (body.model.nq, body.model.nv, body.model.nu) == (27, 26, 20)
+    assert body.model.body_mass.sum() == pytest.approx(3.14747, abs=1e-9)
+
+
+@pytest.mark.parametrize(("joint", "place"), [*LEFT.items(), *RIGHT.items(), *HEAD.items()])
+def test_anchor_and_axis_at_the_zero_pose(
+    body: Body, joint: str, place: tuple[tuple[float, ...], tuple[float, ...]]
+) -> None:
+    body.pose({})
+    found = body.data.joint(joint)
+    np.testing.assert_allclose(found.xanchor - body.data.qpos[:3], place[0], atol=1e-9)
+    np.testing.assert_allclose(found.xaxis, place[1], atol=1e-9)
+
+
+@pytest.mark.parametrize(("joints", "com"), POSES)
+def test_centre_of_mass_of_published_poses(
+    body: Body, joints: dict[str, float], com: tuple[float, float, float]
+) -> None:
+    np.testing.assert_allclose(body.pose(joints).com_in_stand_frame(), com, atol=2e-6)
+
+
+def test_joint_ranges_are_those_of_the_servos(body: Body) -> None:
+    for joint, servo in body.profile.servos.items():
+        np.testing.assert_allclose(body.model.joint(joint).range, servo.limits, atol=1e-6)
+
+
+def test_servo_ids_follow_the_actuators(body: Body) -> None:
+    names = [body.model.actuator(index).name for index in range(body.model.nu)]
+    assert names == sorted(body.profile.servos, key=lambda joint: body.profile.servos[joint].id)
+    assert list(body.profile.servos) == names
+
+
+@pytest.mark.parametrize("name", POSTURES)
+def test_postures_touch_nothing(body: Body, name: str) -> None:
+    assert body.pose(getattr(body.profile.postures, name)).touching() == set()
+
+
+def test_a_pose_that_touches_is_seen(body: Body) -> None:
+    assert ("l_hip_roll_link", "l_ank_pitch_link") in body.pose(CROUCH).touching()
+
+
+@pytest.mark.parametrize("name", POSTURES)
+def test_postures_stand_flat_and_balanced(body: Body, name: str) -> None:
+    body.pose(getattr(body.profile.postures, name))
+    corners = []
+    for foot in body.profile.feet.values():
+        position, axes = body.frame(foot.frame)
+        np.testing.assert_allclose(axes, np.eye(3), atol=1e-9)
+        corners += [position + axes @ (x, y, 0.0) for x, y in foot.polygon]
+    assert np.ptp([corner[2] for corner in corners]) < 1e-9
+    equations = ConvexHull(np.array(corners)[:, :2]).equations  # outward normal, offset
+    clearance = -np.max(equations[:, :2] @ body.data.subtree_com[1][:2] + equations[:, 2])
+    assert clearance > 0.05
+    assert abs(body.com_in_stand_frame()[0]) < 0.01
+
+
+def test_postures_are_mirror_images(body: Body) -> None:
+    for name in POSTURES:
+        body.pose(getattr(body.profile.postures, name))
+        for frame in [frame for frame in body.profile.frames if frame.startswith("l_")]:
+            np.testing.assert_allclose(body.at(frame) * (1, -1, 1), body.at("r" + frame[1:]), atol=1e-9)
+
+
+def test_rest_is_lower_than_stand(body: Body) -> None:
+    heights = {}
+    for name in ("stand", "rest"):
+        body.pose(getattr(body.profile.postures, name))
+        heights[name] = body.at("pelvis")[2] - body.at("l_sole")[2]
+    assert heights["rest"] < 0.65 * heights["stand"]
+
+
+def test_soles_start_on_the_ground(body: Body) -> None:
+    body.pose({})
+    assert body.at("l_sole")[2] == pytest.approx(0.0, abs=1e-9)
+    assert body.data.geom("l_foot_wide").xpos[2] - 0.004 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_landmarks_ask_for_less_than_the_stretched_limb(body: Body) -> None:
+    body.pose({})
+    landmarks = body.profile.landmarks
+    arm = np.linalg.norm(body.at("l_hand") - body.at("l_shoulder"))
+    leg = np.linalg.norm(body.at("l_ankle") - body.at("l_hip"))
+    assert arm - 0.015 < landmarks["l_hand"].robot_length < arm
+    assert leg - 0.015 < landmarks["l_sole"].robot_length < leg
+    assert landmarks["pelvis"].robot_length == landmarks["l_sole"].robot_length
+    trunk = body.at("head") - body.at("pelvis")
+    assert landmarks["head"].robot_length == pytest.approx(np.linalg.norm(trunk), abs=1e-3)
+    np.testing.assert_allclose(body.at("l_sole") - body.at("l_ankle"), landmarks["l_sole"].offset, atol=2e-4)
+
+
+def test_acceleration_limit_is_within_the_torque(body: Body) -> None:
+    """Base held: inertia about each joint times max_acceleration plus gravity stays below stall torque."""
+    seed = 20
+    random = np.random.default_rng(seed)
+    stall = find_model("XM430-W350").stall_torque
+    lower, upper = body.model.jnt_range[1:].T
+    inertia = np.zeros((body.model.nv, body.model.nv))
+    for _ in range(200):
+        body.data.qpos[7:] = random.uniform(lower, upper)
+        mujoco.mj_forward(body.model, body.data)
+        mujoco.mj_fullM(body.model, body.data, inertia)
+        for joint, servo in body.profile.servos.items():
+            dof = body.model.joint(joint).dofadr[0]
+            torque = inertia[dof, dof] * servo.max_acceleration + abs(body.data.qfrc_bias[dof])
+            assert torque < 0.8 * stall, f"{joint}, seed {seed}"
+
+
+def test_observers_cover_their_links_loosely(body: Body) -> None:
+    """Ends of each capsule lie inside the shell of its link, so that none floats off it."""
+    for name, observer in body.profile.observers.items():
+        capsule = observer.shape.capsule
+        if capsule is None:
+            continue
+        shell = body.model.geom(observer.link.removesuffix("_link") + "_shell")
+        for end in (capsule.start, capsule.end):
+            assert np.all(np.abs(np.array(end) - shell.pos) <= shell.size), name

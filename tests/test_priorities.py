@@ -1,0 +1,144 @@
+"""Priority files: every task type, the defaults, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from retarget.errors import ConfigError, UsageError
+from retarget.priorities import (
+    AxisTask,
+    CentreOfMassTask,
+    PositionTask,
+    PostureTask,
+    PreventiveTask,
+    Priorities,
+    load_priorities,
+)
+
+EVERYTHING = """\
+name: everything
+description: One task of each type.
+iterations: 8
+activation: ranked
+levels:
+  - name: balance
+    tasks:
+      - {type: centre_of_mass, mode: support, margin: 0.01}
+      - {type: reactive, speed: 0.2}
+  - name: feet
+    tasks:
+      - {type: position, of: [l_sole, r_sole], weight: [1, 1, 2]}
+      - {type: axis, of: [l_sole, r_sole], axis: [0, 0, 1], direction: [0, 0, 1]}
+      - {type: preventive, of: [l_forearm]}
+  - name: kept free
+    tasks: []
+  - name: hands
+    tasks:
+      - {type: position, of: l_hand, weight: 3, gain: 0.5, max_error: 0.02, optional: true}
+      - {type: orientation, of: head}
+      - {type: look_at, of: head}
+      - {type: heading, of: [pelvis, chest], weight: 0.3}
+  - name: posture
+    tasks:
+      - {type: posture, stiffness: {default: 1.0, spine: 20}, previous: 0.5, gain: 0.05}
+      - {type: centre_of_mass, mode: over_feet, forward: 0.05, fade_speed: 0.5}
+"""
+
+
+def load(text: str, folder: Path) -> Priorities:
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_priorities(path)
+
+
+def refused(text: str, folder: Path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(text, folder)
+    return str(caught.value)
+
+
+def test_every_task_type_is_read(tmp_path: Path) -> None:
+    priorities = load(EVERYTHING, tmp_path)
+    assert (priorities.iterations, priorities.activation) == (8, "ranked")
+    kinds = {task.type for _, _, task in priorities.tasks()}
+    assert kinds == {
+        *("position", "orientation", "axis", "heading", "look_at", "centre_of_mass", "posture", "reactive"),
+        "preventive",
+    }
+
+
+def test_tasks_come_with_their_places(tmp_path: Path) -> None:
+    places = [(level, index) for level, index, _ in load(EVERYTHING, tmp_path).tasks()]
+    assert places == [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2), (3, 0), (3, 1), (3, 2), (3, 3), (4, 0), (4, 1)]
+
+
+def test_short_forms_and_defaults(tmp_path: Path) -> None:
+    levels = load(EVERYTHING, tmp_path).levels
+    hand = levels[3].tasks[0]
+    assert isinstance(hand, PositionTask)
+    assert (hand.of, hand.weight, hand.gain, hand.max_error, hand.optional) == (
+        *(("l_hand",), (3, 3, 3), 0.5, 0.02, True),
+    )
+    axis = levels[1].tasks[1]
+    assert isinstance(axis, AxisTask)
+    assert (axis.gain, axis.max_error, axis.optional, axis.weight) == (1.0, None, False, 1.0)
+    preventive = levels[1].tasks[2]
+    assert isinstance(preventive, PreventiveTask)
+    assert preventive.of == ("l_forearm",)
+    com = levels[0].tasks[0]
+    assert isinstance(com, CentreOfMassTask)
+    assert com.weight == (1.0, 1.0, 0.0)
+    posture = levels[4].tasks[0]
+    assert isinstance(posture, PostureTask)
+    assert posture.stiffness == {"default": 1.0, "spine": 20.0}
+
+
+def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> None:
+    text = EVERYTHING.replace("iterations: 8\nactivation: ranked\n", "")
+    priorities = load(text, tmp_path)
+    assert (priorities.iterations, priorities.activation) == (5, "closest")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("type: reactive", "type: reactve", ":9: levels[0].tasks[1].type: wrong value; found 'reactve'"),
+        ("type: reactive", "type: reactve", "Did you mean reactive?"),
+        ("type: reactive, ", "", ":9: levels[0].tasks[1].type: missing key. Add 'type'"),
+        ("mode: support", "mode: over_rot", "Did you mean over_root"),
+        ("previous: 0.5", "prevous: 0.5", "prevous: unknown key; found 'prevous'; allowed: gain, max_error"),
+        ("previous: 0.5", "previous: 1.5", "levels[4].tasks[0].previous: wrong value; found 1.5"),
+        ("weight: [1, 1, 2]", "weight: [1, x, 2]", "levels[1].tasks[0].weight[1]: wrong value; found 'x'"),
+        ("weight: [1, 1, 2]", "weight: [0, 0, 0]", "weight: all three are zero"),
+        ("weight: [1, 1, 2]", "weight: -1", "levels[1].tasks[0].weight"),
+        ("weight: [1, 1, 2]", "weight: true", "weight: wrong value; found true"),
+        ("axis: [0, 0, 1], ", "axis: [0, 0, 0], ", "levels[1].tasks[1].axis: all three are zero"),
+        ("gain: 0.05", "gain: 0", "gain: wrong value; found 0; allowed: greater than 0"),
+        ("optional: true", "optional: yes", "optional: wrong value; found 'yes'; allowed: true or false"),
+        ("iterations: 8", "iterations: 8.5", ":3: iterations: wrong value; found 8.5; allowed: a whole number"),
+        ("iterations: 8", "iterations: 0", "iterations: wrong value; found 0"),
+        ("name: feet", "name: balance", "levels[1].name: duplicate level name; found 'balance', also of level 1"),
+        ("    tasks: []", "    task: []", "levels[2].task: unknown key; found 'task'; allowed: name, tasks"),
+        ("spine: 20", "spine: .nan", "stiffness.spine: a number that is not finite"),
+    ],
+)
+def test_refused_with_its_place(tmp_path: Path, old: str, new: str, part: str) -> None:
+    assert old in EVERYTHING
+    assert part in refused(EVERYTHING.replace(old, new, 1), tmp_path)
+
+
+def test_levels_are_needed(tmp_path: Path) -> None:
+    head = "name: a\ndescription: b\n"
+    assert "levels: missing key" in refused(head, tmp_path)
+    assert "at least 1 item" in refused(head + "levels: []\n", tmp_path)
+    assert "no level has a task" in refused(head + "levels:\n  - {name: a, tasks: []}\n", tmp_path)
+
+
+def test_wrong_tasks_do_not_make_their_list_wrong_too(tmp_path: Path) -> None:
+    text = refused(EVERYTHING.replace("type: look_at", "type: loo_at"), tmp_path)
+    assert "problems" not in text
+
+
+def test_unknown_name_is_refused() -> None:
+    with pytest.raises(UsageError, match="unknown priority file"):
+        load_priorities("no_such_priorities")
