@@ -67,6 +67,7 @@ class _Draft:
     root: _Bone = field(default_factory=lambda: _Bone(0, ROOT, [0.0, 0.0, 0.0], 0.0, dof=_ROOT_DOF))
     bones: dict[str, _Bone] = field(default_factory=dict)
     children: dict[str, list[str]] = field(default_factory=dict)
+    placed: set[str] = field(default_factory=lambda: {ROOT})
     open_bone: _Bone | None = None
 
     def error(self, what: str, line: int, *, found: str = "", allowed: str = "", next_step: str = "") -> InputError:
@@ -173,15 +174,14 @@ def _close_bone(draft: _Draft, bone: _Bone, line: int) -> None:
 def _hierarchy_line(draft: _Draft, words: list[str], line: int) -> None:
     if words[0].lower() in ("begin", "end"):
         return
-    known = {ROOT, *draft.bones}
     for name in words:
-        if name not in known:
+        if name not in draft.bones and name != ROOT:
+            known = [ROOT, *draft.bones]
             raise draft.error("unknown bone in the hierarchy", line, found=repr(name), next_step=suggest(name, known))
-    placed = {child for children in draft.children.values() for child in children}
     for child in words[1:]:
-        if child in placed or child == ROOT:
+        if child in draft.placed:
             raise draft.error("a bone with two parents", line, found=repr(child))
-        placed.add(child)
+        draft.placed.add(child)
         draft.children.setdefault(words[0], []).append(child)
 
 

@@ -6,6 +6,7 @@ joints as in `canonical`; the ground is where the file has it.
 """
 
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,7 @@ def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:
 def _regular_values(tokens: list[str], asf: AsfSkeleton) -> FloatArray | None:
     """The values if every frame has the same bones at the same places and all is well; else None.
 
-    Whole columns are compared and converted at once, which is what makes a long file fast.
+    A whole frame is compared and converted at once, which is what makes a long file fast.
     """
     width = {name: len(dof) for name, dof in zip(asf.tree.names, asf.dof, strict=True) if dof}
     position, places = 1, {}
@@ -149,16 +150,21 @@ def _regular_values(tokens: list[str], asf: AsfSkeleton) -> FloatArray | None:
     frames, rest = divmod(len(tokens), position)
     if rest or len(places) != len(width) or not 1 <= frames <= MAX_FRAMES:
         return None
-    if any(set(tokens[place::position]) != {name} for name, place in places.items()):
-        return None
-    columns = [places[name] + 1 + i for name, count in width.items() for i in range(count)]
+    names_of = itemgetter(*places.values())
+    values_of = itemgetter(*(places[name] + 1 + i for name, count in width.items() for i in range(count)))
+    rows, expected = [], names_of(tokens)
     try:
-        numbering = np.array([int(token) for token in tokens[::position]])
-        values = np.array([[float(token) for token in tokens[column::position]] for column in columns])
+        for start in range(0, len(tokens), position):
+            frame = tokens[start : start + position]
+            if names_of(frame) != expected:
+                return None
+            rows.append([int(frame[0]), *map(float, values_of(frame))])
+        table = np.array(rows, float)
     except (ValueError, OverflowError):
         return None
-    sound = np.all(np.abs(values) <= MAX_VALUE) and np.all(np.diff(numbering) == 1)
-    return np.ascontiguousarray(values.T) if sound else None
+    values = np.ascontiguousarray(table[:, 1:])
+    sound = np.all(np.abs(values) <= MAX_VALUE) and np.all(np.diff(table[:, 0]) == 1.0)
+    return values if sound else None
 
 
 def _checked_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) -> FloatArray:

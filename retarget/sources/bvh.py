@@ -23,8 +23,8 @@ from retarget.sources.units import named_unit
 
 __all__ = ["BvhMotion", "pose_of", "read_bvh", "read_motion"]
 
-CALIBRATION_JUMP = 0.1
-"""A first frame that some joint leaves by more than this share of the body's size (and ten times the next step) is a
+CALIBRATION_JUMP = 0.2
+"""A first frame that some joint leaves by more than this share of the body's size, and by twice the next step, is a
 calibration pose."""
 
 LOST_LENGTHS = (
@@ -170,6 +170,6 @@ def _notes(motion: BvhMotion, pose: Pose) -> tuple[str, ...]:
     if len(motion.values) > 2:
         first, second = np.linalg.norm(np.diff(pose.position[:3], axis=0), axis=-1).max(axis=-1)
         size = float(np.ptp(pose.position[0], axis=0).max())
-        if first > CALIBRATION_JUMP * size and first > 10.0 * second:
+        if first > CALIBRATION_JUMP * size and first > 2.0 * second:
             notes.append(CALIBRATION_POSE)
     return tuple(notes)

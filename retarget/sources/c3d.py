@@ -19,7 +19,7 @@ from retarget.frames import SENSORS, BoolArray, SensorFrames
 from retarget.rotations import FloatArray
 from retarget.sources.axes import Axes
 from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, frame_times, read_bytes
-from retarget.sources.markers import groups_in
+from retarget.sources.markers import KNOWN_MARKERS, groups_in, marker_name
 from retarget.sources.units import UNITS, Unit, named_unit
 
 if TYPE_CHECKING:
@@ -35,10 +35,10 @@ _UNIT_NAMES = {"in": "inch", "inches": "inch", "meters": "m", "metres": "m", "mi
 
 @dataclass(frozen=True)
 class MarkerTracks:
-    """Markers over time, in the file's axes and unit.
+    """The markers that some sensor can use, over time, in the file's axes and unit.
 
-    labels (m): as in the file, without blanks at the ends. position (T, m, 3). seen (T, m). rate_hz. unit: its name, ""
-    if not stated. up (3,): unit vector.
+    labels (m): as in the file, without blanks at the ends. position (T, m, 3), NaN where lost. seen (T, m). rate_hz.
+    unit: its name, "" if not stated. up (3,): unit vector.
     """
 
     labels: tuple[str, ...]
@@ -85,7 +85,7 @@ def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) 
 
 
 def read_markers(path: Path) -> MarkerTracks:
-    """All points of a file. Raises InputError as `read_c3d`."""
+    """The markers of a file that some sensor can use. Raises InputError as `read_c3d`."""
     reader_class = _reader_class()
     content = read_bytes(path)
     try:
@@ -127,9 +127,13 @@ def _tracks(reader: Any, path: Path) -> MarkerTracks:
     if not 1 <= points <= MAX_POINTS:
         raise InputError("impossible number of points", where=where, found=points, allowed=f"1 to {MAX_POINTS}")
     labels = _labels(reader, points)
+    columns = [column for column, label in enumerate(labels) if marker_name(label) in KNOWN_MARKERS]
+    if not columns:
+        allowed = "Vicon names such as LFHD, LWRA, LANK (docs: motion files)"
+        raise InputError("no known marker", where=where, found=", ".join(labels[:12]) or "no labels", allowed=allowed)
     frames = []
     for _, block, _ in reader.read_frames(copy=True, analog_transform=False):
-        frames.append(block[:, :4])
+        frames.append(block[columns, :4])
     if len(frames) < declared:
         raise InputError(
             "fewer frames than declared",
@@ -142,9 +146,9 @@ def _tracks(reader: Any, path: Path) -> MarkerTracks:
     position = data[..., :3]
     seen = (data[..., 3] >= 0.0) & np.all(np.abs(position) <= MAX_VALUE, axis=-1) & np.any(position != 0.0, axis=-1)
     return MarkerTracks(
-        labels=labels,
-        position=position[:, : len(labels)],
-        seen=seen[:, : len(labels)],
+        labels=tuple(labels[column] for column in columns),
+        position=np.where(seen[..., None], position, np.nan),
+        seen=seen,
         rate_hz=check_rate(float(reader.point_rate), where),
         unit=_text(reader, "POINT:UNITS"),
         up=_up_axis(_text(reader, "POINT:Y_SCREEN")),
@@ -181,10 +185,8 @@ def _one_subject(labels: tuple[str, ...]) -> tuple[dict[str, int], tuple[str, ..
     """Marker name -> column, of the subject with the most sensors; a note where there are more subjects."""
     subjects: dict[str, dict[str, int]] = {}
     for column, label in enumerate(labels):
-        subject, _, name = label.rpartition(":")
-        subjects.setdefault(subject, {}).setdefault(name.strip().upper(), column)
-    if not subjects:
-        return {}, ()
+        subject = label.rpartition(":")[0]
+        subjects.setdefault(subject, {}).setdefault(marker_name(label), column)
     best = max(subjects, key=lambda subject: len(groups_in(subjects[subject])))
     people = [subject for subject in subjects if groups_in(subjects[subject])]
     note = (

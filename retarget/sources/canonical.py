@@ -20,8 +20,9 @@ from retarget.sources.naming import joints_by_name
 from retarget.sources.topology import joints_by_shape
 from retarget.sources.tree import JointTree, Pose
 from retarget.sources.units import Unit, choose_unit
+from retarget.stature import stature
 
-__all__ = ["CanonicalJoint", "body_height", "canonical_frames", "canonical_joints"]
+__all__ = ["CanonicalJoint", "canonical_frames", "canonical_joints"]
 
 _SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
 """Segments that a file may split (twist joints): the part next to the far joint tells the orientation."""
@@ -51,8 +52,9 @@ def canonical_frames(
     whether the frames may overrule the rest pose about which axis is up. Raises InputError if the tree is no human.
     """
     joints, found_notes = canonical_joints(tree, where=source)
-    unit = unit or choose_unit(body_height(tree, joints), where=source)
     rest = rest_joint_positions(tree, joints)
+    in_file_units = Skeleton(tuple(rest), np.stack(list(rest.values())))
+    unit = unit or choose_unit(stature(in_file_units), where=source)
     body = rest_axes(rest)
     if body is None:
         raise InputError(REST_AXES_ERROR, where=source, next_step="Export the file with a standing rest pose")
@@ -87,10 +89,10 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
     """Canonical joints of a tree, by name tables or else by shape, and notes. Raises InputError if neither fits."""
     notes: list[str] = []
     found = joints_by_name(tree.names)
-    if found is None:
+    if found is None or not _is_body(tree, found):
         found = joints_by_shape(tree)
         notes.append("joint names not known: the body was recognised by the shape of its skeleton")
-    if found is None:
+    if found is None or not _is_body(tree, found):
         raise InputError(
             "no human skeleton recognised",
             where=where,
@@ -107,22 +109,23 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
     return joints, tuple(notes)
 
 
+def _is_body(tree: JointTree, found: dict[str, int]) -> bool:
+    """Whether the joints hang on each other as they do in a body."""
+    limbs = [("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")]
+    chains = [["pelvis", *(f"{side}_{part}" for part in limb)] for side in "lr" for limb in limbs]
+    for chain in [*chains, ["pelvis", "head"]]:
+        path = tree.path(found[chain[-1]])
+        places = [path.index(found[name]) if found[name] in path else -1 for name in chain]
+        if places[0] < 0 or any(a >= b for a, b in pairwise(places)):
+            return False
+    return True
+
+
 def rest_joint_positions(tree: JointTree, joints: dict[str, CanonicalJoint]) -> dict[str, FloatArray]:
     """Rest position (3,) of the canonical joints, file axes and units, pelvis at the origin."""
     rest = tree.rest_positions()
     origin = rest[joints["pelvis"].joint]
     return {name: rest[at.joint] + at.local - origin for name, at in joints.items()}
-
-
-def body_height(tree: JointTree, joints: dict[str, CanonicalJoint]) -> float:
-    """Height of the body (file units) along its bones, so that it does not depend on how the rest pose stands."""
-    rest = rest_joint_positions(tree, joints)
-    hips = 0.5 * (rest["l_hip"] + rest["r_hip"])
-    line = ["neck", "head"] if "chest" not in rest else ["chest", "neck", "head"]
-    trunk = [hips, *(rest[name] for name in line if name in rest)]
-    leg = [rest[name] for name in ("l_hip", "l_knee", "l_ankle")]
-    # Beyond the points that are known: half a head above its centre, the foot below the ankle (0.039 of the height).
-    return float(1.12 * (_length(trunk) + _length(leg)))
 
 
 def segment_joint(tree: JointTree, joints: dict[str, CanonicalJoint], name: str) -> int:
@@ -133,10 +136,6 @@ def segment_joint(tree: JointTree, joints: dict[str, CanonicalJoint], name: str)
     if part in _SEGMENT_END:
         return tree.parents[joints[side + _SEGMENT_END[part]].joint]
     return joints[name].joint
-
-
-def _length(points: list[FloatArray]) -> float:
-    return sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
 
 
 def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:

@@ -15,6 +15,7 @@ __all__ = [
     "MAX_FRAMES",
     "MAX_RATE_HZ",
     "MAX_VALUE",
+    "MIN_RATE_HZ",
     "check_frame_count",
     "check_rate",
     "frame_times",
@@ -28,8 +29,8 @@ MAX_FILE_BYTES = 128 * 2**20
 """Larger motion files are refused before they are read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
 MAX_FRAMES = 200_000
 """Longer recordings are refused (28 minutes at 120 Hz)."""
-MAX_RATE_HZ = 10_000.0
-"""Faster recordings are refused: no motion capture reaches it, so it is a wrong unit."""
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
+"""Slower or faster recordings are refused: no motion capture has such a rate, so it is a wrong unit."""
 MAX_VALUE = 1e9
 """Larger magnitudes in a file are no coordinate or angle, and their squares would overflow later."""
 
@@ -91,7 +92,7 @@ def numbers(tokens: Iterable[str], where: str) -> list[float]:
     values = []
     for token in tokens:
         try:
-            value = math.nan if "_" in token else float(token)
+            value = float(token)
         except ValueError:
             value = math.nan
         if not abs(value) <= MAX_VALUE:
@@ -118,10 +119,9 @@ def check_frame_count(count: int, where: str) -> None:
 
 def check_rate(rate: float, where: str) -> float:
     """The frame rate (Hz), if it is one. Raises InputError."""
-    if not 0.0 < rate <= MAX_RATE_HZ:
-        raise InputError(
-            "impossible frame rate", where=where, found=f"{rate:g} Hz", allowed=f"above 0 to {MAX_RATE_HZ:g} Hz"
-        )
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        allowed = f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
+        raise InputError("impossible frame rate", where=where, found=f"{rate:g} Hz", allowed=allowed)
     return rate
 
 

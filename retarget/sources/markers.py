@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from retarget.frames import SENSORS
 
-__all__ = ["MARKER_GROUPS", "groups_in"]
+__all__ = ["KNOWN_MARKERS", "MARKER_GROUPS", "groups_in", "marker_name"]
 
 _MIDDLE: dict[str, tuple[tuple[str, ...], ...]] = {
     "head": (("LFHD", "RFHD", "LBHD", "RBHD"), ("LFHD", "RFHD"), ("HEAD",)),
@@ -41,6 +41,17 @@ def _all_groups() -> dict[str, tuple[tuple[str, ...], ...]]:
 
 MARKER_GROUPS: dict[str, tuple[tuple[str, ...], ...]] = _all_groups()
 """Sensor -> groups of markers, best first."""
+
+
+KNOWN_MARKERS: frozenset[str] = frozenset(
+    name for groups in MARKER_GROUPS.values() for group in groups for name in group
+)
+"""Every marker name that some group uses."""
+
+
+def marker_name(label: str) -> str:
+    """Name of a marker without its subject's prefix, in upper case."""
+    return label.rpartition(":")[2].strip().upper()
 
 
 def groups_in(labels: Iterable[str]) -> dict[str, tuple[str, ...]]:

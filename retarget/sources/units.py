@@ -35,13 +35,13 @@ def named_unit(name: str) -> Unit:
     return Unit(key, UNITS[key])
 
 
-def choose_unit(body_height: float, *, where: str) -> Unit:
+def choose_unit(body_height: float | None, *, where: str) -> Unit:
     """The unit in which a body of this height (file units) is nearest to a human; a note says so.
 
     Raises InputError if no unit makes it a human at all.
     """
-    if not (math.isfinite(body_height) and body_height > 0.0):
-        raise InputError("the skeleton has no height", where=where, found=f"{body_height:g}")
+    if body_height is None or not 0.0 < body_height < math.inf:
+        raise InputError("the skeleton has no height", where=where, next_step="Say the unit with --unit")
     name = min(UNITS, key=lambda unit: abs(math.log(body_height * UNITS[unit] / TYPICAL_HEIGHT_M)))
     height = body_height * UNITS[name]
     if not POSSIBLE_HEIGHT_M[0] <= height <= POSSIBLE_HEIGHT_M[1]:

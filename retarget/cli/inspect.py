@@ -1,0 +1,112 @@
+"""`retarget inspect SOURCE`: what is in a motion file, before a robot follows it."""
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from retarget.motion_summary import MotionSummary, summarise
+from retarget.sources.open import open_source
+from retarget.sources.units import UNITS
+
+SHOWN_JUMPS = 8
+
+
+def inspect(
+    source: Annotated[Path, typer.Argument(help="A motion file: AMC, BVH or C3D.")],
+    skeleton: Annotated[
+        Path | None, typer.Option(help="The ASF of an AMC, where it does not lie beside it.", metavar="FILE.asf")
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Length unit of the file, where it states none.", metavar="|".join(UNITS))
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Frames per second instead of the file's.", metavar="HZ")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable, one object.")] = False,
+) -> None:
+    """Say what is in a motion file: frames, rate, sensors, size of the body, speeds and impossible jumps."""
+    summary = summarise(open_source(source, skeleton=skeleton, unit=unit, rate=rate))
+    if as_json:
+        typer.echo(json.dumps(_plain(asdict(summary)), indent=2, allow_nan=False))
+    else:
+        show(summary, Console())
+
+
+def show(summary: MotionSummary, console: Console) -> None:
+    """Print a summary for a person."""
+    out = _Printer(console)
+    out.line(summary.source)
+    length = f"{summary.frames} frames at {summary.rate_hz:g} Hz, {summary.duration_s:.2f} s"
+    out.line(f"{length}, over {summary.travel_m:.1f} m of floor")
+    if summary.stature_m is not None:
+        bones = ", ".join(f"{name} {length:.3f}" for name, length in summary.lengths_m.items())
+        out.line(f"body about {summary.stature_m:.2f} m tall; {bones}")
+    out.line(
+        f"whole body known: {len(summary.joints)} joints" if summary.joints else "whole body not known: sensors only"
+    )
+    console.print()
+    console.print(_sensor_table(summary))
+    _show_jumps(summary, out)
+    for note in summary.notes:
+        out.line(f"note: {note}")
+
+
+class _Printer:
+    """Plain lines: no markup and no highlighting in file names."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def line(self, text: str) -> None:
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _sensor_table(summary: MotionSummary) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("sensor")
+    for heading in ("valid", "orientation", "lowest m", "highest m", "max m/s", "jumps"):
+        table.add_column(heading, justify="right")
+    for sensor in summary.sensors:
+        numbers = [
+            f"{value:.2f}" if math.isfinite(value) else "-"
+            for value in (sensor.lowest_m, sensor.highest_m, sensor.max_speed_m_s)
+        ]
+        table.add_row(sensor.name, _share(sensor.valid), _share(sensor.oriented), *numbers, str(sensor.jumps or "-"))
+    return table
+
+
+def _share(value: float) -> str:
+    """A share as text that is 'all' or 'none' only if it is."""
+    if value in (0.0, 1.0):
+        return "all" if value else "none"
+    return f"{min(max(100.0 * value, 0.1), 99.9):.1f} %"
+
+
+def _show_jumps(summary: MotionSummary, out: _Printer) -> None:
+    if not summary.jumps:
+        out.line("\nno jumps: nothing moves faster than a human can")
+        return
+    count = len({jump.frame for jump in summary.jumps})
+    out.line(f"\n{count} jumps faster than a human can move, between a frame and the next:")
+    by_frame: dict[int, list[str]] = {}
+    for jump in summary.jumps:
+        size = f"{jump.distance_m:.2f} m" if jump.distance_m >= 0.05 else f"{jump.turn_deg:.0f} deg"
+        by_frame.setdefault(jump.frame, []).append(f"{jump.sensor} {size}")
+    for frame, parts in list(by_frame.items())[:SHOWN_JUMPS]:
+        more = f" and {len(parts) - 4} more" if len(parts) > 4 else ""
+        out.line(f"  frame {frame + 1} ({frame / summary.rate_hz:.2f} s): {', '.join(parts[:4])}{more}")
+    if count > SHOWN_JUMPS:
+        out.line(f"  ... and {count - SHOWN_JUMPS} more (--json has them all)")
+
+
+def _plain(value: Any) -> Any:
+    """Data that JSON can hold: no NaN, no tuples."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
