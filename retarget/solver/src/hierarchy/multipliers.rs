@@ -11,6 +11,8 @@ use super::problem::{Problem, Side};
 /// Multipliers below this share of their own terms are zero.
 const SIGN_TOLERANCE: f64 = 1e-10;
 const LOCK_TOLERANCE: f64 = 1e-8;
+/// Terms smaller than this are rounding, whatever they are compared to.
+const ROUNDING: f64 = 1e-12;
 /// A level whose residual is below this share of its scale is met.
 pub const MET_TOLERANCE: f64 = 1e-11;
 
@@ -69,7 +71,7 @@ impl Multipliers {
             return None;
         }
         let scale = self.solve::<FMA>(problem, factor, z, k);
-        let (wrong, lock) = (SIGN_TOLERANCE * scale, LOCK_TOLERANCE * scale);
+        let (wrong, lock) = (SIGN_TOLERANCE * scale + ROUNDING, LOCK_TOLERANCE * scale + 100.0 * ROUNDING);
         let mut worst: Option<(f64, Release)> = None;
         let mut lowest = None;
         let mut keep = |amount: f64, release| {
@@ -166,5 +168,5 @@ fn is_met(problem: &Problem, factor: &Factor, k: usize) -> bool {
     let tolerance = MET_TOLERANCE * factor.level_scale[k].max(1.0);
     problem
         .level(k)
-        .all(|r| problem.row_side[r] == Side::Free || factor.residual[r].abs() <= tolerance)
+        .all(|r| problem.row_side[r] == Side::Free || factor.residual[r].abs() * factor.row_norm[r] <= tolerance)
 }
