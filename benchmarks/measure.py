@@ -1,0 +1,99 @@
+"""Interleaved timing of several sides, and what each of them reached."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.bodies import BenchBody, Floats
+from benchmarks.motion import RATE, Motion
+from benchmarks.ours import Ours
+from benchmarks.side import Side
+
+WARM_UP = 20  # frames that are solved but not counted
+SETTLE = 240  # frames of standing still before a motion whose first posture is only a guess
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One side on one motion. Times in us of thread CPU per frame; errors in mm; speed as a share of the limit."""
+
+    body: str
+    motion: str
+    side: str
+    median_us: float
+    p99_us: float
+    max_us: float
+    com_mm: float
+    com_max_mm: float
+    ankles_mm: float
+    ankles_max_mm: float
+    wrists_mm: float
+    head_mm: float
+    speed: float
+    beyond_limits_rad: float
+    failures: int
+
+
+def run(body: BenchBody, motion: Motion, sides: list[type[Side]]) -> list[Outcome]:
+    """Every side solves frame by frame, turn by turn, in this process."""
+    running = [side(body, motion) for side in sides]
+    spent = np.zeros((motion.frames, len(sides)), dtype=np.int64)
+    postures = np.zeros((len(sides), motion.frames, body.model.nq))
+    for k in range(motion.frames):
+        for s, side in enumerate(running):
+            side.aim(motion.com[k], motion.points[k])
+            before = time.thread_time_ns()
+            side.solve()
+            spent[k, s] = time.thread_time_ns() - before
+            postures[s, k] = side.posture()
+    return [outcome(body, motion, side, spent[:, s], postures[s]) for s, side in enumerate(running)]
+
+
+def settled(body: BenchBody, motion: Motion) -> Motion:
+    """The motion from a start that meets its first targets, so that no side begins with a jump."""
+    ours = Ours(body, motion)
+    ours.aim(motion.com[0], motion.points[0])
+    for _ in range(SETTLE):
+        ours.solve()
+    return replace(motion, start=ours.posture())
+
+
+def outcome(body: BenchBody, motion: Motion, side: Side, spent_ns: Floats, postures: Floats) -> Outcome:
+    """Errors and limits of one side's postures (T, nq), by one and the same kinematics for all."""
+    solver_body = body.model.solver_body()
+    leak = (solver_body.centre_of_mass(postures) - motion.com) * (np.array(motion.com_rows) > 0.0)
+    error = np.linalg.norm(solver_body.points(postures, body.links(), body.offsets()) - motion.points, axis=2) * 1e3
+    com = np.linalg.norm(leak, axis=1)[WARM_UP:] * 1e3
+    columns = {part: [i for i, p in enumerate(body.points) if part in p.name] for part in ("ankle", "wrist", "head")}
+    ankles, wrists, head = (error[WARM_UP:, columns[part]] for part in ("ankle", "wrist", "head"))
+    us = spent_ns[WARM_UP:] / 1e3
+    speed, beyond = limits(body, postures)
+    return Outcome(
+        body=body.name,
+        motion=motion.name,
+        side=side.name,
+        median_us=float(np.median(us)),
+        p99_us=float(np.percentile(us, 99.0)),
+        max_us=float(us.max()),
+        com_mm=float(com.mean()),
+        com_max_mm=float(com.max()),
+        ankles_mm=float(ankles.mean()),
+        ankles_max_mm=float(ankles.max()),
+        wrists_mm=float(wrists.mean()),
+        head_mm=float(head.mean()),
+        speed=speed,
+        beyond_limits_rad=beyond,
+        failures=side.failures,
+    )
+
+
+def limits(body: BenchBody, postures: Floats) -> tuple[float, float]:
+    """Highest joint speed as a share of the limit, and how far a joint was beyond its range, rad."""
+    model = body.model
+    joints, lower, upper = postures[:, 7:], model.lower[6:], model.upper[6:]
+    speed = np.abs(np.diff(joints, axis=0)) * RATE / body.max_speed
+    beyond = np.maximum(lower - joints, joints - upper)[:, ~body.locked[6:]]
+    return float(speed.max()), float(max(beyond.max(), 0.0))
