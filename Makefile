@@ -13,6 +13,8 @@ BIN := $(VENV)/bin
 CRATE := retarget/solver
 MANIFEST := $(CRATE)/Cargo.toml
 RUST := $(MANIFEST) $(CRATE)/Cargo.lock $(shell find $(CRATE)/src -name '*.rs')
+RUST_OLDEST := 1.83
+RUST_TESTS := $(shell grep -rl 'cfg(test)' $(CRATE)/src)
 RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -32,13 +34,15 @@ demo: $(VENV)/.with-base
 	$(BIN)/retarget demo
 
 test: $(VENV)/.with-test
-	PYO3_PYTHON=$(abspath $(BIN)/python) cargo test --release --lib --locked --quiet --manifest-path $(MANIFEST)
+	$(if $(RUST_TESTS),PYO3_PYTHON=$(abspath $(BIN)/python) cargo test --release --lib --locked --quiet --manifest-path $(MANIFEST))
 	$(BIN)/python -m pytest -n $(JOBS) -m 'not long' $(PYTEST)
 
 long: $(VENV)/.with-test
 	$(BIN)/python -m pytest -m long $(PYTEST)
 
 lint: $(VENV)/.with-test $(VENV)/.with-lint
+	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 || { echo 'missing: rustfmt or clippy' >&2; \
+		echo '   get them: rustup component add rustfmt clippy; or Debian, Ubuntu: apt install rustfmt rust-clippy' >&2; exit 1; }
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -67,11 +71,11 @@ clean:
 
 # One stamp per set of dependencies. A change of the crate or of pyproject.toml builds the extension (release) and installs again.
 $(VENV)/.with-%: pyproject.toml $(RUST) | $(VENV)/.pip
-	$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[$(filter-out base,$*)]'
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[$(filter-out base,$*)]'
 	@touch $@
 
 $(VENV)/.pip: | machine
-	$(PYTHON) -m venv --clear $(VENV)
+	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=24' 'maturin>=1.9,<2'
 	@touch $@
 
@@ -84,5 +88,11 @@ machine:
 		say "the venv module of $(PYTHON)" 'Debian, Ubuntu: apt install python3-venv'; \
 	fi; \
 	command -v cc >/dev/null || say 'a C linker (cc)' 'Debian, Ubuntu: apt install gcc; Fedora: dnf install gcc'; \
-	command -v cargo >/dev/null || say 'cargo (Rust)' 'https://rustup.rs, or Debian, Ubuntu: apt install cargo (1.85 or newer)'; \
+	if ! command -v cargo >/dev/null; then \
+		say 'cargo (Rust $(RUST_OLDEST) or newer)' 'https://rustup.rs; a package of the system may be too old'; \
+	else \
+		found=$$(cargo --version | cut -d' ' -f2); \
+		[ "$$(printf '%s\n' $(RUST_OLDEST) "$$found" | sort -V | head -n1)" = $(RUST_OLDEST) ] || \
+			say "Rust $(RUST_OLDEST) or newer (found $$found)" 'rustup update, or https://rustup.rs'; \
+	fi; \
 	[ $$missing -eq 0 ]
