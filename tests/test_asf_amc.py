@@ -235,7 +235,7 @@ def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None
         below |= {f"{side}femur": f"{word}UpLeg", f"{side}tibia": f"{word}Leg", f"{side}foot": f"{word}Foot"}
         below[f"{side}toes"] = f"{word}ToeBase"
     for bone, joint in below.items():
-        assert apart(bone, joint).max() < 3e-4, bone  # both files give four to six digits
+        assert apart(bone, joint).max() < 1e-4, bone
     above = {
         "lowerneck": "Neck",
         "upperneck": "Neck1",

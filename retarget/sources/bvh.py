@@ -95,9 +95,13 @@ def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, 
     """Number of frames, rate (Hz), and the index of the first line of data."""
     filled = [index for index in range(start, min(start + 100, len(lines))) if lines[index].strip()][:2]
     pairs = [lines[index].partition(":") for index in filled]
-    if [" ".join(key.lower().split()) for key, _, _ in pairs] != ["frames", "frame time"]:
-        where = f"{path}:{filled[-1] + 1 if filled else start}"
-        raise InputError("incomplete MOTION section", where=where, allowed="'Frames: N', then 'Frame Time: seconds'")
+    keys = [" ".join(key.lower().split()) for key, _, _ in pairs]
+    for place, wanted in enumerate(("frames", "frame time")):
+        if keys[place : place + 1] != [wanted]:
+            where = f"{path}:{filled[place] + 1 if place < len(filled) else len(lines)}"
+            raise InputError(
+                "incomplete MOTION section", where=where, allowed="'Frames: N', then 'Frame Time: seconds'"
+            )
     count, interval = (value.strip() for _, _, value in pairs)
     count_place, interval_place = (f"{path}:{index + 1}" for index in filled)
     if not (count.isascii() and count.isdecimal() and len(count) <= 12):

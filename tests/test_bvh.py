@@ -1,0 +1,275 @@
+"""BVH motions: kinematics against geometry, every naming style, and one clear error for everything that is wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motion_texts import JOINTS, bvh_text
+from retarget import rotations
+from retarget.errors import InputError, UsageError
+from retarget.frames import SENSORS
+from retarget.sources.bvh import CALIBRATION_POSE, LOST_LENGTHS, read_bvh, read_motion
+
+RECORDINGS = ("cmu_bvh_hahne", "cmu_bvh_daz", "other")
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "motion.bvh"
+    path.write_text(text)
+    return path
+
+
+def test_rest_pose_is_a_person_facing_x_in_metres(tmp_path: Path) -> None:
+    frames = read_bvh(write(tmp_path, bvh_text()))
+    assert frames.names == SENSORS and len(frames) == 3 and frames.rate_hz == 120.0
+    np.testing.assert_allclose(frames.orientation[..., 0], 1.0)
+    at = {name: frames.position[0, i] for i, name in enumerate(frames.names)}
+    np.testing.assert_allclose(at["pelvis"], [0.0, 0.0, 0.98], atol=1e-12)
+    np.testing.assert_allclose(at["l_wrist"], [0.0, 0.73, 1.35], atol=1e-12)
+    np.testing.assert_allclose(at["head"], [0.0, 0.0, 0.98 + 0.45 + 0.09], atol=1e-12)
+    np.testing.assert_allclose(at["r_toe"], [0.13, -0.09, 0.0], atol=1e-12)
+    assert frames.skeleton is not None
+    np.testing.assert_allclose(frames.skeleton.of("l_ankle"), [0.0, 0.09, -0.92], atol=1e-12)
+    assert any("taken as cm" in note for note in frames.notes)
+
+
+def test_rotations_multiply_in_the_order_of_the_channels(tmp_path: Path) -> None:
+    angles = (30.0, 50.0, -20.0)
+    for order in ("XYZ", "ZXY", "YZX"):
+        frames = read_bvh(write(tmp_path, bvh_text(order=order, rotations={"LeftArm": angles})))
+        turn = rotations.from_euler(np.radians(angles), order)
+        # File axes (x left, y up, z forward) to x forward, y left, z up.
+        expected = np.array([turn[0], turn[3], turn[1], turn[2]])
+        actual = frames.orientation[0, frames.index("l_shoulder")]
+        assert abs(float(actual @ expected)) == pytest.approx(1.0)
+
+
+def test_orders_may_differ_within_a_file(tmp_path: Path) -> None:
+    text = bvh_text(rotations={"LeftArm": (30.0, 50.0, -20.0), "RightArm": (30.0, 50.0, -20.0)})
+    at = text.index("JOINT RightArm")
+    mixed = text[:at] + text[at:].replace("Zrotation Xrotation Yrotation", "xrotation ZROTATION Yrotation", 1)
+    frames = read_bvh(write(tmp_path, mixed))
+    left, right = (frames.orientation[0, frames.index(f"{side}_shoulder")] for side in "lr")
+    turn = rotations.from_euler(np.radians([30.0, 50.0, -20.0]), "xzy")
+    assert abs(float(right @ [turn[0], turn[3], turn[1], turn[2]])) == pytest.approx(1.0)
+    assert rotations.angle_between(left, right) > 0.1
+
+
+def test_the_roots_offset_is_not_added_and_six_channels_replace_an_offset(tmp_path: Path) -> None:
+    text = bvh_text(1).replace("OFFSET 0 0 0", "OFFSET 5 50 500", 1)
+    six = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+    at = text.index("JOINT LeftUpLeg")
+    text = text[:at] + text[at:].replace("CHANNELS 3 Zrotation Xrotation Yrotation", six, 1)
+    lines = text.splitlines()
+    values = lines[-1].split()
+    lines[-1] = " ".join([*values[:6], "10", "-8", "2", *values[6:]])
+    frames = read_bvh(write(tmp_path, "\n".join(lines)))
+    np.testing.assert_allclose(frames.position[0, frames.index("pelvis")], [0.0, 0.0, 0.98], atol=1e-12)
+    np.testing.assert_allclose(frames.position[0, frames.index("l_hip")], [0.02, 0.10, 0.90], atol=1e-12)
+
+
+def test_z_up_is_seen_in_the_rest_pose_and_the_heading_is_kept(tmp_path: Path) -> None:
+    frames = read_bvh(write(tmp_path, bvh_text(z_up=True, root=(0.0, 0.0, 98.0))))
+    assert frames.position[0, frames.index("head"), 2] == pytest.approx(1.52)
+    assert frames.position[0, frames.index("l_wrist"), 1] == pytest.approx(-0.73), "the figure looks along -x"
+    half_turn = rotations.log(frames.orientation[0])
+    np.testing.assert_allclose(np.abs(half_turn), np.broadcast_to([0.0, 0.0, np.pi], half_turn.shape), atol=1e-9)
+    assert frames.skeleton is not None
+    np.testing.assert_allclose(frames.skeleton.of("l_wrist"), [0.0, 0.73, 0.37], atol=1e-12)
+
+
+def test_z_up_is_seen_in_frames_that_stand_along_z(tmp_path: Path) -> None:
+    # Rest pose y up, but the root stands the body up along z and turns it to look along -y.
+    text = bvh_text(order="XYZ", root=(0.0, 0.0, 98.0), rotations={"Hips": (90.0, 0.0, 0.0)})
+    frames = read_bvh(write(tmp_path, text))
+    assert any("stands along z" in note for note in frames.notes)
+    assert frames.position[0, frames.index("head"), 2] == pytest.approx(1.52)
+    toe, ankle = (frames.position[0, frames.index(name)] for name in ("l_toe", "l_ankle"))
+    np.testing.assert_allclose(toe - ankle, [0.0, -0.13, -0.06], atol=1e-9)
+    forward = rotations.rotate(frames.orientation[0, frames.index("pelvis")], [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(forward, [0.0, -1.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1.0, "cm"), (0.01, "m"), (10.0, "mm"), (0.393701, "inch"), (0.177165, "cmu")]
+)
+def test_units_are_guessed_and_can_be_said(tmp_path: Path, scale: float, unit: str) -> None:
+    path = write(tmp_path, bvh_text(scale=scale))
+    for frames in (read_bvh(path), read_bvh(path, unit=unit), read_bvh(path, unit=unit.upper())):
+        assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.98, rel=1e-3)
+    assert any(f"taken as {unit}" in note for note in read_bvh(path).notes)
+
+
+def test_unknown_units_and_bodies_of_no_size_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, bvh_text())
+    with pytest.raises(UsageError, match=r"unknown unit; found 'inches'.*Did you mean inch"):
+        read_bvh(path, unit="inches")
+    for scale in (0.0, 5.0, 1e-4):
+        with pytest.raises(InputError):
+            read_bvh(write(tmp_path, bvh_text(scale=scale)))
+
+
+@pytest.mark.parametrize(
+    ("written", "rate"), [("0.008333", 120.0), (".0083333", 120.0), ("0.033333", 30.0), ("0.0123", 1 / 0.0123)]
+)
+def test_rates_of_few_digits_are_tidied(tmp_path: Path, written: str, rate: float) -> None:
+    frames = read_bvh(write(tmp_path, bvh_text(frame_time=written)))
+    assert frames.rate_hz == pytest.approx(rate, abs=1e-9)
+    assert read_bvh(write(tmp_path, bvh_text()), rate=50.0).time[1] == pytest.approx(0.02)
+
+
+STYLES = {
+    "Biovision": {
+        "UpLeg": "Hip",
+        "Leg": "Knee",
+        "Foot": "Ankle",
+        "ToeBase": "Toe",
+        "Shoulder": "Collar",
+        "Arm": "Shoulder",
+    },
+    "Xsens MVN": {"UpLeg": "UpperLeg", "Leg": "LowerLeg", "Arm": "UpperArm", "ToeBase": "Toe"},
+}
+
+
+def restyled(style: str) -> dict[str, str]:
+    """Names of the stick figure in another style."""
+    parts = {**STYLES[style], "ForeArm": "ForeArm" if style == "Xsens MVN" else "Elbow"}
+    parts["Hand"] = "Hand" if style == "Xsens MVN" else "Wrist"
+    return {f"{side}{a}": f"{side}{b}" for side in ("Left", "Right") for a, b in parts.items()}
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_other_naming_styles_give_the_same_sensors(tmp_path: Path, style: str) -> None:
+    plain = read_bvh(write(tmp_path, bvh_text()))
+    other = read_bvh(write(tmp_path, bvh_text(names=restyled(style))))
+    assert other.names == plain.names
+    np.testing.assert_array_equal(other.position, plain.position)
+
+
+def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: Path) -> None:
+    plain = read_bvh(write(tmp_path, bvh_text()))
+    names = {name: f"node {i}" for i, (name, _, _) in enumerate(JOINTS)}
+    other = read_bvh(write(tmp_path, bvh_text(names=names)))
+    assert any("by the shape" in note for note in other.notes)
+    for name in (
+        "head",
+        "l_wrist",
+        "r_wrist",
+        "l_ankle",
+        "r_ankle",
+        "pelvis",
+        "l_knee",
+        "l_elbow",
+        "r_hip",
+        "l_shoulder",
+    ):
+        at = other.position[:, other.index(name)]
+        np.testing.assert_allclose(at, plain.position[:, plain.index(name)], atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("Frames: 3", "Frames: 4", "fewer frames than declared; found 3; allowed: 4"),
+        ("Frames: 3", "Frames: 2", "more frames than declared"),
+        ("Frames: 3", "Frames: 0", "no frame of motion"),
+        ("Frames: 3", "Frames: -3", "wrong number of frames"),
+        ("Frames: 3", "Frames: 300000", "too many frames"),
+        ("Frames: 3", "Frames: 9999999999999999999999", "wrong number of frames"),
+        ("Frames: 3", "Count: 3", "incomplete MOTION section"),
+        ("Frame Time: 0.008333", "Frame Time: 0", "impossible frame time"),
+        ("Frame Time: 0.008333", "Frame Time: -0.01", "impossible frame time"),
+        ("Frame Time: 0.008333", "Frame Time: 1e-300", "impossible frame rate"),
+        ("Frame Time: 0.008333", "Frame Time: nan", "not a usable number"),
+        ("Frame Time: 0.008333", "Frame Time:", "not a usable number"),
+    ],
+)
+def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, what: str) -> None:
+    text = bvh_text()
+    assert old in text
+    path = write(tmp_path, text.replace(old, new, 1))
+    with pytest.raises(InputError, match=what) as caught:
+        read_bvh(path)
+    place, _, number = caught.value.problems[0].where.rpartition(":")
+    assert place == str(path)
+    if "frames than declared" not in what:
+        assert int(number) == text[: text.index(old)].count("\n") + 1
+
+
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [
+        ("nan", "not a usable"),
+        ("inf", "not a usable"),
+        ("abc", "not a usable"),
+        ("1e10", "not a usable"),
+        ("1 2", "wrong number of values"),
+        ("", "wrong number of values"),
+    ],
+)
+def test_a_bad_value_in_a_frame_has_its_line(tmp_path: Path, value: str, what: str) -> None:
+    lines = bvh_text().splitlines()
+    values = lines[-2].split()
+    lines[-2] = " ".join([*values[:7], value, *values[8:]])
+    path = write(tmp_path, "\n".join(lines))
+    with pytest.raises(InputError, match=what) as caught:
+        read_bvh(path)
+    assert caught.value.problems[0].where == f"{path}:{len(lines) - 1}"
+
+
+def test_a_calibration_pose_in_front_is_told(tmp_path: Path) -> None:
+    still = bvh_text(4, rotations={"LeftArm": (-80.0, 0.0, 0.0), "RightArm": (80.0, 0.0, 0.0)}).splitlines()
+    still[-4] = bvh_text(1).splitlines()[-1]
+    assert CALIBRATION_POSE in read_bvh(write(tmp_path, "\n".join(still))).notes
+    assert CALIBRATION_POSE not in read_bvh(write(tmp_path, bvh_text(4))).notes
+
+
+BASE = bvh_text(2).encode()
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(BASE) - 1), st.binary(max_size=8), st.integers(0, 40)), min_size=1, max_size=4
+    )
+)
+def test_mangled_files_raise_input_errors_only(
+    tmp_path_factory: pytest.TempPathFactory, edits: list[tuple[int, bytes, int]]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "mangled.bvh"
+    content = BASE
+    for at, new, cut in edits:
+        content = content[:at] + new + content[at + cut :]
+    path.write_bytes(content)
+    try:
+        frames = read_bvh(path)
+    except InputError:
+        return
+    assert np.isfinite(frames.position).all()
+
+
+def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
+    paths = [path for folder in RECORDINGS for path in sorted((shared / "mocap" / folder).glob("*.bvh"))]
+    assert len(paths) == 13
+    for path in paths:
+        frames = read_bvh(path)
+        assert frames.names == SENSORS, path.name
+        assert frames.joints is not None and frames.skeleton is not None
+        for side in "lr":
+            for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
+                length = np.linalg.norm(frames.joints.of(f"{side}_{a}") - frames.joints.of(f"{side}_{b}"), axis=1)
+                np.testing.assert_allclose(length, frames.skeleton.distance(f"{side}_{a}", f"{side}_{b}"), atol=1e-6)
+            assert (frames.skeleton.of("l_wrist") - frames.skeleton.of("r_wrist"))[1] > 0.2, "left is left"
+        head, ankle = (frames.position[:, frames.index(name), 2] for name in ("head", "l_ankle"))
+        assert 1.1 < np.median(head - ankle) < 1.8, path.name
+        assert -0.1 < ankle.min() < 0.2, path.name
+
+
+def test_what_is_told_about_recordings(shared: Path) -> None:
+    notes = read_bvh(shared / "mocap/cmu_bvh_hahne/02_06.bvh").notes
+    assert LOST_LENGTHS in notes and CALIBRATION_POSE in notes
+    assert any("stands along z" in note for note in read_bvh(shared / "mocap/other/bvh_test3.bvh").notes)
+    orders = read_motion(shared / "mocap/other/bvh_test1.bvh").hierarchy.channels
+    assert len({tuple(axis for kind, axis in channels if kind == "r") for channels in orders}) == 4
