@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from retarget.errors import Problem, suggest
-from retarget.strict_yaml import Document, KeyPath
+from retarget.strict_yaml import MAX_PROBLEMS, Document, KeyPath
 
 _PLAIN_WORDS = {
     "tuple": "a list",
@@ -23,8 +23,8 @@ _PLAIN_WORDS = {
 
 
 def in_our_words(model: type[BaseModel], error: ValidationError, document: Document) -> list[Problem]:
-    """All errors of `model` in `document`."""
-    details = error.errors(include_url=False)
+    """The errors of `model` in `document`, at most MAX_PROBLEMS of them."""
+    details = error.errors(include_url=False, include_input=False)[:MAX_PROBLEMS]
     inside = {detail["loc"][:end] for detail in details for end in range(len(detail["loc"]))}
     # A list whose entries are all wrong is also reported as too short: that adds nothing.
     telling = [detail for detail in details if not (detail["type"] == "too_short" and detail["loc"] in inside)]

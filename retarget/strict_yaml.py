@@ -4,7 +4,7 @@ Accepted: one UTF-8 document of at most 1 MiB of mappings with text keys, lists 
 Refused: duplicate keys, anchors and aliases, tags, directives, several documents, numbers that are not finite.
 Plain scalars follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/#103-core-schema), so `no` and `1:30` are
 text and `012` is twelve. pyyaml scans and parses; this file alone gives scalars their meaning.
-All problems of a file are collected; only a syntax error or too deep a nesting ends the reading early.
+All problems of a file are collected; only a syntax error, too deep a nesting and too much of anything end it early.
 """
 
 import math
@@ -21,6 +21,10 @@ from retarget.errors import ConfigError, Problem
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 16
+MAX_VALUES = 50_000
+"""Most keys and values in one file."""
+MAX_PROBLEMS = 200
+"""The reading ends when so many problems have been found."""
 MAX_INTEGER = 2**53
 """Largest integer that every reader of the file (float64 included) holds exactly."""
 
@@ -83,8 +87,8 @@ def scan(text: str, path: Path) -> Document:
         data = builder.document(yaml.parse(text, Loader=_Loader))
     except yaml.YAMLError as error:
         builder.syntax_problem(error)
-    except _TooDeepError:
-        pass  # already among the problems
+    except _HopelessError:
+        pass  # the reason is already among the problems
     else:
         if not isinstance(data, dict):
             found = "an empty file" if data is None else _kind(data)
@@ -132,9 +136,12 @@ class _Builder:
         self.last_line = text.rstrip().count("\n") + 1
         self.problems: list[Problem] = []
         self.lines: dict[KeyPath, int] = {}
+        self.values = 0
 
     def problem(self, line: int, key_path: KeyPath, what: str, *, found: str = "", allowed: str = "") -> None:
         self.problems.append(_problem(self.path, line, key_path, what, found, allowed))
+        if len(self.problems) >= MAX_PROBLEMS:
+            raise _HopelessError
 
     def syntax_problem(self, error: yaml.YAMLError) -> None:
         """What the parser itself refuses; it cannot go on after this."""
@@ -168,6 +175,10 @@ class _Builder:
         """The value that starts with `event`; consumes its events."""
         line = _line(event)
         self.lines.setdefault(key_path, line)
+        self.values += 1
+        if self.values > MAX_VALUES:
+            self.problem(line, key_path, "the file holds too many values", allowed=f"at most {MAX_VALUES}")
+            raise _HopelessError
         if anchor := getattr(event, "anchor", None):
             kind, sign = ("alias", "*") if isinstance(event, ev.AliasEvent) else ("anchor", "&")
             found = f"{sign}{anchor}"
@@ -180,7 +191,7 @@ class _Builder:
             return None
         if len(key_path) >= MAX_DEPTH:
             self.problem(line, key_path[:4], "the file is nested too deep", allowed=f"{MAX_DEPTH} levels")
-            raise _TooDeepError
+            raise _HopelessError
         if isinstance(event, ev.SequenceStartEvent):
             return self.sequence(events, key_path)
         return self.mapping(events, key_path)
@@ -234,8 +245,8 @@ class _Builder:
         return value
 
 
-class _TooDeepError(Exception):
-    """Ends the reading early; the problem is already noted."""
+class _HopelessError(Exception):
+    """Ends the reading early; the problems are already noted."""
 
 
 def _problem(

@@ -40,7 +40,7 @@ levels:
       - {type: heading, of: [pelvis, chest], weight: 0.3}
   - name: posture
     tasks:
-      - {type: posture, stiffness: {default: 1.0, spine: 20}, previous: 0.5, gain: 0.05}
+      - {type: posture, stiffness: {default: 1.0, spine: 20}, settle: 0.1, gain: 0.05}
       - {type: centre_of_mass, mode: over_feet, forward: 0.05, fade_speed: 0.5}
 """
 
@@ -90,7 +90,7 @@ def test_short_forms_and_defaults(tmp_path: Path) -> None:
     assert com.weight == (1.0, 1.0, 0.0)
     posture = levels[4].tasks[0]
     assert isinstance(posture, PostureTask)
-    assert posture.stiffness == {"default": 1.0, "spine": 20.0}
+    assert (posture.towards, posture.stiffness, posture.settle) == ("attractor", {"default": 1.0, "spine": 20.0}, 0.1)
 
 
 def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> None:
@@ -106,8 +106,8 @@ def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> 
         ("type: reactive", "type: reactve", "Did you mean reactive?"),
         ("type: reactive, ", "", ":9: levels[0].tasks[1].type: missing key. Add 'type'"),
         ("mode: support", "mode: over_rot", "Did you mean over_root"),
-        ("previous: 0.5", "prevous: 0.5", "prevous: unknown key; found 'prevous'; allowed: gain, max_error"),
-        ("previous: 0.5", "previous: 1.5", "levels[4].tasks[0].previous: wrong value; found 1.5"),
+        ("settle: 0.1", "setle: 0.1", "setle: unknown key; found 'setle'; allowed: gain, max_error"),
+        ("settle: 0.1", "settle: -1", "levels[4].tasks[0].settle: wrong value; found -1"),
         ("weight: [1, 1, 2]", "weight: [1, x, 2]", "levels[1].tasks[0].weight[1]: wrong value; found 'x'"),
         ("weight: [1, 1, 2]", "weight: [0, 0, 0]", "weight: all three are zero"),
         ("weight: [1, 1, 2]", "weight: -1", "levels[1].tasks[0].weight"),

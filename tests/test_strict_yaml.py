@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from retarget.errors import ConfigError
-from retarget.strict_yaml import MAX_BYTES, MAX_DEPTH, Document, dotted, load, parse, scan
+from retarget.strict_yaml import MAX_BYTES, MAX_DEPTH, MAX_PROBLEMS, MAX_VALUES, Document, dotted, load, parse, scan
 
 HERE = Path("robot.yaml")
 
@@ -142,6 +142,15 @@ def test_depth_is_bounded() -> None:
     assert "nested too deep" in str(refused("a: " + "[" * MAX_DEPTH + "]" * MAX_DEPTH))
     assert "nested too deep" in str(refused("[" * 100_000))
     assert "nested too deep" in str(refused("\n".join(" " * i + "a:" for i in range(200))))
+
+
+def test_number_of_values_is_bounded() -> None:
+    assert read("a: [" + "1, " * (MAX_VALUES // 2) + "]")
+    assert "too many values" in str(refused("a: [" + "1, " * MAX_VALUES + "]"))
+
+
+def test_a_flood_of_problems_ends_the_reading() -> None:
+    assert len(refused("a: 1\n" * 20_000).problems) == MAX_PROBLEMS
 
 
 def test_size_is_bounded(tmp_path: Path) -> None:
