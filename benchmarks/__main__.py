@@ -14,9 +14,10 @@ from pathlib import Path
 
 from benchmarks.bodies import BenchBody, bench_human, bench_op3
 from benchmarks.cost import per_degree_of_freedom, per_sensor
-from benchmarks.measure import Outcome, run, settled
-from benchmarks.motion import Motion, crouch_and_reach, out_of_reach, recording
+from benchmarks.measure import Outcome, run
+from benchmarks.motion import Motion, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
+from benchmarks.recording import recording
 from benchmarks.side import Side
 from benchmarks.table import print_costs, print_outcomes
 from benchmarks.textbook import Textbook
@@ -81,7 +82,7 @@ def cases(human: BenchBody, op3: BenchBody, frames: int) -> list[tuple[BenchBody
         found += [(body, easy), (body, out_of_reach(body, easy))]
     if RECORDING.is_file():
         performer = bench_human(calibrate(open_source(RECORDING)))
-        found.append((performer, settled(performer, recording(performer, RECORDING))))
+        found.append((performer, recording(performer, RECORDING)))
     else:
         print(f"without the recording: no {RECORDING.name} under {SHARED}")
     return found

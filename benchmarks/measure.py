@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import RATE, Motion
-from benchmarks.ours import Ours
 from benchmarks.side import Side
 
 WARM_UP = 20  # frames that are solved but not counted
-SETTLE = 240  # frames of standing still before a motion whose first posture is only a guess
 
 
 @dataclass(frozen=True)
@@ -50,15 +48,6 @@ def run(body: BenchBody, motion: Motion, sides: list[type[Side]]) -> list[Outcom
             spent[k, s] = time.thread_time_ns() - before
             postures[s, k] = side.posture()
     return [outcome(body, motion, side, spent[:, s], postures[s]) for s, side in enumerate(running)]
-
-
-def settled(body: BenchBody, motion: Motion) -> Motion:
-    """The motion from a start that meets its first targets, so that no side begins with a jump."""
-    ours = Ours(body, motion)
-    ours.aim(motion.com[0], motion.points[0])
-    for _ in range(SETTLE):
-        ours.solve()
-    return replace(motion, start=ours.posture())
 
 
 def outcome(body: BenchBody, motion: Motion, side: Side, spent_ns: Floats, postures: Floats) -> Outcome:

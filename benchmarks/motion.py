@@ -1,14 +1,12 @@
-"""What is asked of a body: a crouch and reach that it can follow exactly, the same out of reach, or a recording."""
+"""What is asked of a body: a crouch and reach that it can follow exactly, and the same out of reach."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.bodies import BenchBody, Floats
-from retarget.sources.open import open_source
 
 RATE = 120.0  # Hz
 PERIOD = 3.0  # s, one crouch
@@ -51,17 +49,3 @@ def out_of_reach(body: BenchBody, easy: Motion) -> Motion:
     away = [OUT_OF_REACH if "wrist" in point.name else 0.0 for point in body.points]
     points = easy.points + np.array(away)[None, :, None] * np.array([1.0, 0.0, 0.0])
     return Motion("wrists out of reach", easy.com, points, easy.start)
-
-
-def recording(body: BenchBody, path: Path) -> Motion:
-    """Five sensors of a performer of the body's size; the CoM goes over the recorded pelvis, as in the paper."""
-    source = open_source(path)
-    joints = source.joints
-    assert joints is not None, "the recording must know the pelvis"
-    columns = [source.names.index(point.name) for point in body.points]
-    pelvis, left, right = (joints.position[:, joints.names.index(name)] for name in ("pelvis", "l_hip", "r_hip"))
-    across = left[0] - right[0]
-    heading = np.arctan2(-across[0], across[1])
-    start = body.attractor.copy()
-    start[:3], start[3:7] = pelvis[0], [np.cos(heading / 2.0), 0.0, 0.0, np.sin(heading / 2.0)]
-    return Motion(path.stem, pelvis, source.position[:, columns], start, com_rows=(1.0, 1.0, 0.0))

@@ -14,6 +14,7 @@ class Ours:
     """`retarget._solver`: centre of mass; ankles; wrists and head; posture."""
 
     name = "retarget"
+    over: int | None = None  # link that the centre of mass is asked over; its targets are then offsets
 
     def __init__(self, body: BenchBody, motion: Motion) -> None:
         model = body.model
@@ -23,7 +24,7 @@ class Ours:
         ankles = [task for task, point in zip(tasks, body.points, strict=True) if "ankle" in point.name]
         rest = [task for task, point in zip(tasks, body.points, strict=True) if "ankle" not in point.name]
         posture = Task.posture(hinges, gain=POSTURE_GAIN)
-        levels = [[Task.centre_of_mass(weight=motion.com_rows)], ankles, rest, [posture]]
+        levels = [[Task.centre_of_mass(weight=motion.com_rows, over=self.over)], ankles, rest, [posture]]
         speed = np.full(model.nv, body.max_speed)
         speed[:6] = np.inf
         self.solver = Solver(
@@ -71,3 +72,9 @@ class Ours:
     def posture(self) -> Floats:
         """See `Side`."""
         return self.solver.q
+
+
+class OursOverRoot(Ours):
+    """The same, with the centre of mass over the root as in the paper; PlaCo and mink have no such task."""
+
+    over = 1

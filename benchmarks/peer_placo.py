@@ -64,7 +64,7 @@ class Placo:
         return task
 
     def add_posture(self, q: Floats) -> None:
-        """The attractor, soft. Tasks here have no gain; a weight under 5e-5 leaves the hard variant without solutions."""
+        """The attractor, soft. Tasks here have no gain; under 5e-5 the hard variant finds no solution."""
         task = self.solver.add_joints_task()
         task.set_joints({name: q[self.address(name)] for name in self.joints})
         task.configure("posture", "soft", POSTURE_WEIGHT * POSTURE_GAIN)

@@ -15,13 +15,16 @@ LEADING_WEIGHT = 100.0  # of what must come first, for the same sides
 
 
 class Side(Protocol):
-    """A solver set up with the benchmark's tasks and limits. `failures`: solves that gave no answer."""
+    """A solver set up with the benchmark's tasks and limits."""
 
     name: str
-    failures: int
 
     def __init__(self, body: BenchBody, motion: Motion) -> None:
         """Start in the motion's first posture."""
+
+    @property
+    def failures(self) -> int:
+        """Solves that gave no answer."""
 
     def aim(self, com: Floats, points: Floats) -> None:
         """Take the targets of the next frame: (3,) and (k, 3) m. Not timed."""
