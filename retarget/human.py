@@ -18,6 +18,7 @@ from retarget.human_dimensions import HumanDimensions
 from retarget.human_joints import HUMAN_JOINTS
 from retarget.human_mjcf import human_mjcf
 from retarget.human_postures import POSTURES
+from retarget.joint_weights import joint_weights
 from retarget.rotations import FloatArray
 
 __all__ = ["Human", "Reading", "build_human"]
@@ -69,16 +70,8 @@ class Human:
         return q
 
     def weights(self, values: Iterable[tuple[str, float]], *, default: float) -> FloatArray:
-        """One number per DoF (nv,): the last pair that names it as a DoF, a motion (`knee_flexion`: both sides), a
-        joint (`l_hip`) or a joint of both sides (`hip`); `root` is the six of the root. Raises ConfigError."""
-        result = np.full(self.body.nv, default)
-        for key, value in values:
-            chosen = [i for i, name in enumerate(self.body.dof_names) if _names(key, name)]
-            if not chosen:
-                known = [joint.name for joint in HUMAN_JOINTS] + list(self.body.dof_names)
-                raise ConfigError("unknown joint", found=key, next_step=suggest(key, known))
-            result[chosen] = value
-        return result
+        """One number per DoF (nv,), as `joint_weights`. Raises ConfigError."""
+        return joint_weights(self.body, values, default=default)
 
     def _sided(self, motion: str) -> list[str]:
         return [motion] if motion in self.body.dof_names else [f"{side}_{motion}" for side in ("l", "r")]
@@ -98,9 +91,3 @@ def _locked(body: BodyModel, reading: Reading) -> BoolArray:
             for hinge in joint.hinges:
                 locked[body.dof_index(f"{joint.name}_{hinge.motion}")] |= hinge.locked
     return locked
-
-
-def _names(key: str, dof: str) -> bool:
-    """Whether a key names a DoF: itself, its motion, its joint, or its joint without the side."""
-    unsided = dof[2:] if dof[:2] in ("l_", "r_") else dof
-    return key in (dof, unsided, dof.rsplit("_", 1)[0], unsided.rsplit("_", 1)[0])

@@ -1,0 +1,178 @@
+"""A priority file compiled for one body: a solver whose targets are set by name.
+
+The target vector is flat and lives with the caller: `clear` it, set what this tick knows, and hand it to
+`solver.frame`. What is not set is absent. A name that no task uses is ignored, so a source may offer more than the
+priorities ask for.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import expm1
+
+import numpy as np
+
+from retarget import _solver
+from retarget.body import BodyModel, Frame
+from retarget.errors import ConfigError, suggest
+from retarget.frames import BoolArray
+from retarget.priorities import Priorities
+from retarget.rotations import FloatArray
+from retarget.task_slots import Slot, SlotKind, compile_task
+
+__all__ = ["Hierarchy", "JointLimits", "body_frames"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits per DoF, each (nv,): position (rad or m), velocity per s, acceleration per s^2; infinite for no limit."""
+
+    lower: FloatArray
+    upper: FloatArray
+    max_velocity: FloatArray
+    max_acceleration: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a slot's weight stands in the target vector, and where its target ends."""
+
+    slot: Slot
+    start: int
+    stop: int
+
+
+class Hierarchy:
+    """A solver, and the names of its targets."""
+
+    def __init__(
+        self, solver: _solver.Solver, levels: Sequence[Sequence[Slot]], postures: Mapping[str, FloatArray]
+    ) -> None:
+        self.solver = solver
+        self.labels = tuple(f"{slot.kind.value} {slot.name}" for level in levels for slot in level)
+        """What each entry of `solver.task_errors` is the error of."""
+        self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
+        self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
+        for level, slots in enumerate(levels):
+            for index, slot in enumerate(slots):
+                place = _Place(slot, *solver.target_slice(level, index))
+                self._places[slot.kind].append(place)
+                self._by_name.setdefault((slot.kind, slot.name), []).append(place)
+        self._blank = self._make_blank(postures)
+
+    @classmethod
+    def build(
+        cls,
+        priorities: Priorities,
+        body: BodyModel,
+        *,
+        frames: Mapping[str, Frame],
+        postures: Mapping[str, FloatArray],
+        limits: JointLimits,
+        locked: BoolArray | None = None,
+        iterations: int | None = None,
+        early_stop: bool = True,
+    ) -> "Hierarchy":
+        """Compile a priority file.
+
+        frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. locked
+        (nv,): DoFs that never move. iterations: instead of the file's. Raises ConfigError: a name that the body lacks.
+        """
+        last = len(priorities.levels) - 1
+        levels: list[list[Slot]] = []
+        for index, level in enumerate(priorities.levels):
+            is_soft = index == last and any(task.type == "posture" for task in level.tasks)
+            levels.append([slot for task in level.tasks for slot in compile_task(task, body, frames, is_soft=is_soft)])
+        solver = _solver.Solver(
+            body.solver_body(),
+            [[slot.task for slot in level] for level in levels],
+            lower=limits.lower,
+            upper=limits.upper,
+            max_velocity=limits.max_velocity,
+            max_acceleration=limits.max_acceleration,
+            locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
+            n_ik=priorities.iterations if iterations is None else iterations,
+            early_stop=early_stop,
+        )
+        return cls(solver, levels, postures)
+
+    def blank(self) -> FloatArray:
+        """A target vector in which only what needs no input is asked: the attractor posture, the CoM over the root."""
+        return self._blank.copy()
+
+    def clear(self, targets: FloatArray) -> None:
+        """Make a used target vector blank again."""
+        targets[:] = self._blank
+
+    def uses(self, kind: SlotKind, name: str | None = None) -> bool:
+        """Whether a task of this kind (and of this name) exists."""
+        return bool(self._places[kind] if name is None else self._by_name.get((kind, name)))
+
+    def set_position(self, targets: FloatArray, name: str, position: FloatArray, weight: float = 1.0) -> None:
+        """A world position (3,) m."""
+        self._set(targets, SlotKind.POSITION, name, position, weight)
+
+    def set_orientation(self, targets: FloatArray, name: str, orientation: FloatArray, weight: float = 1.0) -> None:
+        """A world orientation (4,) wxyz."""
+        self._set(targets, SlotKind.ORIENTATION, name, orientation, weight)
+
+    def set_look_at(self, targets: FloatArray, name: str, point: FloatArray, weight: float = 1.0) -> None:
+        """The world point (3,) m that a frame aims at."""
+        self._set(targets, SlotKind.LOOK_AT, name, point, weight)
+
+    def set_centre_of_mass(self, targets: FloatArray, position: FloatArray, weight: float = 1.0) -> None:
+        """Where the centre of mass of an `over_feet` task goes: world (3,) m; rows of weight 0 do not look at it."""
+        self._set(targets, SlotKind.OVER_FEET, "over_feet", position, weight)
+
+    def set_support(self, targets: FloatArray, edges: FloatArray) -> None:
+        """The support polygon as at most SUPPORT_EDGES edges (k, 3): nx, ny, d with nx x + ny y <= d for the CoM."""
+        for place in self._places[SlotKind.SUPPORT]:
+            end = place.start + 1 + edges.size
+            targets[place.start] = 1.0
+            targets[place.start + 1 : end] = edges.ravel()
+            targets[end : place.stop] = 0.0
+
+    def set_heading(self, targets: FloatArray, heading: FloatArray, weight: float = 1.0) -> None:
+        """The heading (2,), a unit vector on the ground, to every heading task and every axis task."""
+        cosine, sine = float(heading[0]), float(heading[1])
+        for kind, strength in ((SlotKind.HEADING, weight), (SlotKind.AXIS, 1.0)):
+            for place in self._places[kind]:
+                assert place.slot.direction is not None
+                x, y, z = place.slot.direction.tolist()
+                targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
+
+    def set_posture(self, targets: FloatArray, q: FloatArray) -> None:
+        """Another posture (nq,) to be drawn to, for this tick."""
+        for place in self._places[SlotKind.POSTURE]:
+            targets[place.start + 1 : place.stop] = q
+
+    def set_previous(self, targets: FloatArray, q: FloatArray, dt: float) -> None:
+        """The posture (nq,) of `dt` seconds ago, which holds joints back.
+
+        With stiffness k and weight k / (exp(dt / settle) - 1) towards q, an undisturbed joint approaches its attractor
+        as exp(-t / settle), whatever the rate of the ticks.
+        """
+        for place in self._places[SlotKind.PREVIOUS]:
+            targets[place.start] = 1.0 / expm1(min(dt / place.slot.settle, 50.0))
+            targets[place.start + 1 : place.stop] = q
+
+    def _set(self, targets: FloatArray, kind: SlotKind, name: str, value: FloatArray, weight: float) -> None:
+        for place in self._by_name.get((kind, name), ()):
+            targets[place.start] = weight
+            targets[place.start + 1 : place.stop] = value
+
+    def _make_blank(self, postures: Mapping[str, FloatArray]) -> FloatArray:
+        blank = np.zeros(self.solver.target_size)
+        for place in self._places[SlotKind.OVER_ROOT]:
+            blank[place.start] = 1.0
+        for place in self._places[SlotKind.POSTURE]:
+            name = place.slot.name
+            if name not in postures:
+                raise ConfigError("unknown posture", found=name, next_step=suggest(name, list(postures)))
+            blank[place.start] = 1.0
+            blank[place.start + 1 : place.stop] = postures[name]
+        return blank
+
+
+def body_frames(body: BodyModel) -> dict[str, Frame]:
+    """Every named frame and link of a body."""
+    return {name: body.frame(name) for name in (*body.body_names[1:], *(frame.name for frame in body.frames))}

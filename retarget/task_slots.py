@@ -1,0 +1,159 @@
+"""From one task of a priority file to tasks of the solver, each with the name under which its target is set."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from retarget import rotations
+from retarget._solver import Task as SolverTask
+from retarget.body import BodyModel, Frame
+from retarget.errors import ConfigError, suggest
+from retarget.joint_weights import joint_weights
+from retarget.priorities import (
+    AxisTask,
+    CentreOfMassTask,
+    HeadingTask,
+    LookAtTask,
+    OrientationTask,
+    PositionTask,
+    PostureTask,
+    PreventiveTask,
+    ReactiveTask,
+    Task,
+)
+from retarget.rotations import FloatArray
+
+__all__ = ["SUPPORT_EDGES", "Slot", "SlotKind", "compile_task"]
+
+SUPPORT_EDGES = 16
+"""Most edges of a support polygon: the convex hull of two feet of eight corners each."""
+
+_LEFT = np.array([0.0, 1.0, 0.0])
+"""Axis that a heading turns: it says nothing of bending forward, as the forward axis would."""
+
+
+class SlotKind(Enum):
+    """What a slot of the target vector holds."""
+
+    POSITION = "position"
+    ORIENTATION = "orientation"
+    AXIS = "axis"
+    HEADING = "heading"
+    LOOK_AT = "look_at"
+    OVER_ROOT = "over_root"
+    OVER_FEET = "over_feet"
+    SUPPORT = "support"
+    POSTURE = "posture"
+    PREVIOUS = "previous"
+
+
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """A solver task and what sets its target. name: as in `of`, or the posture's.
+
+    direction (3,): unit, in the heading frame, for an axis or a heading. settle: time constant of a PREVIOUS, s.
+    """
+
+    kind: SlotKind
+    name: str
+    task: SolverTask
+    direction: FloatArray | None = None
+    settle: float = 0.0
+
+
+def compile_task(task: Task, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> list[Slot]:
+    """Slots of one task; none for observers. is_soft: in a last level with a posture, where `weight` is a stiffness.
+
+    Raises ConfigError: a name that the body does not have, in a task that is not optional.
+    """
+    if isinstance(task, PostureTask):
+        return _posture(task, body)
+    if isinstance(task, CentreOfMassTask):
+        return [_centre_of_mass(task, body, is_soft=is_soft)]
+    if isinstance(task, ReactiveTask | PreventiveTask):
+        return []
+    return [_placed(task, name, frame, is_soft=is_soft) for name, frame in _named(task, frames)]
+
+
+def _named(
+    task: PositionTask | OrientationTask | AxisTask | HeadingTask | LookAtTask, frames: Mapping[str, Frame]
+) -> list[tuple[str, Frame]]:
+    missing = [name for name in task.of if name not in frames]
+    if missing and not task.optional:
+        raise ConfigError(
+            f"a {task.type} task names what the body does not have",
+            found=", ".join(missing),
+            next_step=suggest(missing[0], list(frames)),
+        )
+    return [(name, frames[name]) for name in task.of if name in frames]
+
+
+def _placed(
+    task: PositionTask | OrientationTask | AxisTask | HeadingTask | LookAtTask,
+    name: str,
+    frame: Frame,
+    *,
+    is_soft: bool,
+) -> Slot:
+    """A task on one frame."""
+    gain, point = task.gain, _triple(frame.position)
+    if isinstance(task, PositionTask):
+        cap = task.max_error or 0.05
+        rows = _row_weights(task.weight, is_soft=is_soft)
+        made = SolverTask.position(frame.body, point, weight=rows, gain=gain, max_error=cap)
+        return Slot(SlotKind.POSITION, name, made)
+    cap = task.max_error or 0.2
+    if isinstance(task, OrientationTask):
+        w, x, y, z = frame.quat.tolist()
+        rows = _row_weights(task.weight, is_soft=is_soft)
+        made = SolverTask.orientation(frame.body, (w, x, y, z), weight=rows, gain=gain, max_error=cap)
+        return Slot(SlotKind.ORIENTATION, name, made)
+    weight = float(np.sqrt(task.weight)) if is_soft else task.weight
+    local = _LEFT if isinstance(task, HeadingTask) else _unit(task.axis)
+    axis = _triple(rotations.rotate(frame.quat, local))
+    if isinstance(task, LookAtTask):
+        made = SolverTask.look_at(frame.body, point, axis, weight=weight, gain=gain, max_error=cap)
+        return Slot(SlotKind.LOOK_AT, name, made)
+    made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
+    if isinstance(task, HeadingTask):
+        return Slot(SlotKind.HEADING, name, made, direction=_LEFT)
+    return Slot(SlotKind.AXIS, name, made, direction=_unit(task.direction))
+
+
+def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, *, is_soft: bool) -> Slot:
+    cap = task.max_error or 0.05
+    if task.mode == "support":
+        return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, max_error=cap))
+    rows = _row_weights(task.weight, is_soft=is_soft)
+    over_root = task.mode == "over_root"
+    root = int(body.joint_body[0]) if over_root else None
+    made = SolverTask.centre_of_mass(weight=rows, over=root, gain=task.gain, max_error=cap)
+    return Slot(SlotKind.OVER_ROOT if over_root else SlotKind.OVER_FEET, task.mode, made)
+
+
+def _posture(task: PostureTask, body: BodyModel) -> list[Slot]:
+    """The pull to the attractor, and the drag that lets it act over a time."""
+    named = [(name, value) for name, value in task.stiffness.items() if name != "default"]
+    weight = joint_weights(body, named, default=task.stiffness.get("default", 1.0))
+    cap = task.max_error or 0.3
+    slots = [Slot(SlotKind.POSTURE, task.towards, SolverTask.posture(weight, gain=task.gain, max_error=cap))]
+    if task.settle > 0.0:
+        drag = SolverTask.posture(weight, max_error=cap)
+        slots.append(Slot(SlotKind.PREVIOUS, "previous", drag, settle=task.settle))
+    return slots
+
+
+def _row_weights(weight: tuple[float, float, float], *, is_soft: bool) -> tuple[float, float, float]:
+    """Weights of rows; a stiffness multiplies the square of an error, so its root multiplies the row."""
+    return _triple(np.sqrt(weight)) if is_soft else weight
+
+
+def _unit(vector: tuple[float, float, float]) -> FloatArray:
+    return np.asarray(np.array(vector) / np.linalg.norm(vector))
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in vector)
+    return x, y, z
