@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 
 from benchmarks.bodies import BenchBody, bench_human, bench_op3
-from benchmarks.cost import per_degree_of_freedom, per_sensor
+from benchmarks.cost import Cost, per_degree_of_freedom, per_sensor
 from benchmarks.measure import Outcome, run
 from benchmarks.motion import Motion, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
@@ -43,6 +43,7 @@ def main() -> None:
     sensors, freedoms = per_sensor(human), per_degree_of_freedom(human, op3)
     print_costs(sensors, freedoms)
     if options.json is not None:
+        rows: dict[str, list[Outcome] | list[Cost]]
         rows = {"frames": outcomes, "sensors": sensors, "degrees_of_freedom": freedoms}
         text = json.dumps({key: [dataclasses.asdict(row) for row in part] for key, part in rows.items()}, indent=1)
         options.json.write_text(text + "\n", encoding="utf-8")

@@ -38,7 +38,7 @@ class Outcome:
 def run(body: BenchBody, motion: Motion, sides: list[type[Side]]) -> list[Outcome]:
     """Every side solves frame by frame, turn by turn, in this process."""
     running = [side(body, motion) for side in sides]
-    spent = np.zeros((motion.frames, len(sides)), dtype=np.int64)
+    spent = np.zeros((motion.frames, len(sides)))
     postures = np.zeros((len(sides), motion.frames, body.model.nq))
     for k in range(motion.frames):
         for s, side in enumerate(running):

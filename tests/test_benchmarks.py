@@ -1,4 +1,4 @@
-"""The benchmark compares like with like: one body in two formats, motions that can be followed, errors measured once."""
+"""The benchmark compares like with like: one body in two formats, motions in reach, errors measured once."""
 
 import numpy as np
 import pytest
