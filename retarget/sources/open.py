@@ -1,9 +1,8 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-from retarget.errors import InputError
+from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.sources.asf_amc import read_amc
 from retarget.sources.bvh import read_bvh
@@ -13,6 +12,8 @@ from retarget.sources.files import read_head
 __all__ = ["FORMATS", "open_source", "recognise"]
 
 FORMATS = ("amc", "bvh", "c3d")
+
+_READERS = {"bvh": read_bvh, "c3d": read_c3d}
 
 _C3D_KEY = 0x50
 """Second byte of every C3D file."""
@@ -28,12 +29,17 @@ def open_source(
     and what to do; UsageError for an unknown unit, or for a skeleton with a format that has none.
     """
     path = Path(path)
-    readers: dict[str, Callable[[], SensorFrames]] = {
-        "amc": lambda: read_amc(path, skeleton=None if skeleton is None else Path(skeleton), unit=unit, rate=rate),
-        "bvh": lambda: read_bvh(path, unit=unit, rate=rate),
-        "c3d": lambda: read_c3d(path, unit=unit, rate=rate),
-    }
-    return readers[recognise(path)]()
+    kind = recognise(path)
+    if skeleton is not None and kind != "amc":
+        raise UsageError(
+            "a skeleton belongs to an AMC only",
+            where=str(path),
+            found=f"a {kind.upper()} file, which brings its own" if kind == "bvh" else f"a {kind.upper()} file",
+            next_step="Leave --skeleton out",
+        )
+    if kind == "amc":
+        return read_amc(path, skeleton=None if skeleton is None else Path(skeleton), unit=unit, rate=rate)
+    return _READERS[kind](path, unit=unit, rate=rate)
 
 
 def recognise(path: Path) -> str:

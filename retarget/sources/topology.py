@@ -14,6 +14,9 @@ MIN_SPREAD = 0.15
 MIDDLE = 0.04
 """Greatest distance of a middle leaf (the head) from the middle plane, as a share of the body's size."""
 
+SHOULDER = 0.1
+"""Least distance of a shoulder from the middle plane, as a share of the body's size: nearer joints are collars."""
+
 
 @dataclass(frozen=True)
 class _Leaf:
@@ -21,6 +24,16 @@ class _Leaf:
 
     joint: int
     point: FloatArray
+
+
+@dataclass(frozen=True)
+class _Stance:
+    """How the rest pose stands: axis across the body, axis along it and the sign of up on it, size of the body."""
+
+    side_axis: int
+    up_axis: int
+    up: float
+    size: float
 
 
 def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
@@ -42,16 +55,16 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
         return None
     head = max(middle, key=lambda leaf: float(np.linalg.norm(leaf.point)))
     up_axis = max({0, 1, 2} - {side_axis}, key=lambda axis: abs(float(head.point[axis])))
-    up = float(np.sign(head.point[up_axis]))
+    stance = _Stance(side_axis, up_axis, float(np.sign(head.point[up_axis])), size)
 
     limbs: dict[str, int] = {}
     for sign in (1.0, -1.0):
         own = [leaf for leaf in leaves if leaf.point[side_axis] * sign > MIDDLE * size]
-        limb = _limbs_of_side(tree, own, head.joint, up_axis=up_axis, up=up)
+        limb = _limbs_of_side(tree, own, head.joint, stance)
         if limb is None:
             return None
         limbs |= {f"{'+' if sign > 0 else '-'}{part}": joint for part, joint in limb.items()}
-    left = _left_sign(tree, limbs, side_axis=side_axis, up_axis=up_axis, up=up)
+    left = _left_sign(tree, limbs, stance)
     sides = {("+" if left > 0 else "-"): "l_", ("-" if left > 0 else "+"): "r_"}
     joints = {sides[name[0]] + name[1:]: joint for name, joint in limbs.items()}
     trunk = _shared_path(tree, [joints["l_hip"], joints["r_hip"], head.joint])
@@ -90,37 +103,38 @@ def _mirror_axis(leaves: list[_Leaf], size: float) -> int | None:
     return best
 
 
-def _limbs_of_side(
-    tree: JointTree, leaves: list[_Leaf], head: int, *, up_axis: int, up: float
-) -> dict[str, int] | None:
+def _limbs_of_side(tree: JointTree, leaves: list[_Leaf], head: int, stance: _Stance) -> dict[str, int] | None:
     """Hip, knee, ankle, shoulder, elbow and wrist of one side."""
     if len(leaves) < 2:
         return None
-    foot = min(leaves, key=lambda leaf: up * float(leaf.point[up_axis]))
+    foot = min(leaves, key=lambda leaf: stance.up * float(leaf.point[stance.up_axis]))
     hip_branch = len(_shared_path(tree, [foot.joint, head]))
     arms = [leaf for leaf in leaves if len(_shared_path(tree, [leaf.joint, foot.joint])) <= hip_branch]
     if not arms:
         return None
     hand = max(arms, key=lambda leaf: _path_length(tree, leaf.joint))
     leg = _two_longest_bones(tree, tree.path(foot.joint)[hip_branch:])
-    arm = _two_longest_bones(tree, tree.path(hand.joint)[len(_shared_path(tree, [hand.joint, head])) :])
+    rest = tree.rest_positions()
+    above_trunk = tree.path(hand.joint)[len(_shared_path(tree, [hand.joint, head])) :]
+    far = [abs(rest[joint][stance.side_axis]) > SHOULDER * stance.size for joint in above_trunk]
+    arm = _two_longest_bones(tree, above_trunk[far.index(True) :] if True in far else [])
     if leg is None or arm is None:
         return None
     return dict(zip(("hip", "knee", "ankle", "shoulder", "elbow", "wrist"), (*leg, *arm), strict=True))
 
 
 def _two_longest_bones(tree: JointTree, chain: list[int]) -> tuple[int, int, int] | None:
-    """Start of the first bone, start of the second and end of the second, of the two longest bones of a chain."""
+    """Start and end of the first, and end of the second, of the two longest bones of a chain."""
     if len(chain) < 3:
         return None
     lengths = [float(np.linalg.norm(tree.offsets[joint])) for joint in chain[1:]]
     first, second = sorted(sorted(range(len(lengths)), key=lengths.__getitem__)[-2:])
-    return (chain[first], chain[second], chain[second + 1]) if lengths[first] > 0.0 else None
+    return (chain[first], chain[first + 1], chain[second + 1]) if lengths[first] > 0.0 else None
 
 
-def _left_sign(tree: JointTree, limbs: dict[str, int], *, side_axis: int, up_axis: int, up: float) -> float:
+def _left_sign(tree: JointTree, limbs: dict[str, int], stance: _Stance) -> float:
     """Sign of the side axis on the body's left: left = up x forward, forward being where the feet point."""
-    forward_axis = 3 - side_axis - up_axis
+    forward_axis = 3 - stance.side_axis - stance.up_axis
     toes = 0.0
     for side in "+-":
         joint = limbs[f"{side}ankle"]
@@ -129,8 +143,8 @@ def _left_sign(tree: JointTree, limbs: dict[str, int], *, side_axis: int, up_axi
             toes += float(tree.offsets[joint][forward_axis])
         toes += sum(float(end[forward_axis]) for end in tree.ends[joint])
     forward, vertical = np.zeros(3), np.zeros(3)
-    forward[forward_axis], vertical[up_axis] = np.sign(toes), up
-    return float(np.cross(vertical, forward)[side_axis]) or 1.0
+    forward[forward_axis], vertical[stance.up_axis] = np.sign(toes), stance.up
+    return float(np.cross(vertical, forward)[stance.side_axis]) or 1.0
 
 
 def _shared_path(tree: JointTree, joints: list[int]) -> list[int]:

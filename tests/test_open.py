@@ -1,0 +1,110 @@
+"""Opening any motion file: the right reader by content and suffix, and refusals before anything is read."""
+
+from pathlib import Path
+
+import pytest
+
+from motion_texts import amc_text, asf_text, bvh_text, c3d_bytes, write_amc
+from retarget.errors import InputError, UsageError
+from retarget.frames import SensorFrames
+from retarget.sources.files import MAX_FILE_BYTES
+from retarget.sources.open import open_source, recognise
+
+pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
+
+
+def test_content_comes_before_suffix_and_case_does_not_matter(tmp_path: Path) -> None:
+    for name in ("a.bvh", "A.BVH", "a.txt", "a", "a.amc"):
+        (tmp_path / name).write_text("# exported\n\n" + bvh_text() if name == "a.txt" else bvh_text())
+        assert recognise(tmp_path / name) == "bvh"
+    for name in ("b.c3d", "B.C3D", "b.bin"):
+        (tmp_path / name).write_bytes(c3d_bytes())
+        assert recognise(tmp_path / name) == "c3d"
+    for name in ("c.amc", "C.AMC", "c.txt"):
+        (tmp_path / name).write_text(amc_text())
+        assert recognise(tmp_path / name) == "amc"
+
+
+def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
+    amc = write_amc(tmp_path, amc_text())
+    bvh, c3d = tmp_path / "a.bvh", tmp_path / "a.c3d"
+    bvh.write_text(bvh_text())
+    c3d.write_bytes(c3d_bytes())
+    for path in (amc, bvh, c3d):
+        assert isinstance(open_source(str(path)), SensorFrames)
+        assert open_source(path, rate=25.0).time[1] == 0.04
+        assert open_source(path, unit="cm").source == str(path)
+
+
+def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:
+    (tmp_path / "other.asf").write_text(asf_text())
+    (tmp_path / "lone.amc").write_text(amc_text())
+    (tmp_path / "a.bvh").write_text(bvh_text())
+    with pytest.raises(InputError, match=r"no skeleton.*--skeleton"):
+        open_source(tmp_path / "lone.amc")
+    assert len(open_source(tmp_path / "lone.amc", skeleton=str(tmp_path / "other.asf"))) == 3
+    with pytest.raises(UsageError, match="belongs to an AMC only"):
+        open_source(tmp_path / "a.bvh", skeleton=tmp_path / "other.asf")
+    with pytest.raises(InputError, match=r"no such motion file"):
+        open_source(tmp_path / "lone.amc", skeleton=tmp_path / "missing.asf")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "what"),
+    [
+        ("a.asf", asf_text(), "a skeleton without motion.*--skeleton"),
+        ("a.txt", asf_text(), "a skeleton without motion"),
+        ("a.fbx", "Kaydara FBX Binary", r"unknown kind of motion file; found suffix '.fbx'; allowed: amc, bvh, c3d"),
+        ("a", "something", r"unknown kind of motion file; found no suffix"),
+        ("a.bvh", "something", "not a BVH file"),
+        ("a.bvh", "\0\1\2", "not a text file; found a NUL byte"),
+        ("a.bvh", " \n ", "empty motion file"),
+        ("a.c3d", "something", "C3D"),
+        ("a.amc", "", "empty motion file"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_the_file_named(tmp_path: Path, name: str, content: str, what: str) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(InputError, match=what) as caught:
+        open_source(path)
+    assert str(path) in str(caught.value)
+
+
+def test_missing_files_folders_and_odd_paths_are_refused(tmp_path: Path) -> None:
+    for path, what in (
+        (tmp_path / "missing.bvh", "no such motion file"),
+        (tmp_path, "found a folder"),
+        (Path("/dev/null"), "a device or pipe"),
+        (tmp_path / "missing" / "x.amc", "no such motion file"),
+        (Path("a\0b.bvh"), "cannot read|no such"),
+        (tmp_path / ("x" * 5000), "cannot read"),
+    ):
+        with pytest.raises(InputError, match=what):
+            open_source(path)
+
+
+@pytest.mark.parametrize("suffix", ["amc", "bvh", "c3d"])
+def test_two_gigabytes_are_refused_before_they_are_read(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"huge.{suffix}"
+    with path.open("wb") as file:
+        file.write(b"HIERARCHY\n" if suffix == "bvh" else b"\2P" if suffix == "c3d" else b"1\n")
+        file.truncate(2 * 2**30)  # sparse: takes no room
+    with pytest.raises(InputError, match=f"too large; found 2048 MiB; allowed: up to {MAX_FILE_BYTES // 2**20} MiB"):
+        open_source(path)
+
+
+def test_every_shared_file_opens_or_says_why(shared: Path) -> None:
+    opened = 0
+    for path in sorted((shared / "mocap").rglob("*")):
+        if not path.is_file():
+            continue
+        try:
+            frames = open_source(path)
+        except InputError as error:
+            assert path.suffix in (".asf", ".csv", ".md") or path.name == "walking.amc", error
+            continue
+        opened += 1
+        assert len(frames) > 50 and frames.rate_hz in (30.0, 40.0, 120.0)
+        assert frames.position[frames.valid].min() > -10.0 and frames.position[frames.valid].max() < 10.0
+    assert opened == 26
