@@ -4,6 +4,8 @@ Limbs keep their lengths and are hung straight down, as the human's rest frame w
 girdle keep the shape that the skeleton has at rest. What a file does not know comes from average proportions.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from retarget import rotations
@@ -19,7 +21,7 @@ from retarget.human_dimensions import (
     proportional_dimensions,
 )
 from retarget.human_joints import HUMAN_JOINTS
-from retarget.rest_pose import dimensions_from_rest_pose, find_rest_frame
+from retarget.rest_pose import dimensions_from_rest_pose, find_rest_frames, standing_stature
 from retarget.rotations import FloatArray
 
 __all__ = ["calibrate", "dimensions_from_rest_pose", "dimensions_from_skeleton", "rest_orientations"]
@@ -39,14 +41,23 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimensions:
     """The performer's size: from the skeleton where the source has one, else from the frame most like a rest pose.
 
-    Raises InputError: not a human, or sensors missing.
+    A recording in which nobody stands at rest gives average proportions at the stature of its tallest frame; `origin`
+    says so. Raises InputError: not a human, or sensors missing.
     """
     if frames.skeleton is not None:
         return dimensions_from_skeleton(frames.skeleton, mass=mass, source=frames.source)
-    at = find_rest_frame(frames)
-    names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
-    position = frames.position[at, frames.valid[at]]
-    return dimensions_from_rest_pose(names, position, mass=mass, source=frames.source)
+    candidates = find_rest_frames(frames)
+    for at in candidates:
+        names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
+        position = frames.position[at, frames.valid[at]]
+        try:
+            return dimensions_from_rest_pose(names, position, mass=mass, source=frames.source)
+        except InputError:
+            continue
+    stature = max(standing_stature(frames, at) for at in candidates)
+    usual = proportional_dimensions(stature, mass=mass)
+    check_plausible(usual, source=frames.source)
+    return replace(usual, origin=f"{usual.origin} (nobody stands at rest in {frames.source})")
 
 
 def dimensions_from_skeleton(skeleton: Skeleton, *, mass: float | None = None, source: str = "") -> HumanDimensions:

@@ -15,7 +15,9 @@ __all__ = [
     "HumanDimensions",
     "check_plausible",
     "default_mass",
+    "points_of",
     "proportional_dimensions",
+    "stature_of",
 ]
 
 POINTS: tuple[str, ...] = tuple(joint.name for joint in HUMAN_JOINTS) + tuple(name for name, _ in ENDS)
@@ -66,11 +68,7 @@ class HumanDimensions:
 
     def standing(self) -> FloatArray:
         """Every point (23, 3) m in the rest posture, the pelvis at the origin."""
-        points = np.zeros((len(POINTS), 3))
-        for i, parent in enumerate(PARENTS):
-            if parent >= 0:
-                points[i] = points[parent] + self.offset[i]
-        return points
+        return points_of(self.offset)
 
     @property
     def pelvis_height(self) -> float:
@@ -78,6 +76,22 @@ class HumanDimensions:
         points = self.standing()
         ankle = min(points[POINTS.index("l_ankle"), 2], points[POINTS.index("r_ankle"), 2])
         return float(-ankle + FRACTIONS.ankle_height * self.stature)
+
+
+def points_of(offset: FloatArray) -> FloatArray:
+    """Every point (23, 3) from the pelvis, of offsets (23, 3) from the parents, all in one frame."""
+    points = np.zeros((len(POINTS), 3))
+    for i, parent in enumerate(PARENTS):
+        if parent >= 0:
+            points[i] = points[parent] + offset[i]
+    return points
+
+
+def stature_of(offset: FloatArray) -> float:
+    """Stature (m) of a person with these offsets (23, 3) m: their standing height from ankles to head tells it."""
+    height = points_of(offset)[:, 2]
+    ankles = 0.5 * (height[POINTS.index("l_ankle")] + height[POINTS.index("r_ankle")])
+    return float((height[POINTS.index("head")] - ankles) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
 
 
 def default_mass(stature: float) -> float:

@@ -41,6 +41,10 @@ _HEAD_RADIUS = 0.062
 """Radius of the head's sphere as a share of stature: from the ear canal (0.936) to the vertex."""
 
 
+_POINT_M = 1e-3
+"""A link shorter than this is a point: its shape is a sphere."""
+
+
 def human_mjcf(dimensions: HumanDimensions) -> str:
     """MJCF text of the human, standing with the soles on the ground (z = 0), facing x."""
     lines = [_HEADER]
@@ -81,7 +85,7 @@ def _segment_inertial(joint: HumanJoint, segment: Segment, dimensions: HumanDime
     """Mass, centre of mass and inertia of a thick rod: radius of gyration across it, its radius about it."""
     start, end = (_segment_point(name, joint, dimensions) for name in (segment.start, segment.end))
     length = float(np.linalg.norm(end - start))
-    along = (end - start) / length
+    along = (end - start) / length if length > _POINT_M else np.array([0.0, 0.0, 1.0])
     mass = segment.mass * dimensions.mass
     radius = _RADII[segment.body] * dimensions.stature
     gyration = segment.gyration if segment.gyration is not None else np.sqrt(1.0 / 12.0)  # a uniform rod's
@@ -153,6 +157,8 @@ def _foot_ends(name: str, dimensions: HumanDimensions) -> tuple[FloatArray, Floa
 
 
 def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> str:
+    if np.linalg.norm(end - start) < _POINT_M:  # some files leave a link of the trunk out
+        return f'<geom name="{name}" type="sphere" pos="{_text(start)}" size="{radius:.6g}"/>'
     return f'<geom name="{name}" fromto="{_text(start)} {_text(end)}" size="{radius:.6g}"/>'
 
 

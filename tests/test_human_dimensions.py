@@ -1,0 +1,55 @@
+"""Sizes of a person: proportions, plausibility, and data that cannot be changed behind one's back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from retarget.anthropometry import FRACTIONS
+from retarget.errors import InputError
+from retarget.frames import JOINTS
+from retarget.human_dimensions import PARENTS, POINTS, check_plausible, proportional_dimensions
+
+
+def test_the_points_are_the_canonical_joints_parents_first() -> None:
+    assert set(POINTS) == set(JOINTS) and len(POINTS) == 23
+    assert all(parent < i for i, parent in enumerate(PARENTS))
+
+
+def test_average_proportions_scale_with_stature() -> None:
+    person = proportional_dimensions(1.8)
+    assert_allclose(person.offset, 1.8 * proportional_dimensions(1.0).offset)
+    assert person.length("l_knee") == pytest.approx(0.245 * 1.8)
+    assert person.mass == pytest.approx(22.5 * 1.8**2)
+    assert proportional_dimensions(1.8, mass=80.0).mass == 80.0
+
+
+def test_left_and_right_mirror_each_other() -> None:
+    person = proportional_dimensions(1.7)
+    for name in POINTS:
+        if name.startswith("l_"):
+            assert_allclose(person.of(name), person.of("r_" + name[2:]) * [1, -1, 1])
+
+
+def test_the_head_of_a_standing_person_is_where_the_table_has_it() -> None:
+    person = proportional_dimensions(1.7)
+    head = person.pelvis_height + person.standing()[POINTS.index("head"), 2]
+    assert head == pytest.approx(FRACTIONS.head_height * 1.7, abs=0.01)
+
+
+def test_offsets_are_read_only() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        proportional_dimensions(1.7).offset[0] = 1.0
+
+
+def test_what_is_no_human_is_refused() -> None:
+    check_plausible(proportional_dimensions(1.7), source="file")
+    with pytest.raises(InputError, match=r"stature of 170 m.*unit"):
+        check_plausible(proportional_dimensions(170.0), source="file")
+    stretched = proportional_dimensions(1.7)
+    offset = np.array(stretched.offset)
+    offset[[POINTS.index("l_knee"), POINTS.index("r_wrist")]] *= [[5.0], [0.1]]
+    with pytest.raises(InputError) as error:
+        check_plausible(replace(stretched, offset=offset), source="file")
+    assert "l_hip to l_knee" in str(error.value) and "r_elbow to r_wrist" in str(error.value)

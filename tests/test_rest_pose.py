@@ -1,0 +1,120 @@
+"""Sensors alone: N, A and T poses of recorded people of known size, turned and moved; and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from people import TRIALS, trial
+from retarget.calibration import dimensions_from_skeleton
+from retarget.errors import InputError
+from retarget.frames import SensorFrames
+from retarget.human_dimensions import PARENTS, POINTS, HumanDimensions, proportional_dimensions
+from retarget.rest_pose import dimensions_from_rest_pose, find_rest_frames, rest_pose_name
+from retarget.rotations import FloatArray
+
+FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+POSES = {"N": 0.1, "A": 0.8, "T": np.pi / 2}
+
+
+def at_rest(person: HumanDimensions, arms: float, *, turn: float = 0.0, splay: float = 0.05) -> dict[str, FloatArray]:
+    """Every point of a person with straight limbs, the arms at an angle from hanging, the soles on the ground."""
+    points: dict[str, FloatArray] = {}
+    for name, parent in zip(POINTS, PARENTS, strict=True):
+        side = 1.0 if name.startswith("l_") else -1.0
+        angle = arms if name[2:] in ("elbow", "wrist", "hand") else splay if name[2:] in ("knee", "ankle") else 0.0
+        offset = person.of(name)
+        if angle:
+            offset = person.length(name) * np.array([0.0, side * np.sin(angle), -np.cos(angle)])
+        points[name] = offset + (points[POINTS[parent]] if parent >= 0 else 0.0)
+    lift = 0.039 * person.stature - points["l_ankle"][2]
+    cosine, sine = np.cos(turn), np.sin(turn)
+    matrix = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return {name: matrix @ point + [2.0, -1.0, lift] for name, point in points.items()}
+
+
+def fitted(points: dict[str, FloatArray], names: tuple[str, ...] = FIVE) -> HumanDimensions:
+    return dimensions_from_rest_pose(names, np.array([points[name] for name in names]), source="test")
+
+
+def arm(person: HumanDimensions) -> float:
+    return person.length("l_elbow") + person.length("l_wrist")
+
+
+def leg(person: HumanDimensions) -> float:
+    return person.length("l_knee") + person.length("l_ankle")
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("turn", [0.0, 2.5])
+def test_an_average_person_is_found_exactly(pose: str, turn: float) -> None:
+    for stature in (0.9, 1.7, 2.1):
+        person = fitted(at_rest(proportional_dimensions(stature), POSES[pose], turn=turn))
+        assert person.origin.startswith(f"{pose}-pose")
+        assert person.stature == pytest.approx(stature, rel=5e-3)
+        assert arm(person) == pytest.approx(arm(proportional_dimensions(stature)), rel=2e-2)
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("name", TRIALS)
+def test_recorded_people_are_found_within_the_stated_error(shared: Path, name: str, pose: str) -> None:
+    skeleton = trial(shared, name).skeleton
+    assert skeleton is not None
+    known = dimensions_from_skeleton(skeleton)
+    person = fitted(at_rest(known, POSES[pose], turn=1.0, splay=0.1))
+    assert person.stature == pytest.approx(known.stature, abs=0.010)
+    assert arm(person) == pytest.approx(arm(known), abs=0.035)
+    assert leg(person) == pytest.approx(leg(known), abs=0.020)
+
+
+def test_more_sensors_see_more() -> None:
+    long_forearms = proportional_dimensions(1.7)
+    offset = np.array(long_forearms.offset)
+    for name in ("l_wrist", "r_wrist"):
+        offset[POINTS.index(name)] *= 1.15
+    person = HumanDimensions(offset=offset, stature=1.7, mass=65.0, origin="")
+    points = at_rest(person, POSES["A"])
+    errors = [
+        abs(fitted(points, names).length("l_wrist") - person.length("l_wrist"))
+        for names in (FIVE, (*FIVE, "l_elbow", "r_elbow", "l_shoulder", "r_shoulder"))
+    ]
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_head_and_hands_alone_stand_on_the_ground() -> None:
+    person = fitted(at_rest(proportional_dimensions(1.8), POSES["N"]), ("head", "l_wrist", "r_wrist"))
+    assert person.stature == pytest.approx(1.8, rel=0.02)
+
+
+def test_what_is_no_rest_pose_is_refused() -> None:
+    points = at_rest(proportional_dimensions(1.7), POSES["N"])
+    with pytest.raises(InputError, match="no r_wrist"):
+        fitted(points, ("head", "l_wrist", "l_ankle", "r_ankle"))
+    crouched = dict(points, head=points["l_ankle"] + [0.0, 0.0, 0.3])
+    with pytest.raises(InputError, match=r"head 0\.30 m above the ankles"):
+        fitted(crouched)
+    with pytest.raises(InputError, match="Check the unit"):
+        fitted({name: 1000.0 * point for name, point in points.items()})
+    with pytest.raises(InputError, match="spreads"):
+        fitted(dict(points, l_wrist=points["head"] + [0.0, 0.9, 0.9]))
+
+
+def test_names_of_poses() -> None:
+    assert [rest_pose_name(np.deg2rad(angle)) for angle in (0.0, 10.0, 45.0, 90.0)] == ["N", "N", "A", "T"]
+
+
+def test_the_still_and_tall_frame_is_found() -> None:
+    still = at_rest(proportional_dimensions(1.7), POSES["N"])
+    position = np.tile(np.array([still[name] for name in FIVE]), (300, 1, 1))
+    position[:150, 0, 2] -= 0.2  # the head is low in the first half
+    position[200:, 1] += np.random.default_rng(1).normal(scale=0.05, size=(100, 3))  # a hand shakes at the end
+    frames = SensorFrames(
+        time=np.arange(300) / 120.0, names=FIVE, position=position, orientation=np.full((300, 5, 4), np.nan),
+        valid=np.ones((300, 5), bool), rate_hz=120.0,
+    )  # fmt: skip
+    best = find_rest_frames(frames)
+    assert 151 <= best[0] < 199
+    blind = np.ones((300, 5), bool)
+    blind[:, 0] = False
+    with pytest.raises(InputError, match="no frame shows"):
+        find_rest_frames(SensorFrames(frames.time, FIVE, position, frames.orientation, blind))
