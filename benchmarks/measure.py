@@ -16,7 +16,11 @@ WARM_UP = 20  # frames that are solved but not counted
 
 @dataclass(frozen=True)
 class Outcome:
-    """One side on one motion. Times in us of thread CPU per frame; errors in mm; speed as a share of the limit."""
+    """One side on one motion. Times in us of thread CPU per frame; errors in mm; speed as a share of the limit.
+
+    shake: the change of a joint's speed from frame to frame that one frame in a hundred exceeds, same unit: 2 is from full
+    speed to full speed backwards.
+    """
 
     body: str
     motion: str
@@ -31,6 +35,7 @@ class Outcome:
     wrists_mm: float
     head_mm: float
     speed: float
+    shake: float
     beyond_limits_rad: float
     failures: int
 
@@ -59,7 +64,7 @@ def outcome(body: BenchBody, motion: Motion, side: Side, spent_ns: Floats, postu
     columns = {part: [i for i, p in enumerate(body.points) if part in p.name] for part in ("ankle", "wrist", "head")}
     ankles, wrists, head = (error[WARM_UP:, columns[part]] for part in ("ankle", "wrist", "head"))
     us = spent_ns[WARM_UP:] / 1e3
-    speed, beyond = limits(body, postures)
+    speed, shake, beyond = limits(body, postures)
     return Outcome(
         body=body.name,
         motion=motion.name,
@@ -74,15 +79,17 @@ def outcome(body: BenchBody, motion: Motion, side: Side, spent_ns: Floats, postu
         wrists_mm=float(wrists.mean()),
         head_mm=float(head.mean()),
         speed=speed,
+        shake=shake,
         beyond_limits_rad=beyond,
         failures=side.failures,
     )
 
 
-def limits(body: BenchBody, postures: Floats) -> tuple[float, float]:
-    """Highest joint speed as a share of the limit, and how far a joint was beyond its range, rad."""
+def limits(body: BenchBody, postures: Floats) -> tuple[float, float, float]:
+    """Highest joint speed as a share of the limit, shake (see `Outcome`), and rad that a joint was beyond its range."""
     model = body.model
     joints, lower, upper = postures[:, 7:], model.lower[6:], model.upper[6:]
-    speed = np.abs(np.diff(joints, axis=0)) * RATE / body.max_speed
+    speed = np.diff(joints, axis=0) * RATE / body.max_speed
+    change = np.abs(np.diff(speed, axis=0)).max(axis=1)[WARM_UP:]
     beyond = np.maximum(lower - joints, joints - upper)[:, ~body.locked[6:]]
-    return float(speed.max()), float(max(beyond.max(), 0.0))
+    return float(np.abs(speed).max()), float(np.percentile(change, 99.0)), float(max(beyond.max(), 0.0))
