@@ -64,7 +64,7 @@ def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) 
             "no known marker",
             where=str(path),
             found=found,
-            allowed="Vicon names such as LFHD, LWRA, LANK (docs: motion files)",
+            allowed="Vicon names such as LFHD, LWRA, LANK (docs/motion-files.md)",
         )
     sensors = tuple(sensor for sensor in SENSORS if sensor in groups)
     position, valid = _sensor_tracks(markers, [[columns[label] for label in groups[sensor]] for sensor in sensors])
@@ -129,7 +129,7 @@ def _tracks(reader: Any, path: Path) -> MarkerTracks:
     labels = _labels(reader, points)
     columns = [column for column, label in enumerate(labels) if marker_name(label) in KNOWN_MARKERS]
     if not columns:
-        allowed = "Vicon names such as LFHD, LWRA, LANK (docs: motion files)"
+        allowed = "Vicon names such as LFHD, LWRA, LANK (docs/motion-files.md)"
         raise InputError("no known marker", where=where, found=", ".join(labels[:12]) or "no labels", allowed=allowed)
     frames = []
     for _, block, _ in reader.read_frames(copy=True, analog_transform=False):

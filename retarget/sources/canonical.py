@@ -98,7 +98,7 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
             where=where,
             found=", ".join(tree.names[:12]) + (", ..." if len(tree.names) > 12 else ""),
             allowed="a body with head, two arms and two legs",
-            next_step="Rename the joints to Hips, LeftUpLeg, LeftArm and so on (docs: motion files)",
+            next_step="Rename the joints to Hips, LeftUpLeg, LeftArm and so on (docs/motion-files.md)",
         )
     joints = {name: CanonicalJoint(joint, np.zeros(3)) for name, joint in found.items() if name in JOINTS}
     _add_trunk(tree, joints)
