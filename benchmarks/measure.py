@@ -18,7 +18,7 @@ WARM_UP = 20  # frames that are solved but not counted
 class Outcome:
     """One side on one motion. Times in us of thread CPU per frame; errors in mm; speed as a share of the limit.
 
-    shake: the change of a joint's speed from frame to frame that one frame in a hundred exceeds, same unit: 2 is from full
+    shake: change of a joint's speed from frame to frame that one frame in a hundred exceeds, same unit: 2 is from full
     speed to full speed backwards.
     """
 

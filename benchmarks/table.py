@@ -12,8 +12,8 @@ HEAD = (
 LEGEND = """\
 Times: us of thread CPU per frame of five iterations, targets set beforehand. ratio: our median over this side's.
 Errors: mean (max) mm against the targets. speed: highest joint speed over its limit.
-shake: change of a joint's speed between frames, p99, over the limit (2: from full speed to full speed backwards). beyond: rad outside joint limits.
-failed: solves that gave no answer (the posture stays)."""
+shake: change of a joint's speed between frames, p99, over the limit (2: full speed to full speed backwards).
+beyond: rad outside joint limits. failed: solves that gave no answer (the posture stays)."""
 
 
 def print_outcomes(outcomes: list[Outcome], *, ours: str) -> None:
@@ -26,7 +26,8 @@ def print_outcomes(outcomes: list[Outcome], *, ours: str) -> None:
             print(
                 f"{o.side:<16}{o.median_us:>9.1f}{o.p99_us:>9.1f}{o.max_us:>9.1f}{base / o.median_us:>8.2f} |"
                 f"{o.com_mm:>8.3f}{o.com_max_mm:>8.2f}{o.ankles_mm:>8.3f}{o.ankles_max_mm:>8.2f}"
-                f"{o.wrists_mm:>9.2f}{o.head_mm:>8.2f} |{o.speed:>7.2f}{o.shake:>7.2f}{o.beyond_limits_rad:>8.1e}{o.failures:>7}"
+                f"{o.wrists_mm:>9.2f}{o.head_mm:>8.2f} |{o.speed:>7.2f}{o.shake:>7.2f}"
+                f"{o.beyond_limits_rad:>8.1e}{o.failures:>7}"
             )
     print(f"\n{LEGEND}")
 

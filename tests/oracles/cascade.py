@@ -134,7 +134,10 @@ def proximal_step(program: LevelProgram, solver: QuadraticSolver, centre: Array,
     A = np.vstack([np.hstack([soft.A, np.eye(k)]), np.hstack([hard.A, np.zeros((len(hard.A), k))])])
     at = np.concatenate([soft.A @ centre, hard.A @ centre])
     lower, upper = np.concatenate([soft.lower, hard.lower]) - at, np.concatenate([soft.upper, hard.upper]) - at
-    return centre + solver(H, f, A, lower, upper)[:r]
+    step = solver(H, f, A, lower, upper)[:r]
+    if not np.all(np.isfinite(step)):
+        raise ValueError("the solver's answer is not finite")
+    return centre + step
 
 
 def polish(program: LevelProgram, z: Array, centre: Array) -> Array:
