@@ -5,13 +5,13 @@ slide in m. `dq (nv,)` holds a free joint as world linear, then link-local angul
 are float64 and C-contiguous; bad shapes, NaN and inverted limits raise ValueError. The GIL is released while solving.
 """
 
-from typing import final
+from typing import TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-type Floats = NDArray[np.float64]
-type Level = tuple[Floats, Floats, Floats, Floats, Floats]
+Floats: TypeAlias = NDArray[np.float64]
+Level: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats]
 
 @final
 class Body:

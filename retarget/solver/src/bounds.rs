@@ -10,12 +10,8 @@ pub struct Limit {
 }
 
 impl Limit {
-    pub const NONE: Self = Self {
-        lower: f64::NEG_INFINITY,
-        upper: f64::INFINITY,
-        velocity: f64::INFINITY,
-        acceleration: f64::INFINITY,
-    };
+    pub const NONE: Self =
+        Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, velocity: f64::INFINITY, acceleration: f64::INFINITY };
 }
 
 /// Largest displacement x of this frame such that x, x - a, x - 2a, ... (down to zero) stays within `gap`,

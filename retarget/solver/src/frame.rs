@@ -1,8 +1,10 @@
 //! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2).
 
-use crate::body::{Body, Pose};
+use crate::body::Body;
 use crate::bounds::{frame_bounds, iteration_bounds, Limit};
 use crate::hierarchy::{solve, Problem, Workspace};
+use crate::kinematics::Pose;
+use crate::layout::{Layout, Placed};
 use crate::rows::{Columns, RowWriter};
 use crate::task::{Task, TaskKind};
 use std::ops::Range;
@@ -27,18 +29,6 @@ pub struct Stats {
     pub factorizations: u64,
     pub fallbacks: u64,
     pub capped: u64,
-}
-
-/// A task's place in the target vector and among the rows.
-struct Placed {
-    task: Task,
-    target: Range<usize>,
-    first_row: usize,
-    level: usize,
-    /// In the last level beside a posture: its rows get a slack variable each, from this column on.
-    soft_column: Option<usize>,
-    /// A posture of the last level: it is the metric, and has no rows.
-    metric: bool,
 }
 
 pub struct FrameSolver {
@@ -71,37 +61,16 @@ pub struct FrameSolver {
 }
 
 impl FrameSolver {
-    pub fn new(body: Arc<Body>, levels: Vec<Vec<Task>>, limits: Vec<Limit>, locked: &[bool], settings: Settings) -> Self {
+    pub fn new(
+        body: Arc<Body>,
+        levels: Vec<Vec<Task>>,
+        limits: Vec<Limit>,
+        locked: &[bool],
+        settings: Settings,
+    ) -> Self {
         let columns = Columns::new(&body, locked);
-        let free = columns.all.len();
-        let last = levels.len().saturating_sub(1);
-        let mut placed = vec![];
-        let (mut target, mut row, mut soft) = (0, 0, free);
-        let mut level_rows = vec![0; levels.len()];
-        for (level, tasks) in levels.into_iter().enumerate() {
-            let soft_level = level == last && tasks.iter().any(|t| matches!(t.kind, TaskKind::Posture));
-            for mut task in tasks {
-                if matches!(task.kind, TaskKind::Posture) {
-                    for dof in 0..body.nv {
-                        if locked[dof] {
-                            task.weight[dof] = 0.0;
-                        }
-                    }
-                }
-                let size = 1 + task.target_size(&body);
-                let metric = soft_level && matches!(task.kind, TaskKind::Posture);
-                let rows = if metric { 0 } else { task.row_count() };
-                let soft_column = (soft_level && !metric && !matches!(task.kind, TaskKind::Support { .. })).then_some(soft);
-                if soft_column.is_some() {
-                    soft += rows;
-                }
-                placed.push(Placed { task, target: target..target + size, first_row: row, level, soft_column, metric });
-                target += size;
-                row += rows;
-                level_rows[level] += rows;
-            }
-        }
-        let mut problem = Problem::new(soft.max(1), &level_rows);
+        let layout = Layout::new(&body, levels, locked, columns.all.len());
+        let mut problem = Problem::new(layout.variables.max(1), &layout.level_rows);
         problem.damping = settings.damping;
         let q = body.rest();
         let mut q_address = vec![None; body.nv];
@@ -110,11 +79,11 @@ impl FrameSolver {
         }
         Self {
             stats: Stats::default(),
-            target_size: target,
+            target_size: layout.target_size,
             q,
             velocity: vec![0.0; body.nv],
-            task_errors: vec![0.0; placed.len()],
-            placed,
+            task_errors: vec![0.0; layout.placed.len()],
+            placed: layout.placed,
             columns,
             q_address,
             problem,
@@ -260,12 +229,8 @@ impl FrameSolver {
             }
             let soft = p.soft_column.is_some();
             let strength = if soft { (target[0] / self.soft_scale).sqrt() } else { target[0] };
-            let mut writer = RowWriter {
-                body: &self.body,
-                pose: &self.pose,
-                columns: &self.columns,
-                problem: &mut self.problem,
-            };
+            let mut writer =
+                RowWriter { body: &self.body, pose: &self.pose, columns: &self.columns, problem: &mut self.problem };
             writer.write(&p.task, target, p.first_row, strength);
             if matches!(p.task.kind, TaskKind::Posture) {
                 self.body.difference(&self.q, &target[1..], &mut self.posture_error);
@@ -305,11 +270,8 @@ impl FrameSolver {
         let mut total = 0.0;
         for (error, p) in self.task_errors.iter_mut().zip(&self.placed) {
             let target = &targets[p.target.clone()];
-            *error = if p.task.is_present(target) {
-                p.task.error_norm(&self.body, &self.pose, target)
-            } else {
-                f64::NAN
-            };
+            *error =
+                if p.task.is_present(target) { p.task.error_norm(&self.body, &self.pose, target) } else { f64::NAN };
             if p.level < last && error.is_finite() {
                 total += *error;
             }

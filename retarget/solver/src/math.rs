@@ -27,11 +27,7 @@ pub fn dot(a: Vec3, b: Vec3) -> f64 {
 
 #[inline(always)]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[inline(always)]
@@ -53,11 +49,7 @@ pub fn unit_or(a: Vec3, fallback: Vec3) -> Vec3 {
 /// Any unit vector perpendicular to the unit vector `a`.
 #[inline]
 pub fn perpendicular(a: Vec3) -> Vec3 {
-    let e = if a[0].abs() < 0.6 {
-        [1.0, 0.0, 0.0]
-    } else {
-        [0.0, 1.0, 0.0]
-    };
+    let e = if a[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     unit_or(cross(a, e), [0.0, 0.0, 1.0])
 }
 
@@ -110,11 +102,7 @@ pub fn quat_axis_angle(axis: Vec3, angle: f64) -> Quat {
 /// Rotation vector of the unit quaternion `a`, of angle at most pi.
 #[inline]
 pub fn quat_log(a: Quat) -> Vec3 {
-    let a = if a[0] < 0.0 {
-        [-a[0], -a[1], -a[2], -a[3]]
-    } else {
-        a
-    };
+    let a = if a[0] < 0.0 { [-a[0], -a[1], -a[2], -a[3]] } else { a };
     let s = (a[1] * a[1] + a[2] * a[2] + a[3] * a[3]).sqrt();
     if s < 1e-12 {
         return [2.0 * a[1], 2.0 * a[2], 2.0 * a[3]];
@@ -127,21 +115,9 @@ pub fn quat_log(a: Quat) -> Vec3 {
 pub fn quat_to_mat(q: Quat) -> Mat3 {
     let [w, x, y, z] = q;
     [
-        [
-            w * w + x * x - y * y - z * z,
-            2.0 * (x * y - w * z),
-            2.0 * (x * z + w * y),
-        ],
-        [
-            2.0 * (x * y + w * z),
-            w * w - x * x + y * y - z * z,
-            2.0 * (y * z - w * x),
-        ],
-        [
-            2.0 * (x * z - w * y),
-            2.0 * (y * z + w * x),
-            w * w - x * x - y * y + z * z,
-        ],
+        [w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z],
     ]
 }
 

@@ -1,9 +1,8 @@
 //! `Body` for Python: kinematics of one posture or of many.
 
 use crate::body::{Body, Joint, JointKind, Link};
-use crate::math::Vec3;
+use crate::py_arrays::{bad, finite, table, triple};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
@@ -11,30 +10,6 @@ use std::sync::Arc;
 #[pyclass(name = "Body", module = "retarget._solver", frozen)]
 pub struct PyBody {
     pub body: Arc<Body>,
-}
-
-pub fn bad(message: String) -> PyErr {
-    PyValueError::new_err(message)
-}
-
-pub fn triple(a: &[f64]) -> Vec3 {
-    [a[0], a[1], a[2]]
-}
-
-fn table<'a>(a: &'a PyReadonlyArray2<'_, f64>, rows: usize, columns: usize, what: &str) -> PyResult<&'a [f64]> {
-    if a.shape() != [rows, columns] {
-        return Err(bad(format!("{what} has shape {:?}, expected ({rows}, {columns})", a.shape())));
-    }
-    let slice = a.as_slice()?;
-    finite(slice, what)?;
-    Ok(slice)
-}
-
-pub fn finite(a: &[f64], what: &str) -> PyResult<()> {
-    match a.iter().position(|v| !v.is_finite()) {
-        Some(i) => Err(bad(format!("{what}[{i}] is {}, expected a finite number", a[i]))),
-        None => Ok(()),
-    }
 }
 
 impl PyBody {

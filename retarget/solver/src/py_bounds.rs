@@ -1,7 +1,7 @@
 //! `frame_bounds` for Python: the gate and the solver share one rule.
 
 use crate::bounds::{frame_bounds as bounds_of, Limit};
-use crate::py_body::bad;
+use crate::py_arrays::{bad, finite};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
@@ -11,12 +11,20 @@ type Bounds<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 pub fn limits(lower: &[f64], upper: &[f64], velocity: &[f64], acceleration: &[f64]) -> PyResult<Vec<Limit>> {
     let n = lower.len();
     if upper.len() != n || velocity.len() != n || acceleration.len() != n {
-        return Err(bad(format!("limits differ in length: {n}, {}, {}, {}", upper.len(), velocity.len(), acceleration.len())));
+        return Err(bad(format!(
+            "limits differ in length: {n}, {}, {}, {}",
+            upper.len(),
+            velocity.len(),
+            acceleration.len()
+        )));
     }
     (0..n)
         .map(|i| {
             if !(lower[i] <= upper[i]) {
-                return Err(bad(format!("limits of coordinate {i}: lower {} is not below upper {}", lower[i], upper[i])));
+                return Err(bad(format!(
+                    "limits of coordinate {i}: lower {} is not below upper {}",
+                    lower[i], upper[i]
+                )));
             }
             if !(velocity[i] >= 0.0) || !(acceleration[i] >= 0.0) {
                 return Err(bad(format!(
@@ -45,16 +53,18 @@ pub fn frame_bounds<'py>(
     let limits = limits(lower.as_slice()?, upper.as_slice()?, max_velocity.as_slice()?, max_acceleration.as_slice()?)?;
     let (q, before) = (q.as_slice()?, displacement_before.as_slice()?);
     if q.len() != limits.len() || before.len() != limits.len() {
-        return Err(bad(format!("q has {}, displacement_before {}, the limits {} entries", q.len(), before.len(), limits.len())));
+        return Err(bad(format!(
+            "q has {}, displacement_before {}, the limits {} entries",
+            q.len(),
+            before.len(),
+            limits.len()
+        )));
     }
     if !(dt > 0.0) || !dt.is_finite() {
         return Err(bad(format!("dt is {dt}, expected a positive time in seconds")));
     }
-    crate::py_body::finite(q, "q")?;
-    crate::py_body::finite(before, "displacement_before")?;
+    finite(q, "q")?;
+    finite(before, "displacement_before")?;
     let pairs: Vec<(f64, f64)> = (0..q.len()).map(|i| bounds_of(q[i], before[i], &limits[i], dt)).collect();
-    Ok((
-        PyArray1::from_iter(py, pairs.iter().map(|p| p.0)),
-        PyArray1::from_iter(py, pairs.iter().map(|p| p.1)),
-    ))
+    Ok((PyArray1::from_iter(py, pairs.iter().map(|p| p.0)), PyArray1::from_iter(py, pairs.iter().map(|p| p.1))))
 }

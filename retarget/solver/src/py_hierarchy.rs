@@ -37,9 +37,7 @@ type Level<'py> = (
 
 fn matrix_rows<'a>(a: &'a PyReadonlyArray2<'_, f64>, what: &str) -> PyResult<Vec<&'a [f64]>> {
     let columns = a.shape()[1];
-    let all = a
-        .as_slice()
-        .map_err(|_| PyValueError::new_err(format!("{what} must be C-contiguous")))?;
+    let all = a.as_slice().map_err(|_| PyValueError::new_err(format!("{what} must be C-contiguous")))?;
     if columns == 0 {
         return Ok(vec![]);
     }
@@ -82,7 +80,9 @@ pub fn solve_hierarchy(
     let mut sizes: Vec<usize> = vec![];
     for (c, e, d, lower, upper) in &levels {
         let (m, k) = (c.shape()[0], d.shape()[0]);
-        check(e.len() == m && lower.len() == k && upper.len() == k, || "a level's rows and targets differ in number".into())?;
+        check(e.len() == m && lower.len() == k && upper.len() == k, || {
+            "a level's rows and targets differ in number".into()
+        })?;
         check((m == 0 || c.shape()[1] == n) && (k == 0 || d.shape()[1] == n), || format!("rows need {n} columns"))?;
         sizes.push(m + k);
     }
@@ -123,9 +123,7 @@ pub fn solve_hierarchy(
     }
     let mut work = Workspace::default();
     let outcome = py.detach(|| solve(&mut problem, &mut work));
-    let x: Vec<f64> = (0..n)
-        .map(|i| (reference[i] + problem.z[i] / weight[i]).clamp(lo[i], hi[i]))
-        .collect();
+    let x: Vec<f64> = (0..n).map(|i| (reference[i] + problem.z[i] / weight[i]).clamp(lo[i], hi[i])).collect();
     let level_residuals = levels.iter().map(|level| level_residual(level, &x)).collect::<PyResult<_>>()?;
     Ok(HierarchyResult {
         x,

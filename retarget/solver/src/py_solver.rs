@@ -2,7 +2,8 @@
 
 use crate::frame::{FrameSolver, Settings};
 use crate::math::quat_unit;
-use crate::py_body::{bad, finite, PyBody};
+use crate::py_arrays::{bad, finite};
+use crate::py_body::PyBody;
 use crate::py_bounds::limits;
 use crate::task::{Task, TaskKind};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -20,7 +21,7 @@ fn make(kind: TaskKind, weight: Vec<f64>, gain: f64, max_error: f64, link: Optio
     if weight.iter().any(|w| !w.is_finite() || *w < 0.0) {
         return Err(bad("a task's weights must be finite and not negative".into()));
     }
-    if !(gain > 0.0 && gain <= 1.0) || !(max_error > 0.0) {
+    if !(gain > 0.0 && gain <= 1.0 && max_error > 0.0) {
         return Err(bad(format!("gain {gain} must be in (0, 1], max_error {max_error} positive")));
     }
     Ok(PyTask { task: Task { kind, weight, gain, max_error }, link })
@@ -104,7 +105,8 @@ impl PySolver {
         early_stop: bool,
     ) -> PyResult<Self> {
         let nv = body.body.nv;
-        let limits = limits(lower.as_slice()?, upper.as_slice()?, max_velocity.as_slice()?, max_acceleration.as_slice()?)?;
+        let limits =
+            limits(lower.as_slice()?, upper.as_slice()?, max_velocity.as_slice()?, max_acceleration.as_slice()?)?;
         let locked = locked.as_slice()?;
         if limits.len() != nv || locked.len() != nv {
             return Err(bad(format!("limits have {} entries, locked {}, the body {nv}", limits.len(), locked.len())));
@@ -112,7 +114,7 @@ impl PySolver {
         if n_ik == 0 || n_ik > 1000 {
             return Err(bad(format!("n_ik is {n_ik}, expected 1 to 1000")));
         }
-        if !(max_step > 0.0) || !(damping >= 0.0 && damping.is_finite()) {
+        if !(max_step > 0.0 && damping >= 0.0 && damping.is_finite()) {
             return Err(bad(format!("max_step {max_step} must be positive, damping {damping} not negative")));
         }
         for (level, tasks) in levels.iter().enumerate() {
@@ -157,7 +159,11 @@ impl PySolver {
             None => &still,
         };
         if q.len() != nq || velocity.len() != nv {
-            return Err(bad(format!("q has {} entries and velocity {}, the body {nq} and {nv}", q.len(), velocity.len())));
+            return Err(bad(format!(
+                "q has {} entries and velocity {}, the body {nq} and {nv}",
+                q.len(),
+                velocity.len()
+            )));
         }
         finite(q, "q")?;
         finite(velocity, "velocity")?;

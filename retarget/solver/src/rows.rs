@@ -1,7 +1,8 @@
 //! Jacobian rows of tasks, written into a hierarchy problem.
 
-use crate::body::{Body, Pose};
+use crate::body::Body;
 use crate::hierarchy::Problem;
+use crate::kinematics::Pose;
 use crate::math::*;
 use crate::task::{edges, tangents, Task, TaskKind};
 

@@ -1,6 +1,7 @@
 //! Tasks: what is asked of the body, as an error and Jacobian rows.
 
-use crate::body::{Body, Pose};
+use crate::body::Body;
+use crate::kinematics::Pose;
 use crate::math::*;
 
 #[derive(Clone, Debug)]
@@ -103,9 +104,9 @@ impl Task {
     /// Error norm for reports: distance for points, angle for directions, depth outside for support.
     pub fn error_norm(&self, body: &Body, pose: &Pose, target: &[f64]) -> f64 {
         match &self.kind {
-            TaskKind::Support { max_edges } => edges(target, *max_edges)
-                .map(|(n, d)| n[0] * pose.com[0] + n[1] * pose.com[1] - d)
-                .fold(0.0, f64::max),
+            TaskKind::Support { max_edges } => {
+                edges(target, *max_edges).map(|(n, d)| n[0] * pose.com[0] + n[1] * pose.com[1] - d).fold(0.0, f64::max)
+            }
             TaskKind::Posture => 0.0,
             _ => {
                 let e = self.error(body, pose, target);

@@ -3,7 +3,7 @@
 //! one factorization is all.
 
 use super::factor::Factor;
-use super::kernels::{add_scaled, dot};
+use super::kernels::dot;
 use super::multipliers::Release;
 use super::problem::{Outcome, Problem, Side};
 use super::{cascade, Workspace};
@@ -74,7 +74,9 @@ fn damping_is_asked(problem: &Problem) -> bool {
     if problem.damping == 0.0 {
         return false;
     }
-    let asked = |k| problem.level(k).filter(|r| problem.row_side[*r] == Side::Both).map(|r| problem.lower[r].powi(2)).sum::<f64>();
+    let asked = |k| {
+        problem.level(k).filter(|r| problem.row_side[*r] == Side::Both).map(|r| problem.lower[r].powi(2)).sum::<f64>()
+    };
     (0..problem.level_count()).any(|k| problem.damping * asked(k).sqrt() > LITTLE)
 }
 
@@ -135,9 +137,7 @@ fn factor_all<const FMA: bool>(
             factor.add_level::<FMA>(problem, k);
         }
     }
-    for j in 0..factor.rank() {
-        add_scaled::<FMA>(candidate, factor.y[j], factor.basis_row(j));
-    }
+    factor.add_candidate::<FMA>(candidate);
 }
 
 /// The first limit on the way from the present point, and how much of the way it leaves.

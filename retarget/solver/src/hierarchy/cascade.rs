@@ -102,11 +102,8 @@ fn direction<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize)
     for level in 0..problem.level_count().min(k + 1) {
         for r in problem.level(level) {
             if problem.row_side[r] != Side::Free {
-                factor.rhs[r] = if level < k {
-                    0.0
-                } else {
-                    problem.target(r) - dot::<FMA>(problem.row(r), &problem.z)
-                };
+                factor.rhs[r] =
+                    if level < k { 0.0 } else { problem.target(r) - dot::<FMA>(problem.row(r), &problem.z) };
             }
         }
         factor.add_level::<FMA>(problem, level);

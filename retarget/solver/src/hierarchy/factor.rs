@@ -4,24 +4,21 @@
 //! to the basis only what is new in it (modified Gram-Schmidt with row pivoting, repeated where digits were lost), and
 //! solves for the coordinates of its own new directions. What an earlier level took stays closed.
 
-use super::kernels::{add_scaled, dot};
+use super::kernels::{add_rows, add_scaled, dot, dot_rows};
 use super::least_squares::SmallLeastSquares;
 use super::problem::{Problem, Side};
 
 /// A pivot below this share of the level's largest row counts as zero.
 const RANK_TOLERANCE: f64 = 1e-8;
 
-/// Pivots above this are never damped.
-const MOST_DAMPED: f64 = 0.5;
-
 #[derive(Default)]
 pub struct Factor {
     stride: usize,
     /// Length of a row of `coefficients`.
-    width: usize,
-    basis: Vec<f64>,
+    pub(super) width: usize,
+    pub(super) basis: Vec<f64>,
     level_rows: Vec<f64>,
-    coefficients: Vec<f64>,
+    pub(super) coefficients: Vec<f64>,
     /// Row that gave basis vector j.
     pub pivot_row: Vec<usize>,
     /// Basis size after each level.
@@ -37,11 +34,12 @@ pub struct Factor {
     pub level_scale: Vec<f64>,
     /// 1 where a column is free, 0 where it is held or padding.
     mask: Vec<f64>,
-    members: Vec<usize>,
+    pub(super) members: Vec<usize>,
     remaining: Vec<f64>,
-    damping: Vec<f64>,
-    exact: Vec<f64>,
-    small: SmallLeastSquares,
+    pub(super) damping: Vec<f64>,
+    pub(super) exact: Vec<f64>,
+    again: Vec<f64>,
+    pub(super) small: SmallLeastSquares,
 }
 
 impl Factor {
@@ -100,6 +98,18 @@ impl Factor {
         self.mask[i] != 0.0
     }
 
+    /// sum_j y_j q_j is added to `z`.
+    #[inline(always)]
+    pub fn add_candidate<const FMA: bool>(&self, z: &mut [f64]) {
+        add_rows::<FMA>(z, 1.0, &self.y, &self.basis);
+    }
+
+    /// Coordinates of `z` in the first vectors of the basis.
+    #[inline(always)]
+    pub fn coordinates<const FMA: bool>(&self, z: &[f64], out: &mut [f64]) {
+        dot_rows::<FMA>(z, &self.basis, out);
+    }
+
     #[inline(always)]
     pub fn basis_row(&self, j: usize) -> &[f64] {
         &self.basis[j * self.stride..(j + 1) * self.stride]
@@ -118,25 +128,8 @@ impl Factor {
         self.rank_end.push(self.rank());
     }
 
-    /// The same, but what a near-singular direction would have to give is first taken back: the level's targets are changed to
-    /// what a damped step reaches, and stay so for the rest of the solve. Zero above the threshold on the pivots, growing below it.
     #[inline(always)]
-    pub fn add_damped_level<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
-        self.add_rows::<FMA>(problem, k);
-        let first = self.first_of(k);
-        self.solve_level(first);
-        let asked: f64 = self.members.iter().map(|r| self.rhs[*r] * self.rhs[*r]).sum::<f64>().sqrt();
-        let threshold = (problem.damping * asked).min(MOST_DAMPED);
-        let rank = self.rank();
-        let weak = |f: &Self, j: usize| f.coefficient(f.pivot_row[j], j) < threshold;
-        if (first..rank).any(|j| weak(self, j)) {
-            self.damp(problem, first, threshold);
-        }
-        self.rank_end.push(rank);
-    }
-
-    #[inline(always)]
-    fn first_of(&self, k: usize) -> usize {
+    pub(super) fn first_of(&self, k: usize) -> usize {
         if k == 0 {
             0
         } else {
@@ -145,7 +138,7 @@ impl Factor {
     }
 
     #[inline(always)]
-    fn add_rows<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
+    pub(super) fn add_rows<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
         let first = self.rank();
         self.members.clear();
         for r in problem.level(k) {
@@ -168,11 +161,8 @@ impl Factor {
                 work[i] = row[i] * self.mask[i];
             }
             let coefficients = &mut self.coefficients[r * self.width..(r + 1) * self.width];
-            for (j, c) in coefficients.iter_mut().enumerate().take(first) {
-                let q = &self.basis[j * stride..(j + 1) * stride];
-                *c = dot::<FMA>(work, q);
-                add_scaled::<FMA>(work, -*c, q);
-            }
+            dot_rows::<FMA>(work, &self.basis, &mut coefficients[..first]);
+            add_rows::<FMA>(work, -1.0, &coefficients[..first], &self.basis);
             let end = (first + self.members.len()).min(self.width);
             coefficients[first..end].fill(0.0);
             self.remaining[slot] = dot::<FMA>(work, work);
@@ -195,20 +185,22 @@ impl Factor {
                     best = slot;
                 }
             }
-            if self.remaining[best].sqrt() <= tolerance || self.remaining[best] <= 0.0 {
+            self.swap_slots(done, best);
+            let exact = &self.level_rows[done * stride..(done + 1) * stride];
+            self.remaining[done] = dot::<FMA>(exact, exact);
+            if self.remaining[done].sqrt() <= tolerance {
                 break;
             }
-            self.swap_slots(done, best);
             let r = self.members[done];
             let whole = self.row_norm[r];
             let (before, after) = self.level_rows.split_at_mut((done + 1) * stride);
             let work = &mut before[done * stride..];
             if self.remaining[done] < 0.01 * whole * whole {
                 // Digits were lost: orthogonalise once more against everything so far.
-                for i in 0..j {
-                    let q = &self.basis[i * stride..(i + 1) * stride];
-                    let c = dot::<FMA>(work, q);
-                    add_scaled::<FMA>(work, -c, q);
+                self.again.resize(j, 0.0);
+                dot_rows::<FMA>(work, &self.basis, &mut self.again);
+                add_rows::<FMA>(work, -1.0, &self.again, &self.basis);
+                for (i, c) in self.again.iter().enumerate() {
                     self.coefficients[r * self.width + i] += c;
                 }
                 self.remaining[done] = dot::<FMA>(work, work);
@@ -225,12 +217,14 @@ impl Factor {
                 q[i] = work[i] * inverse;
             }
             self.pivot_row.push(r);
-            for slot in done + 1..count {
+            self.again.resize(count - done - 1, 0.0);
+            dot_rows::<FMA>(q, after, &mut self.again);
+            for (slot, &c) in (done + 1..count).zip(&self.again) {
                 let other = &mut after[(slot - done - 1) * stride..(slot - done) * stride];
-                let c = dot::<FMA>(other, q);
                 add_scaled::<FMA>(other, -c, q);
                 self.coefficients[self.members[slot] * self.width + j] = c;
-                self.remaining[slot] = dot::<FMA>(other, other);
+                // Good enough to choose by; the chosen row is measured anew.
+                self.remaining[slot] = (self.remaining[slot] - c * c).max(0.0);
             }
         }
     }
@@ -249,7 +243,7 @@ impl Factor {
 
     /// Coordinates of the level's new directions: exact, or least squares where rows depend on each other.
     #[inline(always)]
-    fn solve_level(&mut self, first: usize) {
+    pub(super) fn solve_level(&mut self, first: usize) {
         let (count, rank) = (self.members.len(), self.rank());
         let new = rank - first;
         // What is asked beyond what earlier levels already give.
@@ -281,61 +275,8 @@ impl Factor {
         }
     }
 
-    /// Replace the solution and the targets of the level (from basis vector `first` on) by the damped ones.
-    fn damp(&mut self, problem: &mut Problem, first: usize, threshold: f64) {
-        self.exact.clear();
-        self.exact.extend_from_slice(&self.y[first..]);
-        for &r in &self.members {
-            // Back to what was asked, for the second solve.
-            self.residual[r] = self.reached(r, first) - self.residual[r];
-        }
-        self.least_squares(first, threshold);
-        for slot in 0..self.members.len() {
-            let r = self.members[slot];
-            let row = &self.coefficients[r * self.width + first..];
-            let taken_back: f64 = row.iter().zip(&self.y[first..]).zip(&self.exact).map(|((c, y), e)| c * (e - y)).sum();
-            if problem.is_equality(r) {
-                problem.lower[r] -= taken_back;
-                problem.upper[r] = problem.lower[r];
-                self.residual[r] -= taken_back;
-            }
-            self.residual[r] = self.reached(r, first) - self.residual[r];
-        }
-    }
-
-    fn reached(&self, r: usize, first: usize) -> f64 {
+    pub(super) fn reached(&self, r: usize, first: usize) -> f64 {
         let row = &self.coefficients[r * self.width + first..];
         row.iter().zip(&self.y[first..]).map(|(c, y)| c * y).sum()
-    }
-
-    /// min ||L y - b||^2 + sum_j d_j^2 y_j^2, with d_j zero for pivots above the damping threshold.
-    fn least_squares(&mut self, first: usize, damping_from: f64) {        let (count, rank) = (self.members.len(), self.rank());
-        let new = rank - first;
-        self.damping.clear();
-        for j in first..rank {
-            let pivot = self.coefficient(self.pivot_row[j], j);
-            if pivot < damping_from {
-                let share = pivot / damping_from;
-                self.damping.push(0.5 * damping_from * (1.0 - share * share).sqrt());
-            } else {
-                self.damping.push(0.0);
-            }
-        }
-        let damped = self.damping.iter().filter(|d| **d > 0.0).count();
-        self.small.start(count + damped, new);
-        for (slot, &r) in self.members.iter().enumerate() {
-            for c in 0..new {
-                self.small.set(slot, c, self.coefficients[r * self.width + first + c]);
-            }
-            self.small.set_target(slot, self.residual[r]);
-        }
-        let mut extra = count;
-        for (c, d) in self.damping.iter().enumerate() {
-            if *d > 0.0 {
-                self.small.set(extra, c, *d);
-                extra += 1;
-            }
-        }
-        self.small.solve(&mut self.y[first..]);
     }
 }

@@ -11,12 +11,14 @@
 //!
 //! * `problem`: rows, levels, box, and the active set.
 //! * `factor`: the equality-only hierarchy for a given active set (orthogonal row basis, level after level).
+//! * `damping`: near-singular levels, once per solve.
 //! * `multipliers`: who is held by a limit rightly, level by level.
 //! * `active_set`: guess, verify, move, add, release (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
 //! * `cascade`: level by level with a classical active set, behind it when it cycles.
 
 mod active_set;
 mod cascade;
+mod damping;
 mod factor;
 mod kernels;
 mod least_squares;

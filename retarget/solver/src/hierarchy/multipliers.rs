@@ -5,7 +5,7 @@
 //! likewise. A limit that is needed (a clear, right sign) is locked: lower levels cannot ask for it.
 
 use super::factor::Factor;
-use super::kernels::{add_scaled, dot};
+use super::kernels::add_scaled;
 use super::problem::{Problem, Side};
 
 /// Multipliers below this share of their own terms are zero.
@@ -130,9 +130,7 @@ impl Multipliers {
         self.back.resize(rank, 0.0);
         if last {
             self.gradient.copy_from_slice(z);
-            for (j, b) in self.back.iter_mut().enumerate() {
-                *b = dot::<FMA>(factor.basis_row(j), z);
-            }
+            factor.coordinates::<FMA>(z, &mut self.back);
             scale += z.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
         } else {
             self.gradient.fill(0.0);

@@ -1,0 +1,60 @@
+//! Where tasks go: their slices of the target vector, their rows, and the slack variables of soft rows.
+
+use crate::body::Body;
+use crate::task::{Task, TaskKind};
+use std::ops::Range;
+
+/// A task's place in the target vector and among the rows.
+pub struct Placed {
+    pub task: Task,
+    pub target: Range<usize>,
+    pub first_row: usize,
+    pub level: usize,
+    /// In the last level beside a posture: its rows get a slack variable each, from this column on.
+    pub soft_column: Option<usize>,
+    /// A posture of the last level: it is the metric, and has no rows.
+    pub metric: bool,
+}
+
+pub struct Layout {
+    pub placed: Vec<Placed>,
+    pub target_size: usize,
+    pub level_rows: Vec<usize>,
+    /// Free coordinates and slack variables.
+    pub variables: usize,
+}
+
+impl Layout {
+    /// `free` coordinates take part; locked ones lose their posture weight.
+    pub fn new(body: &Body, levels: Vec<Vec<Task>>, locked: &[bool], free: usize) -> Self {
+        let last = levels.len().saturating_sub(1);
+        let mut placed = vec![];
+        let (mut target, mut row, mut soft) = (0, 0, free);
+        let mut level_rows = vec![0; levels.len()];
+        for (level, tasks) in levels.into_iter().enumerate() {
+            let soft_level = level == last && tasks.iter().any(|t| matches!(t.kind, TaskKind::Posture));
+            for mut task in tasks {
+                if matches!(task.kind, TaskKind::Posture) {
+                    for dof in 0..body.nv {
+                        if locked[dof] {
+                            task.weight[dof] = 0.0;
+                        }
+                    }
+                }
+                let size = 1 + task.target_size(body);
+                let metric = soft_level && matches!(task.kind, TaskKind::Posture);
+                let rows = if metric { 0 } else { task.row_count() };
+                let soft_column =
+                    (soft_level && !metric && !matches!(task.kind, TaskKind::Support { .. })).then_some(soft);
+                if soft_column.is_some() {
+                    soft += rows;
+                }
+                placed.push(Placed { task, target: target..target + size, first_row: row, level, soft_column, metric });
+                target += size;
+                row += rows;
+                level_rows[level] += rows;
+            }
+        }
+        Self { placed, target_size: target, level_rows, variables: soft }
+    }
+}
