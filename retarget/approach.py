@@ -1,0 +1,39 @@
+"""From where the robot stands to where following begins: a slow, smooth path through joint space."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hardware.joint_map import JointMap
+from retarget.rotations import FloatArray
+
+__all__ = ["approach"]
+
+PEAK_SPEED = 1.875
+"""Peak speed of a minimum-jerk path over distance / duration: 30 (s^2 - 2 s^3 + s^4) at s = 1/2."""
+PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
+"""Peak acceleration of it over distance / duration^2."""
+NEAR_RAD = 1e-9
+
+
+def approach(
+    start: FloatArray, goal: FloatArray, joint_map: JointMap, *, speed: float, dt: float
+) -> Iterator[FloatArray]:
+    """Postures (n,) rad every `dt` s from `start`, at rest, to `goal`, at rest (Flash and Hogan 1985).
+
+    speed: share of each servo's greatest speed and acceleration that is never exceeded. Nothing when already there.
+    """
+    way = goal - start
+    distance = np.abs(way)
+    if distance.max() < NEAR_RAD:
+        return
+    duration = max(
+        float((PEAK_SPEED * distance / (speed * joint_map.max_velocity)).max()),
+        float(np.sqrt(PEAK_ACCELERATION * distance / (speed * joint_map.max_acceleration)).max()),
+    )
+    # One tick more than needed: what differences of ticks see stays below what the curve itself has.
+    ticks = int(np.ceil(duration / dt)) + 1
+    for tick in range(1, ticks + 1):
+        s = tick / ticks
+        yield start + way * (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+    yield goal

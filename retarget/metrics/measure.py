@@ -1,0 +1,236 @@
+"""The report of a finished run, measured on the record: from what was sent, not from what a stage says of itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget.hierarchy import JointLimits
+from retarget.metrics import standing, tracking
+from retarget.metrics.clearance import Clearance, self_clearance
+from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
+from retarget.metrics.reach import reachable_error
+from retarget.record import RobotRecord
+from retarget.report import BusReport, Clearances, Percentiles, Report, Soles, Spread, StopReport
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+from retarget.run_result import RunResult
+
+__all__ = ["UNSENSED", "measure", "soles_of"]
+
+UNSENSED = ("pelvis", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder", "neck")
+"""Joints by which a reconstruction is judged, where no sensor sits on them."""
+HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
+MM = 1e3
+
+
+def measure(run: RunResult) -> Report:
+    """The report of a run."""
+    record, clip, robot = run.record, run.clip, run.record.robot
+    asked, reached, names = _followed(run)
+    heights = _pelvis_heights(run)
+    reconstruct, retarget = record.timing.reconstruct, record.timing.retarget
+    clearance, stand = _clearance(run), _standing(run)
+    return Report(
+        frames=clip.source_frames,
+        ticks=len(record),
+        duration_s=float(record.time[-1]) if len(record) else 0.0,
+        rate_hz=clip.rate_hz,
+        frames_per_s=len(record) * clip.source_frames / len(clip.frames) / max(run.wall_s, 1e-9),
+        solve_us=_percentiles(reconstruct + retarget, 1e6),
+        reconstruct_us=_percentiles(reconstruct, 1e6),
+        retarget_us=None if robot is None else _percentiles(retarget, 1e6),
+        tracking_mm=_spreads(names, asked, reached),
+        lag_s=tracking.lag(asked, reached, clip.dt),
+        hand_path_ratio=_hand_path_ratio(names, asked, reached),
+        pelvis_excursion_ratio=None if heights is None else tracking.excursion_ratio(*heights),
+        unsensed_mm=_unsensed(run),
+        min_clearance_mm=Clearances(None if clearance is None else _mm(clearance.smallest), None),
+        penetrating_frames=None if clearance is None else clearance.penetrating,
+        gated_frames=None if robot is None else int(np.count_nonzero(robot.gated)),
+        limit_violations=_limit_violations(run),
+        priority_violation_max=_priority_violation(run),
+        com_outside_support_frames=stand.outside,
+        foot_slide_mm=_mm(stand.slide),
+        jerk_p95=jerk_p95(_joint_positions(run), clip.dt),
+        fallen=None,
+        mode_switches_per_s=None,
+        bus=_bus(run),
+        stop=StopReport(run.state, run.reason),
+        sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
+        servo_tracking_mm=_servo_tracking(run),
+        reachable_hands_mm=None if run.robot is None or robot is None else _mm(reachable_error(run.robot, robot)),
+        com_margin_mm=_mm(stand.margin),
+        soles=stand.soles,
+        closest_links=None if clearance is None else clearance.pair,
+        robot="human" if run.robot is None else run.robot.profile.name,
+        source=clip.frames.source,
+        performer=run.performer.name,
+        priorities=run.priorities,
+        speed=clip.speed,
+        notes=run.notes,
+    )
+
+
+def _followed(run: RunResult) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Tracks asked and reached (T, k, 3) m and their names: landmarks of a robot, sensors of a human."""
+    reached, sent = run.landmarks_reached, run.record.robot
+    if reached is None or sent is None:
+        return run.sensors_asked, run.sensors_reached, run.sensors
+    return sent.landmarks_asked, reached, sent.landmark_names
+
+
+def _pelvis_heights(run: RunResult) -> tuple[FloatArray, FloatArray] | None:
+    """Heights (T,) m of the pelvis asked and reached: a robot's landmark, or of the recorded body and the human."""
+    sent, human, truth = run.record.robot, run.record.human, run.human_truth
+    reached = run.landmarks_reached
+    if sent is not None and reached is not None:
+        if "pelvis" not in sent.landmark_names:
+            return None
+        column = sent.landmark_names.index("pelvis")
+        return sent.landmarks_asked[:, column, 2], reached[:, column, 2]
+    if truth is None or "pelvis" not in human.joint_names:
+        return None
+    column = human.joint_names.index("pelvis")
+    return truth[:, column, 2], human.joints[:, column, 2]
+
+
+def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> float | None:
+    hands = [column for column, name in enumerate(names) if name in HANDS]
+    return tracking.path_ratio(asked[:, hands], reached[:, hands]) if hands else None
+
+
+def _unsensed(run: RunResult) -> dict[str, float] | None:
+    """Mean error, mm, of each joint that no sensor sits on, and the mean of those; None where no truth is known."""
+    truth, human = run.human_truth, run.record.human
+    if truth is None:
+        return None
+    sensed = {sensor.joint for sensor in run.performer.sensors.values()}
+    errors = tracking.distances(truth, human.joints)
+    means = {}
+    for joint in UNSENSED:
+        if joint in human.joint_names and joint not in sensed:
+            known = errors[:, human.joint_names.index(joint)]
+            known = known[np.isfinite(known)]
+            if known.size:
+                means[joint] = MM * float(known.mean())
+    return means | {"mean": float(np.mean(list(means.values())))} if means else None
+
+
+def _joint_positions(run: RunResult) -> FloatArray:
+    """Positions (T, n) rad that were sent, servo order; of a human, all DoFs that are single hinges."""
+    if run.robot is not None and run.record.robot is not None:
+        return np.asarray(run.record.robot.q[:, run.robot.servo_columns])
+    single, address = run.human.body.scalar_joints()
+    return np.asarray(run.record.human.q[:, address[single]])
+
+
+def _limit_violations(run: RunResult) -> LimitViolations:
+    positions = _joint_positions(run)
+    if run.robot is not None and run.record.robot is not None:
+        limits, start = run.robot.limits, run.record.robot.start
+        return limit_violations(np.vstack([start, positions]), limits, run.clip.dt)
+    single, _ = run.human.body.scalar_joints()
+    whole = run.human_limits
+    limits = JointLimits(
+        whole.lower[single], whole.upper[single], whole.max_velocity[single], whole.max_acceleration[single]
+    )
+    return limit_violations(positions, limits, run.clip.motion_dt, from_rest=False)
+
+
+def _priority_violation(run: RunResult) -> float | None:
+    """Largest error of a task of the highest level of the last stage, mm or mrad."""
+    side = run.record.human if run.record.robot is None else run.record.robot
+    errors = side.top_error[np.isfinite(side.top_error)]
+    return MM * float(errors.max()) if errors.size else None
+
+
+def _clearance(run: RunResult) -> Clearance | None:
+    """Self clearance of the postures that were sent."""
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None or not len(sent.q):
+        return None
+    return self_clearance(
+        robot.profile.body_path,
+        sent.q,
+        root=robot.profile.root,
+        neutral=robot.posture(robot.profile.postures.neutral),
+        ignored=[ignored.pair for ignored in robot.profile.ignore_pairs],
+    )
+
+
+@dataclass(frozen=True)
+class _Standing:
+    outside: int | None = None
+    margin: float | None = None
+    slide: float | None = None
+    soles: Soles | None = None
+
+
+def _standing(run: RunResult) -> _Standing:
+    """Centre of mass and soles of the postures that were sent; nothing for a body without feet or without free root."""
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None or not robot.stands or not len(sent.q):
+        return _Standing()
+    soles = soles_of(robot, sent)
+    corners = np.concatenate([standing.sole_corners(sole) for sole in soles], axis=1)
+    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
+    margin = standing.support_margin(com, corners)
+    known = margin[np.isfinite(margin)]
+    height = max(float(np.abs(sole.position[:, 2]).max()) for sole in soles)
+    tilt = max(float(standing.sole_tilt(sole).max()) for sole in soles)
+    return _Standing(
+        outside=int(np.count_nonzero(known < -standing.OUTSIDE_M)),
+        margin=float(known.min()) if known.size else None,
+        slide=max(standing.foot_slide(sole) for sole in soles),
+        soles=Soles(MM * height, float(np.rad2deg(tilt))),
+    )
+
+
+def soles_of(robot: RobotBody, sent: RobotRecord) -> list[standing.Sole]:
+    """The soles of a robot in the postures that were sent."""
+    feet = list(robot.profile.feet.values())
+    frames = tuple(foot.frame for foot in feet)
+    position, orientation = robot.points(sent.q, frames), robot.orientations(sent.q, frames)
+    return [
+        standing.Sole(position[:, column], orientation[:, column], np.array(foot.polygon))
+        for column, foot in enumerate(feet)
+    ]
+
+
+def _servo_tracking(run: RunResult) -> dict[str, Spread] | None:
+    """As `tracking_mm`, for where the servos stood."""
+    q, sent = run.present_q, run.record.robot
+    if q is None or sent is None or run.robot is None:
+        return None
+    reached = run.robot.points(q, run.robot.landmark_frames(sent.landmark_names))
+    return _spreads(sent.landmark_names, sent.landmarks_asked, reached)
+
+
+def _bus(run: RunResult) -> BusReport | None:
+    sent, time = run.record.robot, run.record.time
+    if sent is None or not run.has_bus or len(time) < 2:
+        return None
+    rate = (len(time) - 1) / float(time[-1] - time[0])
+    return BusReport(rate, _percentiles(run.record.timing.cycle, 1e3), int(sent.faults.sum()))
+
+
+def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
+    """Mean, 95th percentile and largest distance, mm, of each track that is known at all."""
+    errors = MM * tracking.distances(asked, reached)
+    spreads = {}
+    for column, name in enumerate(names):
+        known = errors[np.isfinite(errors[:, column]), column]
+        if known.size:
+            spreads[name] = Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max()))
+    return spreads
+
+
+def _percentiles(seconds: FloatArray, scale: float) -> Percentiles:
+    if not seconds.size:
+        return Percentiles(float("nan"), float("nan"), float("nan"))
+    p50, p99 = np.percentile(seconds, [50, 99])
+    return Percentiles(scale * float(p50), scale * float(p99), scale * float(seconds.max()))
+
+
+def _mm(metres: float | None) -> float | None:
+    return None if metres is None else MM * metres

@@ -1,0 +1,59 @@
+"""What a run is asked to be: checked by itself before any file is opened."""
+
+from dataclasses import dataclass, field
+from typing import get_args
+
+from retarget.clip import Parts, Playback
+from retarget.errors import UsageError, suggest
+
+__all__ = ["BUSES", "HUMAN", "RunOptions"]
+
+HUMAN = "human"
+"""The robot's name that means: reconstruct the performer, and nothing else."""
+BUSES = ("mock", "none")
+MAX_ITERATIONS = 100
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
+
+    priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
+    the priority files say.
+    """
+
+    robot: str
+    bus: str = "mock"
+    performer: str = "five"
+    priorities: str | None = None
+    iterations: int | None = None
+    parts: str = "whole"
+    gate: bool = True
+    playback: Playback = field(default_factory=Playback)
+
+    def __post_init__(self) -> None:
+        _one_of(self.bus, BUSES, "--bus", "bus")
+        _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
+        if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
+            allowed = f"1 to {MAX_ITERATIONS}"
+            raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
+        if self.is_human and self.parts != "whole":
+            raise UsageError("parts are parts of a robot", where="--parts", found=f"--robot {HUMAN}")
+        if self.is_human and not self.gate:
+            raise UsageError("there is no gate to leave out", where="--no-gate", found=f"--robot {HUMAN}")
+
+    @property
+    def is_human(self) -> bool:
+        """Whether only the performer is reconstructed."""
+        return self.robot == HUMAN
+
+
+def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str) -> None:
+    if value not in allowed:
+        raise UsageError(
+            f"unknown {what}",
+            where=option,
+            found=repr(value[:80]),
+            allowed=", ".join(allowed),
+            next_step=suggest(value, allowed),
+        )

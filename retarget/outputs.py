@@ -1,0 +1,88 @@
+"""Files that a run writes: places are checked before anything moves, and a file appears whole or not at all."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO
+
+from retarget.errors import UsageError
+
+__all__ = ["check_folder", "check_place", "write_atomic", "write_stream"]
+
+
+def check_place(path: Path, *, option: str) -> None:
+    """Raise UsageError unless a file can be written at `path`; nothing is left behind."""
+    _look_up(path, option)
+    if path.is_dir():
+        raise UsageError("this is a folder", where=option, found=str(path), next_step="Give the name of a file in it")
+    if path.exists() and not path.is_file():
+        raise UsageError("this is no regular file", where=option, found=str(path))
+    if not path.parent.is_dir():
+        step = f"Make it first: mkdir -p {path.parent}"
+        raise UsageError("there is no such folder", where=option, found=str(path.parent), next_step=step)
+    _try_folder(path.parent, option)
+
+
+def check_folder(path: Path, *, option: str) -> None:
+    """Raise UsageError unless `path` is a writable folder, or can become one; nothing is left behind."""
+    _look_up(path, option)
+    if path.exists() and not path.is_dir():
+        raise UsageError("this is a file, not a folder", where=option, found=str(path))
+    existing = next(parent for parent in (path, *path.absolute().parents) if parent.exists())
+    if not existing.is_dir():
+        raise UsageError("part of this path is a file", where=option, found=str(existing))
+    _try_folder(existing, option)
+
+
+def write_atomic(path: Path, content: bytes, *, option: str) -> None:
+    """Write a file, whole or not at all. Raises UsageError with the system's reason."""
+    write_stream(path, lambda stream: stream.write(content), option=option)
+
+
+def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: str) -> None:
+    """As `write_atomic`, from a function that writes to a stream."""
+    try:
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:50]}.", suffix=".part")
+        try:
+            with os.fdopen(descriptor, "wb") as stream:
+                write(stream)
+            Path(name).chmod(0o666 & ~_umask())
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise _unwritable(path, option, error) from error
+
+
+def _look_up(path: Path, option: str) -> None:
+    """Raise UsageError for a path that the system cannot even look up: too long, a zero byte, a locked folder."""
+    try:
+        path.exists()
+    except OSError as error:
+        raise _unwritable(path, option, error) from error
+    except ValueError as error:
+        raise UsageError("this is no path", where=option, found=repr(str(path)[:200]), allowed=str(error)) from error
+
+
+def _try_folder(folder: Path, option: str) -> None:
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".retarget."):
+            pass
+    except OSError as error:
+        raise _unwritable(folder, option, error) from error
+
+
+def _unwritable(path: Path, option: str, error: OSError) -> UsageError:
+    reason = error.strerror or str(error)
+    return UsageError(
+        "cannot write here", where=option, found=f"{str(path)[:200]}: {reason}", next_step="Choose another place"
+    )
+
+
+def _umask() -> int:
+    """The process's mask for new files; there is no way to read it but to set it."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,116 @@
+"""What happened in a run, one row per tick: arrays made before the first tick and filled in place."""
+
+from dataclasses import dataclass, fields
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.frames import BoolArray
+from retarget.rotations import FloatArray
+
+__all__ = ["HumanRecord", "Record", "RobotRecord", "Timing"]
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class HumanRecord:
+    """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
+
+    top_error (T,): largest error of a task of the highest level, m or rad.
+    """
+
+    joint_names: tuple[str, ...]
+    q: FloatArray
+    joints: FloatArray
+    top_error: FloatArray
+
+    @classmethod
+    def empty(cls, ticks: int, *, nq: int, joint_names: tuple[str, ...]) -> "HumanRecord":
+        """Room for so many ticks."""
+        joints = np.full((ticks, len(joint_names), 3), np.nan)
+        return cls(joint_names, np.full((ticks, nq), np.nan), joints, np.full(ticks, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRecord:
+    """What was asked of the robot, what was sent, and where its servos were.
+
+    landmarks_asked (T, k, 3) m, world. q (T, nq): posture sent, before rounding to ticks, with the root that the
+    robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is read at the start of the
+    tick. gated (T,): the gate sent something else than was asked. faults (T,): servos that were silent or alarmed.
+    top_error (T,): as of the human. start (n,) rad: where the robot stood before the first tick.
+    """
+
+    landmark_names: tuple[str, ...]
+    landmarks_asked: FloatArray
+    q: FloatArray
+    goal_ticks: IntArray
+    present: FloatArray
+    gated: BoolArray
+    faults: IntArray
+    top_error: FloatArray
+    start: FloatArray
+
+    @classmethod
+    def empty(cls, ticks: int, *, nq: int, start: FloatArray, landmark_names: tuple[str, ...]) -> "RobotRecord":
+        """Room for so many ticks of a robot that stands at `start` (n,) rad, servo order."""
+        servos = start.size
+        return cls(
+            landmark_names=landmark_names,
+            landmarks_asked=np.full((ticks, len(landmark_names), 3), np.nan),
+            q=np.full((ticks, nq), np.nan),
+            goal_ticks=np.full((ticks, servos), -1, dtype=np.int64),
+            present=np.full((ticks, servos), np.nan),
+            gated=np.zeros(ticks, dtype=np.bool_),
+            faults=np.zeros(ticks, dtype=np.int64),
+            top_error=np.full(ticks, np.nan),
+            start=np.array(start, dtype=np.float64),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """Cost of each tick (T,), s: thread CPU of both stages, and wall time of the whole tick."""
+
+    reconstruct: FloatArray
+    retarget: FloatArray
+    cycle: FloatArray
+
+    @classmethod
+    def empty(cls, ticks: int) -> "Timing":
+        """Room for so many ticks."""
+        return cls(*(np.zeros(ticks) for _ in fields(cls)))
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A run. time (T,) s, from 0 at the first tick; robot is None when only the human was reconstructed."""
+
+    time: FloatArray
+    human: HumanRecord
+    robot: RobotRecord | None
+    timing: Timing
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def first(self, ticks: int) -> "Record":
+        """The first `ticks` rows, as views: for a run that ended early."""
+        return Record(
+            self.time[:ticks],
+            _first(self.human, ticks),
+            None if self.robot is None else _first(self.robot, ticks),
+            _first(self.timing, ticks),
+        )
+
+
+R = TypeVar("R", HumanRecord, RobotRecord, Timing)
+
+
+def _first(record: R, ticks: int) -> R:
+    """The first rows of every array that has one row per tick."""
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    per_tick = {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "start"}
+    return type(record)(**values | {name: value[:ticks] for name, value in per_tick.items()})

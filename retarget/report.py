@@ -1,0 +1,170 @@
+"""The report of a run: its keys are a contract for everyone who reads it. What is not known is null, never invented."""
+
+import json
+import math
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from retarget.errors import UsageError
+from retarget.metrics.motion import LimitViolations
+from retarget.outputs import check_place, write_atomic
+
+__all__ = [
+    "BusReport",
+    "Clearances",
+    "Percentiles",
+    "Report",
+    "Soles",
+    "Spread",
+    "StopReport",
+    "report_path",
+    "write_report",
+]
+
+DIGITS = 6
+"""Significant digits of every number."""
+FILE_NAME = "report.json"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Errors over a run, mm."""
+
+    mean: float
+    p95: float
+    max: float
+
+
+@dataclass(frozen=True)
+class Percentiles:
+    """Costs over the ticks of a run."""
+
+    p50: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class Clearances:
+    """Smallest distances, mm; negative: inside. self: between links of the robot; scene: to fixtures."""
+
+    self: float | None
+    scene: float | None
+
+
+@dataclass(frozen=True)
+class BusReport:
+    """rate_hz: ticks per second of the bus's clock; cycle_ms: wall time of a tick; faults: servos silent or alarmed."""
+
+    rate_hz: float
+    cycle_ms: Percentiles
+    faults: int
+
+
+@dataclass(frozen=True)
+class StopReport:
+    """How the run ended. state: the guard's, null where there is none; reason: why it ended early, else null."""
+
+    state: str | None
+    reason: str | None
+
+
+@dataclass(frozen=True)
+class Soles:
+    """Worst of all soles over the run. height_mm: distance from the ground; tilt_deg: from being flat."""
+
+    height_mm: float
+    tilt_deg: float
+
+
+@dataclass(frozen=True)
+class Report:
+    """One run. Keys up to `stop` are stable; those after it say more and may grow.
+
+    frames: of the source. ticks: of the bus. frames_per_s: source frames per second of wall time in the loop. solve_us,
+    reconstruct_us, retarget_us: thread CPU per tick. tracking_mm: of a robot, landmark sent against landmark asked at
+    the same tick, lag included; of a human, joint against sensor. lag_s: of the same. unsensed_mm: joints without
+    sensor, against the recorded body. priority_violation_max: largest error of a task of the highest level, mm or mrad.
+    limit_violations: values beyond a limit by more than `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
+
+    sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
+    reachable_hands_mm: mean error of hands at the ticks at which the arm can get there from the torso sent.
+    """
+
+    frames: int
+    ticks: int
+    duration_s: float
+    rate_hz: float
+    frames_per_s: float
+    solve_us: Percentiles
+    reconstruct_us: Percentiles
+    retarget_us: Percentiles | None
+    tracking_mm: dict[str, Spread]
+    lag_s: float | None
+    hand_path_ratio: float | None
+    pelvis_excursion_ratio: float | None
+    unsensed_mm: dict[str, float] | None
+    min_clearance_mm: Clearances
+    penetrating_frames: int | None
+    gated_frames: int | None
+    limit_violations: LimitViolations
+    priority_violation_max: float | None
+    com_outside_support_frames: int | None
+    foot_slide_mm: float | None
+    jerk_p95: float | None
+    fallen: bool | None
+    mode_switches_per_s: dict[str, float] | None
+    bus: BusReport | None
+    stop: StopReport
+    sensors_mm: dict[str, Spread]
+    servo_tracking_mm: dict[str, Spread] | None
+    reachable_hands_mm: float | None
+    com_margin_mm: float | None
+    soles: Soles | None
+    closest_links: tuple[str, str] | None
+    robot: str
+    source: str
+    performer: str
+    priorities: tuple[str, ...]
+    speed: float
+    notes: tuple[str, ...]
+
+    def as_json(self) -> str:
+        """The report as JSON text; numbers that are not finite become null."""
+        return json.dumps(_plain(self), indent=2, allow_nan=False) + "\n"
+
+
+def report_path(text: str | Path) -> Path:
+    """Where a report goes: FILE.json, or `report.json` in a folder that exists. Raises UsageError if it cannot."""
+    path = Path(text)
+    if path.is_dir():
+        path = path / FILE_NAME
+    elif path.suffix.lower() != ".json":
+        raise UsageError(
+            "a report is a JSON file",
+            where="--report",
+            found=str(path),
+            allowed="FILE.json, or a folder that exists",
+            next_step=f"Give {path.with_suffix('.json').name}",
+        )
+    check_place(path, option="--report")
+    return path
+
+
+def write_report(report: Report, path: Path) -> None:
+    """Write a report, whole or not at all. Raises UsageError if the file cannot be written."""
+    write_atomic(path, report.as_json().encode(), option="--report")
+
+
+def _plain(value: Any) -> Any:
+    """Data for JSON: dataclasses as objects, numbers rounded, null for what is not finite."""
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+    return value

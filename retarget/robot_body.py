@@ -1,0 +1,73 @@
+"""A robot as a run needs it: its profile, its kinematic tree and its servos, and where its frames are in a posture."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardware.joint_map import JointMap
+from retarget.body import BodyModel, Frame, load_body
+from retarget.hierarchy import JointLimits
+from retarget.profile import RobotProfile, load_profile
+from retarget.rotations import FloatArray, multiply
+
+__all__ = ["RobotBody", "load_robot"]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotBody:
+    """A robot. `servo_columns` (n,): where each servo's joint stands in q, in servo order."""
+
+    profile: RobotProfile
+    body: BodyModel
+    joint_map: JointMap
+    servo_columns: NDArray[np.int64]
+
+    @property
+    def limits(self) -> JointLimits:
+        """Limits of the servos (n,), in servo order."""
+        servos = self.joint_map
+        return JointLimits(servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration)
+
+    @property
+    def stands(self) -> bool:
+        """Whether it stands on its own feet."""
+        return self.profile.root == "free" and bool(self.profile.feet)
+
+    def posture(self, angles: dict[str, float]) -> FloatArray:
+        """Posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
+        q = self.body.qpos0.copy()
+        for joint, angle in angles.items():
+            q[self.body.joint_qpos[self.body.joint_index(joint)]] = angle
+        return q
+
+    def frame(self, name: str) -> Frame:
+        """A frame of the profile, on the body."""
+        entry = self.profile.frames[name]
+        return Frame(name, self.body.body_index(entry.link), np.array(entry.pos), np.array(entry.quat))
+
+    def points(self, q: FloatArray, frames: tuple[str, ...]) -> FloatArray:
+        """World positions (T, k, 3) m of frames of the profile, for postures (T, nq)."""
+        places = [self.frame(name) for name in frames]
+        local = np.array([place.position for place in places]).reshape(-1, 3)
+        return self.body.solver_body().points(np.ascontiguousarray(q), [place.body for place in places], local)
+
+    def orientations(self, q: FloatArray, frames: tuple[str, ...]) -> FloatArray:
+        """World orientations (T, k, 4) wxyz of frames of the profile, for postures (T, nq)."""
+        places = [self.frame(name) for name in frames]
+        links = self.body.solver_body().orientations(np.ascontiguousarray(q), [place.body for place in places])
+        return multiply(links, np.array([place.quat for place in places]).reshape(-1, 4))
+
+    def landmark_frames(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The frames that follow these landmarks."""
+        return tuple(self.profile.landmarks[name].frame for name in names)
+
+
+def load_robot(name_or_path: str | Path) -> RobotBody:
+    """A robot by name or by path. Raises UsageError, ConfigError, InputError, HardwareError."""
+    profile = load_profile(name_or_path)
+    body = load_body(profile.body_path, root=profile.root)
+    joint_map = JointMap(profile.servo_specs())
+    columns = body.joint_qpos[[body.joint_index(joint) for joint in joint_map.joints]]
+    return RobotBody(profile, body, joint_map, columns)

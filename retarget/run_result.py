@@ -1,0 +1,77 @@
+"""A finished run: what was asked, what happened, and to which bodies. Metrics, pictures and files read it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from retarget.clip import Clip
+from retarget.hierarchy import JointLimits
+from retarget.human import Human
+from retarget.performer import Performer
+from retarget.record import Record
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+
+__all__ = ["RunResult"]
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """A run. Everything per tick has the rows of `record`.
+
+    human_limits (nv,). robot: None where only the human was reconstructed. priorities: names of the files of the
+    stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
+    """
+
+    record: Record
+    clip: Clip
+    human: Human
+    human_limits: JointLimits
+    performer: Performer
+    robot: RobotBody | None
+    priorities: tuple[str, ...]
+    state: str | None
+    reason: str | None
+    wall_s: float
+    has_bus: bool
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors that the performer wears."""
+        return self.clip.frames.names
+
+    @property
+    def sensors_asked(self) -> FloatArray:
+        """Sensor positions (T, k, 3) m, world; NaN where invalid."""
+        return np.asarray(self.clip.frames.position[self.clip.rows(len(self.record))])
+
+    @property
+    def sensors_reached(self) -> FloatArray:
+        """Positions (T, k, 3) m of the human's joints that wear the sensors."""
+        names = self.record.human.joint_names
+        columns = [names.index(self.performer.sensors[sensor].joint) for sensor in self.sensors]
+        return np.asarray(self.record.human.joints[:, columns])
+
+    @property
+    def human_truth(self) -> FloatArray | None:
+        """Recorded joint centres (T, m, 3) m, in the order of the record's; NaN or None where not known."""
+        return self.clip.truth(self.record.human.joint_names, len(self.record))
+
+    @property
+    def landmarks_reached(self) -> FloatArray | None:
+        """Where the posture that was sent puts each landmark (T, k, 3) m; None without a robot."""
+        sent = self.record.robot
+        if self.robot is None or sent is None:
+            return None
+        return self.robot.points(sent.q, self.robot.landmark_frames(sent.landmark_names))
+
+    @property
+    def present_q(self) -> FloatArray | None:
+        """Postures (T, nq) in which the servos stood, under the root that was sent; None without servos that answer."""
+        sent = self.record.robot
+        if self.robot is None or sent is None or not self.has_bus:
+            return None
+        q = sent.q.copy()
+        q[:, self.robot.servo_columns] = sent.present
+        return q

@@ -1,0 +1,50 @@
+"""The two stages of a tick as the pipeline sees them: sensors to human, human to robot."""
+
+from typing import TYPE_CHECKING, Protocol
+
+from retarget.frames import SensorSample
+from retarget.rotations import FloatArray
+
+if TYPE_CHECKING:
+    from retarget.follow import RobotPosture
+    from retarget.human_posture import HumanPosture
+
+__all__ = ["FollowingStage", "ReconstructingStage"]
+
+
+class ReconstructingStage(Protocol):
+    """From what the sensors say to the posture of the human. `dt` is s of the performer's time."""
+
+    @property
+    def top_error(self) -> float:
+        """Largest error of a task of the highest level at the last posture, m or rad; NaN where it asks nothing."""
+        ...
+
+    def start(self, sample: SensorSample) -> "HumanPosture":
+        """The posture that the sensors show first."""
+        ...
+
+    def step(self, sample: SensorSample, dt: float) -> "HumanPosture":
+        """The next posture."""
+        ...
+
+
+class FollowingStage(Protocol):
+    """From the posture of the human to a posture of the robot. `dt` is s of the robot's time."""
+
+    @property
+    def top_error(self) -> float:
+        """As of the other stage."""
+        ...
+
+    def start(self, human: "HumanPosture") -> "RobotPosture":
+        """The posture from which to follow."""
+        ...
+
+    def step(self, human: "HumanPosture", dt: float) -> "RobotPosture":
+        """The next posture."""
+        ...
+
+    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
+        """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
+        ...
