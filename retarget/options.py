@@ -27,7 +27,7 @@ class RunOptions:
     performer: str = "five"
     priorities: str | None = None
     iterations: int | None = None
-    parts: str = "whole"
+    parts: Parts = "whole"
     gate: bool = True
     playback: Playback = field(default_factory=Playback)
 

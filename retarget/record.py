@@ -18,13 +18,13 @@ IntArray = NDArray[np.int64]
 class HumanRecord:
     """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
 
-    top_error (T,): largest error of a task of the highest level, m or rad.
+    balance_error (T,) m: of the centre of mass from its goal.
     """
 
     joint_names: tuple[str, ...]
     q: FloatArray
     joints: FloatArray
-    top_error: FloatArray
+    balance_error: FloatArray
 
     @classmethod
     def empty(cls, ticks: int, *, nq: int, joint_names: tuple[str, ...]) -> "HumanRecord":
@@ -39,8 +39,8 @@ class RobotRecord:
 
     landmarks_asked (T, k, 3) m, world. q (T, nq): posture sent, before rounding to ticks, with the root that the
     robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is read at the start of the
-    tick. gated (T,): the gate sent something else than was asked. faults (T,): servos that were silent or alarmed.
-    top_error (T,): as of the human. start (n,) rad: where the robot stood before the first tick.
+    tick. gated (T,): the gate sent something else than was asked. faults (T,): servos that were silent or
+    alarmed. start (n,) rad: where the robot stood before the first tick.
     """
 
     landmark_names: tuple[str, ...]
@@ -50,7 +50,6 @@ class RobotRecord:
     present: FloatArray
     gated: BoolArray
     faults: IntArray
-    top_error: FloatArray
     start: FloatArray
 
     @classmethod
@@ -65,7 +64,6 @@ class RobotRecord:
             present=np.full((ticks, servos), np.nan),
             gated=np.zeros(ticks, dtype=np.bool_),
             faults=np.zeros(ticks, dtype=np.int64),
-            top_error=np.full(ticks, np.nan),
             start=np.array(start, dtype=np.float64),
         )
 

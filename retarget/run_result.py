@@ -8,6 +8,7 @@ from retarget.clip import Clip
 from retarget.hierarchy import JointLimits
 from retarget.human import Human
 from retarget.performer import Performer
+from retarget.priorities import Priorities
 from retarget.record import Record
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
@@ -19,7 +20,7 @@ __all__ = ["RunResult"]
 class RunResult:
     """A run. Everything per tick has the rows of `record`.
 
-    human_limits (nv,). robot: None where only the human was reconstructed. priorities: names of the files of the
+    human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the
     stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
     """
 
@@ -29,7 +30,7 @@ class RunResult:
     human_limits: JointLimits
     performer: Performer
     robot: RobotBody | None
-    priorities: tuple[str, ...]
+    priorities: tuple[Priorities, ...]
     state: str | None
     reason: str | None
     wall_s: float
@@ -65,6 +66,14 @@ class RunResult:
         if self.robot is None or sent is None:
             return None
         return self.robot.points(sent.q, self.robot.landmark_frames(sent.landmark_names))
+
+    @property
+    def followed(self) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """What was followed: names, tracks asked and reached (T, k, 3) m. Landmarks of a robot, sensors of a human."""
+        reached, sent = self.landmarks_reached, self.record.robot
+        if reached is None or sent is None:
+            return self.sensors, self.sensors_asked, self.sensors_reached
+        return sent.landmark_names, sent.landmarks_asked, reached
 
     @property
     def present_q(self) -> FloatArray | None:

@@ -15,11 +15,6 @@ __all__ = ["FollowingStage", "ReconstructingStage"]
 class ReconstructingStage(Protocol):
     """From what the sensors say to the posture of the human. `dt` is s of the performer's time."""
 
-    @property
-    def top_error(self) -> float:
-        """Largest error of a task of the highest level at the last posture, m or rad; NaN where it asks nothing."""
-        ...
-
     def start(self, sample: SensorSample) -> "HumanPosture":
         """The posture that the sensors show first."""
         ...
@@ -31,11 +26,6 @@ class ReconstructingStage(Protocol):
 
 class FollowingStage(Protocol):
     """From the posture of the human to a posture of the robot. `dt` is s of the robot's time."""
-
-    @property
-    def top_error(self) -> float:
-        """As of the other stage."""
-        ...
 
     def start(self, human: "HumanPosture") -> "RobotPosture":
         """The posture from which to follow."""

@@ -8,14 +8,13 @@ from retarget.hierarchy import JointLimits
 from retarget.metrics import standing, tracking
 from retarget.metrics.clearance import Clearance, self_clearance
 from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
+from retarget.metrics.priority import top_level_error
 from retarget.metrics.reach import reachable_error
-from retarget.record import RobotRecord
 from retarget.report import BusReport, Clearances, Percentiles, Report, Soles, Spread, StopReport
-from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
-__all__ = ["UNSENSED", "measure", "soles_of"]
+__all__ = ["UNSENSED", "measure"]
 
 UNSENSED = ("pelvis", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder", "neck")
 """Joints by which a reconstruction is judged, where no sensor sits on them."""
@@ -26,7 +25,7 @@ MM = 1e3
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     record, clip, robot = run.record, run.clip, run.record.robot
-    asked, reached, names = _followed(run)
+    names, asked, reached = run.followed
     heights = _pelvis_heights(run)
     reconstruct, retarget = record.timing.reconstruct, record.timing.retarget
     clearance, stand = _clearance(run), _standing(run)
@@ -48,7 +47,7 @@ def measure(run: RunResult) -> Report:
         penetrating_frames=None if clearance is None else clearance.penetrating,
         gated_frames=None if robot is None else int(np.count_nonzero(robot.gated)),
         limit_violations=_limit_violations(run),
-        priority_violation_max=_priority_violation(run),
+        priority_violation_max=_mm(top_level_error(run)),
         com_outside_support_frames=stand.outside,
         foot_slide_mm=_mm(stand.slide),
         jerk_p95=jerk_p95(_joint_positions(run), clip.dt),
@@ -65,18 +64,10 @@ def measure(run: RunResult) -> Report:
         robot="human" if run.robot is None else run.robot.profile.name,
         source=clip.frames.source,
         performer=run.performer.name,
-        priorities=run.priorities,
+        priorities=tuple(priorities.name for priorities in run.priorities),
         speed=clip.speed,
         notes=run.notes,
     )
-
-
-def _followed(run: RunResult) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-    """Tracks asked and reached (T, k, 3) m and their names: landmarks of a robot, sensors of a human."""
-    reached, sent = run.landmarks_reached, run.record.robot
-    if reached is None or sent is None:
-        return run.sensors_asked, run.sensors_reached, run.sensors
-    return sent.landmarks_asked, reached, sent.landmark_names
 
 
 def _pelvis_heights(run: RunResult) -> tuple[FloatArray, FloatArray] | None:
@@ -137,13 +128,6 @@ def _limit_violations(run: RunResult) -> LimitViolations:
     return limit_violations(positions, limits, run.clip.motion_dt, from_rest=False)
 
 
-def _priority_violation(run: RunResult) -> float | None:
-    """Largest error of a task of the highest level of the last stage, mm or mrad."""
-    side = run.record.human if run.record.robot is None else run.record.robot
-    errors = side.top_error[np.isfinite(side.top_error)]
-    return MM * float(errors.max()) if errors.size else None
-
-
 def _clearance(run: RunResult) -> Clearance | None:
     """Self clearance of the postures that were sent."""
     robot, sent = run.robot, run.record.robot
@@ -171,7 +155,7 @@ def _standing(run: RunResult) -> _Standing:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.stands or not len(sent.q):
         return _Standing()
-    soles = soles_of(robot, sent)
+    soles = standing.soles_of(robot, sent.q)
     corners = np.concatenate([standing.sole_corners(sole) for sole in soles], axis=1)
     com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
     margin = standing.support_margin(com, corners)
@@ -184,17 +168,6 @@ def _standing(run: RunResult) -> _Standing:
         slide=max(standing.foot_slide(sole) for sole in soles),
         soles=Soles(MM * height, float(np.rad2deg(tilt))),
     )
-
-
-def soles_of(robot: RobotBody, sent: RobotRecord) -> list[standing.Sole]:
-    """The soles of a robot in the postures that were sent."""
-    feet = list(robot.profile.feet.values())
-    frames = tuple(foot.frame for foot in feet)
-    position, orientation = robot.points(sent.q, frames), robot.orientations(sent.q, frames)
-    return [
-        standing.Sole(position[:, column], orientation[:, column], np.array(foot.polygon))
-        for column, foot in enumerate(feet)
-    ]
 
 
 def _servo_tracking(run: RunResult) -> dict[str, Spread] | None:

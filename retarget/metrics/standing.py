@@ -9,9 +9,10 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import BoolArray
+from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 
-__all__ = ["OUTSIDE_M", "Sole", "foot_slide", "sole_corners", "sole_tilt", "support_margin"]
+__all__ = ["OUTSIDE_M", "Sole", "foot_slide", "sole_corners", "sole_tilt", "soles_of", "support_margin"]
 
 CONTACT_M = 0.005
 """Higher than this, m, a corner of a sole carries nothing."""
@@ -27,6 +28,16 @@ class Sole:
     position: FloatArray
     orientation: FloatArray
     polygon: FloatArray
+
+
+def soles_of(robot: RobotBody, q: FloatArray) -> list[Sole]:
+    """The soles of a robot in postures (T, nq)."""
+    feet = list(robot.profile.feet.values())
+    frames = tuple(foot.frame for foot in feet)
+    position, orientation = robot.points(q, frames), robot.orientations(q, frames)
+    return [
+        Sole(position[:, column], orientation[:, column], np.array(foot.polygon)) for column, foot in enumerate(feet)
+    ]
 
 
 def sole_corners(sole: Sole) -> FloatArray:

@@ -1,0 +1,34 @@
+"""`retarget demo`: a synthetic performer drives a robot on servos in this process. No data, no hardware."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from retarget.cli.follow_clip import follow_clip
+from retarget.cli.outputs import Outputs
+from retarget.frames import SensorFrames
+from retarget.options import RunOptions
+from retarget.outputs import check_folder
+
+DEFAULT_FOLDER = Path("out/demo")
+
+
+def demo(
+    folder: Annotated[Path, typer.Argument(help="Where report, recording and pictures go.")] = DEFAULT_FOLDER,
+    robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")] = "op3",
+) -> None:
+    """See it work: a synthetic performer reaches and crouches six times, and a robot follows on emulated servos.
+
+    Writes a report, every tick and pictures into a folder; needs no data and no hardware.
+    """
+    options = RunOptions(robot=robot)
+    check_folder(folder, option="folder")
+
+    def read() -> SensorFrames:
+        from sim.performer import synthetic_performer
+
+        return synthetic_performer()
+
+    outputs = Outputs(report=folder / "report.json", save=folder / "run.npz", plots=folder)
+    raise typer.Exit(follow_clip(read, options, outputs))

@@ -1,0 +1,75 @@
+"""`retarget run`: let a robot, or the virtual human alone, follow a recorded performer."""
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from retarget.cli.follow_clip import follow_clip
+from retarget.cli.outputs import Outputs
+from retarget.clip import Parts, Playback
+from retarget.frames import SensorFrames
+from retarget.options import RunOptions
+
+
+def run(
+    robot: Annotated[
+        str, typer.Option(help="Robot by name or path; 'human' only reconstructs the performer.", metavar="NAME|PATH")
+    ],
+    source: Annotated[Path, typer.Option(help="Motion file of the performer: AMC, BVH or C3D.", metavar="FILE")],
+    bus: Annotated[
+        str, typer.Option(help="Where goals go: servos in this process, or nowhere.", metavar="mock|none")
+    ] = "mock",
+    performer: Annotated[
+        str, typer.Option(help="Which sensors are worn: five, three, six, ten, all, or a file.", metavar="NAME|FILE")
+    ] = "five",
+    priorities: Annotated[
+        str | None, typer.Option(help="Priority file of the robot (of 'human': its own).", metavar="NAME|FILE")
+    ] = None,
+    n_ik: Annotated[
+        int | None, typer.Option("--n-ik", help="Iterations per frame at most, both stages.", metavar="N")
+    ] = None,
+    parts: Annotated[
+        str, typer.Option(help="What follows; 'upper' keeps the legs still.", metavar="whole|upper")
+    ] = "whole",
+    mirror: Annotated[bool, typer.Option("--mirror", help="Exchange left and right.")] = False,
+    speed: Annotated[float, typer.Option(help="1 is the performer's speed.", metavar="X")] = 1.0,
+    start: Annotated[float | None, typer.Option(help="Begin at this time of the recording.", metavar="S")] = None,
+    end: Annotated[float | None, typer.Option(help="End at this time of the recording.", metavar="S")] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="Again and again until Ctrl-C, 10 minutes at most.")] = False,
+    no_gate: Annotated[
+        bool, typer.Option("--no-gate", help="Send goals unchecked; on servos that do not exist.")
+    ] = False,
+    skeleton: Annotated[
+        Path | None, typer.Option(help="The ASF of an AMC, where it does not lie beside it.", metavar="FILE.asf")
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Length unit of the file, where it states none.", metavar="m|cm|mm|inch|cmu")
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Frames per second instead of the file's.", metavar="HZ")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write the numbers of the run.", metavar="FILE.json|DIR")] = None,
+    save: Annotated[Path | None, typer.Option(help="Write every tick, for other tools.", metavar="FILE.npz")] = None,
+    plots: Annotated[Path | None, typer.Option(help="Write pictures.", metavar="DIR")] = None,
+) -> None:
+    """Let a robot follow a recorded performer, and say how well it did.
+
+    Exit code 0: done; 1: stopped by the guard or by Ctrl-C; 2: refused before anything moved.
+    """
+    options = RunOptions(
+        robot=robot,
+        bus=bus,
+        performer=performer,
+        priorities=priorities,
+        iterations=n_ik,
+        parts=cast(Parts, parts),  # RunOptions refuses any other
+        gate=not no_gate,
+        playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
+    )
+    outputs = Outputs.checked(report=report, save=save, plots=plots)
+
+    def read() -> SensorFrames:
+        from retarget.sources.open import open_source
+
+        return open_source(source, skeleton=skeleton, unit=unit, rate=rate)
+
+    raise typer.Exit(follow_clip(read, options, outputs))

@@ -1,0 +1,120 @@
+"""The report of a run for a person: the numbers that say whether it went well."""
+
+from collections.abc import Iterable, Mapping
+
+from rich.console import Console
+from rich.table import Table
+
+from retarget.report import Percentiles, Report, Spread
+
+__all__ = ["show_summary"]
+
+
+def show_summary(report: Report, console: Console) -> None:
+    """Print the report of a run as two tables: who followed how well, and what was kept."""
+    what = "human" if report.robot == "human" else report.robot
+    console.print(
+        f"{report.source} on {what}: {report.frames} frames, {report.duration_s:.1f} s at {report.rate_hz:g} Hz"
+        + (f", speed {report.speed:g}" if report.speed != 1.0 else ""),
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
+    console.print()
+    console.print(_tracking_table(report))
+    console.print()
+    console.print(_facts_table(report))
+    for note in report.notes:
+        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _tracking_table(report: Report) -> Table:
+    """Errors of everything that was followed, mm."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("tracking, mm")
+    for heading in ("mean", "p95", "max"):
+        table.add_column(heading, justify="right", min_width=7)
+    groups: tuple[tuple[str, Mapping[str, Spread] | None], ...] = (
+        ("", report.tracking_mm),
+        ("human ", report.sensors_mm if report.robot != "human" else None),
+    )
+    for prefix, spreads in groups:
+        for name, spread in (spreads or {}).items():
+            table.add_row(prefix + name, *(f"{value:.1f}" for value in (spread.mean, spread.p95, spread.max)))
+    return table
+
+
+def _facts_table(report: Report) -> Table:
+    """One row for each question that was asked of the run; questions without an answer are left out."""
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column()
+    table.add_column()
+    for question, answer in _facts(report):
+        if answer:
+            table.add_row(question, answer)
+    return table
+
+
+def _facts(report: Report) -> Iterable[tuple[str, str]]:
+    limits = report.limit_violations
+    clear = report.min_clearance_mm.self
+    yield "hands within reach", _number(report.reachable_hands_mm, "mm off on average")
+    yield "lag", _number(report.lag_s and 1e3 * report.lag_s, "ms")
+    yield "hand path", _number(report.hand_path_ratio and 100.0 * report.hand_path_ratio, "% of what was asked")
+    yield (
+        "pelvis travel",
+        _number(report.pelvis_excursion_ratio and 100.0 * report.pelvis_excursion_ratio, "% of what was asked"),
+    )
+    yield "joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average")
+    yield "limits broken", f"position {limits.position}, velocity {limits.velocity}, acceleration {limits.acceleration}"
+    yield "highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3)
+    yield "centre of mass", _standing(report)
+    yield "soles", _soles(report)
+    yield "self clearance", _clearance(report, clear)
+    yield "gate", "" if report.gated_frames is None else f"changed {report.gated_frames} of {report.ticks} goals"
+    yield "cost per tick", _cost(report)
+    yield (
+        "end",
+        report.stop.state + (f": {report.stop.reason}" if report.stop.reason else "")
+        if report.stop.state
+        else (report.stop.reason or ""),
+    )
+
+
+def _number(value: float | None, unit: str, *, digits: int = 1) -> str:
+    return "" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def _standing(report: Report) -> str:
+    if report.com_outside_support_frames is None:
+        return ""
+    return f"outside the support in {report.com_outside_support_frames} ticks" + (
+        ""
+        if report.com_margin_mm is None
+        else f", never nearer to its edge than {report.com_margin_mm:.1f} mm"
+        if report.com_margin_mm >= 0.0
+        else f", by up to {-report.com_margin_mm:.1f} mm"
+    )
+
+
+def _soles(report: Report) -> str:
+    if report.soles is None or report.foot_slide_mm is None:
+        return ""
+    slide, soles = report.foot_slide_mm, report.soles
+    return f"at most {soles.height_mm:.2f} mm off the ground, {soles.tilt_deg:.2f} degrees tilted, {slide:.2f} mm slid"
+
+
+def _clearance(report: Report, clear: float | None) -> str:
+    if clear is None:
+        return ""
+    between = f" ({' and '.join(report.closest_links)})" if report.closest_links else ""
+    through = f", inside itself in {report.penetrating_frames} ticks" if report.penetrating_frames else ""
+    return f"{clear:.1f} mm{between}{through}"
+
+
+def _cost(report: Report) -> str:
+    def both(cost: Percentiles) -> str:
+        return f"{cost.p50:.0f} us (p99 {cost.p99:.0f})"
+
+    robot = "" if report.retarget_us is None else f", robot {both(report.retarget_us)}"
+    return f"human {both(report.reconstruct_us)}{robot}; {report.frames_per_s:.0f} frames/s"

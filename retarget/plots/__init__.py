@@ -1,0 +1,35 @@
+"""`--plots DIR`: pictures of a run, for a person who wants to see what happened. Matplotlib is imported only here."""
+
+from pathlib import Path
+
+from retarget.errors import UsageError
+from retarget.plots.angles import plot_angles
+from retarget.plots.balance import plot_balance
+from retarget.plots.poses import plot_poses
+from retarget.plots.style import save_figure
+from retarget.plots.tracking import plot_tracking
+from retarget.run_result import RunResult
+
+__all__ = ["PICTURES", "write_plots"]
+
+PICTURES = {"tracking": plot_tracking, "angles": plot_angles, "balance": plot_balance, "poses": plot_poses}
+"""File name without suffix -> what draws it; None instead of a figure: there is nothing to show."""
+
+
+def write_plots(run: RunResult, folder: Path) -> list[Path]:
+    """Draw every picture that has something to show, as PNG files in `folder`, made if need be.
+
+    Raises UsageError if they cannot be written.
+    """
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, draw in PICTURES.items():
+            figure = draw(run)
+            if figure is not None:
+                path = folder / f"{name}.png"
+                save_figure(figure, path)
+                written.append(path)
+    except OSError as error:
+        raise UsageError("cannot write pictures", where="--plots", found=f"{folder}: {error.strerror}") from error
+    return written

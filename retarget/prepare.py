@@ -1,0 +1,120 @@
+"""Everything a run needs, loaded and checked: what cannot run is refused here, before anything moves or is written."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from hardware.bus import ServoBus
+from hardware.clock import Clock
+from hardware.goal_filter import GoalFilter
+from hardware.guard import Guard
+from retarget.calibration import calibrate
+from retarget.clip import Clip, lay_on_ticks
+from retarget.follow import Follower
+from retarget.frames import SensorFrames
+from retarget.gate import Gate
+from retarget.human import Human, build_human
+from retarget.human_speeds import human_limits
+from retarget.open_gate import OpenGate
+from retarget.options import RunOptions
+from retarget.performer import Performer, load_performer
+from retarget.pipeline import Pipeline, Watch
+from retarget.priorities import Priorities, load_priorities
+from retarget.reconstruct import Reconstructor
+from retarget.robot_body import RobotBody, load_robot
+from retarget.robot_side import RobotSide
+from retarget.run_result import RunResult
+
+__all__ = ["MakeBus", "Prepared", "prepare"]
+
+MakeBus = Callable[[str, RobotBody, Clock], ServoBus]
+"""From the name of a bus to the bus of a robot."""
+
+HUMAN_PRIORITIES = "human"
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A run that can start."""
+
+    clip: Clip
+    human: Human
+    performer: Performer
+    reconstructor: Reconstructor
+    side: RobotSide | None
+    priorities: tuple[Priorities, ...]
+    has_bus: bool
+    notes: tuple[str, ...]
+
+    def run(self, watch: Watch | None = None) -> RunResult:
+        """Play it. Raises GuardError or BusError when the robot cannot be armed."""
+        ending = Pipeline(clip=self.clip, reconstructor=self.reconstructor, robot=self.side).run(watch)
+        return RunResult(
+            record=ending.record,
+            clip=self.clip,
+            human=self.human,
+            human_limits=human_limits(self.human.body),
+            performer=self.performer,
+            robot=None if self.side is None else self.side.robot,
+            priorities=self.priorities,
+            state=ending.state,
+            reason=ending.reason,
+            wall_s=ending.wall_s,
+            has_bus=self.has_bus,
+            notes=self.notes,
+        )
+
+
+@contextmanager
+def prepare(
+    read: Callable[[], SensorFrames], options: RunOptions, *, clock: Clock, make_bus: MakeBus
+) -> Iterator[Prepared]:
+    """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
+
+    Raises RetargetError for whatever cannot be used.
+    """
+    performer = load_performer(options.performer)
+    robot = None if options.is_human else load_robot(options.robot)
+    for_human, for_robot = _priorities(robot, options)
+    frames = read()
+    rate = None if robot is None else robot.profile.safety.rate_hz
+    clip = lay_on_ticks(frames, performer=performer, playback=options.playback, rate_hz=rate)
+    human = build_human(calibrate(frames.mirror() if options.playback.mirror else frames))
+    reconstructor = Reconstructor(human, for_human, performer, iterations=options.iterations)
+    notes = (*frames.notes, *(() if robot is None else robot.body.notes))
+    stages = tuple(file for file in (for_human, for_robot) if file is not None)
+    if robot is None or for_robot is None:
+        yield Prepared(clip, human, performer, reconstructor, None, stages, False, notes)
+        return
+    bus = make_bus(options.bus, robot, clock)
+    side = _robot_side(robot, for_robot, human, options, bus=bus, clock=clock, dt=clip.dt)
+    bus.open()
+    try:
+        yield Prepared(clip, human, performer, reconstructor, side, stages, options.bus != "none", notes)
+    finally:
+        bus.close()
+
+
+def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:
+    """The priority files of both stages; `--priorities` is the last one's."""
+    if robot is None:
+        return load_priorities(options.priorities or HUMAN_PRIORITIES), None
+    return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
+
+
+def _robot_side(
+    robot: RobotBody,
+    priorities: Priorities,
+    human: Human,
+    options: RunOptions,
+    *,
+    bus: ServoBus,
+    clock: Clock,
+    dt: float,
+) -> RobotSide:
+    follower = Follower(robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations)
+    goals: GoalFilter = (
+        Gate.for_servos(robot.joint_map, dt=dt) if options.gate else OpenGate(robot.joint_map.max_acceleration, dt=dt)
+    )
+    guard = Guard(bus=bus, joint_map=robot.joint_map, goal_filter=goals, clock=clock)
+    return RobotSide(robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt)

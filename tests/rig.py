@@ -1,0 +1,146 @@
+"""Stand-ins for both stages, so that the loop, the metrics and the files are tested without a solver."""
+
+import numpy as np
+
+from hardware.clock import VirtualClock
+from hardware.guard import Guard
+from retarget.clip import Clip, Playback, lay_on_ticks
+from retarget.follow import RobotPosture
+from retarget.frames import SensorSample
+from retarget.gate import Gate
+from retarget.human import Human, build_human
+from retarget.human_dimensions import POINTS, proportional_dimensions
+from retarget.human_posture import HumanPosture, PostureReader
+from retarget.human_speeds import human_limits
+from retarget.performer import Performer, load_performer
+from retarget.pipeline import Ending
+from retarget.robot_body import RobotBody, load_robot
+from retarget.robot_side import RobotSide
+from retarget.rotations import FloatArray
+from retarget.run_result import RunResult
+from retarget.stance import plant
+from sim.mock_bus import MockBus
+from sim.performer import synthetic_performer
+
+
+def five() -> Performer:
+    return load_performer("five")
+
+
+def short_clip(*, seconds: float = 0.4, rate_hz: float | None = 125.0, speed: float = 1.0, loop: bool = False) -> Clip:
+    playback = Playback(speed=speed, end=seconds, loop=loop)
+    return lay_on_ticks(synthetic_performer(), performer=five(), playback=playback, rate_hz=rate_hz)
+
+
+class StubReconstructor:
+    """Every sample is the same standing human, whose pelvis is where the head's sensor is."""
+
+    def __init__(self, human: Human) -> None:
+        self.human = human
+        self.calls: list[float] = []
+        self._reader = PostureReader(human)
+
+    def start(self, sample: SensorSample) -> HumanPosture:
+        return self._posture(sample)
+
+    def step(self, sample: SensorSample, dt: float) -> HumanPosture:
+        self.calls.append(dt)
+        return self._posture(sample)
+
+    def _posture(self, sample: SensorSample) -> HumanPosture:
+        q = self.human.body.qpos0.copy()
+        q[:3] = sample.position[sample.names.index("head")]
+        row = q[None]
+        return HumanPosture(
+            q,
+            POINTS,
+            self._reader.joints(row)[0],
+            self._reader.orientations(row)[0],
+            self._reader.centre_of_mass(row)[0],
+            np.zeros(len(sample.names)),
+            0.0,
+            (1.0, 0.0),
+        )
+
+
+class StubFollower:
+    """Joint angles by a script: tick -> rad (n,) from the standing posture. Landmarks are asked where they are."""
+
+    def __init__(self, robot: RobotBody, script: FloatArray) -> None:
+        self.robot = robot
+        self.script = script
+        self.tick = 0
+        self.reseeded: list[FloatArray] = []
+        self.stance = plant(robot, robot.profile.postures.stand)
+
+    def start(self, human: HumanPosture) -> RobotPosture:
+        self.tick = 0
+        return self._posture(0)
+
+    def step(self, human: HumanPosture, dt: float) -> RobotPosture:
+        self.tick += 1
+        return self._posture(self.tick)
+
+    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
+        self.reseeded.append(q[self.robot.servo_columns].copy())
+
+    def _posture(self, tick: int) -> RobotPosture:
+        q = self.stance.q.copy()
+        q[self.robot.servo_columns] += self.script[min(tick, len(self.script) - 1)]
+        names = tuple(self.robot.profile.landmarks)
+        points = self.robot.points(q[None], self.robot.landmark_frames(names))[0]
+        return RobotPosture(
+            q=q,
+            joint_positions=q[self.robot.servo_columns].copy(),
+            root_position=q[:3],
+            root_quaternion=q[3:7],
+            landmark_names=names,
+            landmarks_asked=points,
+            landmarks_reached=points,
+            centre_of_mass=np.zeros(3),
+            support_distance=0.0,
+        )
+
+
+class Rig:
+    """OP3 on a mock bus with a scripted follower."""
+
+    def __init__(self, script: FloatArray, **bus_options: object) -> None:
+        self.robot = load_robot("op3")
+        self.clock = VirtualClock()
+        self.dt = 1.0 / self.robot.profile.safety.rate_hz
+        stand = self.robot.posture(self.robot.profile.postures.stand)[self.robot.servo_columns]
+        start = self.robot.joint_map.to_ticks(stand)
+        self.bus = MockBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
+        self.bus.open()
+        self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
+        self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, goal_filter=self.gate, clock=self.clock)
+        self.follower = StubFollower(self.robot, script)
+        self.side = RobotSide(
+            robot=self.robot,
+            follower=self.follower,
+            goals=self.gate,
+            guard=self.guard,
+            clock=self.clock,
+            dt=self.dt,
+        )
+
+
+def person() -> Human:
+    return build_human(proportional_dimensions(1.7))
+
+
+def result(ending: Ending, clip: Clip, human: Human, robot: RobotBody | None) -> RunResult:
+    return RunResult(
+        record=ending.record,
+        clip=clip,
+        human=human,
+        human_limits=human_limits(human.body),
+        performer=five(),
+        robot=robot,
+        priorities=(),
+        state=ending.state,
+        reason=ending.reason,
+        wall_s=ending.wall_s,
+        has_bus=robot is not None,
+    )
