@@ -1,8 +1,9 @@
 """The compiled core: kinematics, strict hierarchies, whole frames.
 
-Conventions are MuJoCo's. `q (nq,)` holds a free joint as world xyz and quaternion wxyz, a ball joint as wxyz, a hinge in rad, a
-slide in m. `dq (nv,)` holds a free joint as world linear, then link-local angular motion. Links are numbered from 0, the world. Arrays
-are float64 and C-contiguous; bad shapes, NaN and inverted limits raise ValueError. The GIL is released while solving.
+Conventions are MuJoCo's. `q (nq,)` holds a free joint as world xyz and quaternion wxyz, a ball joint as wxyz, a
+hinge in rad, a slide in m. `dq (nv,)` holds a free joint as world linear, then link-local angular motion. Links are
+numbered from 0, the world. Arrays are float64 and C-contiguous; bad shapes, NaN and inverted limits raise
+ValueError. The GIL is released while solving.
 """
 
 from typing import TypeAlias, final
@@ -17,7 +18,8 @@ Level: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats]
 class Body:
     """A tree of links joined by free (0), ball (1), slide (2) and hinge (3) joints.
 
-    Links are sorted (a parent before its children); joints are sorted by link. `qpos0` holds the values of q at the rest geometry.
+    Links are sorted (a parent before its children); joints are sorted by link. `qpos0` holds the values of q at the
+    rest geometry.
     """
 
     def __init__(
@@ -62,11 +64,12 @@ class Body:
 
 @final
 class Task:
-    """One thing asked of a body. It owns a slice of the target vector: a leading weight (0 or NaN: absent this frame), then its target.
+    """One thing asked of a body. It owns a slice of the target vector: a leading weight (0 or NaN: absent this
+    frame), then its target.
 
-    `gain` is the share of the error corrected per iteration; `max_error` caps the error asked per iteration (m or rad). Row weights
-    multiply rows (so the objective holds their squares), and the leading weight too, except in a last level with a posture, where
-    the leading weight and the weights of a posture multiply squares directly.
+    `gain` is the share of the error corrected per iteration; `max_error` caps the error asked per iteration (m or
+    rad). Row weights multiply rows (so the objective holds their squares), and the leading weight too, except in a
+    last level with a posture, where the leading weight and the weights of a posture multiply squares directly.
     """
 
     @staticmethod
@@ -102,10 +105,12 @@ class Task:
         gain: float = 1.0,
         max_error: float = 0.05,
     ) -> Task:
-        """The centre of mass goes to a world position, or to an offset from the origin of link `over`. Target 3; rows where weight > 0."""
+        """The centre of mass goes to a world position, or to an offset from the origin of link `over`. Target 3;
+        rows where weight > 0."""
     @staticmethod
     def support(max_edges: int, *, max_error: float = 0.05) -> Task:
-        """The centre of mass stays inside a polygon: max_edges times (nx, ny, d), nx x + ny y <= d; unused edges are 0, 0, 0."""
+        """The centre of mass stays inside a polygon: max_edges times (nx, ny, d), nx x + ny y <= d; unused edges
+        are 0, 0, 0."""
     @staticmethod
     def look_at(
         body: int,
@@ -119,14 +124,16 @@ class Task:
         """An axis of a link, from a point of it, aims at a world point. Target 3. Two rows."""
     @staticmethod
     def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:
-        """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per coordinate."""
+        """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per
+        coordinate."""
 
 @final
 class Solver:
     """A body, its levels and limits, and the state of the convergence loop.
 
-    The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see `frame_bounds`). Locked
-    coordinates (nv,) never move. A near-singular direction is damped so that it moves at most about `1 / damping` (rad) per iteration; 0 is exact.
+    The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see
+    `frame_bounds`). Locked coordinates (nv,) never move. `damping` is the largest damping (m/rad)
+    of a level whose linear model broke its promises, as near a stretched limb far from its goal; 0 never damps.
     """
 
     def __init__(
@@ -141,7 +148,7 @@ class Solver:
         locked: NDArray[np.bool_],
         n_ik: int = 5,
         max_step: float = 0.3,
-        damping: float = 3.0,
+        damping: float = 0.5,
         early_stop: bool = True,
     ) -> None: ...
     @property
@@ -189,8 +196,9 @@ def solve_hierarchy(
     soft: tuple[Floats, Floats] | None = None,
     damping: float = 0.0,
 ) -> HierarchyResult:
-    """One linear solve: lexicographic least squares of levels (C (m,n), e (m,), D (k,n), lower (k,), upper (k,)) with lower <= D x <= upper up
-    to a slack, under the hard box lo <= x <= hi; last, sum_i weight_i^2 (x_i - reference_i)^2 + ||S x - s||^2."""
+    """One linear solve: lexicographic least squares of levels (C (m,n), e (m,), D (k,n), lower (k,), upper (k,))
+    with lower <= D x <= upper up to a slack, under the hard box lo <= x <= hi; last, sum_i weight_i^2 (x_i -
+    reference_i)^2 + ||S x - s||^2."""
 
 def frame_bounds(
     q: Floats,
@@ -201,5 +209,5 @@ def frame_bounds(
     max_acceleration: Floats,
     dt: float,
 ) -> tuple[Floats, Floats]:
-    """Displacement box (lo, hi), each (n,), of one frame of dt seconds: velocity, acceleration, and a braking distance that stays inside
-    lower and upper. A start beyond a limit may only come back. Always lo <= hi."""
+    """Displacement box (lo, hi), each (n,), of one frame of dt seconds: velocity, acceleration, and a braking
+    distance that stays inside lower and upper. A start beyond a limit may only come back. Always lo <= hi."""

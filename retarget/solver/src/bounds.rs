@@ -27,30 +27,40 @@ fn braking_displacement(gap: f64, a: f64) -> f64 {
     (gap + a * n * (n + 1.0) * 0.5) / (n + 1.0)
 }
 
-/// Displacement box (lo, hi) of one coordinate at `q`, whose displacement in the frame before was `before`.
+/// What one coordinate may move in one frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FrameBox {
+    pub lo: f64,
+    pub hi: f64,
+    /// The end of the range (or braking before it) is what limits that side, not speed.
+    pub lo_is_stop: bool,
+    pub hi_is_stop: bool,
+}
+
+/// Displacement box of one coordinate at `q`, whose displacement in the frame before was `before`.
 ///
 /// Acceleration comes first (a machine cannot break it), then velocity, then position and braking distance; a start
 /// beyond a limit may only come back, as fast as it may move. Always lo <= hi.
-pub fn frame_bounds(q: f64, before: f64, limit: &Limit, dt: f64) -> (f64, f64) {
+pub fn frame_bounds(q: f64, before: f64, limit: &Limit, dt: f64) -> FrameBox {
     let v = limit.velocity * dt;
     let a = limit.acceleration * dt * dt;
     let (acc_lo, acc_hi) = (before - a, before + a);
-    let up = braking_displacement(limit.upper - q, a).clamp(-v, v);
-    let down = -braking_displacement(q - limit.lower, a).clamp(-v, v);
-    let hi = up.clamp(acc_lo, acc_hi);
-    let lo = down.clamp(acc_lo, acc_hi);
+    let (brake_up, brake_down) = (braking_displacement(limit.upper - q, a), -braking_displacement(q - limit.lower, a));
+    let hi = brake_up.clamp(-v, v).clamp(acc_lo, acc_hi);
+    let lo = brake_down.clamp(-v, v).clamp(acc_lo, acc_hi);
+    let (lo_is_stop, hi_is_stop) = (brake_down >= lo, brake_up <= hi);
     if lo <= hi {
-        (lo, hi)
+        FrameBox { lo, hi, lo_is_stop, hi_is_stop }
     } else {
         // Only when the coordinate has no room at all: stand still as nearly as the limits allow.
         let x = 0.0_f64.clamp(acc_lo, acc_hi).clamp(hi.min(lo), hi.max(lo));
-        (x, x)
+        FrameBox { lo: x, hi: x, lo_is_stop, hi_is_stop }
     }
 }
 
 /// Part of the frame's box that is left for one iteration, with its step limit. Contains a point of the frame's box always.
-pub fn iteration_bounds(frame: (f64, f64), done: f64, step: f64) -> (f64, f64) {
-    let (lo, hi) = (frame.0 - done, frame.1 - done);
+pub fn iteration_bounds(frame: &FrameBox, done: f64, step: f64) -> (f64, f64) {
+    let (lo, hi) = (frame.lo - done, frame.hi - done);
     if lo > 0.0 {
         (lo, hi.min(step).max(lo))
     } else if hi < 0.0 {

@@ -1,12 +1,13 @@
 //! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2).
 
 use crate::body::Body;
-use crate::bounds::{frame_bounds, iteration_bounds, Limit};
+use crate::bounds::{frame_bounds, iteration_bounds, FrameBox, Limit};
 use crate::hierarchy::{solve, Problem, Workspace};
 use crate::kinematics::Pose;
 use crate::layout::{Layout, Placed};
 use crate::rows::{Columns, RowWriter};
 use crate::task::{Task, TaskKind};
+use crate::trust::Trust;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -16,7 +17,7 @@ pub struct Settings {
     pub n_ik: usize,
     /// Largest change of one coordinate per iteration (rad or m).
     pub max_step: f64,
-    /// Damping threshold of the hierarchy (share of a level's largest row).
+    /// Largest damping of a level whose linear model is not to be trusted (m/rad); 0 is none.
     pub damping: f64,
     pub early_stop: bool,
 }
@@ -43,13 +44,21 @@ pub struct FrameSolver {
     /// Per task (in order of levels): error norm at the posture that was reached.
     pub task_errors: Vec<f64>,
     placed: Vec<Placed>,
+    trust: Trust,
+    /// Levels of equalities alone, without a posture: their promises are judged.
+    is_judged: Vec<bool>,
+    /// Weighted squared error of each level.
+    level_energy: Vec<f64>,
+    /// What each row would do whole (not capped), and how far the reference posture goes towards it.
+    wanted: Vec<f64>,
+    shift: Vec<f64>,
     columns: Columns,
     /// Place in q of a hinge or slide coordinate.
     q_address: Vec<Option<usize>>,
     problem: Problem,
     work: Workspace,
     pose: Pose,
-    frame_box: Vec<(f64, f64)>,
+    frame_box: Vec<FrameBox>,
     done: Vec<f64>,
     step: Vec<f64>,
     weight2: Vec<f64>,
@@ -70,8 +79,8 @@ impl FrameSolver {
     ) -> Self {
         let columns = Columns::new(&body, locked);
         let layout = Layout::new(&body, levels, locked, columns.all.len());
-        let mut problem = Problem::new(layout.variables.max(1), &layout.level_rows);
-        problem.damping = settings.damping;
+        let is_judged = layout.is_judged();
+        let problem = Problem::new(layout.variables.max(1), &layout.level_rows);
         let q = body.rest();
         let mut q_address = vec![None; body.nv];
         for joint in body.joints.iter().filter(|j| j.kind.size() == (1, 1)) {
@@ -84,12 +93,17 @@ impl FrameSolver {
             velocity: vec![0.0; body.nv],
             task_errors: vec![0.0; layout.placed.len()],
             placed: layout.placed,
+            trust: Trust::new(layout.level_rows.len(), settings.damping),
+            is_judged,
+            level_energy: vec![0.0; layout.level_rows.len()],
+            wanted: vec![0.0; problem.row_count()],
+            shift: vec![0.0; problem.row_count()],
             columns,
             q_address,
             problem,
             work: Workspace::default(),
             pose: body.new_pose(),
-            frame_box: vec![(0.0, 0.0); body.nv],
+            frame_box: vec![FrameBox::default(); body.nv],
             done: vec![0.0; body.nv],
             step: vec![0.0; body.nv],
             weight2: vec![0.0; body.nv],
@@ -115,6 +129,7 @@ impl FrameSolver {
         self.problem.variable_side.fill(Default::default());
         self.problem.row_side.fill(Default::default());
         self.problem.z.fill(0.0);
+        self.trust.reset();
     }
 
     /// One frame of `dt` seconds towards `targets`; the posture reached is in `q`.
@@ -126,9 +141,12 @@ impl FrameSolver {
         let mut before = f64::INFINITY;
         for iteration in 0..self.settings.n_ik {
             self.kinematics();
+            let total = self.errors(targets);
+            if iteration > 0 {
+                self.judge();
+            }
             if self.settings.early_stop {
-                let total = self.errors(targets);
-                let must_move = self.frame_box.iter().zip(&self.done).any(|(b, d)| b.0 > *d || b.1 < *d);
+                let must_move = self.frame_box.iter().zip(&self.done).any(|(b, d)| b.lo > *d || b.hi < *d);
                 if iteration > 0 && !must_move && (total < 1e-7 || total >= before * 0.999) {
                     break;
                 }
@@ -139,6 +157,7 @@ impl FrameSolver {
         }
         self.kinematics();
         self.errors(targets);
+        self.judge();
         for i in 0..self.body.nv {
             self.velocity[i] = self.done[i] / dt;
         }
@@ -155,24 +174,21 @@ impl FrameSolver {
         self.q_address[dof].map_or(0.0, |a| self.q[a])
     }
 
-    /// Within a hair of a position limit.
-    fn is_at_stop(&self, dof: usize) -> bool {
-        const NEAR: f64 = 1e-3;
-        let (q, limit) = (self.coordinate(dof), &self.limits[dof]);
-        limit.upper - q < NEAR || q - limit.lower < NEAR
-    }
-
     fn iterate(&mut self, targets: &[f64]) {
         self.metric(targets);
         self.write_rows(targets);
         self.write_box();
+        for k in 0..self.problem.level_count() {
+            self.problem.damping[k] = self.trust.damping(k);
+        }
         let outcome = solve(&mut self.problem, &mut self.work);
+        self.promise();
         self.stats.factorizations += u64::from(outcome.factorizations);
         self.stats.fallbacks += u64::from(outcome.fallback);
         self.stats.capped += u64::from(outcome.capped);
         self.step.fill(0.0);
         for &(dof, c) in &self.columns.all {
-            let (lo, hi) = iteration_bounds(self.frame_box[dof], self.done[dof], self.settings.max_step);
+            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);
             let x = self.reference[dof] + self.problem.z[c] * self.scale[dof];
             self.step[dof] = x.max(lo).min(hi);
         }
@@ -180,6 +196,28 @@ impl FrameSolver {
             *done += step;
         }
         self.body.integrate(&mut self.q, &self.step);
+    }
+
+    /// What the linear model promises of every level after this step.
+    fn promise(&mut self) {
+        for k in (0..self.problem.level_count()).filter(|k| self.is_judged[*k]) {
+            let left: f64 = self
+                .problem
+                .level(k)
+                .filter(|r| self.problem.present[*r] && self.problem.is_equality(*r))
+                .map(|r| {
+                    let moved: f64 = self.problem.row(r).iter().zip(&self.problem.z).map(|(c, z)| c * z).sum();
+                    (self.wanted[r] - moved - self.shift[r]).powi(2)
+                })
+                .sum();
+            self.trust.promise(k, self.level_energy[k], left);
+        }
+    }
+
+    fn judge(&mut self) {
+        for (k, energy) in self.level_energy.iter().enumerate() {
+            self.trust.judge(k, *energy);
+        }
     }
 
     /// Postures of the last level, as one diagonal metric: weights and the displacement they attract to.
@@ -231,7 +269,10 @@ impl FrameSolver {
             let strength = if soft { (target[0] / self.soft_scale).sqrt() } else { target[0] };
             let mut writer =
                 RowWriter { body: &self.body, pose: &self.pose, columns: &self.columns, problem: &mut self.problem };
-            writer.write(&p.task, target, p.first_row, strength);
+            let share = writer.write(&p.task, target, p.first_row, strength);
+            for r in rows.clone() {
+                self.wanted[r] = self.problem.lower[r] / share;
+            }
             if matches!(p.task.kind, TaskKind::Posture) {
                 self.body.difference(&self.q, &target[1..], &mut self.posture_error);
                 let mut r = p.first_row;
@@ -245,7 +286,8 @@ impl FrameSolver {
                     }
                 }
             }
-            change_variables(&mut self.problem, rows.clone(), &self.columns, &self.reference, &self.scale);
+            let shift = &mut self.shift;
+            change_variables(&mut self.problem, rows.clone(), &self.columns, &self.reference, &self.scale, shift);
             if let Some(first) = p.soft_column {
                 for (k, r) in rows.enumerate() {
                     self.problem.row_mut(r)[first + k] = 1.0;
@@ -256,24 +298,32 @@ impl FrameSolver {
 
     fn write_box(&mut self) {
         for &(dof, c) in &self.columns.all {
-            let (lo, hi) = iteration_bounds(self.frame_box[dof], self.done[dof], self.settings.max_step);
+            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);
             let (x, s) = (self.reference[dof], 1.0 / self.scale[dof]);
             self.problem.lo[c] = (lo - x) * s;
             self.problem.hi[c] = (hi - x) * s;
-            self.problem.at_stop[c] = self.is_at_stop(dof);
+            self.problem.still[c] = -x * s;
+            self.problem.lo_is_stop[c] = self.frame_box[dof].lo_is_stop && lo > -self.settings.max_step;
+            self.problem.hi_is_stop[c] = self.frame_box[dof].hi_is_stop && hi < self.settings.max_step;
         }
     }
 
-    /// Error norm of every present task; returns their sum over all but the last level.
+    /// Error norm of every present task and energy of every level; returns the sum of the norms over all but the last level.
     fn errors(&mut self, targets: &[f64]) -> f64 {
         let last = self.placed.last().map_or(0, |p| p.level);
         let mut total = 0.0;
+        self.level_energy.fill(0.0);
         for (error, p) in self.task_errors.iter_mut().zip(&self.placed) {
             let target = &targets[p.target.clone()];
-            *error =
-                if p.task.is_present(target) { p.task.error_norm(&self.body, &self.pose, target) } else { f64::NAN };
-            if p.level < last && error.is_finite() {
-                total += *error;
+            if !p.task.is_present(target) {
+                *error = f64::NAN;
+                continue;
+            }
+            let (norm, energy) = p.task.error_size(&self.body, &self.pose, target);
+            *error = norm;
+            self.level_energy[p.level] += energy;
+            if p.level < last {
+                total += norm;
             }
         }
         total
@@ -281,7 +331,14 @@ impl FrameSolver {
 }
 
 /// From dq to z = (dq - reference) / scale.
-fn change_variables(problem: &mut Problem, rows: Range<usize>, columns: &Columns, reference: &[f64], scale: &[f64]) {
+fn change_variables(
+    problem: &mut Problem,
+    rows: Range<usize>,
+    columns: &Columns,
+    reference: &[f64],
+    scale: &[f64],
+    shifts: &mut [f64],
+) {
     for r in rows {
         if !problem.present[r] {
             continue;
@@ -293,6 +350,7 @@ fn change_variables(problem: &mut Problem, rows: Range<usize>, columns: &Columns
             shift += row[c] * reference[dof];
             row[c] *= scale[dof];
         }
+        shifts[r] = shift;
         problem.lower[r] -= shift;
         problem.upper[r] -= shift;
     }

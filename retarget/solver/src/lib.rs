@@ -14,6 +14,7 @@ mod py_hierarchy;
 mod py_solver;
 pub mod rows;
 pub mod task;
+mod trust;
 
 use pyo3::prelude::*;
 

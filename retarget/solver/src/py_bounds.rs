@@ -65,6 +65,6 @@ pub fn frame_bounds<'py>(
     }
     finite(q, "q")?;
     finite(before, "displacement_before")?;
-    let pairs: Vec<(f64, f64)> = (0..q.len()).map(|i| bounds_of(q[i], before[i], &limits[i], dt)).collect();
-    Ok((PyArray1::from_iter(py, pairs.iter().map(|p| p.0)), PyArray1::from_iter(py, pairs.iter().map(|p| p.1))))
+    let boxes: Vec<_> = (0..q.len()).map(|i| bounds_of(q[i], before[i], &limits[i], dt)).collect();
+    Ok((PyArray1::from_iter(py, boxes.iter().map(|b| b.lo)), PyArray1::from_iter(py, boxes.iter().map(|b| b.hi))))
 }

@@ -90,7 +90,7 @@ pub fn solve_hierarchy(
         sizes.push(soft_rows);
     }
     let mut problem = Problem::new(n + soft_rows, &sizes);
-    problem.damping = damping;
+    problem.damping.fill(damping);
     let mut r = 0;
     let mut put = |problem: &mut Problem, row: &[f64], lower: f64, upper: f64| {
         let shift: f64 = row.iter().zip(&reference).map(|(c, x)| c * x).sum();
@@ -118,6 +118,7 @@ pub fn solve_hierarchy(
         }
     }
     for i in 0..n {
+        problem.still[i] = -reference[i] * weight[i];
         problem.lo[i] = (lo[i] - reference[i]) * weight[i];
         problem.hi[i] = (hi[i] - reference[i]) * weight[i];
     }

@@ -101,20 +101,27 @@ impl Task {
         }
     }
 
-    /// Error norm for reports: distance for points, angle for directions, depth outside for support.
-    pub fn error_norm(&self, body: &Body, pose: &Pose, target: &[f64]) -> f64 {
+    /// For reports, the error norm: distance for points, angle for directions, depth outside for support. And the squared error as the
+    /// hierarchy weighs it, which a posture and support have not.
+    pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> (f64, f64) {
         match &self.kind {
             TaskKind::Support { max_edges } => {
-                edges(target, *max_edges).map(|(n, d)| n[0] * pose.com[0] + n[1] * pose.com[1] - d).fold(0.0, f64::max)
+                let depth = edges(target, *max_edges).map(|(n, d)| n[0] * pose.com[0] + n[1] * pose.com[1] - d);
+                (depth.fold(0.0, f64::max), 0.0)
             }
-            TaskKind::Posture => 0.0,
+            TaskKind::Posture => (0.0, 0.0),
+            TaskKind::Axis { .. } | TaskKind::LookAt { .. } => {
+                let angle = norm(self.error(body, pose, target));
+                (angle, (angle * self.weight[0] * target[0]).powi(2))
+            }
             _ => {
                 let e = self.error(body, pose, target);
-                let used = |k: usize| self.weight.get(k).is_none_or(|w| *w > 0.0);
-                match self.kind {
-                    TaskKind::Axis { .. } | TaskKind::LookAt { .. } => norm(e),
-                    _ => (0..3).filter(|k| used(*k)).map(|k| e[k] * e[k]).sum::<f64>().sqrt(),
+                let (mut square, mut weighed) = (0.0, 0.0);
+                for k in (0..3).filter(|k| self.weight[*k] > 0.0) {
+                    square += e[k] * e[k];
+                    weighed += (e[k] * self.weight[k] * target[0]).powi(2);
                 }
+                (square.sqrt(), weighed)
             }
         }
     }

@@ -10,6 +10,10 @@ use super::{cascade, Workspace};
 
 /// Factorizations before the level-by-level method takes over.
 const MOST_CHANGES: u32 = 60;
+/// Rounds of damping: again when the exact answer is held by other ends of ranges than damping thought.
+const MOST_DAMPINGS: u32 = 3;
+/// Rounds in which damping finds the ends of ranges that it runs into.
+const MOST_STOPS: u32 = 4;
 /// A limit counts as crossed beyond this (relative to its size).
 pub const CROSSED: f64 = 1e-11;
 
@@ -33,20 +37,74 @@ unsafe fn solve_fma(problem: &mut Problem, work: &mut Workspace) -> Outcome {
 fn solve_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace) -> Outcome {
     problem.settle_sides();
     work.factor.prepare::<FMA>(problem);
-    start::<FMA>(problem);
     let mut outcome = Outcome::default();
-    let mut damp = damping_is_asked(problem);
-    if damp && problem.variable_side.iter().zip(&problem.at_stop).any(|(s, stop)| *s != Side::Free && !stop) {
-        let stops = |p: &Problem, i: usize| p.variable_side[i] == Side::Free || !p.at_stop[i];
-        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, true, stops);
-        outcome.factorizations += 1;
-        damp = false;
+    if problem.damping.iter().all(|d| *d == 0.0) {
+        settle::<FMA>(problem, work, false, &mut outcome);
+        return outcome;
     }
-    while outcome.factorizations < MOST_CHANGES {
-        let free = |p: &Problem, i: usize| p.variable_side[i] == Side::Free;
-        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, damp, free);
-        damp = false;
+    work.asked.clone_from(&problem.lower);
+    for _ in 0..MOST_DAMPINGS {
+        let usable = damp::<FMA>(problem, work, &mut outcome);
+        settle::<FMA>(problem, work, usable, &mut outcome);
+        if work.stops.iter().enumerate().all(|(i, stop)| *stop == problem.at_stop(i)) {
+            break;
+        }
+        restore(problem, &work.asked);
+    }
+    outcome
+}
+
+/// Targets of equalities as they were asked, before damping.
+fn restore(problem: &mut Problem, asked: &[f64]) {
+    for r in 0..problem.row_count() {
+        if problem.row_side[r] == Side::Both {
+            problem.lower[r] = asked[r];
+            problem.upper[r] = asked[r];
+        }
+    }
+}
+
+/// Damp every level, with what is at the end of its range held. True if the factorization is that of the active set too.
+#[inline(always)]
+fn damp<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) -> bool {
+    for _ in 0..MOST_STOPS {
+        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, true, |p, i| !p.at_stop(i));
         outcome.factorizations += 1;
+        let mut met = false;
+        for i in 0..problem.n {
+            if problem.at_stop(i) {
+                continue;
+            }
+            let z = work.candidate[i];
+            if problem.hi_is_stop[i] && z > problem.hi[i] + CROSSED {
+                problem.variable_side[i] = Side::Upper;
+                met = true;
+            } else if problem.lo_is_stop[i] && z < problem.lo[i] - CROSSED {
+                problem.variable_side[i] = Side::Lower;
+                met = true;
+            }
+        }
+        if !met {
+            break;
+        }
+        restore(problem, &work.asked);
+    }
+    work.stops.clear();
+    work.stops.extend((0..problem.n).map(|i| problem.at_stop(i)));
+    (0..problem.n).all(|i| (problem.variable_side[i] == Side::Free) != work.stops[i])
+}
+
+/// The exact answer of the problem as it stands. `factored`: the active set's candidate is there already.
+#[inline(always)]
+fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, mut factored: bool, outcome: &mut Outcome) {
+    start::<FMA>(problem);
+    for _ in 0..MOST_CHANGES {
+        if !factored {
+            let free = |p: &Problem, i: usize| p.variable_side[i] == Side::Free;
+            factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, false, free);
+            outcome.factorizations += 1;
+        }
+        factored = false;
         if let Some(step) = first_limit::<FMA>(problem, &work.candidate, problem.row_count()) {
             advance(problem, &work.candidate, step.share);
             step.hold(problem);
@@ -57,27 +115,13 @@ fn solve_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace) -> Ou
             Some(release) => let_go(problem, release),
             None => {
                 clamp_to_box(problem);
-                return outcome;
+                return;
             }
         }
     }
     outcome.fallback = true;
-    cascade::solve::<FMA>(problem, work, &mut outcome);
+    cascade::solve::<FMA>(problem, work, outcome);
     clamp_to_box(problem);
-    outcome
-}
-
-/// Small steps need no damping: some level must ask for enough to let a weak direction run away.
-#[inline(always)]
-fn damping_is_asked(problem: &Problem) -> bool {
-    const LITTLE: f64 = 0.01;
-    if problem.damping == 0.0 {
-        return false;
-    }
-    let asked = |k| {
-        problem.level(k).filter(|r| problem.row_side[*r] == Side::Both).map(|r| problem.lower[r].powi(2)).sum::<f64>()
-    };
-    (0..problem.level_count()).any(|k| problem.damping * asked(k).sqrt() > LITTLE)
 }
 
 /// A point inside the box that agrees with the active set; rows that it violates are held.
@@ -125,6 +169,9 @@ fn factor_all<const FMA: bool>(
         candidate[i] = if factor.is_free(i) { 0.0 } else { problem.bound(i) };
     }
     candidate[problem.n..].fill(0.0);
+    if damp {
+        factor.stand_still(problem, candidate);
+    }
     for k in 0..problem.level_count() {
         for r in problem.level(k) {
             if problem.row_side[r] != Side::Free {

@@ -13,7 +13,7 @@ const RANK_TOLERANCE: f64 = 1e-8;
 
 #[derive(Default)]
 pub struct Factor {
-    stride: usize,
+    pub(super) stride: usize,
     /// Length of a row of `coefficients`.
     pub(super) width: usize,
     pub(super) basis: Vec<f64>,
@@ -39,6 +39,12 @@ pub struct Factor {
     pub(super) damping: Vec<f64>,
     pub(super) exact: Vec<f64>,
     again: Vec<f64>,
+    /// Coordinates of standing still.
+    pub(super) still: Vec<f64>,
+    /// Where damped levels have come so far, and the step of one.
+    pub(super) path: Vec<f64>,
+    pub(super) step: Vec<f64>,
+    pub(super) moved: Vec<f64>,
     pub(super) small: SmallLeastSquares,
 }
 

@@ -37,6 +37,9 @@ pub struct Workspace {
     multipliers: Multipliers,
     candidate: Vec<f64>,
     direction: Vec<f64>,
+    /// Targets before damping, and the variables that it held.
+    asked: Vec<f64>,
+    stops: Vec<bool>,
 }
 
 /// Solve `problem` from its warm active set; the answer is in `problem.z`.

@@ -37,11 +37,13 @@ pub struct Problem {
     /// The box.
     pub lo: Vec<f64>,
     pub hi: Vec<f64>,
-    /// Damping begins where a level's pivot falls below `damping` times what is asked of the level, so that one direction moves
-    /// at most about `1 / damping`; 0 switches it off.
-    pub damping: f64,
-    /// Held variables that damping counts as held too: those at the end of their range, not those that are only slow.
-    pub at_stop: Vec<bool>,
+    /// Damping of each level (in units of its pivots); 0 is exact.
+    pub damping: Vec<f64>,
+    /// Standing still (which is not z = 0 where a posture attracts): from here damped steps are shortened.
+    pub still: Vec<f64>,
+    /// Sides of the box that damping counts as walls: ends of ranges, not limits of speed.
+    pub lo_is_stop: Vec<bool>,
+    pub hi_is_stop: Vec<bool>,
     /// Warm start in, final active set out.
     pub variable_side: Vec<Side>,
     pub row_side: Vec<Side>,
@@ -71,8 +73,10 @@ impl Problem {
             present: vec![false; m],
             lo: vec![f64::NEG_INFINITY; n],
             hi: vec![f64::INFINITY; n],
-            damping: 0.0,
-            at_stop: vec![false; n],
+            damping: vec![0.0; level_rows.len()],
+            still: vec![0.0; stride],
+            lo_is_stop: vec![false; n],
+            hi_is_stop: vec![false; n],
             variable_side: vec![Side::Free; n],
             row_side: vec![Side::Free; m],
             z: vec![0.0; stride],
@@ -101,6 +105,17 @@ impl Problem {
     pub fn level(&self, k: usize) -> std::ops::Range<usize> {
         let start = if k == 0 { 0 } else { self.level_end[k - 1] };
         start..self.level_end[k]
+    }
+
+    /// Held at the end of its range (or not free at all).
+    #[inline(always)]
+    pub fn at_stop(&self, i: usize) -> bool {
+        match self.variable_side[i] {
+            Side::Free => false,
+            Side::Lower => self.lo_is_stop[i],
+            Side::Upper => self.hi_is_stop[i],
+            Side::Both => true,
+        }
     }
 
     /// Value that a held variable takes.
