@@ -5,8 +5,8 @@ use crate::bounds::{frame_bounds, iteration_bounds, FrameBox, Limit};
 use crate::hierarchy::{solve, Problem, Workspace};
 use crate::kinematics::Pose;
 use crate::layout::{Layout, Placed};
-use crate::rows::{Columns, RowWriter};
-use crate::task::{Task, TaskKind};
+use crate::rows::Columns;
+use crate::task::Task;
 use crate::trust::Trust;
 use std::ops::Range;
 use std::sync::Arc;
@@ -43,30 +43,30 @@ pub struct FrameSolver {
     pub velocity: Vec<f64>,
     /// Per task (in order of levels): error norm at the posture that was reached.
     pub task_errors: Vec<f64>,
-    placed: Vec<Placed>,
-    trust: Trust,
+    pub(crate) placed: Vec<Placed>,
+    pub(crate) trust: Trust,
     /// Levels of equalities alone, without a posture: their promises are judged.
-    is_judged: Vec<bool>,
+    pub(crate) is_judged: Vec<bool>,
     /// Weighted squared error of each level.
-    level_energy: Vec<f64>,
+    pub(crate) level_energy: Vec<f64>,
     /// What each row would do whole (not capped), and how far the reference posture goes towards it.
-    wanted: Vec<f64>,
-    shift: Vec<f64>,
-    columns: Columns,
+    pub(crate) wanted: Vec<f64>,
+    pub(crate) shift: Vec<f64>,
+    pub(crate) columns: Columns,
     /// Place in q of a hinge or slide coordinate.
-    q_address: Vec<Option<usize>>,
-    problem: Problem,
-    work: Workspace,
-    pose: Pose,
-    frame_box: Vec<FrameBox>,
-    done: Vec<f64>,
-    step: Vec<f64>,
-    weight2: Vec<f64>,
-    scale: Vec<f64>,
-    reference: Vec<f64>,
+    pub(crate) q_address: Vec<Option<usize>>,
+    pub(crate) problem: Problem,
+    pub(crate) work: Workspace,
+    pub(crate) pose: Pose,
+    pub(crate) frame_box: Vec<FrameBox>,
+    pub(crate) done: Vec<f64>,
+    pub(crate) step: Vec<f64>,
+    pub(crate) weight2: Vec<f64>,
+    pub(crate) scale: Vec<f64>,
+    pub(crate) reference: Vec<f64>,
     /// Weight of a typical joint in the last level.
-    soft_scale: f64,
-    posture_error: Vec<f64>,
+    pub(crate) soft_scale: f64,
+    pub(crate) posture_error: Vec<f64>,
 }
 
 impl FrameSolver {
@@ -220,94 +220,6 @@ impl FrameSolver {
         }
     }
 
-    /// Postures of the last level, as one diagonal metric: weights and the displacement they attract to.
-    fn metric(&mut self, targets: &[f64]) {
-        self.weight2.fill(0.0);
-        self.reference.fill(0.0);
-        for p in self.placed.iter().filter(|p| p.metric) {
-            let target = &targets[p.target.clone()];
-            if !p.task.is_present(target) {
-                continue;
-            }
-            self.body.difference(&self.q, &target[1..], &mut self.posture_error);
-            for i in 0..self.body.nv {
-                let w = p.task.weight[i] * target[0];
-                let cap = p.task.max_error;
-                self.weight2[i] += w;
-                self.reference[i] += w * (p.task.gain * self.posture_error[i]).max(-cap).min(cap);
-            }
-        }
-        let mut largest: f64 = 0.0;
-        let (mut sum, mut count) = (0.0, 0.0);
-        for &(dof, _) in &self.columns.all {
-            largest = largest.max(self.weight2[dof]);
-            if !self.body.dof_is_root[dof] && self.weight2[dof] > 0.0 {
-                sum += self.weight2[dof].ln();
-                count += 1.0;
-            }
-        }
-        let floor = if largest > 0.0 { 1e-6 * largest } else { 1.0 };
-        // A typical joint has weight one, so that rows and damping keep their units (m/rad).
-        let typical = if count > 0.0 { f64::exp(sum / count) } else { 1.0 };
-        self.soft_scale = typical;
-        for i in 0..self.body.nv {
-            let w = self.weight2[i] + floor;
-            self.reference[i] /= w;
-            self.scale[i] = (typical / w).sqrt();
-        }
-    }
-
-    fn write_rows(&mut self, targets: &[f64]) {
-        for p in self.placed.iter().filter(|p| !p.metric) {
-            let target = &targets[p.target.clone()];
-            let rows = p.first_row..p.first_row + p.task.row_count();
-            if !p.task.is_present(target) {
-                self.problem.present[rows].fill(false);
-                continue;
-            }
-            let soft = p.soft_column.is_some();
-            let strength = if soft { (target[0] / self.soft_scale).sqrt() } else { target[0] };
-            let mut writer =
-                RowWriter { body: &self.body, pose: &self.pose, columns: &self.columns, problem: &mut self.problem };
-            let share = writer.write(&p.task, target, p.first_row, strength);
-            for r in rows.clone() {
-                self.wanted[r] = self.problem.lower[r] / share;
-            }
-            if matches!(p.task.kind, TaskKind::Posture) {
-                self.body.difference(&self.q, &target[1..], &mut self.posture_error);
-                let mut r = p.first_row;
-                for &(dof, _) in &self.columns.all {
-                    if p.task.weight[dof] > 0.0 {
-                        let cap = p.task.max_error;
-                        let asked = (p.task.gain * self.posture_error[dof]).max(-cap).min(cap);
-                        self.problem.lower[r] = asked * p.task.weight[dof] * strength;
-                        self.problem.upper[r] = self.problem.lower[r];
-                        r += 1;
-                    }
-                }
-            }
-            let shift = &mut self.shift;
-            change_variables(&mut self.problem, rows.clone(), &self.columns, &self.reference, &self.scale, shift);
-            if let Some(first) = p.soft_column {
-                for (k, r) in rows.enumerate() {
-                    self.problem.row_mut(r)[first + k] = 1.0;
-                }
-            }
-        }
-    }
-
-    fn write_box(&mut self) {
-        for &(dof, c) in &self.columns.all {
-            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);
-            let (x, s) = (self.reference[dof], 1.0 / self.scale[dof]);
-            self.problem.lo[c] = (lo - x) * s;
-            self.problem.hi[c] = (hi - x) * s;
-            self.problem.still[c] = -x * s;
-            self.problem.lo_is_stop[c] = self.frame_box[dof].lo_is_stop && lo > -self.settings.max_step;
-            self.problem.hi_is_stop[c] = self.frame_box[dof].hi_is_stop && hi < self.settings.max_step;
-        }
-    }
-
     /// Error norm of every present task and energy of every level; returns the sum of the norms over all but the last level.
     fn errors(&mut self, targets: &[f64]) -> f64 {
         let last = self.placed.last().map_or(0, |p| p.level);
@@ -327,31 +239,5 @@ impl FrameSolver {
             }
         }
         total
-    }
-}
-
-/// From dq to z = (dq - reference) / scale.
-fn change_variables(
-    problem: &mut Problem,
-    rows: Range<usize>,
-    columns: &Columns,
-    reference: &[f64],
-    scale: &[f64],
-    shifts: &mut [f64],
-) {
-    for r in rows {
-        if !problem.present[r] {
-            continue;
-        }
-        let stride = problem.stride;
-        let row = &mut problem.rows[r * stride..(r + 1) * stride];
-        let mut shift = 0.0;
-        for &(dof, c) in &columns.all {
-            shift += row[c] * reference[dof];
-            row[c] *= scale[dof];
-        }
-        shifts[r] = shift;
-        problem.lower[r] -= shift;
-        problem.upper[r] -= shift;
     }
 }

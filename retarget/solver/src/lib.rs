@@ -1,5 +1,6 @@
 //! retarget._solver: kinematics, strict hierarchies and whole frames. Knows no file, no clock and no servo.
 
+mod assemble;
 pub mod body;
 pub mod bounds;
 pub mod frame;
