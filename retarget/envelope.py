@@ -1,0 +1,168 @@
+"""How low a robot that stands on both soles can crouch, and how far it can lean at each height.
+
+A human folds at the hips to the knees; most servo humanoids do not. What is asked of the robot stays inside this
+envelope, so that the landmarks above the hips are asked from a trunk that the robot can hold. It depends on the robot
+alone: body, joint limits, soles and stance. It is measured once, by the solver itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from retarget import rotations
+from retarget._solver import Solver, Task
+from retarget.body import BodyModel, Frame
+from retarget.hierarchy import JointLimits
+from retarget.rotations import FloatArray
+
+__all__ = ["Envelope", "measure_envelope"]
+
+HEIGHTS = 9
+"""Pelvis heights at which the lean is measured."""
+ITERATIONS = 40
+"""Of the solver, for each of them: it starts from the posture of the height before."""
+DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+"""Forward, left, back, right."""
+FARTHEST_LEAN = 1.4
+"""Lean (rad) that is asked when the most is wanted."""
+SPARE = 0.05
+"""Share of the crouch and of the lean that is not asked for: at its very end a leg has no room to brake."""
+STEP = 0.3
+"""Largest change of a joint per iteration, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """heights (h,) m of the pelvis frame over the soles, rising; lean (h, 4) rad: most forward, left, back, right."""
+
+    heights: FloatArray
+    lean: FloatArray
+
+    @property
+    def lowest(self) -> float:
+        """Lowest height (m) of the pelvis."""
+        return float(self.heights[0])
+
+    @property
+    def highest(self) -> float:
+        """Greatest height (m) of the pelvis."""
+        return float(self.heights[-1])
+
+    def most_lean(self, height: float, x: float, y: float) -> float:
+        """Most lean (rad) towards the ground direction (x, y) with the pelvis at `height` m; quarters of ellipses."""
+        span = float(self.heights[-1] - self.heights[0])
+        place = min(max((height - float(self.heights[0])) / span, 0.0), 1.0) * (len(self.heights) - 1)
+        below = min(int(place), len(self.heights) - 2)
+        share = place - below
+        rows = self.lean[below], self.lean[below + 1]
+        along, across = (0 if x >= 0.0 else 2), (1 if y >= 0.0 else 3)
+        a, b = ((1.0 - share) * float(rows[0][side]) + share * float(rows[1][side]) for side in (along, across))
+        length = hypot(x, y)
+        return a * b * length / max(hypot(b * x, a * y), 1e-12)
+
+
+def measure_envelope(
+    body: BodyModel,
+    limits: JointLimits,
+    *,
+    start: FloatArray,
+    pelvis: Frame,
+    trunk: Frame,
+    soles: Sequence[Frame],
+    edges: FloatArray,
+) -> Envelope:
+    """Crouch and lean as far as it goes, from the posture `start` (nq,) with planted `soles`.
+
+    The centre of mass stays inside `edges` (e, 3). `pelvis`: whose height is meant; `trunk`: what leans. About 30 ms.
+    """
+    probe = _Probe(body, limits, start, pelvis, trunk, soles, edges)
+    top, bottom = (probe.reach(probe.height + far, (0.0, 0.0))[0] for far in (1.0, -1.0))
+    heights = np.linspace(bottom + SPARE * (top - bottom), top, HEIGHTS)
+    lean = np.empty((HEIGHTS, len(DIRECTIONS)))
+    for row, height in enumerate(heights):
+        for column, direction in enumerate(DIRECTIONS):
+            lean[row, column] = probe.reach(float(height), direction)[1]
+    return Envelope(heights, np.maximum((1.0 - SPARE) * lean, 1e-3))
+
+
+class _Probe:
+    """A solver without rates: soles, balance, the height of the pelvis, the trunk, in this order."""
+
+    def __init__(
+        self,
+        body: BodyModel,
+        limits: JointLimits,
+        start: FloatArray,
+        pelvis: Frame,
+        trunk: Frame,
+        soles: Sequence[Frame],
+        edges: FloatArray,
+    ) -> None:
+        self._kinematics, self._start, self._pelvis, self._trunk = body.solver_body(), start, pelvis, trunk
+        planted = [task for sole in soles for task in _sole_tasks(sole)]
+        levels = [
+            planted,
+            [Task.support(len(edges))],
+            [Task.position(pelvis.body, _triple(pelvis.position), weight=(0.0, 0.0, 1.0))],
+            [Task.orientation(trunk.body, _quat(trunk.quat))],
+            [Task.posture(np.r_[np.zeros(6), np.ones(body.nv - 6)], gain=0.02)],
+        ]
+        free = np.full(body.nv, np.inf)
+        self._solver = Solver(
+            self._kinematics,
+            levels,
+            lower=limits.lower,
+            upper=limits.upper,
+            max_velocity=free,
+            max_acceleration=free,
+            locked=np.zeros(body.nv, dtype=bool),
+            n_ik=ITERATIONS,
+            max_step=STEP,
+        )
+        self._targets = np.zeros(self._solver.target_size)
+        for index, sole in enumerate(soles):
+            self._set(0, 2 * index, self._point(start, sole))
+            self._set(0, 2 * index + 1, self._orientation(start, sole))
+        self._set(1, 0, edges.ravel())
+        self._set(4, 0, start)
+        self.height = float(self._point(start, pelvis)[2])
+
+    def reach(self, height: float, direction: tuple[float, float]) -> tuple[float, float]:
+        """Height (m) and lean (rad) reached when this height and the farthest lean towards `direction` are asked."""
+        x, y = direction
+        upright = rotations.IDENTITY
+        leaning = rotations.from_rotation_vector(np.array([-y, x, 0.0]) * FARTHEST_LEAN)
+        self._set(2, 0, np.array([0.0, 0.0, height]))
+        self._solver.reset(self._start)
+        for trunk in (upright, leaning):
+            self._set(3, 0, trunk)
+            q = self._solver.frame(self._targets, 1.0)
+        up = rotations.rotate(self._orientation(q, self._trunk), np.array([0.0, 0.0, 1.0]))
+        return float(self._point(q, self._pelvis)[2]), float(np.arctan2(x * up[0] + y * up[1], up[2]))
+
+    def _set(self, level: int, task: int, target: FloatArray) -> None:
+        start, stop = self._solver.target_slice(level, task)
+        self._targets[start] = 1.0
+        self._targets[start + 1 : stop] = target
+
+    def _point(self, q: FloatArray, frame: Frame) -> FloatArray:
+        return np.asarray(self._kinematics.points(q[None], [frame.body], frame.position[None])[0, 0])
+
+    def _orientation(self, q: FloatArray, frame: Frame) -> FloatArray:
+        return rotations.multiply(self._kinematics.orientations(q[None], [frame.body])[0, 0], frame.quat)
+
+
+def _sole_tasks(sole: Frame) -> tuple[Task, Task]:
+    return Task.position(sole.body, _triple(sole.position)), Task.orientation(sole.body, _quat(sole.quat))
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _quat(quat: FloatArray) -> tuple[float, float, float, float]:
+    w, x, y, z = quat.tolist()
+    return w, x, y, z

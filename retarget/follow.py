@@ -1,0 +1,174 @@
+"""The robot's stage: landmarks asked -> a posture of the robot, within the limits of its servos, on its soles."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from retarget.chase import TRUNK, Chase
+from retarget.envelope import Envelope, measure_envelope
+from retarget.following_limits import following_limits
+from retarget.hierarchy import Hierarchy, JointLimits
+from retarget.human_dimensions import HumanDimensions
+from retarget.landmarks import AskedLandmarks, LandmarkMap
+from retarget.priorities import CentreOfMassTask, Priorities
+from retarget.pursuit import braking_displacement
+from retarget.robot_body import RobotBody
+from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
+from retarget.rotations import FloatArray
+from retarget.stance import Stance, plant
+from retarget.support import support_distance
+
+if TYPE_CHECKING:
+    from retarget.human_posture import HumanPosture
+
+__all__ = ["Follower", "RobotPosture"]
+
+Parts = Literal["whole", "upper"]
+
+APPROACH_S = 3.0
+"""How long (s) after the start the robot takes to go from its slow approach to full haste."""
+BALANCE_BRAKING = 1.0
+"""Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
+DAMPING = 20.0
+"""Near-singular directions move at most about 1 / 20 rad per iteration, which is what a servo does in a tick."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RobotPosture:
+    """One posture of the robot, in its own world: origin on the ground between the soles, x forward.
+
+    q (nq,): root_position (3,) m, root_quaternion (4,) wxyz (fixed robots: where the body file has it) and joints.
+    joint_positions (n,): rad, servo order. landmarks_asked, landmarks_reached (k, 3): m, in order of landmark_names.
+    centre_of_mass (3,) m; support_distance: m inside the support polygon of the soles, infinite without soles.
+    """
+
+    q: FloatArray
+    joint_positions: FloatArray
+    root_position: FloatArray
+    root_quaternion: FloatArray
+    landmark_names: tuple[str, ...]
+    landmarks_asked: FloatArray
+    landmarks_reached: FloatArray
+    centre_of_mass: FloatArray
+    support_distance: float
+
+
+class Follower:
+    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick."""
+
+    def __init__(
+        self,
+        robot: RobotBody,
+        priorities: Priorities,
+        dimensions: HumanDimensions,
+        *,
+        parts: Parts = "whole",
+        iterations: int | None = None,
+    ) -> None:
+        """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: instead of the file's.
+
+        Raises ConfigError: the priorities name what the robot does not have.
+        """
+        self.stance = plant(robot, robot.profile.postures.stand)
+        self._limits = following_limits(robot, self.stance)
+        stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
+        self._edges = stance.edges(_support_margin(priorities)) if stance.soles else np.zeros((0, 3))
+        self._outline = stance.edges(0.0) if stance.soles else np.zeros((0, 3))
+        envelope = _envelope(robot, self._limits, stance, self._edges) if legs_move else None
+        self._map = LandmarkMap(robot.profile, dimensions, stance, envelope)
+        self._hierarchy = Hierarchy.build(
+            priorities,
+            robot.body,
+            frames=robot_frames(robot),
+            postures=robot_postures(robot, stance),
+            limits=self._limits,
+            locked=np.zeros(robot.body.nv, dtype=bool) if parts == "whole" else standing_dofs(robot),
+            iterations=iterations,
+            damping=DAMPING,
+        )
+        self._targets = self._hierarchy.blank()
+        for sole in stance.soles:
+            self._hierarchy.set_position(self._targets, sole.frame.name, sole.position)
+            self._hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
+        self._reader = RobotReader(robot, stance)
+        still = frozenset(sole.frame.name for sole in stance.soles)
+        self._chase = Chase(robot, self._hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
+        self._approach = robot.profile.safety.speed_caps.approach
+        self._names = self._map.names
+        self._servos = robot.servo_columns
+        self._since_start = 0.0
+        self._q = stance.q
+
+    @property
+    def top_error(self) -> float:
+        """Largest error of a sole at the last posture, m or rad; NaN without soles."""
+        errors = self._hierarchy.solver.task_errors[: 2 * len(self.stance.soles)]
+        return float(errors.max()) if errors.size else float("nan")
+
+    def start(self, human: "HumanPosture") -> RobotPosture:
+        """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
+        self._map.restart()
+        self._chase.restart()
+        self._since_start = 0.0
+        self._q = self.stance.q
+        self._hierarchy.solver.reset(self._q)
+        asked = self._map.ask(human, 0.0)
+        self._reached, self._com = self._reader.read(self._q)
+        return self._posture(asked)
+
+    def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
+        """The posture after the next `dt` s."""
+        self._since_start += dt
+        asked = self._map.ask(human, dt)
+        haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
+        targets, hierarchy = self._targets, self._hierarchy
+        self._chase.aim(targets, asked, self._reached, dt, haste=haste)
+        if len(self._edges):
+            hierarchy.set_support(targets, braked_edges(self._edges, self._com, dt))
+        hierarchy.set_previous(targets, self._q, dt)
+        self._q = hierarchy.solver.frame(targets, dt)
+        self._reached, self._com = self._reader.read(self._q)
+        return self._posture(asked)
+
+    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
+        """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
+        self._q = q
+        self._hierarchy.solver.reset(q, velocity)
+        self._reached, self._com = self._reader.read(q)
+
+    def _posture(self, asked: AskedLandmarks) -> RobotPosture:
+        q = self._q
+        return RobotPosture(
+            q=q,
+            joint_positions=q[self._servos],
+            root_position=q[:3],
+            root_quaternion=q[3:7],
+            landmark_names=self._names,
+            landmarks_asked=asked.positions,
+            landmarks_reached=self._reached.landmarks,
+            centre_of_mass=self._com,
+            support_distance=float(support_distance(self._com, self._outline)) if len(self._outline) else float("inf"),
+        )
+
+
+def braked_edges(edges: FloatArray, centre_of_mass: FloatArray, dt: float) -> FloatArray:
+    """Edges (e, 3) drawn in to what the centre of mass (3,) may do in one tick and still stop inside of them."""
+    across = edges[:, :2] @ centre_of_mass[:2]
+    drawn = edges.copy()
+    drawn[:, 2] = across + braking_displacement(edges[:, 2] - across, BALANCE_BRAKING * dt * dt)
+    return drawn
+
+
+def _support_margin(priorities: Priorities) -> float:
+    """Margin (m) of the support task; 0 without one."""
+    margins = [task.margin for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
+    return max(margins, default=0.0)
+
+
+def _envelope(robot: RobotBody, limits: JointLimits, stance: Stance, edges: FloatArray) -> Envelope:
+    pelvis = robot.frame(robot.profile.landmarks["pelvis"].frame)
+    soles = [sole.frame for sole in stance.soles]
+    return measure_envelope(
+        robot.body, limits, start=stance.q, pelvis=pelvis, trunk=robot.frame(TRUNK), soles=soles, edges=edges
+    )

@@ -1,0 +1,196 @@
+"""Human posture -> landmarks asked of the robot, scaled limb by limb, in the robot's world frame.
+
+The robot's world has its origin on the ground between the planted soles, x forward. Landmarks follow from the performer
+and from constants of the robot (profile, stance, envelope), never from what the robot does: a robot that lags behind or
+stands still does not look better than it is.
+
+Feet are asked where they are planted. The pelvis is asked over the ankles by the length of the legs, its height within
+the robot's envelope. The trunk leans and twists as the line from the hips to the base of the neck and the chest do, its
+lean within the envelope at that height. The trunk carries the robot's own shoulders, and from each of them a hand is
+asked by the length of the arm.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import atan2, copysign, exp, hypot, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from retarget.envelope import Envelope
+from retarget.facing import Facing
+from retarget.human_dimensions import POINTS, HumanDimensions
+from retarget.profile import RobotProfile
+from retarget.profile_parts import Landmark
+from retarget.rotations import FloatArray
+from retarget.scalar_rotations import Quat, Vector, arc, axis_turn, inverse, product, rotated
+from retarget.stance import Stance
+
+if TYPE_CHECKING:
+    from retarget.human_posture import HumanPosture
+
+__all__ = ["AskedLandmarks", "LandmarkMap"]
+
+CROUCH_KNEE = 0.1
+"""Share of the robot's range of heights, from its bottom, in which what is asked lower is drawn together."""
+LEAN_KNEE = 0.3
+"""Share of the robot's lean, from its end, in which what is asked beyond is drawn together."""
+TRUNK = {"neck": 1.0, "l_hip": -0.5, "r_hip": -0.5}
+"""The line of the trunk, from the hips to the base of the neck, as a sum of joints."""
+FEET = ({"l_toe": 1.0, "l_ankle": -1.0}, {"r_toe": 1.0, "r_ankle": -1.0})
+"""The lines of the feet."""
+PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
+"""A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
+UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class AskedLandmarks:
+    """What is asked at one instant, in the robot's world frame.
+
+    positions (k, 3) m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity when
+    the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes.
+    """
+
+    positions: FloatArray
+    trunk: Quat
+    gaze: Vector
+
+
+class LandmarkMap:
+    """From the postures of one performer to landmarks of one robot. Its only state is the performer's heading."""
+
+    def __init__(
+        self, profile: RobotProfile, dimensions: HumanDimensions, stance: Stance, envelope: Envelope | None
+    ) -> None:
+        """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone)."""
+        self.names = tuple(profile.landmarks)
+        self._envelope = envelope
+        self._facing = Facing()
+        rest = dict(zip(POINTS, dimensions.standing(), strict=True))
+        entries = list(profile.landmarks.values())
+        self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK, *FEET]
+        self._joint_names: tuple[str, ...] = ()
+        self._weights = np.zeros((len(self._sums), 0))
+        line = _weights([TRUNK], POINTS) @ dimensions.standing()
+        self._upright = arc(_vector(line[0]), UP)
+        self._plan(profile, entries, stance)
+
+    def _plan(self, profile: RobotProfile, entries: list[Landmark], stance: Stance) -> None:
+        """Sort the landmarks: planted, the pelvis, and those that the trunk carries."""
+        soles = {foot.frame for foot in profile.feet.values()} if stance.soles else set()
+        self._offset = np.array([entry.offset for entry in entries])
+        self._borne = [row for row, entry in enumerate(entries) if set(entry.measured_from) <= PELVIS_JOINTS]
+        self._pelvis = self.names.index("pelvis") if "pelvis" in self.names else None
+        self._still = [row for row, entry in enumerate(entries) if entry.frame in soles]
+        if self._envelope is None and self._pelvis is not None:
+            self._still.append(self._pelvis)
+        self._places = np.array([stance.points[entries[row].frame] for row in self._still]).reshape(-1, 3)
+        pelvis = profile.landmarks["pelvis"].frame if self._pelvis is not None else None
+        self._pelvis_place = stance.points[pelvis] if pelvis is not None else np.zeros(3)
+        anchors = np.array([np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries])
+        self._feet = anchors[self._pelvis] if self._pelvis is not None else np.zeros(3)
+        self._carried = anchors - self._pelvis_place  # (k, 3) in the frame of an upright trunk
+
+    def restart(self) -> None:
+        """A new performance: take the heading of its first posture as it is."""
+        self._facing.restart()
+
+    def ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
+        """What this posture asks of the robot, `dt` s of the robot's clock after the one before."""
+        if human.joint_names is not self._joint_names:
+            self._weights = _weights(self._sums, human.joint_names)
+            self._joint_names = human.joint_names
+        limbs = self._weights @ human.joints  # (k + 3, 3) in the performer's world
+        pelvis_seen, chest_seen, head_seen = (_quat(row) for row in human.orientations)
+        x, y = self._facing.update(pelvis_seen, limbs[-2], limbs[-1], dt)
+        limbs = limbs @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+        from_world = (sqrt(max(0.5 + 0.5 * x, 0.0)), 0.0, 0.0, -copysign(sqrt(max(0.5 - 0.5 * x, 0.0)), y))
+        chest = product(from_world, chest_seen)
+        line = _vector(limbs[-3])
+        seen = product(product(arc(rotated(chest, UP), line), chest), self._upright)
+        gaze = rotated(product(from_world, head_seen), FORWARD)
+
+        pelvis = self._pelvis_asked(limbs)
+        trunk = self._trunk_asked(seen, float(pelvis[2]))
+        limbs[self._borne] = limbs[self._borne] @ to_matrix(product(trunk, inverse(seen))).T
+        positions = limbs[: len(self.names)] + self._offset + self._carried @ to_matrix(trunk).T + pelvis
+        if self._pelvis is not None:
+            positions[self._pelvis] = pelvis
+        positions[self._still] = self._places
+        return AskedLandmarks(positions, trunk, gaze)
+
+    def _pelvis_asked(self, limbs: FloatArray) -> FloatArray:
+        """The pelvis (3,) over the planted ankles, no lower than the robot gets."""
+        if self._envelope is None or self._pelvis is None:
+            return self._pelvis_place
+        asked = np.asarray(self._feet + limbs[self._pelvis] + self._offset[self._pelvis])
+        low, high = self._envelope.lowest, self._envelope.highest
+        asked[2] = high - drawn_in(high - float(asked[2]), high - low, CROUCH_KNEE)
+        return asked
+
+    def _trunk_asked(self, seen: Quat, height: float) -> Quat:
+        """The trunk as seen on the performer, leaning no further than the robot can with its pelvis at `height`."""
+        if self._envelope is None:
+            return IDENTITY
+        x, y, z = rotated(seen, UP)
+        across = hypot(x, y)
+        if across < 1e-9:
+            return seen
+        lean = atan2(across, z)
+        less = drawn_in(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
+        return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
+
+
+def drawn_in(value: float, most: float, knee: float) -> float:
+    """The value itself up to the last share `knee` before `most`; beyond, it approaches `most` smoothly."""
+    free = (1.0 - knee) * most
+    if value <= free:
+        return value
+    room = most - free
+    return most - room * exp(-(value - free) / room)
+
+
+def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:
+    """The limb vector of a landmark as a sum of human joints, scaled to the robot."""
+    chain = [np.mean([rest[name] for name in point], axis=0) for point in entry.human_length]
+    human_length = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
+    scale = entry.robot_length / human_length
+    total: dict[str, float] = {}
+    for names, sign in ((entry.follows, 1.0), (entry.measured_from, -1.0)):
+        for name in names:
+            total[name] = total.get(name, 0.0) + sign * scale / len(names)
+    return total
+
+
+def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) -> FloatArray:
+    """The sums as a matrix (rows, m) over joints in this order."""
+    weights = np.zeros((len(sums), len(joint_names)))
+    for row, joints in enumerate(sums):
+        for name, weight in joints.items():
+            weights[row, joint_names.index(name)] = weight
+    return weights
+
+
+def to_matrix(quat: Quat) -> FloatArray:
+    """The rotation as a matrix (3, 3)."""
+    w, x, y, z = quat
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def _vector(array: FloatArray) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def _quat(array: FloatArray) -> Quat:
+    w, x, y, z = array.tolist()
+    return w, x, y, z

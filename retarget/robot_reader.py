@@ -1,0 +1,84 @@
+"""Where a robot's landmarks, trunk and eyes are in a posture, and the names under which priorities know its parts."""
+
+import numpy as np
+
+from retarget.body import Frame
+from retarget.chase import HEAD, TRUNK, Reached
+from retarget.frames import BoolArray
+from retarget.hierarchy import body_frames
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+from retarget.scalar_rotations import Quat, inverse, product, rotated
+from retarget.stance import Stance
+
+__all__ = ["RobotReader", "robot_frames", "robot_postures", "standing_dofs"]
+
+FORWARD = (1.0, 0.0, 0.0)
+
+
+class RobotReader:
+    """Reads postures of one robot that stands in one stance."""
+
+    def __init__(self, robot: RobotBody, stance: Stance) -> None:
+        self._body = robot.body.solver_body()
+        places = [robot.frame(landmark.frame) for landmark in robot.profile.landmarks.values()]
+        self._links = [place.body for place in places]
+        self._local = np.array([place.position for place in places])
+        trunk, head = robot.frame(TRUNK), robot.frame(HEAD)
+        self._oriented = [trunk.body, head.body]
+        self._head = _quat(head.quat.tolist())
+        self.trunk_at_stance = _quat(robot.orientations(stance.q[None], (TRUNK,))[0, 0].tolist())
+        """Orientation wxyz of the trunk's frame in the stance: where the performer's trunk is upright."""
+        self._trunk = product(_quat(trunk.quat.tolist()), inverse(self.trunk_at_stance))
+
+    def read(self, q: FloatArray) -> tuple[Reached, FloatArray]:
+        """What posture q (nq,) reaches, and its centre of mass (3,) m."""
+        row = q[None]
+        trunk, head = self._body.orientations(row, self._oriented)[0].tolist()
+        reached = Reached(
+            self._body.points(row, self._links, self._local)[0],
+            product(_quat(trunk), self._trunk),
+            rotated(product(_quat(head), self._head), FORWARD),
+        )
+        return reached, self._body.centre_of_mass(row)[0]
+
+
+def robot_frames(robot: RobotBody) -> dict[str, Frame]:
+    """What names in a priority file stand for: landmarks, frames of the profile, links and sites of the body."""
+    frames = body_frames(robot.body) | {name: robot.frame(name) for name in robot.profile.frames}
+    return frames | {name: robot.frame(entry.frame) for name, entry in robot.profile.landmarks.items()}
+
+
+def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
+    """The postures (nq,) of the profile, by name, with the root where the robot stands."""
+    postures = {}
+    for name, angles in robot.profile.postures.model_dump().items():
+        q = robot.posture(angles)
+        free = 7 if robot.profile.root == "free" else 0
+        q[:free] = stance.q[:free]
+        postures[name] = q
+    return postures
+
+
+def standing_dofs(robot: RobotBody) -> BoolArray:
+    """Which DoFs (nv,) carry the robot: a free root, and every joint between it and a sole."""
+    body = robot.body
+    standing = np.zeros(body.nv, dtype=bool)
+    for foot in robot.profile.feet.values():
+        link = robot.frame(foot.frame).body
+        while link > 0:
+            standing |= np.isin(_dof_links(robot), link)
+            link = int(body.parent[link])
+    return standing
+
+
+def _dof_links(robot: RobotBody) -> FloatArray:
+    """Link (nv,) that each DoF moves."""
+    body = robot.body
+    ends = [*body.joint_dof[1:].tolist(), body.nv]
+    return np.repeat(body.joint_body, np.array(ends) - body.joint_dof).astype(float)
+
+
+def _quat(values: list[float]) -> Quat:
+    w, x, y, z = values
+    return w, x, y, z
