@@ -8,12 +8,12 @@ from typing import IO
 
 from retarget.errors import UsageError
 
-__all__ = ["check_folder", "check_place", "write_atomic", "write_stream"]
+__all__ = ["check_folder", "check_path", "check_place", "make_folder", "write_atomic", "write_stream"]
 
 
 def check_place(path: Path, *, option: str) -> None:
     """Raise UsageError unless a file can be written at `path`; nothing is left behind."""
-    _look_up(path, option)
+    check_path(path, option=option)
     if path.is_dir():
         raise UsageError("this is a folder", where=option, found=str(path), next_step="Give the name of a file in it")
     if path.exists() and not path.is_file():
@@ -26,13 +26,21 @@ def check_place(path: Path, *, option: str) -> None:
 
 def check_folder(path: Path, *, option: str) -> None:
     """Raise UsageError unless `path` is a writable folder, or can become one; nothing is left behind."""
-    _look_up(path, option)
+    check_path(path, option=option)
     if path.exists() and not path.is_dir():
         raise UsageError("this is a file, not a folder", where=option, found=str(path))
     existing = next(parent for parent in (path, *path.absolute().parents) if parent.exists())
     if not existing.is_dir():
         raise UsageError("part of this path is a file", where=option, found=str(existing))
     _try_folder(existing, option)
+
+
+def make_folder(path: Path, *, option: str) -> None:
+    """Make a folder, and those above it. Raises UsageError with the system's reason."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(path, option, error) from error
 
 
 def write_atomic(path: Path, content: bytes, *, option: str) -> None:
@@ -56,10 +64,12 @@ def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: st
         raise _unwritable(path, option, error) from error
 
 
-def _look_up(path: Path, option: str) -> None:
+def check_path(path: Path, *, option: str) -> None:
     """Raise UsageError for a path that the system cannot even look up: too long, a zero byte, a locked folder."""
     try:
-        path.exists()
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return
     except OSError as error:
         raise _unwritable(path, option, error) from error
     except ValueError as error:

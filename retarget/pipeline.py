@@ -163,7 +163,6 @@ class Pipeline:
 def _collector_at_rest() -> Iterator[None]:
     """Keep the garbage collector out of the ticks: nothing in them makes cycles."""
     was_on = gc.isenabled()
-    gc.collect()
     gc.disable()
     try:
         yield

@@ -8,7 +8,7 @@ from typing import Any
 
 from retarget.errors import UsageError
 from retarget.metrics.motion import LimitViolations
-from retarget.outputs import check_place, write_atomic
+from retarget.outputs import check_path, check_place, write_atomic
 
 __all__ = [
     "BusReport",
@@ -138,6 +138,7 @@ class Report:
 def report_path(text: str | Path) -> Path:
     """Where a report goes: FILE.json, or `report.json` in a folder that exists. Raises UsageError if it cannot."""
     path = Path(text)
+    check_path(path, option="--report")
     if path.is_dir():
         path = path / FILE_NAME
     elif path.suffix.lower() != ".json":

@@ -7,15 +7,15 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError
-from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard, Think
 from hardware.guard_state import GuardState, StopCause
 from retarget.approach import approach
 from retarget.human_posture import HumanPosture
+from retarget.planted_root import plant_root
 from retarget.record import RobotRecord
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
-from retarget.stages import FollowingStage
+from retarget.stages import FollowingStage, SentGoals
 
 __all__ = ["GATED_RAD", "RobotSide"]
 
@@ -27,7 +27,7 @@ class RobotSide:
     """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none."""
 
     def __init__(
-        self, *, robot: RobotBody, follower: FollowingStage, goals: GoalFilter, guard: Guard, clock: Clock, dt: float
+        self, *, robot: RobotBody, follower: FollowingStage, goals: SentGoals, guard: Guard, clock: Clock, dt: float
     ) -> None:
         self.robot = robot
         self.guard = guard
@@ -37,6 +37,7 @@ class RobotSide:
         self._dt = dt
         self._deadline = clock.now()
         self._q = robot.body.qpos0.copy()
+        self._before = self._q.copy()
         self._asked: FloatArray = np.zeros((0, 3))
         self._goal: FloatArray | None = None
         self._velocity = np.zeros(robot.body.nv)
@@ -54,7 +55,7 @@ class RobotSide:
         Raises GuardError or BusError when the robot cannot be armed.
         """
         posture = self._follower.start(human)
-        self._q[:] = posture.q
+        self._q[:] = self._before[:] = posture.q
         self._asked = posture.landmarks_asked
         present = self.guard.arm()
         speed = self.robot.profile.safety.speed_caps.approach
@@ -96,14 +97,16 @@ class RobotSide:
     def keep(self, record: RobotRecord, tick: int) -> None:
         """Write what this tick asked and sent into its row; tell the follower where something else was sent."""
         sent = self._goals.position
-        gated = self._goal is None or bool(np.abs(sent - self._goal).max() > GATED_RAD)
+        passed = self._goal is not None and bool(np.abs(sent - self._goal).max() <= GATED_RAD)  # False for NaN
         self._q[self.robot.servo_columns] = sent
-        if gated and self._goal is not None:
+        if not passed:
+            plant_root(self.robot, self._before, self._q)
             self._velocity[self._dofs] = self._goals.velocity
-            self._follower.reseed(self._q, self._velocity)
+            self._follower.reseed(self._q.copy(), self._velocity)
+        self._before[:] = self._q
         record.q[tick] = self._q
         record.landmarks_asked[tick] = self._asked
-        record.gated[tick] = gated
+        record.gated[tick] = not passed
         if self.guard.sent is not None:
             record.goal_ticks[tick] = self.guard.sent
         states = self.guard.states

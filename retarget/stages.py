@@ -1,7 +1,8 @@
-"""The two stages of a tick as the pipeline sees them: sensors to human, human to robot."""
+"""The stages of a tick as the pipeline sees them: sensors to human, human to robot, goals to what is sent."""
 
 from typing import TYPE_CHECKING, Protocol
 
+from hardware.goal_filter import GoalFilter
 from retarget.frames import SensorSample
 from retarget.rotations import FloatArray
 
@@ -9,7 +10,7 @@ if TYPE_CHECKING:
     from retarget.follow import RobotPosture
     from retarget.human_posture import HumanPosture
 
-__all__ = ["FollowingStage", "ReconstructingStage"]
+__all__ = ["FollowingStage", "ReconstructingStage", "SentGoals"]
 
 
 class ReconstructingStage(Protocol):
@@ -37,4 +38,13 @@ class FollowingStage(Protocol):
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
+        ...
+
+
+class SentGoals(GoalFilter, Protocol):
+    """A filter that also knows how fast it let the robot go."""
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocity at which the posture returned last was reached, rad/s (n,)."""
         ...

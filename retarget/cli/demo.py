@@ -9,7 +9,6 @@ from retarget.cli.follow_clip import follow_clip
 from retarget.cli.outputs import Outputs
 from retarget.frames import SensorFrames
 from retarget.options import RunOptions
-from retarget.outputs import check_folder
 
 DEFAULT_FOLDER = Path("out/demo")
 
@@ -23,12 +22,11 @@ def demo(
     Writes a report, every tick and pictures into a folder; needs no data and no hardware.
     """
     options = RunOptions(robot=robot)
-    check_folder(folder, option="folder")
+    outputs = Outputs.in_folder(folder)
 
     def read() -> SensorFrames:
         from sim.performer import synthetic_performer
 
         return synthetic_performer()
 
-    outputs = Outputs(report=folder / "report.json", save=folder / "run.npz", plots=folder)
     raise typer.Exit(follow_clip(read, options, outputs))

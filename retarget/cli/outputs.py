@@ -5,7 +5,7 @@ from pathlib import Path
 
 import typer
 
-from retarget.outputs import check_folder
+from retarget.outputs import check_folder, make_folder
 from retarget.report import Report, report_path, write_report
 from retarget.run_result import RunResult
 from retarget.save import save_path, write_npz
@@ -29,8 +29,16 @@ class Outputs:
             check_folder(plots, option="--plots")
         return places
 
+    @classmethod
+    def in_folder(cls, folder: Path) -> "Outputs":
+        """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
+        check_folder(folder, option="folder")
+        return cls(report=folder / "report.json", save=folder / "run.npz", plots=folder)
+
     def write(self, run: RunResult, report: Report) -> None:
         """Write what was asked for, and say where it is. Raises UsageError if a file cannot be written after all."""
+        if self.plots is not None:
+            make_folder(self.plots, option="--plots")
         if self.report is not None:
             write_report(report, self.report)
             _say("report", self.report)

@@ -84,4 +84,5 @@ def _arm_solver(robot: RobotBody, link: int, point: FloatArray, moving: NDArray[
         max_acceleration=unlimited,
         locked=locked,
         n_ik=STEPS,
+        early_stop=False,
     )

@@ -39,11 +39,11 @@ def excursion_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
 def lag(asked: FloatArray, reached: FloatArray, dt: float, *, longest: float = 1.0) -> float | None:
     """Time (s) by which tracks reached (T, k, 3) trail those asked, where their cross-correlation is highest.
 
-    All coordinates together, each about its mean; lags from 0 to `longest` s, between ticks by a parabola. None where
+    All coordinates together, each about its mean over the ticks compared; lags from 0 to `longest` s, between ticks by a parabola. None where
     either stands still.
     """
     known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
-    a, b = _centred(asked[known]), _centred(reached[known])
+    a, b = (track[known].reshape(np.count_nonzero(known), 3 * track.shape[1]) for track in (asked, reached))
     steps = min(round(longest / dt), len(a) // 2)
     if steps < 2 or _spread(a) < STILL_M or _spread(b) < STILL_M:
         return None
@@ -57,19 +57,18 @@ def _path_length(track: FloatArray) -> float:
 
 
 def _centred(track: FloatArray) -> FloatArray:
-    """Tracks as columns (T, 3k) about their means."""
-    flat = track.reshape(len(track), -1)
-    return np.asarray(flat - flat.mean(axis=0)) if len(flat) else flat
+    """Columns (T, c) about their means."""
+    return np.asarray(track - track.mean(axis=0))
 
 
-def _spread(centred: FloatArray) -> float:
-    """Root mean square of the distance from the mean, m."""
-    return float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
+def _spread(track: FloatArray) -> float:
+    """Root mean square of the distance of (T, c) from its mean, m."""
+    return float(np.sqrt(np.mean(np.sum(_centred(track) ** 2, axis=1))))
 
 
 def _correlation(asked: FloatArray, reached: FloatArray, step: int) -> float:
     """Normalised correlation of what was asked with what was reached `step` ticks later."""
-    a, b = asked[: len(asked) - step], reached[step:]
+    a, b = _centred(asked[: len(asked) - step]), _centred(reached[step:])
     return float(np.vdot(a, b) / np.sqrt(np.vdot(a, a) * np.vdot(b, b)))
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from retarget.errors import UsageError
+from retarget.outputs import make_folder
 from retarget.plots.angles import plot_angles
 from retarget.plots.balance import plot_balance
 from retarget.plots.poses import plot_poses
@@ -22,8 +23,8 @@ def write_plots(run: RunResult, folder: Path) -> list[Path]:
     Raises UsageError if they cannot be written.
     """
     written = []
+    make_folder(folder, option="--plots")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for name, draw in PICTURES.items():
             figure = draw(run)
             if figure is not None:

@@ -1,0 +1,205 @@
+"""Metrics against cases made by hand."""
+
+import numpy as np
+import pytest
+
+from retarget.hierarchy import JointLimits
+from retarget.metrics import standing, tracking
+from retarget.metrics.clearance import self_clearance
+from retarget.metrics.measure import measure
+from retarget.metrics.motion import jerk_p95, limit_violations
+from retarget.metrics.reach import chain_to_anchor, reachable_error
+from retarget.pipeline import Pipeline
+from retarget.record import RobotRecord
+from retarget.report import Report
+from retarget.robot_body import RobotBody, load_robot
+from retarget.rotations import IDENTITY, FloatArray
+from rig import Rig, StubReconstructor, person, result, short_clip
+
+DT = 0.008
+
+
+@pytest.fixture(scope="module")
+def op3() -> RobotBody:
+    return load_robot("op3")
+
+
+def wave(ticks: int = 500, *, late: float = 0.0) -> FloatArray:
+    """Two tracks (T, 2, 3) m that go round, `late` s late."""
+    time = np.arange(ticks) * DT - late
+    one = np.stack([0.1 * np.sin(3.0 * time), 0.2 * np.cos(2.0 * time), 0.05 * time], axis=-1)
+    return np.stack([one, 2.0 * one], axis=1)
+
+
+def limits(position: float = 1.0, velocity: float = 2.0, acceleration: float = 10.0, joints: int = 2) -> JointLimits:
+    full = np.full(joints, 1.0)
+    return JointLimits(-position * full, position * full, velocity * full, acceleration * full)
+
+
+def test_a_frozen_robot_shows_zero_and_no_lag() -> None:
+    asked = wave()
+    frozen = np.repeat(asked[:1], len(asked), axis=0)
+    assert tracking.path_ratio(asked, frozen) == 0.0
+    assert tracking.excursion_ratio(asked[:, 0, 2], frozen[:, 0, 2]) == 0.0
+    assert tracking.lag(asked, frozen, DT) is None
+    assert tracking.path_ratio(asked, asked) == pytest.approx(1.0)
+    assert tracking.path_ratio(frozen, asked) is None
+    assert tracking.excursion_ratio(frozen[:, 0, 2], asked[:, 0, 2]) is None
+
+
+@pytest.mark.parametrize("late", [0.0, 0.02, 0.0457, 0.2])
+def test_lag_is_found_between_ticks(late: float) -> None:
+    assert tracking.lag(wave(), wave(late=late), DT) == pytest.approx(late, abs=0.003)
+
+
+def test_ticks_with_unknown_values_take_no_part() -> None:
+    asked, reached = wave(), wave()
+    asked[3] = np.nan
+    assert tracking.path_ratio(asked, reached) == pytest.approx(1.0)
+    assert tracking.excursion_ratio(asked[:, 0, 2], reached[:, 0, 2]) == pytest.approx(1.0)
+    assert tracking.path_ratio(asked * np.nan, reached) is None
+    assert tracking.lag(asked * np.nan, reached, DT) is None
+
+
+def test_a_motion_within_its_limits_breaks_none() -> None:
+    time = np.arange(400) * DT
+    smooth = np.stack([0.5 * (1.0 - np.cos(2.0 * time)), np.zeros_like(time)], axis=-1)
+    assert limit_violations(smooth, limits(), DT) == limit_violations(smooth, limits(), DT, from_rest=False)
+    counted = limit_violations(smooth, limits(), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 0, 0)
+
+
+def test_every_broken_limit_is_counted() -> None:
+    still = np.zeros((10, 2))
+    beyond = still.copy()
+    beyond[5:7, 1] = 1.1
+    counted = limit_violations(beyond, limits(velocity=1e6, acceleration=1e9), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (2, 0, 0)
+    fast = np.outer(np.arange(5) * 2.01 * DT, [1.0, 0.0])
+    counted = limit_violations(fast, limits(acceleration=1e9), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 4, 0)
+    # From rest into motion and back to rest: two changes of speed.
+    kick = still.copy()
+    kick[4:, 0] = 11.0 * DT**2
+    counted = limit_violations(kick, limits(), DT)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 0, 2)
+
+
+def test_a_start_beyond_a_limit_may_come_back_but_not_go_out_again() -> None:
+    path = np.array([1.2, 1.1, 0.9, 1.1])[:, None]
+    loose = limits(velocity=1e6, acceleration=1e9, joints=1)
+    assert limit_violations(path, loose, DT).position == 1
+
+
+def test_jerk() -> None:
+    time = np.arange(100) * DT
+    assert jerk_p95(np.array(2.0 * time**3)[:, None], DT) == pytest.approx(12.0)
+    assert jerk_p95(np.zeros((3, 2)), DT) is None
+
+
+def square(at: tuple[float, float, float] = (0.0, 0.0, 0.0), ticks: int = 3) -> standing.Sole:
+    """A sole of 20 cm by 10 cm."""
+    outline = np.array([[0.1, 0.05], [-0.1, 0.05], [-0.1, -0.05], [0.1, -0.05]])
+    return standing.Sole(np.tile(np.array(at), (ticks, 1)), np.tile(IDENTITY, (ticks, 1)), outline)
+
+
+def test_the_margin_of_the_centre_of_mass() -> None:
+    corners = standing.sole_corners(square())
+    com = np.array([[0.0, 0.0, 0.3], [0.0, 0.04, 0.3], [0.0, 0.07, 0.3]])
+    assert standing.support_margin(com, corners) == pytest.approx([0.05, 0.01, -0.02], abs=1e-5)
+
+
+def test_a_lifted_foot_carries_nothing() -> None:
+    left, right = square((0.0, 0.1, 0.0)), square((0.0, -0.1, 0.02))
+    corners = np.concatenate([standing.sole_corners(left), standing.sole_corners(right)], axis=1)
+    com = np.zeros((3, 3))
+    assert standing.support_margin(com, corners) == pytest.approx([-0.05] * 3, abs=1e-5)
+    in_the_air = standing.sole_corners(square((0.0, 0.0, 0.5)))
+    assert np.isnan(standing.support_margin(com, in_the_air)).all()
+
+
+def test_foot_slide_counts_only_on_the_ground() -> None:
+    sole = square(ticks=6)
+    sole.position[1:, 0] += [0.001, 0.003, 0.5, 0.5, 0.502]
+    sole.position[3, 2] = 0.1  # a step
+    assert standing.foot_slide(sole) == pytest.approx(0.003)
+
+
+def test_sole_tilt() -> None:
+    sole = square(ticks=1)
+    sole.orientation[0] = [np.cos(0.05), np.sin(0.05), 0.0, 0.0]
+    assert standing.sole_tilt(sole) == pytest.approx([0.1])
+
+
+def clearance_of(op3: RobotBody, q: FloatArray) -> tuple[float | None, int]:
+    neutral = op3.posture(op3.profile.postures.neutral)
+    pairs = [ignored.pair for ignored in op3.profile.ignore_pairs]
+    found = self_clearance(op3.profile.body_path, q, root="free", neutral=neutral, ignored=pairs)
+    return found.smallest, found.penetrating
+
+
+def test_self_clearance(op3: RobotBody) -> None:
+    stand = op3.posture(op3.profile.postures.stand)
+    smallest, penetrating = clearance_of(op3, stand[None])
+    assert smallest is not None and 0.0 < smallest < 0.02 and penetrating == 0
+    crossed = op3.posture(dict(op3.profile.postures.stand) | {"l_hip_roll": 0.6, "r_hip_roll": -0.6})
+    smallest, penetrating = clearance_of(op3, np.stack([stand, crossed, crossed, stand]))
+    assert smallest is not None and smallest < -0.005 and penetrating == 2
+
+
+def test_the_arm_knows_what_it_can_reach(op3: RobotBody) -> None:
+    assert [op3.body.joint_names[joint] for joint in chain_to_anchor(op3, "l_hand")] == [
+        "l_el",
+        "l_sho_roll",
+        "l_sho_pitch",
+    ]
+    stand = op3.posture(op3.profile.postures.stand)
+    sent = RobotRecord.empty(3, nq=stand.size, start=np.zeros(20), landmark_names=("l_hand",))
+    sent.q[:] = stand
+    bent = op3.posture(dict(op3.profile.postures.stand) | {"l_sho_pitch": -0.5, "l_el": -0.8})
+    within = op3.points(bent[None], ("l_hand",))[0]
+    sent.landmarks_asked[:] = within
+    off = float(np.linalg.norm(within - op3.points(stand[None], ("l_hand",))[0]))
+    assert reachable_error(op3, sent) == pytest.approx(off)
+    sent.landmarks_asked[:] = within + np.array([0.0, 1.0, 0.0])
+    assert reachable_error(op3, sent) is None
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    """A robot that jumps once, which the gate holds back."""
+    script = np.zeros((51, 20))
+    script[30:, 3] = 1.0
+    rig, human, clip = Rig(script), person(), short_clip()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    return measure(result(ending, clip, human, rig.robot))
+
+
+def test_the_report_of_a_held_robot(report: Report) -> None:
+    assert report.ticks == 51 and report.frames == 49
+    assert report.gated_frames == 21
+    assert (report.limit_violations.position, report.limit_violations.velocity) == (0, 0)
+    assert report.limit_violations.acceleration == 0
+    assert report.tracking_mm["l_hand"].max > 50.0 and report.tracking_mm["r_hand"].max < 1e-6
+    assert report.hand_path_ratio == pytest.approx(0.0, abs=1e-9)
+    assert report.pelvis_excursion_ratio is None
+    assert report.com_outside_support_frames == 0 and report.foot_slide_mm == pytest.approx(0.0, abs=1e-9)
+    assert report.penetrating_frames == 0
+    assert report.bus is not None and report.bus.rate_hz == pytest.approx(125.0) and report.bus.faults == 0
+
+
+def test_what_does_not_exist_yet_is_none(report: Report) -> None:
+    assert report.fallen is None and report.mode_switches_per_s is None and report.min_clearance_mm.scene is None
+
+
+def test_the_report_of_a_human_has_no_robots_values() -> None:
+    human, clip = person(), short_clip(rate_hz=None)
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run()
+    report = measure(result(ending, clip, human, None))
+    assert report.robot == "human" and list(report.tracking_mm) == list(clip.frames.names)
+    for value in (report.gated_frames, report.com_outside_support_frames, report.bus, report.retarget_us):
+        assert value is None
+    assert report.unsensed_mm is not None
+    joints = {name: value for name, value in report.unsensed_mm.items() if name != "mean"}
+    assert set(joints) == {*("pelvis", "neck", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder")}
+    assert report.unsensed_mm["mean"] == pytest.approx(np.mean(list(joints.values())))

@@ -1,0 +1,127 @@
+"""`retarget run`: end to end, what is refused before anything happens, and what a person reads."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from retarget.cli import main
+from retarget.cli.boundary import DONE, REFUSED
+
+
+def run(*words: str | Path) -> int:
+    """Run the command line and return its exit code."""
+    with pytest.raises(SystemExit) as leaving:
+        main(["run", *map(str, words)])
+    return int(leaving.value.code or 0)
+
+
+@pytest.fixture
+def amc(shared: Path) -> Path:
+    return shared / "mocap" / "cmu_asfamc" / "02_06.amc"
+
+
+def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report, saved = tmp_path / "r.json", tmp_path / "r.npz"
+    code = run("--robot", "op3", "--source", amc, "--end", "3", "--speed", "0.5", "--report", report, "--save", saved)
+    assert code == DONE
+    data = json.loads(report.read_text())
+    assert data["frames"] == 361 and data["ticks"] == 751 and data["rate_hz"] == 125.0
+    assert data["stop"] == {"state": "idle", "reason": None}
+    assert data["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
+    assert data["hand_path_ratio"] > 0.5 and data["pelvis_excursion_ratio"] > 0.3
+    with np.load(saved) as arrays:
+        assert len(arrays["time"]) == 751
+        assert np.isfinite(arrays["joint_positions"]).all()
+    shown = capsys.readouterr()
+    for words in ("tracking, mm", "limits broken", "lag", "self clearance", "cost per tick", "report:"):
+        assert words in shown.out
+    assert "%" not in shown.err  # no progress bar in a pipe
+
+
+def test_the_human_is_reconstructed(amc: Path, tmp_path: Path) -> None:
+    assert run("--robot", "human", "--source", amc, "--end", "2", "--report", tmp_path) == DONE
+    data = json.loads((tmp_path / "report.json").read_text())
+    assert data["ticks"] == data["frames"] == 241 and data["rate_hz"] == 120.0
+    assert max(spread["mean"] for spread in data["tracking_mm"].values()) < 2.0
+    assert data["unsensed_mm"]["mean"] < 200.0
+    assert data["bus"] is None and data["gated_frames"] is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--bus", "none"),
+        ("--no-gate",),
+        ("--mirror",),
+        ("--parts", "upper"),
+        ("--performer", "ten"),
+        ("--n-ik", "1"),
+        ("--rate", "60"),
+    ],
+)
+def test_options_run(amc: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
+    assert run("--robot", "op3", "--source", amc, "--end", "0.3", "--report", tmp_path, *options) == DONE
+    data = json.loads((tmp_path / "report.json").read_text())
+    assert (data["bus"] is None) == ("none" in options)
+    if "upper" in options:
+        assert data["foot_slide_mm"] < 1e-6
+
+
+REFUSALS = {
+    "unknown robot": (("--robot", "op4"), r"unknown robot.*op3"),
+    "no such source": (("--source", "nothing.amc"), "nothing.amc"),
+    "unknown bus": (("--bus", "mok"), r"--bus.*mock"),
+    "a bus that is not there yet": (("--bus", "/dev/ttyUSB0"), r"--bus.*mock, none"),
+    "unknown performer": (("--performer", "fiv"), "five"),
+    "unknown parts": (("--parts", "lower"), r"--parts.*whole, upper"),
+    "unknown priorities": (("--priorities", "serv"), "servo"),
+    "speed 0": (("--speed", "0"), "--speed"),
+    "negative speed": (("--speed", "-1"), "--speed"),
+    "speed nan": (("--speed", "nan"), "--speed"),
+    "no iterations": (("--n-ik", "0"), "--n-ik"),
+    "absurd rate": (("--rate", "1e9"), "rate"),
+    "rate 0": (("--rate", "0"), "rate"),
+    "start after end": (("--start", "2", "--end", "1"), "--start"),
+    "start after the recording": (("--start", "1000"), "start|frame"),
+    "unknown unit": (("--unit", "furlong"), "unit"),
+    "report without folder": (("--report", "nowhere/r.json"), r"--report.*no such folder|no such folder.*--report"),
+    "report of another kind": (("--report", "r.txt"), "--report"),
+    "save of another kind": (("--save", "r.csv"), "--save"),
+    "an option of a later day": (("--scene", "s.yaml"), "No such option"),
+    "not a number": (("--speed", "fast"), "--speed"),
+}
+
+
+@pytest.mark.parametrize("case", list(REFUSALS))
+def test_refused_before_anything_happens(
+    case: str, amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words, message = REFUSALS[case]
+    code = run("--robot", "op3", "--source", amc, "--save", "s.npz", *words)
+    error = capsys.readouterr().err
+    assert code == REFUSED, error
+    assert "Traceback" not in error
+    assert re.search(message, error), error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_robot_and_source_are_needed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run() == REFUSED
+    assert "--robot" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [("--parts", "upper"), ("--no-gate",)])
+def test_a_human_has_neither_parts_nor_gate(amc: Path, options: tuple[str, ...]) -> None:
+    assert run("--robot", "human", "--source", amc, *options) == REFUSED
+
+
+def test_a_jump_of_the_sensors_never_jumps_the_robot(shared: Path, tmp_path: Path) -> None:
+    source = shared / "mocap" / "cmu_asfamc" / "01_07.amc"
+    options = ("--start", "27", "--end", "29", "--report", tmp_path, "--save", tmp_path / "r.npz")
+    assert run("--robot", "op3", "--source", source, *options) == DONE
+    data = json.loads((tmp_path / "report.json").read_text())
+    assert data["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
