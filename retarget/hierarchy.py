@@ -12,7 +12,7 @@ from math import expm1
 import numpy as np
 
 from retarget import _solver
-from retarget.body import BodyModel, Frame
+from retarget.body import BodyModel, Frame, IntArray
 from retarget.errors import ConfigError, suggest
 from retarget.frames import BoolArray
 from retarget.priorities import Priorities
@@ -71,11 +71,13 @@ class Hierarchy:
         locked: BoolArray | None = None,
         iterations: int | None = None,
         early_stop: bool = True,
+        damping: float = 3.0,
     ) -> "Hierarchy":
         """Compile a priority file.
 
         frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. locked
-        (nv,): DoFs that never move. iterations: instead of the file's. Raises ConfigError: a name that the body lacks.
+        (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. Raises ConfigError:
+        a name that the body lacks.
         """
         last = len(priorities.levels) - 1
         levels: list[list[Slot]] = []
@@ -92,6 +94,7 @@ class Hierarchy:
             locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
             n_ik=priorities.iterations if iterations is None else iterations,
             early_stop=early_stop,
+            damping=damping,
         )
         return cls(solver, levels, postures)
 
@@ -110,6 +113,17 @@ class Hierarchy:
     def set_position(self, targets: FloatArray, name: str, position: FloatArray, weight: float = 1.0) -> None:
         """A world position (3,) m."""
         self._set(targets, SlotKind.POSITION, name, position, weight)
+
+    def position_slots(self, names: Sequence[str]) -> tuple[IntArray, IntArray]:
+        """Where the positions of `names` go: (source (m,), target (m, 4)), for `targets[target] = block[source]` with
+        rows weight, x, y, z in `block` (len(names), 4)."""
+        found = [
+            (row, place.start)
+            for row, name in enumerate(names)
+            for place in self._by_name.get((SlotKind.POSITION, name), ())
+        ]
+        pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
+        return pairs[:, 0], pairs[:, 1:] + np.arange(4)
 
     def set_orientation(self, targets: FloatArray, name: str, orientation: FloatArray, weight: float = 1.0) -> None:
         """A world orientation (4,) wxyz."""

@@ -43,6 +43,21 @@ POSTURES: tuple[Posture, ...] = (
         ),
     ),
     Posture(
+        "crouch",
+        "a deep crouch on flat feet, hands free: how people get down to the ground",
+        (
+            ("spine_flexion", 40.0),
+            ("chest_flexion", 14.0),
+            ("neck_flexion", -20.0),
+            ("shoulder_elevation", 12.9),
+            ("shoulder_swing", -12.6),
+            ("elbow_flexion", 35.0),
+            ("hip_flexion", 100.0),
+            ("knee_flexion", 110.0),
+            ("ankle_dorsiflexion", 20.0),
+        ),
+    ),
+    Posture(
         "t_pose",
         "arms straight out to the sides",
         (("shoulder_elevation", 90.0), ("shoulder_swing", -45.0), ("shoulder_rotation", 45.0)),

@@ -14,6 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from retarget.catalogue import Kind, find
 from retarget.errors import Problem
+from retarget.heading_settings import HeadingSettings
 from retarget.schema import (
     Integer,
     Name,
@@ -148,12 +149,13 @@ class CentreOfMassTask(_Weighed):
 class PostureTask(_Weighed):
     """Joints are drawn to a posture of the body.
 
-    towards: its name. stiffness: weight by joint or by group of joints; `default` is that of all others, and of a free
+    towards: its name. lowered: name of what it becomes as the head comes down; absent: it stays. stiffness: weight by joint or by group of joints; `default` is that of all others, and of a free
     root 0. settle: s, time constant with which free joints approach it; absent or 0: at once.
     """
 
     type: Literal["posture"]
     towards: Name = "attractor"
+    lowered: Name | None = None
     stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=_uniform)]
     settle: NotNegative = 0.0
 
@@ -198,13 +200,14 @@ class Priorities(Schema):
     """Levels, highest first. iterations: most per frame (the paper's N_IK).
 
     activation: which preventive observers put up their row: the closest per obstacle (paper), one after the other by
-    distance, or all.
+    distance, or all. heading: how the heading of a performer is told from the sensors.
     """
 
     name: Name
     description: Text
     iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
     activation: Literal["closest", "ranked", "all"] = "closest"
+    heading: HeadingSettings = HeadingSettings()
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
 
     def tasks(self) -> Iterator[tuple[int, int, Task]]:
