@@ -64,13 +64,13 @@ class JointMap:
         upstream, never clipped here.
         """
         exact = self._zero + self._scale * positions
-        if not np.all(np.isfinite(exact)):
+        if not np.isfinite(exact).all():
             raise HardwareError(self._complaint(positions, ~np.isfinite(exact), "a joint angle is not a finite number"))
         ticks = np.rint(exact).astype(np.int64)
         inside = (positions >= self.lower) & (positions <= self.upper)
-        ticks = np.where(inside, np.clip(ticks, self._first_inside, self._last_inside), ticks)
+        ticks = np.where(inside, np.minimum(np.maximum(ticks, self._first_inside), self._last_inside), ticks)
         beyond = (ticks < 0) | (ticks > self._last)
-        if np.any(beyond):
+        if beyond.any():
             raise HardwareError(self._complaint(positions, beyond, "a joint angle is beyond the servo's travel"))
         return ticks
 

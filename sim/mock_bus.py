@@ -76,22 +76,9 @@ class MockBus:
                 describe(what="no answer from any servo", where="mock bus, read", then="Check power and wiring")
             )
         missing = self._silent()
-        now = self._time
-        self._answered[~missing] = now
         fresh = self._registers()
-        old = self._shown or fresh
-        self._shown = ServoStates(
-            time=now,
-            position=np.where(missing, old.position, fresh.position),
-            velocity=np.where(missing, old.velocity, fresh.velocity),
-            current=np.where(missing, old.current, fresh.current),
-            voltage=np.where(missing, old.voltage, fresh.voltage),
-            temperature=np.where(missing, old.temperature, fresh.temperature),
-            error=np.where(missing, old.error, fresh.error),
-            alert=np.where(missing, old.alert, fresh.alert),
-            age=now - self._answered,
-            valid=~missing,
-        )
+        self._shown = self._merged(fresh, missing) if missing.any() else fresh
+        self._answered[~missing] = self._time
         return self._shown
 
     def write(self, goals: ServoGoals) -> None:
@@ -162,6 +149,22 @@ class MockBus:
             alert=self._alert.copy(),
             age=np.zeros(count),
             valid=np.ones(count, dtype=np.bool_),
+        )
+
+    def _merged(self, fresh: ServoStates, missing: BoolArray) -> ServoStates:
+        """Fresh values of the servos that answer, and what the `missing` ones (n,) said last."""
+        old = self._shown or fresh
+        return ServoStates(
+            time=self._time,
+            position=np.where(missing, old.position, fresh.position),
+            velocity=np.where(missing, old.velocity, fresh.velocity),
+            current=np.where(missing, old.current, fresh.current),
+            voltage=np.where(missing, old.voltage, fresh.voltage),
+            temperature=np.where(missing, old.temperature, fresh.temperature),
+            error=np.where(missing, old.error, fresh.error),
+            alert=np.where(missing, old.alert, fresh.alert),
+            age=np.where(missing, self._time - self._answered, 0.0),
+            valid=~missing,
         )
 
     def _silent(self) -> BoolArray:

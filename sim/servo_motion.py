@@ -38,7 +38,7 @@ def saturated_lag(
     """
     distance = np.abs(error)
     knee = top * lag  # below this error the loop no longer saturates
-    cruise = np.clip((distance - knee) / top, 0.0, elapsed)  # [s] at top speed
+    cruise = np.minimum(np.maximum((distance - knee) / top, 0.0), elapsed)  # [s] at top speed
     left = distance - cruise * top  # error when the cruise ends
     decay = np.exp(-(elapsed - cruise) / np.maximum(lag, 1e-12))
     final = left * decay

@@ -10,11 +10,11 @@ from retarget.rotations import FloatArray
 
 __all__ = ["chain_to_anchor", "reachable_error"]
 
-EVERY = 10
+EVERY = 20
 """Every so manyth tick is looked at."""
 WITHIN_M = 0.002
 """The arm gets there when it gets this near, m."""
-STEPS = 40
+STEPS = 25
 
 
 def reachable_error(robot: RobotBody, sent: RobotRecord) -> float | None:

@@ -8,6 +8,8 @@ __all__ = ["distances", "excursion_ratio", "lag", "path_ratio"]
 
 STILL_M = 1e-3
 """What is asked to move less than this, m, says nothing about moving."""
+COARSE = 4
+"""Lags are looked at in steps of so many ticks first: no body moves so fast that a peak is narrower."""
 
 
 def distances(asked: FloatArray, reached: FloatArray) -> FloatArray:
@@ -37,19 +39,22 @@ def excursion_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
 
 
 def lag(asked: FloatArray, reached: FloatArray, dt: float, *, longest: float = 1.0) -> float | None:
-    """Time (s) by which tracks reached (T, k, 3) trail those asked, where their cross-correlation is highest.
+    """Time (s) by which tracks reached (T, k, 3) m trail those asked, where their cross-correlation is highest.
 
-    All coordinates together, each about its mean over the ticks compared; lags from 0 to `longest` s, between ticks by a parabola. None where
-    either stands still.
+    All coordinates together, each about its mean over the ticks compared; lags from 0 to `longest` s, between ticks by
+    a parabola. None where either stands still.
     """
     known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
     a, b = (track[known].reshape(np.count_nonzero(known), 3 * track.shape[1]) for track in (asked, reached))
     steps = min(round(longest / dt), len(a) // 2)
     if steps < 2 or _spread(a) < STILL_M or _spread(b) < STILL_M:
         return None
-    score = np.array([_correlation(a, b, step) for step in range(steps + 1)])
+    coarse = range(0, steps + 1, COARSE)
+    near = max(coarse, key=lambda step: _correlation(a, b, step))
+    first, last = max(near - COARSE, 0), min(near + COARSE, steps)
+    score = np.array([_correlation(a, b, step) for step in range(first, last + 1)])
     best = int(np.argmax(score))
-    return float((best + _vertex(score, best)) * dt)
+    return float((first + best + _vertex(score, best)) * dt)
 
 
 def _path_length(track: FloatArray) -> float:
@@ -69,7 +74,12 @@ def _spread(track: FloatArray) -> float:
 def _correlation(asked: FloatArray, reached: FloatArray, step: int) -> float:
     """Normalised correlation of what was asked with what was reached `step` ticks later."""
     a, b = _centred(asked[: len(asked) - step]), _centred(reached[step:])
-    return float(np.vdot(a, b) / np.sqrt(np.vdot(a, a) * np.vdot(b, b)))
+    return _inner(a, b) / float(np.sqrt(_inner(a, a) * _inner(b, b)))
+
+
+def _inner(a: FloatArray, b: FloatArray) -> float:
+    """Sum of products. Not by BLAS, whose threads wait for each other on a busy machine."""
+    return float(np.einsum("ij,ij->", a, b))
 
 
 def _vertex(score: FloatArray, best: int) -> float:
