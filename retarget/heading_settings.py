@@ -24,10 +24,12 @@ class HeadingSettings(Schema):
     settle: time constant of the low-pass, s; velocity_settle: of the velocity.
     """
 
-    pairs: Annotated[dict[Name, NotNegative], Field(max_length=16)] = {"ankle": 0.5, "wrist": 1.0}
+    pairs: dict[Name, NotNegative] = Field(default_factory=lambda: {"ankle": 0.5, "wrist": 1.0}, max_length=16)
     hands: NotNegative = 1.0
     velocity: NotNegative = 0.5
     walking: Annotated[Interval, AfterValidator(_not_negative)] = (0.5, 1.0)
-    facing: Annotated[dict[Name, NotNegative], Field(max_length=16)] = {"head": 1.0, "chest": 2.0, "pelvis": 2.0}
+    facing: dict[Name, NotNegative] = Field(
+        default_factory=lambda: {"head": 1.0, "chest": 2.0, "pelvis": 2.0}, max_length=16
+    )
     settle: Positive = 0.2
     velocity_settle: Positive = 0.05

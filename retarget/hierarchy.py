@@ -48,8 +48,9 @@ class Hierarchy:
         self, solver: _solver.Solver, levels: Sequence[Sequence[Slot]], postures: Mapping[str, FloatArray]
     ) -> None:
         self.solver = solver
-        self.labels = tuple(f"{slot.kind.value} {slot.name}" for level in levels for slot in level)
+        self.slots = tuple(slot for level in levels for slot in level)
         """What each entry of `solver.task_errors` is the error of."""
+        self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
         for level, slots in enumerate(levels):
@@ -76,8 +77,8 @@ class Hierarchy:
         """Compile a priority file.
 
         frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. locked
-        (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. Raises ConfigError:
-        a name that the body lacks.
+        (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. Raises
+        ConfigError: a name that the body lacks.
         """
         last = len(priorities.levels) - 1
         levels: list[list[Slot]] = []
@@ -145,8 +146,8 @@ class Hierarchy:
             targets[place.start + 1 : end] = edges.ravel()
             targets[end : place.stop] = 0.0
 
-    def set_heading(self, targets: FloatArray, heading: FloatArray, weight: float = 1.0) -> None:
-        """The heading (2,), a unit vector on the ground, to every heading task and every axis task."""
+    def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:
+        """The heading (x, y), a unit vector on the ground, to every heading task and every axis task."""
         cosine, sine = float(heading[0]), float(heading[1])
         for kind, strength in ((SlotKind.HEADING, weight), (SlotKind.AXIS, 1.0)):
             for place in self._places[kind]:

@@ -149,8 +149,9 @@ class CentreOfMassTask(_Weighed):
 class PostureTask(_Weighed):
     """Joints are drawn to a posture of the body.
 
-    towards: its name. lowered: name of what it becomes as the head comes down; absent: it stays. stiffness: weight by joint or by group of joints; `default` is that of all others, and of a free
-    root 0. settle: s, time constant with which free joints approach it; absent or 0: at once.
+    towards: its name. lowered: name of what it becomes as the head comes down; absent: it stays. stiffness: weight by
+    joint or by group of joints; `default` is that of all others, and of a free root 0. settle: s, time constant
+    with which free joints approach it; absent or 0: at once.
     """
 
     type: Literal["posture"]

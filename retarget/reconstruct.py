@@ -1,0 +1,227 @@
+"""The first stage, the paper's motion reconstruction: a few sensors move a virtual human of the performer's size.
+
+Causal and one sample at a time, so that a live stream and a file go the same way. Strict levels keep what sensors say;
+what no sensor sees is decided by the last level: heading, balance, and stiffness towards a natural posture.
+"""
+
+import numpy as np
+
+from retarget.balance import Balance
+from retarget.crouch import Crouch
+from retarget.frames import BoolArray, SensorSample
+from retarget.heading import Heading
+from retarget.hierarchy import Hierarchy, body_frames
+from retarget.human import Human
+from retarget.human_dimensions import POINTS
+from retarget.human_posture import HumanPosture, PostureReader
+from retarget.human_postures import POSTURES
+from retarget.human_speeds import human_limits
+from retarget.performer import Performer
+from retarget.priorities import CentreOfMassTask, PostureTask, Priorities
+from retarget.rotations import FloatArray
+from retarget.sensor_intake import SensorIntake
+from retarget.task_slots import SlotKind
+from retarget.virtual_feet import VirtualFeet
+from retarget.worn_sensors import WornSensors
+
+__all__ = ["Reconstructor"]
+
+_SETTLING_S = 1.0
+"""Length of a frame while settling on the first sample: so long that no speed limit and no drag hold anything back."""
+_SETTLING_FRAMES = 200
+_SETTLED = 1e-5
+"""Settling ends when no coordinate changes by more than this per frame (m, rad)."""
+_FEET = ("l_ankle", "r_ankle")
+
+Points = dict[str, list[float]]
+Ground = tuple[float, float]
+
+
+class Reconstructor:
+    """Sensor samples in, human postures out: `start` with the first sample, then `step` with each further one."""
+
+    def __init__(
+        self,
+        human: Human,
+        priorities: Priorities,
+        performer: Performer,
+        *,
+        rest: FloatArray | None = None,
+        iterations: int | None = None,
+    ) -> None:
+        """rest (18, 4): see `calibration.rest_orientations`; only sensors with an orientation need it. iterations:
+        instead of the file's. Raises ConfigError: the priorities name what a human does not have."""
+        self._human = human
+        self._worn = WornSensors(performer, human, rest)
+        worn = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
+        self._hierarchy = Hierarchy.build(
+            priorities,
+            human.body,
+            frames=body_frames(human.body) | worn,
+            postures={posture.name: human.posture(posture.name) for posture in POSTURES},
+            limits=human_limits(human.body),
+            locked=human.locked,
+            iterations=iterations,
+        )
+        self._reader = PostureReader(human)
+        self._heading = Heading(priorities.heading)
+        self._balance = _balance(priorities)
+        self._balance_errors = [i for i, s in enumerate(self._hierarchy.slots) if s.kind in _BALANCE]
+        self._crouch = _crouch(priorities, human)
+        self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
+        self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
+        names = self._worn.names + (() if self._feet is None else _FEET)
+        self._names = names
+        self._joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
+        self._intake = SensorIntake(len(names))
+        self._source, self._slots = self._hierarchy.position_slots(names)
+        self._block = np.zeros((len(names), 4))
+        self._targets = self._hierarchy.blank()
+        self._q = human.posture("natural")
+        self._joints = self._reader.joints(self._q[None])[0]
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the worn sensors, in the order of `HumanPosture.sensor_error`."""
+        return self._worn.names
+
+    @property
+    def hierarchy(self) -> Hierarchy:
+        """The compiled priorities, for reports."""
+        return self._hierarchy
+
+    def start(self, sample: SensorSample) -> HumanPosture:
+        """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
+        position, valid = self._worn.read(sample)
+        facing = self._facing(sample)
+        measured = {name: at for name, at, ok in zip(self.sensors, position.tolist(), valid, strict=True) if ok}
+        self._heading.start(measured, facing)
+        if self._feet is not None:
+            self._feet.start(
+                measured.get("head", [0.0, 0.0, 0.0]), self._heading.forward, crouch=self._lowered(measured)
+            )
+            position, valid = self._with_feet(position, valid)
+        self._intake.start(position, valid)
+        if self._balance is not None:
+            self._balance.start()
+        self._q = self._placed()
+        points = self._present()
+        for _ in range(_SETTLING_FRAMES):
+            self._hierarchy.solver.reset(self._q)
+            before = self._q
+            self._solve(points, sample, _SETTLING_S)
+            if float(np.abs(self._q - before).max()) < _SETTLED:
+                break
+        self._hierarchy.solver.reset(self._q)
+        return self._posture()
+
+    def step(self, sample: SensorSample, dt: float) -> HumanPosture:
+        """The posture `dt` seconds later. Missing sensors take no part, and come and go without a leap."""
+        position, valid = self._worn.read(sample)
+        if self._feet is not None:
+            known = self._present()
+            if "head" in known:
+                self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
+            position, valid = self._with_feet(position, valid)
+        self._intake.step(position, valid, reached=self._joints[self._joints_of], dt=dt)
+        points = self._present()
+        self._heading.step(points, self._facing(sample), dt=dt)
+        self._solve(points, sample, dt)
+        return self._posture()
+
+    def _solve(self, points: Points, sample: SensorSample, dt: float) -> None:
+        """Set all targets and solve one frame."""
+        hierarchy, targets = self._hierarchy, self._targets
+        hierarchy.clear(targets)
+        self._block[:, 0] = self._intake.present
+        self._block[:, 1:] = self._intake.position
+        targets[self._slots] = self._block[self._source]
+        for name, _, link in self._worn.orientations(sample):
+            hierarchy.set_orientation(targets, name, link)
+        forward = self._heading.forward
+        hierarchy.set_heading(targets, forward)
+        if self._balance is not None:
+            self._balance.step([points[name] for name in _FEET if name in points], forward, dt=dt)
+            hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
+        if self._crouch is not None and "head" in points:
+            hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
+        hierarchy.set_previous(targets, self._q, dt)
+        self._q = hierarchy.solver.frame(targets, dt)
+
+    def _posture(self) -> HumanPosture:
+        row = self._q[None]
+        self._joints = self._reader.joints(row)[0]
+        worn = len(self.sensors)
+        error = self._intake.position[:worn] - self._joints[self._worn.joints]
+        distance = np.sqrt(np.einsum("ij,ij->i", error, error))
+        distance[~self._intake.present[:worn]] = np.nan
+        task_errors = self._hierarchy.solver.task_errors
+        return HumanPosture(
+            q=self._q,
+            joint_names=POINTS,
+            joints=self._joints,
+            orientations=self._reader.orientations(row)[0],
+            centre_of_mass=self._reader.centre_of_mass(row)[0],
+            sensor_error=distance,
+            balance_error=float(task_errors[self._balance_errors[0]]) if self._balance_errors else float("nan"),
+            heading=self._heading.forward,
+        )
+
+    def _placed(self) -> FloatArray:
+        """A natural posture (nq,) turned to the heading, in the middle of the sensors."""
+        q = self._human.posture("natural")
+        forward = self._heading.forward
+        half = 0.5 * np.arctan2(forward[1], forward[0])
+        q[3:7] = np.cos(half), 0.0, 0.0, np.sin(half)
+        present = self._intake.present
+        if present.any():
+            joints = self._reader.joints(q[None])[0]
+            q[:3] += (self._intake.position - joints[self._joints_of])[present].mean(axis=0)
+        return q
+
+    def _present(self) -> Points:
+        """What is asked of each sensor that takes part, as plain numbers: x, y, z m."""
+        asked, present = self._intake.position.tolist(), self._intake.present.tolist()
+        return {name: at for name, at, is_there in zip(self._names, asked, present, strict=True) if is_there}
+
+    def _facing(self, sample: SensorSample) -> dict[str, Ground]:
+        """x axes of sensors that know their orientation, on the ground."""
+        if not self._worn.oriented:
+            return {}
+        return {
+            name: (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
+            for name, (w, x, y, z), _ in self._worn.orientations(sample)
+        }
+
+    def _with_feet(self, position: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
+        assert self._feet is not None
+        return np.concatenate([position, self._feet.ankles]), np.concatenate([valid, [True, True]])
+
+    def _head_height(self, points: Points) -> float:
+        """Height (m) of the head above the lower ankle, or above where ankles stand."""
+        ground = [points[name][2] for name in _FEET if name in points]
+        return points["head"][2] - (min(ground) if ground else 0.0)
+
+    def _lowered(self, points: Points) -> float:
+        """How lowered the head is: 0 upright, 1 in a deep crouch."""
+        assert self._feet is not None
+        return self._depth.share(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
+
+
+_BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
+
+
+def _balance(priorities: Priorities) -> Balance | None:
+    """The balance over the feet, where the priorities ask for it."""
+    for _, _, task in priorities.tasks():
+        if isinstance(task, CentreOfMassTask) and task.mode == "over_feet":
+            return Balance(task)
+    return None
+
+
+def _crouch(priorities: Priorities, human: Human) -> Crouch | None:
+    """The posture that lowers with the head, where the priorities ask for it."""
+    for _, _, task in priorities.tasks():
+        if isinstance(task, PostureTask) and task.lowered is not None:
+            return Crouch(human, upright=task.towards, lowered=task.lowered)
+    return None
