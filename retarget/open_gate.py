@@ -13,7 +13,6 @@ class OpenGate:
 
     def __init__(self, max_acceleration: FloatArray, *, dt: float) -> None:
         self._change = np.asarray(max_acceleration) * dt**2
-        self._dt = dt
         self._position = np.zeros_like(self._change)
         self._displacement = np.zeros_like(self._change)
 
@@ -23,19 +22,9 @@ class OpenGate:
         return self._position.copy()
 
     @property
-    def velocity(self) -> FloatArray:
-        """Velocity at which it was reached, rad/s (n,)."""
-        return np.asarray(self._displacement / self._dt)
-
-    @property
     def at_rest(self) -> bool:
         """Whether nothing is left to brake."""
         return not self._displacement.any()
-
-    @property
-    def changed(self) -> bool:
-        """Never: nothing is refused."""
-        return False
 
     def seed(self, position: FloatArray) -> None:
         """Start at rest at `position`, rad (n,). Raises HardwareError if not finite."""

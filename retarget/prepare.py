@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock
+from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from retarget.calibration import calibrate
 from retarget.clip import Clip, lay_on_ticks
@@ -23,7 +24,6 @@ from retarget.reconstruct import Reconstructor
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
 from retarget.run_result import RunResult
-from retarget.stages import SentGoals
 
 __all__ = ["MakeBus", "Prepared", "prepare"]
 
@@ -113,7 +113,7 @@ def _robot_side(
     dt: float,
 ) -> RobotSide:
     follower = Follower(robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations)
-    goals: SentGoals = (
+    goals: GoalFilter = (
         Gate.for_servos(robot.joint_map, dt=dt) if options.gate else OpenGate(robot.joint_map.max_acceleration, dt=dt)
     )
     guard = Guard(bus=bus, joint_map=robot.joint_map, goal_filter=goals, clock=clock)

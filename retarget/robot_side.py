@@ -7,6 +7,7 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError
+from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard, Think
 from hardware.guard_state import GuardState, StopCause
 from retarget.approach import approach
@@ -15,7 +16,7 @@ from retarget.planted_root import plant_root
 from retarget.record import RobotRecord
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
-from retarget.stages import FollowingStage, SentGoals
+from retarget.stages import FollowingStage
 
 __all__ = ["GATED_RAD", "RobotSide"]
 
@@ -27,7 +28,7 @@ class RobotSide:
     """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none."""
 
     def __init__(
-        self, *, robot: RobotBody, follower: FollowingStage, goals: SentGoals, guard: Guard, clock: Clock, dt: float
+        self, *, robot: RobotBody, follower: FollowingStage, goals: GoalFilter, guard: Guard, clock: Clock, dt: float
     ) -> None:
         self.robot = robot
         self.guard = guard
@@ -40,8 +41,7 @@ class RobotSide:
         self._before = self._q.copy()
         self._asked: FloatArray = np.zeros((0, 3))
         self._goal: FloatArray | None = None
-        self._velocity = np.zeros(robot.body.nv)
-        self._dofs = np.array([robot.body.dof_index(joint) for joint in robot.joint_map.joints])
+        self._kinematics = robot.body.solver_body()
         self._started = False
 
     @property
@@ -101,8 +101,8 @@ class RobotSide:
         self._q[self.robot.servo_columns] = sent
         if not passed:
             plant_root(self.robot, self._before, self._q)
-            self._velocity[self._dofs] = self._goals.velocity
-            self._follower.reseed(self._q.copy(), self._velocity)
+            moved = self._kinematics.difference(self._before, self._q)  # (nv,)
+            self._follower.reseed(self._q.copy(), moved / self._dt)
         self._before[:] = self._q
         record.q[tick] = self._q
         record.landmarks_asked[tick] = self._asked

@@ -1,8 +1,7 @@
-"""The stages of a tick as the pipeline sees them: sensors to human, human to robot, goals to what is sent."""
+"""The two stages of a tick as the pipeline sees them: sensors to human, human to robot."""
 
 from typing import TYPE_CHECKING, Protocol
 
-from hardware.goal_filter import GoalFilter
 from retarget.frames import SensorSample
 from retarget.rotations import FloatArray
 
@@ -10,7 +9,7 @@ if TYPE_CHECKING:
     from retarget.follow import RobotPosture
     from retarget.human_posture import HumanPosture
 
-__all__ = ["FollowingStage", "ReconstructingStage", "SentGoals"]
+__all__ = ["FollowingStage", "ReconstructingStage"]
 
 
 class ReconstructingStage(Protocol):
@@ -38,13 +37,4 @@ class FollowingStage(Protocol):
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
-        ...
-
-
-class SentGoals(GoalFilter, Protocol):
-    """A filter that also knows how fast it let the robot go."""
-
-    @property
-    def velocity(self) -> FloatArray:
-        """Velocity at which the posture returned last was reached, rad/s (n,)."""
         ...
