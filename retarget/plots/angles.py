@@ -21,7 +21,7 @@ def plot_angles(run: RunResult) -> Figure | None:
         return None
     lines = math.ceil(len(names) / _COLUMNS)
     what = "human" if run.robot is None else run.robot.profile.name
-    title = f"{what}: joint angles sent [deg]; shaded: beyond the limit"
+    title = f"{what}: joint angles [deg]; shaded: beyond the limit"
     figure = new_figure(12.0, 1.35 * lines + 0.9, title)
     grid = figure.subplots(lines, _COLUMNS, sharex=True, squeeze=False)
     rows = thinned(len(run.record))

@@ -67,6 +67,6 @@ def _over_time(axes: Axes, time: FloatArray, margin: FloatArray) -> None:
     axes.annotate("edge", (time[0], 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
     axes.set_xlabel("time [s]", fontsize=9)
     axes.set_ylabel("distance inside the edge [mm]", fontsize=9)
-    nearest = f"never nearer than {known.min():.1f} mm" if known.size else "in the air"
+    nearest = f"never nearer to the edge than {known.min():.1f} mm" if known.size else "in the air"
     axes.set_title(nearest, fontsize=10, loc="left")
     plain(axes)

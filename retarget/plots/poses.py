@@ -37,7 +37,7 @@ def plot_poses(run: RunResult) -> Figure | None:
     ticks = telling_ticks(run)
     name = "human" if run.robot is None else run.robot.profile.name
     lines = 1 if run.robot is None else 2
-    figure = new_figure(1.5 * len(ticks) + 0.4, 2.9 * lines + 0.4, _title(run, name))
+    figure = new_figure(1.5 * len(ticks) + 0.4, 1.85 * lines + 0.6, _title(run, name))
     grid = figure.subplots(lines, len(ticks), squeeze=False)
     _draw_humans(grid[0], run, ticks)
     if run.robot is not None:
@@ -48,13 +48,12 @@ def plot_poses(run: RunResult) -> Figure | None:
 
 
 def telling_ticks(run: RunResult) -> list[int]:
-    """Ticks to show: in each part of the run, the one whose head is farthest from its mean height."""
-    names = run.record.human.joint_names
-    height = run.record.human.joints[:, names.index("head"), 2] if "head" in names else np.zeros(len(run.record))
-    far = np.abs(height - np.nanmean(height))
-    far[~np.isfinite(far)] = -1.0
-    edges = np.linspace(0, len(far), min(POSES, len(far)) + 1).astype(int)
-    return [int(first + np.argmax(far[first:last])) for first, last in pairwise(edges)]
+    """Ticks to show: of the parts of the run in turn, where the hands are highest and where the head is lowest."""
+    names, joints = run.record.human.joint_names, run.record.human.joints
+    hands = joints[:, [names.index("l_wrist"), names.index("r_wrist")], 2].max(axis=1)
+    telling = (hands, -joints[:, names.index("head"), 2])
+    edges = np.linspace(0, len(joints), min(POSES, len(joints)) + 1).astype(int)
+    return [int(first + np.argmax(telling[part % 2][first:last])) for part, (first, last) in enumerate(pairwise(edges))]
 
 
 def _title(run: RunResult, name: str) -> str:
@@ -136,7 +135,7 @@ def _centres(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
 def _frame_picture(axes: Axes, height: float) -> None:
     """The same scale for all pictures of a line, the ground as a line, nothing else."""
     axes.axhline(0.0, color="#bbbbbb", linewidth=0.8, zorder=0)
-    axes.set_xlim(-0.42 * height, 0.42 * height)
+    axes.set_xlim(-0.52 * height, 0.52 * height)
     axes.set_ylim(-0.14 * height, 1.08 * height)
     axes.set_aspect("equal")
     axes.set_axis_off()
