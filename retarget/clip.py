@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from retarget.errors import UsageError
 from retarget.frames import JointTracks, SensorFrames, SensorSample
@@ -81,9 +82,9 @@ class Clip:
         frames = self.frames
         return SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row])
 
-    def rows(self, ticks: int) -> FloatArray:
+    def rows(self, ticks: int) -> NDArray[np.int64]:
         """Rows (ticks,) of `frames` that the first `ticks` ticks show."""
-        return np.arange(ticks) % len(self.frames)
+        return np.arange(ticks, dtype=np.int64) % len(self.frames)
 
     def truth(self, names: tuple[str, ...], ticks: int) -> FloatArray | None:
         """Joint centres (ticks, m, 3) of the recorded body, NaN for unknown ones; None: it knows none of them."""
