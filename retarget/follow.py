@@ -17,6 +17,7 @@ from retarget.robot_body import RobotBody
 from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
 from retarget.rotations import FloatArray
 from retarget.stance import Stance, plant
+from retarget.stopping import Stopping
 from retarget.support import support_distance
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ class Follower:
         for sole in stance.soles:
             self._hierarchy.set_position(self._targets, sole.frame.name, sole.position)
             self._hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
+        self._stopping = Stopping(robot.body, self._limits, stance) if legs_move else None
         self._reader = RobotReader(robot, stance)
         still = frozenset(sole.frame.name for sole in stance.soles)
         self._chase = Chase(robot, self._hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
@@ -99,6 +101,8 @@ class Follower:
         self._servos = robot.servo_columns
         self._since_start = 0.0
         self._q = stance.q
+        self.stops = 0
+        """Ticks since the start at which the robot braked because it could not have stopped on its soles otherwise."""
 
     @property
     def top_error(self) -> float:
@@ -111,8 +115,11 @@ class Follower:
         self._map.restart()
         self._chase.restart()
         self._since_start = 0.0
+        self.stops = 0
         self._q = self.stance.q
         self._hierarchy.solver.reset(self._q)
+        if self._stopping is not None:
+            self._stopping.begin(self._q)
         asked = self._map.ask(human, 0.0)
         self._reached, self._com = self._reader.read(self._q)
         return self._posture(asked)
@@ -127,7 +134,7 @@ class Follower:
         if len(self._edges):
             hierarchy.set_support(targets, braked_edges(self._edges, self._com, dt))
         hierarchy.set_previous(targets, self._q, dt)
-        self._q = hierarchy.solver.frame(targets, dt)
+        self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
         self._reached, self._com = self._reader.read(self._q)
         return self._posture(asked)
 
@@ -135,7 +142,18 @@ class Follower:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
         self._q = q
         self._hierarchy.solver.reset(q, velocity)
+        if self._stopping is not None:
+            self._stopping.begin(q)
         self._reached, self._com = self._reader.read(q)
+
+    def _safe(self, q: FloatArray, dt: float) -> FloatArray:
+        """The posture q (nq,) if the robot can stop from it on its soles, else the next one on its way to a stop."""
+        if self._stopping is None or self._stopping.admits(q, self._hierarchy.solver.velocity, dt):
+            return q
+        q, velocity = self._stopping.follow(dt)
+        self.stops += 1
+        self._hierarchy.solver.reset(q, velocity)
+        return q
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         q = self._q

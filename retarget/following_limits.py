@@ -1,4 +1,4 @@
-"""The limits within which a robot follows: those of its servos, and knees that never get quite straight."""
+"""The limits within which a robot follows: those of its servos, and limbs that never get quite straight."""
 
 import numpy as np
 
@@ -9,10 +9,15 @@ from retarget.stance import Stance
 
 __all__ = ["following_limits"]
 
-KNEE_BENT = 0.2
-"""Bend (rad) that a knee keeps. A straight leg is singular: to move its hip on, the knee would have to turn at once."""
+LIMBS = {"knee": ("hip", "ankle"), "elbow": ("shoulder", "hand")}
+"""Middle joint of a limb, and the frames at its ends."""
+BENT = 0.2
+"""Bend (rad) that knees and elbows keep, towards where the standing robot bends them.
+
+A straight limb is singular: a straight leg could not move its hip on without turning its knee at once, and an arm that
+stretches for something out of reach would swing its elbow from one side to the other. It costs 0.5 % of the reach."""
 SAMPLES = 181
-"""Angles at which a knee is tried."""
+"""Angles at which a joint is tried."""
 
 
 def following_limits(robot: RobotBody, stance: Stance) -> JointLimits:
@@ -30,27 +35,29 @@ def following_limits(robot: RobotBody, stance: Stance) -> JointLimits:
         whole[dofs] = values
         columns.append(whole)
     lower, upper, max_velocity, max_acceleration = columns
-    for side in ("l", "r") if stance.soles else ():
-        _keep_bent(robot, stance, side, lower, upper)
+    for middle, ends in LIMBS.items():
+        for side in ("l", "r"):
+            _keep_bent(robot, stance, [f"{side}_{part}" for part in (ends[0], middle, ends[1])], lower, upper)
     return JointLimits(lower, upper, max_velocity, max_acceleration)
 
 
-def _keep_bent(robot: RobotBody, stance: Stance, side: str, lower: FloatArray, upper: FloatArray) -> None:
-    """Draw in the limit (nv,) of a knee on its straight side; nothing where the profile has no frames of the leg."""
-    body, frames = robot.body, robot.profile.frames
-    if not {f"{side}_hip", f"{side}_knee", f"{side}_ankle"} <= set(frames):
+def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:
+    """Draw in the limit (nv,) of a limb's middle joint on its straight side; not where the profile lacks its frames."""
+    body = robot.body
+    if not set(limb) <= set(robot.profile.frames):
         return
-    link = robot.frame(f"{side}_knee").body
-    joints = np.flatnonzero(body.joint_body == link)
+    start, middle, end = limb
+    joints = np.flatnonzero(body.joint_body == robot.frame(middle).body)
     if joints.size != 1:
         return
     dof, column = int(body.joint_dof[joints[0]]), int(body.joint_qpos[joints[0]])
     angles = np.linspace(lower[dof], upper[dof], SAMPLES)
     postures = np.tile(stance.q, (SAMPLES, 1))
     postures[:, column] = angles
-    hip, ankle = np.moveaxis(robot.points(postures, (f"{side}_hip", f"{side}_ankle")), 1, 0)
-    straight = float(angles[np.argmax(np.linalg.norm(hip - ankle, axis=1))])
-    if stance.q[column] > straight:
-        lower[dof] = max(lower[dof], min(straight + KNEE_BENT, float(stance.q[column])))
+    near, far = np.moveaxis(robot.points(postures, (start, end)), 1, 0)
+    straight = float(angles[np.argmax(np.linalg.norm(near - far, axis=1))])
+    standing = float(stance.q[column])
+    if standing > straight:
+        lower[dof] = max(lower[dof], min(straight + BENT, standing))
     else:
-        upper[dof] = min(upper[dof], max(straight - KNEE_BENT, float(stance.q[column])))
+        upper[dof] = min(upper[dof], max(straight - BENT, standing))

@@ -15,12 +15,17 @@ __all__ = ["Sole", "Stance", "plant"]
 
 @dataclass(frozen=True, eq=False)
 class Sole:
-    """A planted sole: its frame, its place (3,) m and orientation (4,) wxyz, flat, and its outline (c, 2) m, world."""
+    """A planted sole.
+
+    frame: on its link. position (3,) m and orientation (4,) wxyz of it, flat on the ground, world. outline (c, 2) m:
+    its corners on the ground, world; corners (c, 3) m: the same in the frame of the link.
+    """
 
     frame: Frame
     position: FloatArray
     orientation: FloatArray
     outline: FloatArray
+    corners: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +60,9 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
     for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0] if frames else (), strict=True):
         place = points[foot.frame] * np.array([1.0, 1.0, 0.0])
         flat = _level(orientation)
-        outline = sole_outline(place, flat, np.array(foot.polygon))
-        soles.append(Sole(robot.frame(foot.frame), place, flat, outline))
+        frame, polygon = robot.frame(foot.frame), np.array(foot.polygon)
+        corners = frame.position + rotations.rotate(frame.quat, np.column_stack([polygon, np.zeros(len(polygon))]))
+        soles.append(Sole(frame, place, flat, sole_outline(place, flat, polygon), corners))
     return Stance(q, points, tuple(soles))
 
 
