@@ -2,7 +2,7 @@
 
 use crate::body::Body;
 use crate::bounds::{frame_bounds, iteration_bounds, FrameBox, Limit};
-use crate::hierarchy::{solve, Problem, Workspace};
+use crate::hierarchy::{solve, Problem, Side, Workspace};
 use crate::kinematics::Pose;
 use crate::layout::{Layout, Placed};
 use crate::rows::Columns;
@@ -57,6 +57,8 @@ pub struct FrameSolver {
     pub(crate) q_address: Vec<Option<usize>>,
     pub(crate) problem: Problem,
     pub(crate) work: Workspace,
+    /// Active set after the first iteration of the last frame.
+    pub(crate) first_sides: (Vec<Side>, Vec<Side>),
     pub(crate) pose: Pose,
     pub(crate) frame_box: Vec<FrameBox>,
     pub(crate) done: Vec<f64>,
@@ -81,6 +83,7 @@ impl FrameSolver {
         let layout = Layout::new(&body, levels, locked, columns.all.len());
         let is_judged = layout.is_judged();
         let problem = Problem::new(layout.variables.max(1), &layout.level_rows);
+        let first_sides = (problem.variable_side.clone(), problem.row_side.clone());
         let q = body.rest();
         let mut q_address = vec![None; body.nv];
         for joint in body.joints.iter().filter(|j| j.kind.size() == (1, 1)) {
@@ -102,6 +105,7 @@ impl FrameSolver {
             q_address,
             problem,
             work: Workspace::default(),
+            first_sides,
             pose: body.new_pose(),
             frame_box: vec![FrameBox::default(); body.nv],
             done: vec![0.0; body.nv],
@@ -128,6 +132,8 @@ impl FrameSolver {
         self.velocity.copy_from_slice(velocity);
         self.problem.variable_side.fill(Default::default());
         self.problem.row_side.fill(Default::default());
+        self.first_sides.0.fill(Side::Free);
+        self.first_sides.1.fill(Side::Free);
         self.problem.z.fill(0.0);
         self.trust.reset();
     }
@@ -152,7 +158,16 @@ impl FrameSolver {
                 }
                 before = total;
             }
+            // The first iteration of a frame resembles that of the frame before more than the last iteration does.
+            if iteration == 0 {
+                self.problem.variable_side.clone_from(&self.first_sides.0);
+                self.problem.row_side.clone_from(&self.first_sides.1);
+            }
             self.iterate(targets);
+            if iteration == 0 {
+                self.first_sides.0.clone_from(&self.problem.variable_side);
+                self.first_sides.1.clone_from(&self.problem.row_side);
+            }
             self.stats.iterations += 1;
         }
         self.kinematics();

@@ -23,34 +23,20 @@ fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
 /// Inner product of two padded rows.
 #[inline(always)]
 pub fn dot<const FMA: bool>(a: &[f64], b: &[f64]) -> f64 {
-    let mut sum = [0.0; 8];
+    let (mut even, mut odd) = ([0.0; 4], [0.0; 4]);
     for (x, y) in a.chunks_exact(8).zip(b.chunks_exact(8)) {
-        for k in 0..8 {
-            sum[k] = multiply_add::<FMA>(x[k], y[k], sum[k]);
-        }
-    }
-    ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7]))
-}
-
-/// Inner products of `a` with the first four of the rows that lie one after another in `rows`.
-#[inline(always)]
-pub fn dot4<const FMA: bool>(a: &[f64], rows: &[f64]) -> [f64; 4] {
-    let n = a.len();
-    let (r0, rest) = rows.split_at(n);
-    let (r1, rest) = rest.split_at(n);
-    let (r2, rest) = rest.split_at(n);
-    let r3 = &rest[..n];
-    let mut sum = [[0.0; 4]; 4];
-    let chunks = a.chunks_exact(4).zip(r0.chunks_exact(4)).zip(r1.chunks_exact(4));
-    for (((x, y0), y1), (y2, y3)) in chunks.zip(r2.chunks_exact(4).zip(r3.chunks_exact(4))) {
         for k in 0..4 {
-            sum[0][k] = multiply_add::<FMA>(x[k], y0[k], sum[0][k]);
-            sum[1][k] = multiply_add::<FMA>(x[k], y1[k], sum[1][k]);
-            sum[2][k] = multiply_add::<FMA>(x[k], y2[k], sum[2][k]);
-            sum[3][k] = multiply_add::<FMA>(x[k], y3[k], sum[3][k]);
+            even[k] = multiply_add::<FMA>(x[k], y[k], even[k]);
+        }
+        for k in 0..4 {
+            odd[k] = multiply_add::<FMA>(x[k + 4], y[k + 4], odd[k]);
         }
     }
-    sum.map(|s| (s[0] + s[2]) + (s[1] + s[3]))
+    let mut sum = [0.0; 4];
+    for k in 0..4 {
+        sum[k] = even[k] + odd[k];
+    }
+    (sum[0] + sum[2]) + (sum[1] + sum[3])
 }
 
 /// a <- a + s . (the first four rows of `rows`)
@@ -63,10 +49,12 @@ pub fn add_scaled4<const FMA: bool>(a: &mut [f64], s: [f64; 4], rows: &[f64]) {
     let r3 = &rest[..n];
     let chunks = a.chunks_exact_mut(4).zip(r0.chunks_exact(4)).zip(r1.chunks_exact(4));
     for (((x, y0), y1), (y2, y3)) in chunks.zip(r2.chunks_exact(4).zip(r3.chunks_exact(4))) {
+        let mut sum = [0.0; 4];
         for k in 0..4 {
             let low = multiply_add::<FMA>(s[1], y1[k], multiply_add::<FMA>(s[0], y0[k], x[k]));
-            x[k] = low + multiply_add::<FMA>(s[3], y3[k], s[2] * y2[k]);
+            sum[k] = low + multiply_add::<FMA>(s[3], y3[k], s[2] * y2[k]);
         }
+        x.copy_from_slice(&sum);
     }
 }
 
@@ -74,14 +62,8 @@ pub fn add_scaled4<const FMA: bool>(a: &mut [f64], s: [f64; 4], rows: &[f64]) {
 #[inline(always)]
 pub fn dot_rows<const FMA: bool>(a: &[f64], rows: &[f64], out: &mut [f64]) {
     let n = a.len();
-    let count = out.len();
-    let mut j = 0;
-    while j + 4 <= count {
-        out[j..j + 4].copy_from_slice(&dot4::<FMA>(a, &rows[j * n..(j + 4) * n]));
-        j += 4;
-    }
-    for j in j..count {
-        out[j] = dot::<FMA>(a, &rows[j * n..(j + 1) * n]);
+    for (value, row) in out.iter_mut().zip(rows.chunks_exact(n)) {
+        *value = dot::<FMA>(a, row);
     }
 }
 
@@ -105,8 +87,10 @@ pub fn add_rows<const FMA: bool>(a: &mut [f64], sign: f64, s: &[f64], rows: &[f6
 #[inline(always)]
 pub fn add_scaled<const FMA: bool>(a: &mut [f64], s: f64, b: &[f64]) {
     for (x, y) in a.chunks_exact_mut(8).zip(b.chunks_exact(8)) {
+        let mut sum = [0.0; 8];
         for k in 0..8 {
-            x[k] = multiply_add::<FMA>(s, y[k], x[k]);
+            sum[k] = multiply_add::<FMA>(s, y[k], x[k]);
         }
+        x.copy_from_slice(&sum);
     }
 }
