@@ -235,9 +235,8 @@ impl FrameSolver {
         }
     }
 
-    /// Error norm of every present task and energy of every level; returns the sum of the norms over all but the last level.
+    /// Error norm of every present task and energy of every level; returns the sum of the norms over the levels without a posture.
     fn errors(&mut self, targets: &[f64]) -> f64 {
-        let last = self.placed.last().map_or(0, |p| p.level);
         let mut total = 0.0;
         self.level_energy.fill(0.0);
         for (error, p) in self.task_errors.iter_mut().zip(&self.placed) {
@@ -249,7 +248,7 @@ impl FrameSolver {
             let (norm, energy) = p.task.error_size(&self.body, &self.pose, target);
             *error = norm;
             self.level_energy[p.level] += energy;
-            if p.level < last {
+            if self.is_judged[p.level] {
                 total += norm;
             }
         }

@@ -10,7 +10,7 @@ const LEAST: f64 = 0.005;
 /// A promise smaller than this (squared error) is not judged.
 const LITTLE: f64 = 1e-8;
 /// Trust comes back only near the goal (squared error): far from it, a kept promise says only that the steps have become small.
-const NEAR: f64 = 1e-4;
+const NEAR: f64 = 2.5e-3;
 
 #[derive(Clone, Debug, Default)]
 struct Level {
