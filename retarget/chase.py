@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.hierarchy import Hierarchy
+from retarget.hierarchy import Hierarchy, JointLimits
 from retarget.landmarks import AskedLandmarks
 from retarget.pursuit import Pace, Pursuit
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
-from retarget.scalar_rotations import Quat, Vector, arc, inverse, product, rotated, rotation_vector, turn
+from retarget.scalar_rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
 from retarget.task_slots import SlotKind
 
 __all__ = ["HEAD", "TRUNK", "Chase", "Reached"]
 
 TRUNK, HEAD = "neck", "head"
 """Frames of the profile that carry the trunk's orientation and the eyes."""
-OWN_SHARE, CATCH_SHARE = 1.0, 0.2
+OWN_SHARE, CATCH_SHARE = 0.5, 0.2
 """Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up.
 
 What a joint makes of a limb's acceleration depends on the posture; a fifth leaves room for unfavourable ones."""
@@ -32,9 +32,9 @@ FAR = 1e3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reached:
-    """Where the robot is: landmarks (k, 3) m, trunk wxyz relative to its stance, unit direction of the eyes."""
+    """Where the robot is: landmarks (k) m, trunk wxyz relative to its stance, unit direction of the eyes."""
 
-    landmarks: FloatArray
+    landmarks: list[Vector]
     trunk: Quat
     gaze: Vector
 
@@ -45,50 +45,44 @@ class Chase:
     def __init__(self, robot: RobotBody, hierarchy: Hierarchy, *, still: frozenset[str], trunk_at_stance: Quat) -> None:
         """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance."""
         names = tuple(robot.profile.landmarks)
-        self._rows = [
-            row for row, name in enumerate(names) if name not in still and hierarchy.uses(SlotKind.POSITION, name)
-        ]
-        self._names = [names[row] for row in self._rows]
+        moving = [name for name in names if name not in still and hierarchy.uses(SlotKind.POSITION, name)]
+        limits, landmarks = robot.limits, robot.profile.landmarks
+        self._rows = [names.index(name) for name in moving]
+        self._points = [Pursuit(_pace(limits, landmarks[name].robot_length)) for name in moving]
+        self._trunk, self._gaze = Pursuit(_pace(limits, 1.0)), Pursuit(_pace(limits, 1.0))
+        self._source, self._slots = hierarchy.position_slots(moving)
         self._hierarchy = hierarchy
         self._trunk_at_stance = trunk_at_stance
-        self._pursuit = Pursuit(_pace(robot, self._names))
-        self._before: tuple[FloatArray, Quat, Vector] | None = None
-        self._moved = np.zeros((len(self._rows) + 2, 3))
-        self._error = np.zeros((len(self._rows) + 2, 3))
+        self._before: AskedLandmarks | None = None
 
     def restart(self) -> None:
         """Start at rest."""
         self._before = None
-        self._pursuit.restart()
+        for pursuit in (*self._points, self._trunk, self._gaze):
+            pursuit.restart()
 
     def aim(self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, haste: float) -> None:
         """Write the goals of a tick of `dt` s into the target vector. haste: share of the catching-up speed."""
-        moved, error = self._moved, self._error
-        here = reached.landmarks[self._rows]
-        points, trunk, gaze = asked.positions[self._rows], asked.trunk, asked.gaze
-        before_points, before_trunk, before_gaze = self._before or (points, trunk, gaze)
-        self._before = (points, trunk, gaze)
-        moved[:-2] = points - before_points
-        error[:-2] = points - here
-        moved[-2] = rotation_vector(product(trunk, inverse(before_trunk)))
-        error[-2] = rotation_vector(product(trunk, inverse(reached.trunk)))
-        moved[-1] = rotation_vector(arc(before_gaze, gaze))
-        error[-1] = rotation_vector(arc(reached.gaze, gaze))
-        step = self._pursuit.step(moved, error, dt, haste=haste)
-        goals = here + step[:-2]
-        for name, goal in zip(self._names, goals, strict=True):
-            self._hierarchy.set_position(targets, name, goal)
-        (tx, ty, tz), (gx, gy, gz) = step[-2:].tolist()
-        orientation = product(turn((tx, ty, tz)), product(reached.trunk, self._trunk_at_stance))
-        self._hierarchy.set_orientation(targets, TRUNK, np.array(orientation))
-        direction = rotated(turn((gx, gy, gz)), reached.gaze)
-        self._hierarchy.set_look_at(targets, HEAD, FAR * np.array(direction))
+        before = asked if self._before is None else self._before
+        self._before = asked
+        goals = []
+        for row, pursuit in zip(self._rows, self._points, strict=True):
+            here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
+            x, y, z = pursuit.step(minus(there, last), minus(there, here), dt, haste=haste)
+            goals.append((1.0, here[0] + x, here[1] + y, here[2] + z))
+        targets[self._slots] = np.array(goals)[self._source]
+
+        moved = rotation_vector(product(asked.trunk, inverse(before.trunk)))
+        error = rotation_vector(product(asked.trunk, inverse(reached.trunk)))
+        trunk = product(turn(self._trunk.step(moved, error, dt, haste=haste)), reached.trunk)
+        self._hierarchy.set_orientation(targets, TRUNK, np.array(product(trunk, self._trunk_at_stance)))
+
+        moved, error = rotation_vector(arc(before.gaze, asked.gaze)), rotation_vector(arc(reached.gaze, asked.gaze))
+        x, y, z = rotated(turn(self._gaze.step(moved, error, dt, haste=haste)), reached.gaze)
+        self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
 
 
-def _pace(robot: RobotBody, names: list[str]) -> Pace:
-    """Pace of the landmarks `names`, of the trunk and of the eyes."""
-    limits, landmarks = robot.limits, robot.profile.landmarks
-    lever = np.array([landmarks[name].robot_length for name in names] + [1.0, 1.0])
-    acceleration = lever * float(limits.max_acceleration.min())
-    speed = lever * float(limits.max_velocity.min())
+def _pace(limits: JointLimits, lever: float) -> Pace:
+    """Pace of what is `lever` m away from its joints (or of a rotation: 1)."""
+    acceleration, speed = lever * float(limits.max_acceleration.min()), lever * float(limits.max_velocity.min())
     return Pace(OWN_SHARE * acceleration, CATCH_SHARE * acceleration, SPEED_SHARE * speed)

@@ -5,9 +5,9 @@ relative to this heading, so a performer who turns round slowly is followed as o
 twist of the trunk is a twist of the robot's trunk.
 """
 
+from collections.abc import Sequence
 from math import exp, hypot
 
-from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat
 
 __all__ = ["Facing"]
@@ -31,10 +31,12 @@ class Facing:
         """Take the next direction as it is."""
         self._x, self._y = 0.0, 0.0
 
-    def update(self, pelvis: Quat, left_foot: FloatArray, right_foot: FloatArray, dt: float) -> tuple[float, float]:
+    def update(
+        self, pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float], dt: float
+    ) -> tuple[float, float]:
         """Heading (x, y), a unit vector on the ground, `dt` s after the last one.
 
-        pelvis: orientation (4,) wxyz, forward where its left axis has it, so that bending does not matter; feet (3,):
+        pelvis: orientation wxyz, forward where its left axis has it, so that bending does not matter; feet: x, y, z of
         any length, from ankle to toe. What is not finite takes no part.
         """
         x, y = _seen(pelvis, left_foot, right_foot)
@@ -48,15 +50,15 @@ class Facing:
         return (self._x / norm, self._y / norm) if norm > 1e-9 else (1.0, 0.0)
 
 
-def _seen(pelvis: Quat, left_foot: FloatArray, right_foot: FloatArray) -> tuple[float, float]:
+def _seen(pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float]) -> tuple[float, float]:
     """Mean of the unit directions on the ground; shorter than one where they disagree."""
     w, qx, qy, qz = pelvis
     left_x, left_y = 2.0 * (qx * qy - w * qz), 1.0 - 2.0 * (qx * qx + qz * qz)
     x = y = 0.0
     for dx, dy, share in (
         (left_y, -left_x, 0.5),
-        (float(left_foot[0]), float(left_foot[1]), 0.25),
-        (float(right_foot[0]), float(right_foot[1]), 0.25),
+        (left_foot[0], left_foot[1], 0.25),
+        (right_foot[0], right_foot[1], 0.25),
     ):
         length = hypot(dx, dy)
         if 1e-6 < length < float("inf"):

@@ -74,9 +74,10 @@ class Follower:
         self.stance = plant(robot, robot.profile.postures.stand)
         self._limits = following_limits(robot, self.stance)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
-        self._edges = stance.edges(_support_margin(priorities)) if stance.soles else np.zeros((0, 3))
+        edges = stance.edges(_support_margin(priorities)) if stance.soles else np.zeros((0, 3))
+        self._edges: list[list[float]] = edges.tolist()
         self._outline = stance.edges(0.0) if stance.soles else np.zeros((0, 3))
-        envelope = _envelope(robot, self._limits, stance, self._edges) if legs_move else None
+        envelope = _envelope(robot, self._limits, stance, edges) if legs_move else None
         self._map = LandmarkMap(robot.profile, dimensions, stance, envelope)
         self._hierarchy = Hierarchy.build(
             priorities,
@@ -92,7 +93,7 @@ class Follower:
         for sole in stance.soles:
             self._hierarchy.set_position(self._targets, sole.frame.name, sole.position)
             self._hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
-        self._stopping = Stopping(robot.body, self._limits, stance) if legs_move else None
+        self._stopping = Stopping(robot.body, self._limits, stance, standing_dofs(robot)) if legs_move else None
         self._reader = RobotReader(robot, stance)
         still = frozenset(sole.frame.name for sole in stance.soles)
         self._chase = Chase(robot, self._hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
@@ -131,7 +132,7 @@ class Follower:
         haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
         targets, hierarchy = self._targets, self._hierarchy
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
-        if len(self._edges):
+        if self._edges:
             hierarchy.set_support(targets, braked_edges(self._edges, self._com, dt))
         hierarchy.set_previous(targets, self._q, dt)
         self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
@@ -143,7 +144,7 @@ class Follower:
         self._q = q
         self._hierarchy.solver.reset(q, velocity)
         if self._stopping is not None:
-            self._stopping.begin(q)
+            self._stopping.begin(q, velocity)
         self._reached, self._com = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:
@@ -163,19 +164,22 @@ class Follower:
             root_position=q[:3],
             root_quaternion=q[3:7],
             landmark_names=self._names,
-            landmarks_asked=asked.positions,
-            landmarks_reached=self._reached.landmarks,
+            landmarks_asked=np.array(asked.landmarks),
+            landmarks_reached=np.array(self._reached.landmarks),
             centre_of_mass=self._com,
             support_distance=float(support_distance(self._com, self._outline)) if len(self._outline) else float("inf"),
         )
 
 
-def braked_edges(edges: FloatArray, centre_of_mass: FloatArray, dt: float) -> FloatArray:
+def braked_edges(edges: list[list[float]], centre_of_mass: FloatArray, dt: float) -> FloatArray:
     """Edges (e, 3) drawn in to what the centre of mass (3,) may do in one tick and still stop inside of them."""
-    across = edges[:, :2] @ centre_of_mass[:2]
-    drawn = edges.copy()
-    drawn[:, 2] = across + braking_displacement(edges[:, 2] - across, BALANCE_BRAKING * dt * dt)
-    return drawn
+    x, y, _ = centre_of_mass.tolist()
+    change = BALANCE_BRAKING * dt * dt
+    drawn = []
+    for nx, ny, offset in edges:
+        across = nx * x + ny * y
+        drawn.append((nx, ny, across + braking_displacement(offset - across, change)))
+    return np.array(drawn)
 
 
 def _support_margin(priorities: Priorities) -> float:

@@ -12,6 +12,7 @@ asked by the length of the arm.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from itertools import pairwise
 from math import atan2, copysign, exp, hypot, sqrt
 from typing import TYPE_CHECKING
@@ -24,7 +25,7 @@ from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.profile import RobotProfile
 from retarget.profile_parts import Landmark
 from retarget.rotations import FloatArray
-from retarget.scalar_rotations import Quat, Vector, arc, axis_turn, inverse, product, rotated
+from retarget.scalar_rotations import Quat, Vector, arc, axis_turn, inverse, plus, product, rotated
 from retarget.stance import Stance
 
 if TYPE_CHECKING:
@@ -46,15 +47,24 @@ UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
+class Role(Enum):
+    """How a landmark is asked: where it is planted, as the pelvis, by a limb that the trunk leans, by a limb alone."""
+
+    STILL = 0
+    PELVIS = 1
+    BORNE = 2
+    LIMB = 3
+
+
 @dataclass(frozen=True, eq=False)
 class AskedLandmarks:
     """What is asked at one instant, in the robot's world frame.
 
-    positions (k, 3) m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity when
-    the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes.
+    landmarks: k points, m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity
+    when the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes.
     """
 
-    positions: FloatArray
+    landmarks: list[Vector]
     trunk: Quat
     gaze: Vector
 
@@ -79,20 +89,25 @@ class LandmarkMap:
         self._plan(profile, entries, stance)
 
     def _plan(self, profile: RobotProfile, entries: list[Landmark], stance: Stance) -> None:
-        """Sort the landmarks: planted, the pelvis, and those that the trunk carries."""
+        """What each landmark is, and where its anchor is in the stance."""
         soles = {foot.frame for foot in profile.feet.values()} if stance.soles else set()
-        self._offset = np.array([entry.offset for entry in entries])
-        self._borne = [row for row, entry in enumerate(entries) if set(entry.measured_from) <= PELVIS_JOINTS]
-        self._pelvis = self.names.index("pelvis") if "pelvis" in self.names else None
-        self._still = [row for row, entry in enumerate(entries) if entry.frame in soles]
-        if self._envelope is None and self._pelvis is not None:
-            self._still.append(self._pelvis)
-        self._places = np.array([stance.points[entries[row].frame] for row in self._still]).reshape(-1, 3)
-        pelvis = profile.landmarks["pelvis"].frame if self._pelvis is not None else None
-        self._pelvis_place = stance.points[pelvis] if pelvis is not None else np.zeros(3)
-        anchors = np.array([np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries])
-        self._feet = anchors[self._pelvis] if self._pelvis is not None else np.zeros(3)
-        self._carried = anchors - self._pelvis_place  # (k, 3) in the frame of an upright trunk
+        pelvis = profile.landmarks.get("pelvis")
+        place = np.zeros(3) if pelvis is None else stance.points[pelvis.frame]
+        anchors = [np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries]
+        self._pelvis = None if pelvis is None else self.names.index("pelvis")
+        self._pelvis_place = _vector(place)
+        self._feet = _vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
+        self._places = [_vector(stance.points[entry.frame]) for entry in entries]
+        self._offset = [entry.offset for entry in entries]
+        self._carried = [_vector(anchor - place) for anchor in anchors]  # in the frame of an upright trunk
+        self._roles = []
+        for name, entry in profile.landmarks.items():
+            if entry.frame in soles or (name == "pelvis" and self._envelope is None):
+                self._roles.append(Role.STILL)
+            elif name == "pelvis":
+                self._roles.append(Role.PELVIS)
+            else:
+                self._roles.append(Role.BORNE if set(entry.measured_from) <= PELVIS_JOINTS else Role.LIMB)
 
     def restart(self) -> None:
         """A new performance: take the heading of its first posture as it is."""
@@ -103,33 +118,36 @@ class LandmarkMap:
         if human.joint_names is not self._joint_names:
             self._weights = _weights(self._sums, human.joint_names)
             self._joint_names = human.joint_names
-        limbs = self._weights @ human.joints  # (k + 3, 3) in the performer's world
-        pelvis_seen, chest_seen, head_seen = (_quat(row) for row in human.orientations)
-        x, y = self._facing.update(pelvis_seen, limbs[-2], limbs[-1], dt)
-        limbs = limbs @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+        rows = (self._weights @ human.joints).tolist()  # k limbs, the trunk, two feet; performer's world
+        pelvis_seen, chest_seen, head_seen = (_quat(row) for row in human.orientations.tolist())
+        x, y = self._facing.update(pelvis_seen, rows[-2], rows[-1], dt)
+        limbs: list[Vector] = [(x * a + y * b, x * b - y * a, c) for a, b, c in rows]
         from_world = (sqrt(max(0.5 + 0.5 * x, 0.0)), 0.0, 0.0, -copysign(sqrt(max(0.5 - 0.5 * x, 0.0)), y))
         chest = product(from_world, chest_seen)
-        line = _vector(limbs[-3])
-        seen = product(product(arc(rotated(chest, UP), line), chest), self._upright)
+        seen = product(product(arc(rotated(chest, UP), limbs[-3]), chest), self._upright)
         gaze = rotated(product(from_world, head_seen), FORWARD)
 
         pelvis = self._pelvis_asked(limbs)
-        trunk = self._trunk_asked(seen, float(pelvis[2]))
-        limbs[self._borne] = limbs[self._borne] @ to_matrix(product(trunk, inverse(seen))).T
-        positions = limbs[: len(self.names)] + self._offset + self._carried @ to_matrix(trunk).T + pelvis
-        if self._pelvis is not None:
-            positions[self._pelvis] = pelvis
-        positions[self._still] = self._places
-        return AskedLandmarks(positions, trunk, gaze)
+        trunk = self._trunk_asked(seen, pelvis[2])
+        lean_less = product(trunk, inverse(seen))
+        landmarks: list[Vector] = []
+        for row, role in enumerate(self._roles):
+            if role is Role.STILL:
+                landmarks.append(self._places[row])
+            elif role is Role.PELVIS:
+                landmarks.append(pelvis)
+            else:
+                limb = rotated(lean_less, limbs[row]) if role is Role.BORNE else limbs[row]
+                landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), plus(limb, self._offset[row])))
+        return AskedLandmarks(landmarks, trunk, gaze)
 
-    def _pelvis_asked(self, limbs: FloatArray) -> FloatArray:
-        """The pelvis (3,) over the planted ankles, no lower than the robot gets."""
+    def _pelvis_asked(self, limbs: list[Vector]) -> Vector:
+        """The pelvis over the planted ankles, no lower than the robot gets."""
         if self._envelope is None or self._pelvis is None:
             return self._pelvis_place
-        asked = np.asarray(self._feet + limbs[self._pelvis] + self._offset[self._pelvis])
+        x, y, z = plus(plus(self._feet, limbs[self._pelvis]), self._offset[self._pelvis])
         low, high = self._envelope.lowest, self._envelope.highest
-        asked[2] = high - drawn_in(high - float(asked[2]), high - low, CROUCH_KNEE)
-        return asked
+        return x, y, high - drawn_in(high - z, high - low, CROUCH_KNEE)
 
     def _trunk_asked(self, seen: Quat, height: float) -> Quat:
         """The trunk as seen on the performer, leaning no further than the robot can with its pelvis at `height`."""
@@ -174,23 +192,11 @@ def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) ->
     return weights
 
 
-def to_matrix(quat: Quat) -> FloatArray:
-    """The rotation as a matrix (3, 3)."""
-    w, x, y, z = quat
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
-
-
 def _vector(array: FloatArray) -> Vector:
     x, y, z = array.tolist()
     return x, y, z
 
 
-def _quat(array: FloatArray) -> Quat:
-    w, x, y, z = array.tolist()
+def _quat(values: list[float]) -> Quat:
+    w, x, y, z = values
     return w, x, y, z

@@ -7,64 +7,68 @@ taken for motion nor followed at once: it is caught up with.
 """
 
 from dataclasses import dataclass
+from math import exp, floor, sqrt
 
-import numpy as np
+from retarget.scalar_rotations import Vector
 
-from retarget.rotations import FloatArray
+__all__ = ["Pace", "Pursuit", "braking_displacement"]
 
-__all__ = ["Pace", "Pursuit"]
+SMOOTH_S = 0.04
+"""Time constant (s) of the asked motion's own velocity: shorter is noise. What this lags behind is caught up with."""
+RATE = 30.0
+"""Share of what is left that is caught up with, per s, where braking does not matter: the gain that noise meets."""
+STILL = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Pace:
-    """Limits per channel, each (c,), in m or rad. own: greatest change of the asked motion that is believed, per s^2.
+    """Limits of a channel, in m or rad. own: greatest acceleration of the asked motion that is believed, per s^2.
 
     catch_up: acceleration and braking of the way to what is asked, per s^2; speed: greatest speed of it, per s.
     """
 
-    own: FloatArray
-    catch_up: FloatArray
-    speed: FloatArray
+    own: float
+    catch_up: float
+    speed: float
 
 
 class Pursuit:
-    """Steps for c channels, each a vector of three: points, or rotations as rotation vectors."""
+    """Steps of one channel, a vector of three: a point, or a rotation as rotation vectors."""
 
     def __init__(self, pace: Pace) -> None:
         self._pace = pace
-        self._own = np.zeros((len(pace.own), 3))
-        self._before = np.zeros(len(pace.own))
+        self._own: Vector = (0.0, 0.0, 0.0)
+        self._before = 0.0
 
     def restart(self) -> None:
         """Start at rest, after something that stands still."""
-        self._own[:] = 0.0
-        self._before[:] = 0.0
+        self._own = (0.0, 0.0, 0.0)
+        self._before = 0.0
 
-    def step(self, moved: FloatArray, error: FloatArray, dt: float, *, haste: float = 1.0) -> FloatArray:
-        """Displacement (c, 3) to ask for in this tick of `dt` s.
+    def step(self, moved: Vector, error: Vector, dt: float, *, haste: float = 1.0) -> Vector:
+        """Displacement to ask for in this tick of `dt` s.
 
-        moved (c, 3): how far what is asked moved since the last tick. error (c, 3): from where the robot is to what is
-        asked now. haste: share of the catching-up speed.
+        moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
+        haste: share of the catching-up speed.
         """
         pace = self._pace
-        change = moved / dt - self._own
-        self._own += change * np.minimum(1.0, pace.own * dt / np.maximum(lengths(change), 1e-12))[:, None]
-        own = self._own * dt
-        rest = error - own
-        gap = lengths(rest)
-        step = pace.catch_up * (dt * dt)
-        ahead = np.minimum(braking_displacement(gap, step), self._before + step)
-        np.minimum(ahead, pace.speed * (haste * dt), out=ahead)
-        self._before = ahead
-        return np.asarray(own + rest * (ahead / np.maximum(gap, 1e-12))[:, None])
+        ox, oy, oz = self._own
+        share = 1.0 - exp(-dt / SMOOTH_S)
+        cx, cy, cz = share * (moved[0] / dt - ox), share * (moved[1] / dt - oy), share * (moved[2] / dt - oz)
+        scale = min(1.0, pace.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
+        ox, oy, oz = self._own = (ox + scale * cx, oy + scale * cy, oz + scale * cz)
+
+        ox, oy, oz = ox * dt, oy * dt, oz * dt
+        rx, ry, rz = error[0] - ox, error[1] - oy, error[2] - oz
+        gap = sqrt(rx * rx + ry * ry + rz * rz)
+        change = pace.catch_up * dt * dt
+        ahead = min(braking_displacement(gap, change), self._before + change)
+        self._before = ahead = min(ahead, pace.speed * haste * dt, gap * min(1.0, RATE * dt))
+        share = ahead / max(gap, STILL)
+        return ox + share * rx, oy + share * ry, oz + share * rz
 
 
-def lengths(vectors: FloatArray) -> FloatArray:
-    """Lengths (c,) of vectors (c, 3)."""
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
-
-
-def braking_displacement(gap: FloatArray, change: FloatArray | float) -> FloatArray:
+def braking_displacement(gap: float, change: float) -> float:
     """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`."""
-    ticks = np.floor(0.5 * (np.sqrt(1.0 + 8.0 * np.maximum(gap, 0.0) / change) - 1.0))
-    return np.asarray((gap + 0.5 * change * ticks * (ticks + 1.0)) / (ticks + 1.0))
+    ticks = floor(0.5 * (sqrt(1.0 + 8.0 * max(gap, 0.0) / change) - 1.0))
+    return (gap + 0.5 * change * ticks * (ticks + 1.0)) / (ticks + 1.0)

@@ -36,7 +36,7 @@ class RobotReader:
         row = q[None]
         trunk, head = self._body.orientations(row, self._oriented)[0].tolist()
         reached = Reached(
-            self._body.points(row, self._links, self._local)[0],
+            self._body.points(row, self._links, self._local)[0].tolist(),
             product(_quat(trunk), self._trunk),
             rotated(product(_quat(head), self._head), FORWARD),
         )

@@ -5,10 +5,32 @@ Quaternions are wxyz and unit, vectors xyz.
 
 from math import atan2, cos, hypot, sin, sqrt
 
-__all__ = ["Quat", "Vector", "arc", "axis_turn", "inverse", "product", "rotated", "rotation_vector", "turn"]
+__all__ = [
+    "Quat",
+    "Vector",
+    "arc",
+    "axis_turn",
+    "inverse",
+    "minus",
+    "plus",
+    "product",
+    "rotated",
+    "rotation_vector",
+    "turn",
+]
 
 Vector = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
+
+
+def minus(a: Vector, b: Vector) -> Vector:
+    """The vector from b to a."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def plus(a: Vector, b: Vector) -> Vector:
+    """The sum."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def product(a: Quat, b: Quat) -> Quat:
