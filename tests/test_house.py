@@ -42,7 +42,8 @@ def test_a_file_holds_one_concept(path: Path) -> None:
 def test_functions_are_short_and_call_nothing_unsafe(path: Path) -> None:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            length = (node.end_lineno or node.lineno) - node.lineno + 1
+            # A signature is a table (of a command's options, say); the body is the function.
+            length = (node.end_lineno or node.lineno) - node.body[0].lineno + 1
             assert length < MAX_FUNCTION, f"{node.name} has {length} lines"
         if isinstance(node, ast.Call):
             assert ast.unparse(node.func) not in FORBIDDEN_CALLS, f"line {node.lineno}"
