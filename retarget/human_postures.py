@@ -35,8 +35,8 @@ POSTURES: tuple[Posture, ...] = (
         "natural",
         "relaxed standing: legs vertical, arms hanging 18 degrees out, elbows bent, trunk bent a little",
         (
-            ("spine_flexion", 12.0),
-            ("chest_flexion", 10.0),
+            ("spine_flexion", 3.0),
+            ("chest_flexion", 5.0),
             ("shoulder_elevation", 12.9),
             ("shoulder_swing", -12.6),
             ("elbow_flexion", 35.0),
@@ -47,8 +47,8 @@ POSTURES: tuple[Posture, ...] = (
         "a deep crouch on flat feet, hands free: how people get down to the ground",
         (
             ("spine_flexion", 40.0),
-            ("chest_flexion", 14.0),
-            ("neck_flexion", -20.0),
+            ("chest_flexion", 6.0),
+            ("neck_flexion", -28.0),
             ("shoulder_elevation", 12.9),
             ("shoulder_swing", -12.6),
             ("elbow_flexion", 35.0),
