@@ -5,7 +5,7 @@ The target vector is flat and lives with the caller: `clear` it, set what this t
 priorities ask for.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from math import expm1
 
@@ -69,6 +69,7 @@ class Hierarchy:
         frames: Mapping[str, Frame],
         postures: Mapping[str, FloatArray],
         limits: JointLimits,
+        fed: Container[str] | None = None,
         locked: BoolArray | None = None,
         iterations: int | None = None,
         early_stop: bool = True,
@@ -76,7 +77,8 @@ class Hierarchy:
     ) -> "Hierarchy":
         """Compile a priority file.
 
-        frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. locked
+        frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
+        names whose targets will ever be set, by default all of `frames`; the others cost nothing. locked
         (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. Raises
         ConfigError: a name that the body lacks.
         """
@@ -84,7 +86,13 @@ class Hierarchy:
         levels: list[list[Slot]] = []
         for index, level in enumerate(priorities.levels):
             is_soft = index == last and any(task.type == "posture" for task in level.tasks)
-            levels.append([slot for task in level.tasks for slot in compile_task(task, body, frames, is_soft=is_soft)])
+            levels.append(
+                [
+                    slot
+                    for task in level.tasks
+                    for slot in compile_task(task, body, frames, fed=frames if fed is None else fed, is_soft=is_soft)
+                ]
+            )
         solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],

@@ -20,8 +20,8 @@ class HumanPosture:
 
     q (nq,): as the solver has it. joint_names: m canonical names; joints (m, 3): their centres, m. orientations (3, 4):
     wxyz of ORIENTED; the identity stands upright and faces x. centre_of_mass (3,) m. sensor_error (k,) m: distance of
-    each worn sensor from what was asked of it, NaN where it is missing. balance_error: distance of the centre of mass
-    from its goal, m; NaN where there is none. heading: unit vector on the ground.
+    each worn sensor's joint from where it was last measured, NaN where it is missing. balance_error: distance of the
+    centre of mass from its goal, m; NaN where there is none. heading: unit vector on the ground.
     """
 
     q: FloatArray

@@ -18,6 +18,7 @@ from retarget.human_postures import POSTURES
 from retarget.human_speeds import human_limits
 from retarget.performer import Performer
 from retarget.priorities import CentreOfMassTask, PostureTask, Priorities
+from retarget.reach import Reach
 from retarget.rotations import FloatArray
 from retarget.sensor_intake import SensorIntake
 from retarget.task_slots import SlotKind
@@ -53,6 +54,9 @@ class Reconstructor:
         instead of the file's. Raises ConfigError: the priorities name what a human does not have."""
         self._human = human
         self._worn = WornSensors(performer, human, rest)
+        self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
+        names = self._worn.names + (() if self._feet is None else _FEET)
+        self._names = names
         worn = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self._hierarchy = Hierarchy.build(
             priorities,
@@ -60,6 +64,7 @@ class Reconstructor:
             frames=body_frames(human.body) | worn,
             postures={posture.name: human.posture(posture.name) for posture in POSTURES},
             limits=human_limits(human.body),
+            fed=names,
             locked=human.locked,
             iterations=iterations,
         )
@@ -69,11 +74,9 @@ class Reconstructor:
         self._balance_errors = [i for i, s in enumerate(self._hierarchy.slots) if s.kind in _BALANCE]
         self._crouch = _crouch(priorities, human)
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
-        self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
-        names = self._worn.names + (() if self._feet is None else _FEET)
-        self._names = names
         self._joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
         self._intake = SensorIntake(len(names))
+        self._reach = Reach(names, [POINTS[index] for index in self._joints_of], human.dimensions)
         self._source, self._slots = self._hierarchy.position_slots(names)
         self._block = np.zeros((len(names), 4))
         self._targets = self._hierarchy.blank()
@@ -102,6 +105,7 @@ class Reconstructor:
             )
             position, valid = self._with_feet(position, valid)
         self._intake.start(position, valid)
+        self._reach.clamp(self._intake.position, self._intake.present)
         if self._balance is not None:
             self._balance.start()
         self._q = self._placed()
@@ -124,6 +128,7 @@ class Reconstructor:
                 self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
             position, valid = self._with_feet(position, valid)
         self._intake.step(position, valid, reached=self._joints[self._joints_of], dt=dt)
+        self._reach.clamp(self._intake.position, self._intake.present)
         points = self._present()
         self._heading.step(points, self._facing(sample), dt=dt)
         self._solve(points, sample, dt)
@@ -152,7 +157,7 @@ class Reconstructor:
         row = self._q[None]
         self._joints = self._reader.joints(row)[0]
         worn = len(self.sensors)
-        error = self._intake.position[:worn] - self._joints[self._worn.joints]
+        error = self._intake.measured[:worn] - self._joints[self._worn.joints]
         distance = np.sqrt(np.einsum("ij,ij->i", error, error))
         distance[~self._intake.present[:worn]] = np.nan
         task_errors = self._hierarchy.solver.task_errors

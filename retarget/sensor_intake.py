@@ -27,7 +27,7 @@ class SensorIntake:
     def __init__(self, count: int) -> None:
         self.position = np.zeros((count, 3))
         self.present: BoolArray = np.zeros(count, dtype=bool)
-        self._measured = np.zeros((count, 3))
+        self.measured = np.zeros((count, 3))
         self._offset = np.zeros((count, 3))
         self._lost_for = np.full(count, np.inf)
         self._is_fading = False
@@ -35,7 +35,7 @@ class SensorIntake:
     def start(self, position: FloatArray, valid: BoolArray) -> None:
         """The first sample: what is valid is taken as it is."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
-        self._measured[:] = self.position
+        self.measured[:] = self.position
         self.present[:] = valid
         self._offset[:] = 0.0
         self._lost_for[:] = np.where(valid, 0.0, np.inf)
@@ -43,19 +43,19 @@ class SensorIntake:
 
     def step(self, position: FloatArray, valid: BoolArray, *, reached: FloatArray, dt: float) -> None:
         """The sample `dt` seconds later. reached (k, 3): where the body has the sensors now."""
-        moved = position - self._measured
+        moved = position - self.measured
         # NaN compares false: an invalid sensor never counts as a calm one.
         calm = np.einsum("ij,ij->i", moved, moved) <= (FASTEST_M_S * dt) ** 2
         if not (calm & valid & self.present).all() or self._lost_for.any():
             self._take_irregular(position, valid, calm, reached=reached, dt=dt)
         else:
-            self._measured[:] = position
+            self.measured[:] = position
         if self._is_fading:
             self._offset *= exp(-dt / FADE_S)
             self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
-            np.add(self._measured, self._offset, out=self.position)
+            np.add(self.measured, self._offset, out=self.position)
         else:
-            self.position[:] = self._measured
+            self.position[:] = self.measured
 
     def _take_irregular(
         self, position: FloatArray, valid: BoolArray, calm: BoolArray, *, reached: FloatArray, dt: float
@@ -67,7 +67,7 @@ class SensorIntake:
         asked_before = np.where(absent_before[:, None], reached, self.position)
         changed = back | leap
         self._offset[changed] = asked_before[changed] - position[changed]
-        self._measured[valid] = position[valid]
+        self.measured[valid] = position[valid]
         self._lost_for[valid] = 0.0
         self._lost_for[~valid] += dt
         self.present[:] = self._lost_for <= HOLD_S

@@ -1,6 +1,6 @@
 """From one task of a priority file to tasks of the solver, each with the name under which its target is set."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -63,8 +63,13 @@ class Slot:
     settle: float = 0.0
 
 
-def compile_task(task: Task, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> list[Slot]:
-    """Slots of one task; none for observers. is_soft: in a last level with a posture, where `weight` is a stiffness.
+def compile_task(
+    task: Task, body: BodyModel, frames: Mapping[str, Frame], *, fed: Container[str], is_soft: bool
+) -> list[Slot]:
+    """Slots of one task; none for observers.
+
+    fed: names whose targets will ever be set; a task on another one is left out. is_soft: in a last level with a
+    posture, where `weight` is a stiffness.
 
     Raises ConfigError: a name that the body does not have, in a task that is not optional.
     """
@@ -74,7 +79,12 @@ def compile_task(task: Task, body: BodyModel, frames: Mapping[str, Frame], *, is
         return [_centre_of_mass(task, body, is_soft=is_soft)]
     if isinstance(task, ReactiveTask | PreventiveTask):
         return []
-    return [_placed(task, name, frame, is_soft=is_soft) for name, frame in _named(task, frames)]
+    needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
+    return [
+        _placed(task, name, frame, is_soft=is_soft)
+        for name, frame in _named(task, frames)
+        if name in fed or not needs_target
+    ]
 
 
 def _named(
