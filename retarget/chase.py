@@ -62,7 +62,7 @@ class Chase:
             pursuit.restart()
 
     def aim(self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, haste: float) -> None:
-        """Write the goals of a tick of `dt` s into the target vector. haste: share of the catching-up speed."""
+        """Write the goals of a tick of `dt` s into the target vector. haste: see `Pursuit`."""
         before = asked if self._before is None else self._before
         self._before = asked
         goals = []

@@ -49,7 +49,7 @@ class Pursuit:
         """Displacement to ask for in this tick of `dt` s.
 
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
-        haste: share of the catching-up speed.
+        haste: share of the catching-up speed and acceleration.
         """
         pace = self._pace
         ox, oy, oz = self._own
@@ -61,7 +61,7 @@ class Pursuit:
         ox, oy, oz = ox * dt, oy * dt, oz * dt
         rx, ry, rz = error[0] - ox, error[1] - oy, error[2] - oz
         gap = sqrt(rx * rx + ry * ry + rz * rz)
-        change = pace.catch_up * dt * dt
+        change = pace.catch_up * haste * dt * dt
         ahead = min(braking_displacement(gap, change), self._before + change)
         self._before = ahead = min(ahead, pace.speed * haste * dt, gap * min(1.0, RATE * dt))
         share = ahead / max(gap, STILL)

@@ -1,0 +1,76 @@
+"""A robot on its soles that can always stop: what is refused, and that the way to a stop keeps everything."""
+
+import numpy as np
+
+from followers import DT, op3
+from retarget.following_limits import following_limits
+from retarget.robot_reader import standing_dofs
+from retarget.rotations import FloatArray
+from retarget.stance import Stance, plant
+from retarget.stopping import SOLE_M, Stopping
+
+
+def stance() -> Stance:
+    return plant(op3(), op3().profile.postures.stand)
+
+
+def stopping() -> Stopping:
+    where = stance()
+    return Stopping(op3().body, following_limits(op3(), where), where, standing_dofs(op3()))
+
+
+def upward(speed: float) -> FloatArray:
+    """Velocity (nv,) of a robot that rises straight at `speed` m/s on planted soles, from its standing posture."""
+    where, body = stance(), op3().body.solver_body()
+    rows, wanted = [], []
+    for sole in where.soles:
+        x, y, z = sole.frame.position.tolist()
+        rows.append(body.frame_jacobian(where.q, sole.frame.body, (x, y, z)))
+        wanted.append(np.zeros(6))
+    rows.append(np.eye(6, op3().body.nv))
+    wanted.append(np.array([0.0, 0.0, speed, 0.0, 0.0, 0.0]))
+    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
+
+
+def test_at_rest_it_may_stay() -> None:
+    assert stopping().admits(stance().q, np.zeros(op3().body.nv), DT)
+
+
+def test_a_slow_rise_is_admitted_and_one_into_straight_knees_is_not() -> None:
+    assert stopping().admits(stance().q, upward(0.05), DT)
+    assert not stopping().admits(stance().q, upward(0.6), DT)
+
+
+def test_a_centre_of_mass_over_the_edge_is_not_admitted() -> None:
+    q = stance().q.copy()
+    q[0] += 0.2
+    assert not stopping().admits(q, np.zeros(op3().body.nv), DT)
+
+
+def test_the_way_to_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> None:
+    guard, velocity = stopping(), upward(0.1)
+    arm = op3().body.dof_index("l_sho_pitch")
+    velocity[arm] = 3.0
+    where = stance()
+    assert guard.admits(where.q, velocity, DT)
+    before = velocity
+    for _ in range(30):
+        q, now = guard.follow(DT)
+        limits = following_limits(op3(), where).max_acceleration
+        assert (np.abs(now - before) <= limits * DT * (1.0 + 1e-6)).all()
+        for sole in where.soles:
+            corners = op3().body.solver_body().points(q[None], [sole.frame.body] * len(sole.corners), sole.corners)[0]
+            assert np.linalg.norm(corners[:, :2] - sole.outline, axis=1).max() < SOLE_M
+        before = now
+    assert np.abs(before).max() < 1e-9
+
+
+def test_what_is_already_lost_may_go_on_as_long_as_it_does_not_get_worse() -> None:
+    guard, q = stopping(), stance().q.copy()
+    q[2] += 0.01
+    guard.begin(q)
+    still = np.zeros(op3().body.nv)
+    assert guard.admits(q, still, DT)
+    worse = q.copy()
+    worse[2] += 0.001
+    assert not guard.admits(worse, still, DT)
