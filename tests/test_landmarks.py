@@ -1,0 +1,147 @@
+"""What is asked of a robot: scaled limb by limb, in the performer's heading, within what the robot can do."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from followers import DT, dimensions, follower, op3, performer, postures
+from retarget import rotations
+from retarget.envelope import Envelope
+from retarget.human_dimensions import POINTS
+from retarget.human_posture import HumanPosture
+from retarget.landmarks import LandmarkMap, drawn_in
+from retarget.rotations import FloatArray
+from retarget.stance import plant
+
+IDENTITIES = np.tile(rotations.IDENTITY, (3, 1))
+WIDE = Envelope(np.array([0.1, 0.25]), np.full((2, 4), 1.2))
+
+
+@cache
+def size() -> FloatArray:
+    return dimensions(performer()).standing()
+
+
+def landmark_map(envelope: Envelope | None = WIDE) -> LandmarkMap:
+    return LandmarkMap(op3().profile, dimensions(performer()), plant(op3(), op3().profile.postures.stand), envelope)
+
+
+def human(joints: FloatArray | None = None, orientations: FloatArray = IDENTITIES) -> HumanPosture:
+    """A performer with these joint centres (23, 3); absent: standing upright, facing x."""
+    joints = size() if joints is None else joints
+    return HumanPosture(np.zeros(0), POINTS, joints, orientations, np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0))
+
+
+def changed(change: Callable[[str, FloatArray], FloatArray]) -> FloatArray:
+    return np.array([change(name, point) for name, point in zip(POINTS, size(), strict=True)])
+
+
+def crouched(share: float) -> FloatArray:
+    """Feet nearer to the hips: their height under the pelvis times `share`."""
+    return changed(lambda n, p: p * np.array([1.0, 1.0, share]) if "ankle" in n or "toe" in n else p)
+
+
+def ask(posture: HumanPosture, envelope: Envelope | None = WIDE) -> dict[str, FloatArray]:
+    where = landmark_map(envelope)
+    return dict(zip(where.names, map(np.array, where.ask(posture, DT).landmarks), strict=True))
+
+
+def test_a_standing_performer_is_a_standing_robot() -> None:
+    asked = ask(human())
+    stance = plant(op3(), op3().profile.postures.stand)
+    assert np.allclose(asked["l_sole"], stance.points["l_sole"])
+    assert abs(asked["pelvis"][2] - stance.points["pelvis"][2]) < 0.01
+    assert np.linalg.norm(asked["head"] - stance.points["head"]) < 0.03
+    # Arms hang: a hand is an arm's length under the shoulder.
+    assert asked["l_hand"][2] < asked["pelvis"][2]
+    assert abs(np.linalg.norm(asked["l_hand"] - asked["r_hand"]) - 0.177) < 0.03
+
+
+def test_where_the_performer_stands_and_faces_does_not_matter() -> None:
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), 2.0)
+    moved = human(rotations.rotate(turn, size()) + np.array([3.0, -1.0, 0.0]), np.tile(turn, (3, 1)))
+    here, there = ask(human()), ask(moved)
+    assert all(np.allclose(here[name], there[name], atol=1e-9) for name in here)
+
+
+def test_a_crouch_is_a_crouch_and_stops_where_the_robot_does() -> None:
+    heights = [ask(human(crouched(share)))["pelvis"][2] for share in np.linspace(1.0, 0.1, 10)]
+    assert (np.diff(heights) < 0.0).all()
+    assert heights[0] - heights[2] > 0.03
+    assert heights[-1] > WIDE.lowest
+
+
+def test_arms_are_scaled_from_the_robots_own_shoulders() -> None:
+    arm = np.linalg.norm(size()[POINTS.index("l_elbow")] - size()[POINTS.index("l_shoulder")])
+    arm += np.linalg.norm(size()[POINTS.index("l_wrist")] - size()[POINTS.index("l_elbow")])
+    shoulder = size()[POINTS.index("l_shoulder")]
+    forward = changed(lambda n, p: shoulder + np.array([arm, 0.0, 0.0]) if n == "l_wrist" else p)
+    asked = ask(human(forward))["l_hand"]
+    stance = plant(op3(), op3().profile.postures.stand)
+    at = ask(human())["pelvis"] + stance.points["l_shoulder"] - stance.points["pelvis"]
+    assert np.allclose(asked - at, [0.23, 0.0, 0.0], atol=1e-9)
+
+
+@given(st.floats(-0.9, 0.9), st.floats(-0.5, 0.5))
+def test_the_trunk_leans_and_twists_with_the_performer(lean: float, twist: float) -> None:
+    turn = rotations.multiply(
+        rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), lean),
+        rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), twist),
+    )
+    legs = ("hip", "knee", "ankle", "toe")
+    bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
+    asked = landmark_map().ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT)
+    if lean < 0.8:
+        assert rotations.angle_between(np.array(asked.trunk), turn) < 0.02
+    assert np.allclose(asked.gaze, rotations.rotate(turn, np.array([1.0, 0.0, 0.0])), atol=1e-9)
+
+
+def test_a_lean_beyond_the_robots_is_drawn_in() -> None:
+    turn = rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), 1.2)
+    legs = ("hip", "knee", "ankle", "toe")
+    bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
+    stiff = Envelope(np.array([0.1, 0.25]), np.full((2, 4), 0.5))
+    trunk = np.array(landmark_map(stiff).ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), DT).trunk)
+    lean = float(rotations.angle_between(trunk, rotations.IDENTITY))
+    assert 0.35 < lean < 0.5
+
+
+def test_without_legs_pelvis_and_trunk_stay() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    assert np.allclose(ask(human(crouched(0.5)), None)["pelvis"], stance.points["pelvis"])
+
+
+@given(st.floats(0.0, 3.0), st.floats(0.1, 2.0), st.floats(0.05, 0.9))
+def test_drawing_in_is_smooth_and_never_reaches_the_most(value: float, most: float, knee: float) -> None:
+    inside = drawn_in(value, most, knee)
+    assert inside <= most + 1e-12 and inside <= value + 1e-12
+    assert inside == value or value > (1.0 - knee) * most
+    assert drawn_in(value + 1e-3, most, knee) - inside <= 1e-3 + 1e-9
+    assert drawn_in(value + 1e-3, most, knee) >= inside
+
+
+def test_left_and_right_are_alike() -> None:
+    frames = performer()
+    there, mirrored = follower(frames), follower(frames.mirror())
+    for one, other in zip(postures(frames)[::100], postures(frames.mirror())[::100], strict=True):
+        a, b = there.start(one), mirrored.start(other)
+        left, right = a.landmark_names.index("l_hand"), a.landmark_names.index("r_hand")
+        assert np.allclose(a.landmarks_asked[left] * [1.0, -1.0, 1.0], b.landmarks_asked[right], atol=2e-3)
+
+
+def test_what_is_asked_does_not_depend_on_the_robot() -> None:
+    human_postures = postures(performer())[:300]
+    quick, still = follower(), follower(parts="whole")
+    quick.start(human_postures[0])
+    asked = [quick.step(posture, DT).landmarks_asked for posture in human_postures]
+    still.start(human_postures[0])
+    for posture, expected in zip(human_postures, asked, strict=True):
+        still.reseed(still.stance.q, np.zeros(op3().body.nv))
+        assert (still.step(posture, DT).landmarks_asked == expected).all()
+
+
+def hips() -> FloatArray:
+    return np.asarray(0.5 * (size()[POINTS.index("l_hip")] + size()[POINTS.index("r_hip")]))
