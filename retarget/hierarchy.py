@@ -58,6 +58,12 @@ class Hierarchy:
                 place = _Place(slot, *solver.target_slice(level, index))
                 self._places[slot.kind].append(place)
                 self._by_name.setdefault((slot.kind, slot.name), []).append(place)
+        self._turned = [
+            (place, place.slot.direction)
+            for kind in (SlotKind.HEADING, SlotKind.AXIS)
+            for place in self._places[kind]
+            if place.slot.direction is not None and place.slot.direction[:2] != (0.0, 0.0)
+        ]
         self._blank = self._make_blank(postures)
 
     @classmethod
@@ -108,7 +114,7 @@ class Hierarchy:
         return cls(solver, levels, postures)
 
     def blank(self) -> FloatArray:
-        """A target vector in which only what needs no input is asked: the attractor posture, the CoM over the root."""
+        """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""
         return self._blank.copy()
 
     def clear(self, targets: FloatArray) -> None:
@@ -156,12 +162,10 @@ class Hierarchy:
 
     def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:
         """The heading (x, y), a unit vector on the ground, to every heading task and every axis task."""
-        cosine, sine = float(heading[0]), float(heading[1])
-        for kind, strength in ((SlotKind.HEADING, weight), (SlotKind.AXIS, 1.0)):
-            for place in self._places[kind]:
-                assert place.slot.direction is not None
-                x, y, z = place.slot.direction.tolist()
-                targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
+        cosine, sine = heading
+        for place, (x, y, z) in self._turned:
+            strength = weight if place.slot.kind is SlotKind.HEADING else 1.0
+            targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
 
     def set_posture(self, targets: FloatArray, q: FloatArray) -> None:
         """Another posture (nq,) to be drawn to, for this tick."""
@@ -187,6 +191,9 @@ class Hierarchy:
         blank = np.zeros(self.solver.target_size)
         for place in self._places[SlotKind.OVER_ROOT]:
             blank[place.start] = 1.0
+        for place in self._places[SlotKind.AXIS]:
+            if place.slot.direction is not None and place.slot.direction[:2] == (0.0, 0.0):
+                blank[place.start : place.stop] = (1.0, *place.slot.direction)
         for place in self._places[SlotKind.POSTURE]:
             name = place.slot.name
             if name not in postures:

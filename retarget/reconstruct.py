@@ -23,7 +23,7 @@ from retarget.rotations import FloatArray
 from retarget.sensor_intake import SensorIntake
 from retarget.task_slots import SlotKind
 from retarget.virtual_feet import VirtualFeet
-from retarget.worn_sensors import WornSensors
+from retarget.worn_sensors import SensorTurn, WornSensors
 
 __all__ = ["Reconstructor"]
 
@@ -96,9 +96,9 @@ class Reconstructor:
     def start(self, sample: SensorSample) -> HumanPosture:
         """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
         position, valid = self._worn.read(sample)
-        facing = self._facing(sample)
+        turns = self._worn.orientations(sample)
         measured = {name: at for name, at, ok in zip(self.sensors, position.tolist(), valid, strict=True) if ok}
-        self._heading.start(measured, facing)
+        self._heading.start(measured, _facing(turns))
         if self._feet is not None:
             self._feet.start(
                 measured.get("head", [0.0, 0.0, 0.0]), self._heading.forward, crouch=self._lowered(measured)
@@ -113,7 +113,7 @@ class Reconstructor:
         for _ in range(_SETTLING_FRAMES):
             self._hierarchy.solver.reset(self._q)
             before = self._q
-            self._solve(points, sample, _SETTLING_S)
+            self._solve(points, turns, _SETTLING_S)
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
         self._hierarchy.solver.reset(self._q)
@@ -130,19 +130,20 @@ class Reconstructor:
         self._intake.step(position, valid, reached=self._joints[self._joints_of], dt=dt)
         self._reach.clamp(self._intake.position, self._intake.present)
         points = self._present()
-        self._heading.step(points, self._facing(sample), dt=dt)
-        self._solve(points, sample, dt)
+        turns = self._worn.orientations(sample)
+        self._heading.step(points, _facing(turns), dt=dt)
+        self._solve(points, turns, dt)
         return self._posture()
 
-    def _solve(self, points: Points, sample: SensorSample, dt: float) -> None:
+    def _solve(self, points: Points, turns: list[SensorTurn], dt: float) -> None:
         """Set all targets and solve one frame."""
         hierarchy, targets = self._hierarchy, self._targets
         hierarchy.clear(targets)
         self._block[:, 0] = self._intake.present
         self._block[:, 1:] = self._intake.position
         targets[self._slots] = self._block[self._source]
-        for name, _, link in self._worn.orientations(sample):
-            hierarchy.set_orientation(targets, name, link)
+        for turn in turns:
+            hierarchy.set_orientation(targets, turn.sensor, turn.link)
         forward = self._heading.forward
         hierarchy.set_heading(targets, forward)
         if self._balance is not None:
@@ -189,15 +190,6 @@ class Reconstructor:
         asked, present = self._intake.position.tolist(), self._intake.present.tolist()
         return {name: at for name, at, is_there in zip(self._names, asked, present, strict=True) if is_there}
 
-    def _facing(self, sample: SensorSample) -> dict[str, Ground]:
-        """x axes of sensors that know their orientation, on the ground."""
-        if not self._worn.oriented:
-            return {}
-        return {
-            name: (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
-            for name, (w, x, y, z), _ in self._worn.orientations(sample)
-        }
-
     def _with_feet(self, position: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
         assert self._feet is not None
         return np.concatenate([position, self._feet.ankles]), np.concatenate([valid, [True, True]])
@@ -214,6 +206,11 @@ class Reconstructor:
 
 
 _BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
+
+
+def _facing(turns: list[SensorTurn]) -> dict[str, Ground]:
+    """Forward axes of sensors that know their orientation, on the ground."""
+    return {turn.sensor: turn.forward for turn in turns}
 
 
 def _balance(priorities: Priorities) -> Balance | None:

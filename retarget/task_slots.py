@@ -53,13 +53,13 @@ class SlotKind(Enum):
 class Slot:
     """A solver task and what sets its target. name: as in `of`, or the posture's.
 
-    direction (3,): unit, in the heading frame, for an axis or a heading. settle: time constant of a PREVIOUS, s.
+    direction: unit x, y, z in the heading frame, for an axis or a heading. settle: time constant of a PREVIOUS, s.
     """
 
     kind: SlotKind
     name: str
     task: SolverTask
-    direction: FloatArray | None = None
+    direction: tuple[float, float, float] | None = None
     settle: float = 0.0
 
 
@@ -128,8 +128,8 @@ def _placed(
         return Slot(SlotKind.LOOK_AT, name, made)
     made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
     if isinstance(task, HeadingTask):
-        return Slot(SlotKind.HEADING, name, made, direction=_LEFT)
-    return Slot(SlotKind.AXIS, name, made, direction=_unit(task.direction))
+        return Slot(SlotKind.HEADING, name, made, direction=_triple(_LEFT))
+    return Slot(SlotKind.AXIS, name, made, direction=_triple(_unit(task.direction)))
 
 
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, *, is_soft: bool) -> Slot:

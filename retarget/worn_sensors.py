@@ -1,5 +1,7 @@
 """The sensors that a performer wears, read out of a source's samples."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from retarget import rotations
@@ -10,7 +12,16 @@ from retarget.human_joints import HUMAN_JOINTS
 from retarget.performer import Performer
 from retarget.rotations import FloatArray
 
-__all__ = ["WornSensors"]
+__all__ = ["SensorTurn", "WornSensors"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SensorTurn:
+    """A sensor's orientation. forward: its x axis on the ground. link (4,): wxyz of the link that it sits on, world."""
+
+    sensor: str
+    forward: tuple[float, float]
+    link: FloatArray
 
 
 class WornSensors:
@@ -39,15 +50,17 @@ class WornSensors:
         position = sample.position[self._columns]
         return position, sample.valid[self._columns] & self._exists & np.isfinite(position).all(axis=1)
 
-    def orientations(self, sample: SensorSample) -> list[tuple[str, list[float], FloatArray]]:
-        """(sensor, its orientation wxyz, that of the link it sits on) of each known orientation. Call `read` first."""
+    def orientations(self, sample: SensorSample) -> list[SensorTurn]:
+        """Every orientation that is used and known. Call `read` with this sample first."""
         found = []
         for row, rest in zip(self.oriented, self._rest, strict=True):
             column = self._columns[row]
             turn = sample.orientation[column]
             if self._exists[row] and sample.valid[column] and np.isfinite(turn).all():
+                w, x, y, z = turn.tolist()
+                forward = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
                 link = turn if rest is None else rotations.multiply(turn, rest)
-                found.append((self.names[row], turn.tolist(), link))
+                found.append(SensorTurn(self.names[row], forward, link))
         return found
 
     @staticmethod
