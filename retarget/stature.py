@@ -9,13 +9,13 @@ from retarget.frames import Skeleton
 __all__ = ["stature"]
 
 HEAD_CENTRE, ANKLE = 0.936, 0.039
-"""Height of the eyes, level with the centre of the head, and of the ankle, as shares of stature (Drillis and Contini)."""
+"""Heights of the eyes (level with the centre of the head) and of the ankle, as shares of stature (Drillis, Contini)."""
 
 
 def stature(skeleton: Skeleton) -> float | None:
     """Height in the skeleton's unit, None if it lacks a leg, the neck or the head.
 
-    Along the bones (ankle, knee, hip, middle of the hips, chest, neck, centre of the head), so that it does not depend on
+    Along the bones (ankle, knee, hip, middle of the hips, chest, neck, centre of the head), so it does not depend on
     how the rest pose stands.
     """
     needed = ("l_hip", "r_hip", "l_knee", "l_ankle", "neck", "head")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from oracles.cascade import solve_cascade
 from oracles.hierarchies import CHANGES, ROUGH_CHANGES, Change, random_hierarchy
 from oracles.optimality import optimality, outside_box
 from oracles.problem import Array, Hierarchy, Level
 from oracles.textbook import clamping_loop, prioritized_pseudo_inverse
-
 from retarget import _solver
 
 EQUAL = 1e-6  # residual of a level against the oracle's

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from oracles.cascade import solve_cascade
 from oracles.hierarchies import CHANGES, random_hierarchy
 from oracles.optimality import optimality, outside_box
