@@ -78,7 +78,7 @@ class Follower:
         self._edges: list[list[float]] = edges.tolist()
         self._outline = stance.edges(0.0) if stance.soles else np.zeros((0, 3))
         envelope = _envelope(robot, self._limits, stance, edges) if legs_move else None
-        self._map = LandmarkMap(robot.profile, dimensions, stance, envelope)
+        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
         self._hierarchy = Hierarchy.build(
             priorities,
             robot.body,
@@ -98,7 +98,7 @@ class Follower:
         still = frozenset(sole.frame.name for sole in stance.soles)
         self._chase = Chase(robot, self._hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
         self._approach = robot.profile.safety.speed_caps.approach
-        self._names = self._map.names
+        self._names = self.landmark_map.names
         self._servos = robot.servo_columns
         self._since_start = 0.0
         self._q = stance.q
@@ -113,7 +113,7 @@ class Follower:
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
-        self._map.restart()
+        self.landmark_map.restart()
         self._chase.restart()
         self._since_start = 0.0
         self.stops = 0
@@ -121,14 +121,14 @@ class Follower:
         self._hierarchy.solver.reset(self._q)
         if self._stopping is not None:
             self._stopping.begin(self._q)
-        asked = self._map.ask(human, 0.0)
+        asked = self.landmark_map.ask(human, 0.0)
         self._reached, self._com = self._reader.read(self._q)
         return self._posture(asked)
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
         self._since_start += dt
-        asked = self._map.ask(human, dt)
+        asked = self.landmark_map.ask(human, dt)
         haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
         targets, hierarchy = self._targets, self._hierarchy
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
