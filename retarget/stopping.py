@@ -24,6 +24,10 @@ BALANCE_M = 0.003
 """How far (m) inside the soles' outline the centre of mass stays on the way to a stop."""
 NO_WORSE_M = 1e-5
 """What is already beyond these bounds may go on, if it gets worse by no more than this, m."""
+SPARE_TICKS = 2
+"""Ticks beyond those that the fastest joint needs, for soles and balance are kept first."""
+NO_WAY_BACK = 1e-9
+"""Share of the way back to where the stop began: joints are to stand still, wherever they are by then."""
 LONGEST = 100
 """Most ticks of a way; what takes longer to stop is not admitted."""
 
@@ -50,7 +54,7 @@ class Stopping:
         self._solver = _solver(body, limits, stance, len(self._outline), ~carrying)
         start, stop = self._solver.target_slice(2, 0)
         self._posture = slice(start + 1, stop)
-        self._targets = np.tile(_targets(self._solver, stance, self._outline), (LONGEST, 1))
+        self._targets = np.tile(_targets(self._solver, stance, self._outline), (LONGEST + SPARE_TICKS, 1))
         self.begin(stance.q)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
@@ -64,15 +68,16 @@ class Stopping:
 
         If so, its way to the stop becomes the one that `follow` goes along.
         """
-        ticks = int(np.ceil((np.abs(velocity) / (self._deceleration * dt))[self._legs].max())) - 1
-        way = q[None]
+        way, ticks = q[None], self._ticks(velocity, dt)
         if ticks > LONGEST:
             return False
         if ticks > 0:
-            targets = self._targets[:ticks]
+            targets = self._targets[: ticks + SPARE_TICKS]
             targets[:, self._posture] = q
             self._solver.reset(q, velocity)
             way = np.concatenate([way, self._solver.clip(targets, dt)])
+            if self._ticks(self._solver.velocity, dt) > 0:
+                return False
         slip, shortfall = self._losses(way)
         if slip > max(SOLE_M, self._slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
             return False
@@ -81,6 +86,10 @@ class Stopping:
             (slip, shortfall) if slip <= SOLE_M and shortfall <= 0.0 else self._losses(q[None])
         )
         return True
+
+    def _ticks(self, velocity: FloatArray, dt: float) -> int:
+        """Ticks that the legs need to get slow enough to stand in the next one."""
+        return int(np.ceil((np.abs(velocity) / (self._deceleration * dt))[self._legs].max() - 1e-9)) - 1
 
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands."""
@@ -110,7 +119,7 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int, lo
         planted += [Task.position(sole.frame.body, (x, y, z)), Task.orientation(sole.frame.body, (qw, qx, qy, qz))]
     return Solver(
         body.solver_body(),
-        [planted, [Task.support(edges)], [Task.posture(np.ones(body.nv))]],
+        [planted, [Task.support(edges)], [Task.posture(np.ones(body.nv), gain=NO_WAY_BACK)]],
         lower=limits.lower,
         upper=limits.upper,
         max_velocity=limits.max_velocity,
