@@ -14,7 +14,7 @@ from retarget.rotations import FloatArray
 
 __all__ = ["Reach"]
 
-TRUNK_GIVE = 1.2
+TRUNK_GIVE = 1.25
 """How much further apart than at rest two points of the trunk, neck and shoulder girdle can be."""
 
 _LIMBS = {
