@@ -154,7 +154,12 @@ class Gate:
         self._reason = reason
         self._culprit = culprit
         self._counts[reason] += 1
-        return self._advance(displacement)
+        sent = self._advance(displacement)
+        if reason is GateReason.PASSED:
+            # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
+            sent = np.array(goal, dtype=np.float64)
+            self._position = sent.copy()
+        return sent
 
     def brake(self) -> FloatArray:
         """Return the next posture of the last verified braking trajectory, rad (n,)."""

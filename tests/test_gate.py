@@ -74,6 +74,19 @@ def test_a_refused_goal_has_a_reason_and_a_culprit(goal: list[float], reason: Ga
     assert gate.counts[reason] == gate.gated == 1
 
 
+def test_goals_at_the_bound_pass_to_the_bit_for_ever() -> None:
+    """Rounding of another program must not add up: its difference would be asked for again in every tick, and grow."""
+    gate, rng = make(), np.random.default_rng(3)
+    position, before, rounding = np.zeros(4), np.zeros(4), 1e-13
+    for _ in range(5000):
+        lo, hi = frame_bounds(position, before, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT)
+        step = np.where(rng.random(4) < 0.5, lo, hi) * (1.0 + rounding * rng.standard_normal(4))
+        before = np.clip(step, lo, hi)
+        position = position + step
+        assert gate.admit(position).tolist() == position.tolist()
+    assert gate.gated == 0
+
+
 def test_a_goal_of_the_wrong_size_is_refused() -> None:
     gate = make()
     gate.admit(np.zeros(3))
