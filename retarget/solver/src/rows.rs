@@ -96,7 +96,10 @@ impl RowWriter<'_> {
     /// Error times gain, capped; and the share of the error that this is.
     fn asked(&self, task: &Task, target: &[f64]) -> (Vec3, f64) {
         let e = task.error(self.body, self.pose, target);
-        let size = norm(e) * task.gain;
+        // Rows that are not there do not count.
+        let counts = |k: usize| task.weight.get(k).is_none_or(|w| *w > 0.0);
+        let used: Vec3 = std::array::from_fn(|k| if counts(k) { e[k] } else { 0.0 });
+        let size = norm(used) * task.gain;
         let share = if size > task.max_error { task.gain * task.max_error / size } else { task.gain };
         (scale(e, share), share)
     }
