@@ -11,6 +11,9 @@ use crate::trust::Trust;
 use std::ops::Range;
 use std::sync::Arc;
 
+/// Errors (m, rad, summed over tasks) below this are met.
+const MET: f64 = 1e-6;
+
 /// Settings of the convergence loop.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -153,7 +156,7 @@ impl FrameSolver {
             }
             if self.settings.early_stop {
                 let must_move = self.frame_box.iter().zip(&self.done).any(|(b, d)| b.lo > *d || b.hi < *d);
-                if iteration > 0 && !must_move && (total < 1e-7 || total >= before * 0.999) {
+                if iteration > 0 && !must_move && (total < MET || total >= before * 0.999) {
                     break;
                 }
                 before = total;
