@@ -90,7 +90,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
     still = frozenset(sole.frame.name for sole in stance.soles)
     chase = Chase(robot, hierarchy, still=still, trunk_at_stance=reader.trunk_at_stance)
     hierarchy.solver.reset(stance.q)
-    facing, q, (reached, com) = Facing(), stance.q, reader.read(stance.q)
+    facing, q, reached = Facing(), stance.q, reader.read(stance.q)
     scale = float(stance.points["head"][2]) / float(np.nanmax(frames.position[:, frames.index("head"), 2]))
     ankle = 0.5 * (stance.points["l_ankle"] + stance.points["r_ankle"])
     rows = []
@@ -104,8 +104,9 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         chase.aim(targets, asked, reached, dt, haste=1.0)
         hierarchy.set_previous(targets, q, dt)
         q = hierarchy.solver.frame(targets, dt)
-        reached, com = reader.read(q)
-        rows.append((asked.landmarks, reached.landmarks, reached.trunk, support_distance(com, stance.edges(0.0))))
+        reached = reader.read(q)
+        margin = support_distance(reached.centre_of_mass, stance.edges(0.0))
+        rows.append((asked.landmarks, reached.points, reached.trunk, margin))
     return Track(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -132,7 +133,7 @@ def two_stages(robot: RobotBody, frames: SensorFrames, size: HumanDimensions, dt
         sample = SensorSample(FIVE, five.position[tick], five.orientation[tick], five.valid[tick])
         human = reconstructor.step(sample, step) if tick else reconstructor.start(sample)
         done = follower.step(human, dt) if tick else follower.start(human)
-        trunk = reader.read(done.q)[0].trunk
+        trunk = reader.read(done.q).trunk
         rows.append((done.landmarks_asked, done.landmarks_reached, trunk, done.support_distance))
     return Track(*(np.array(column) for column in zip(*rows, strict=True)))
 

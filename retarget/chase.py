@@ -32,11 +32,17 @@ FAR = 1e3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reached:
-    """Where the robot is: landmarks (k) m, trunk wxyz relative to its stance, unit direction of the eyes."""
+    """Where the robot is, m, in its world.
 
+    points (k, 3), and the same as tuples in `landmarks`; trunk: wxyz relative to its stance; gaze: unit direction of
+    the eyes; centre_of_mass (3,).
+    """
+
+    points: FloatArray
     landmarks: list[Vector]
     trunk: Quat
     gaze: Vector
+    centre_of_mass: FloatArray
 
 
 class Chase:

@@ -18,7 +18,6 @@ from retarget.robot_reader import RobotReader, robot_frames, robot_postures, sta
 from retarget.rotations import FloatArray
 from retarget.stance import Stance, plant
 from retarget.stopping import Stopping
-from retarget.support import support_distance
 
 if TYPE_CHECKING:
     from retarget.human_posture import HumanPosture
@@ -76,7 +75,8 @@ class Follower:
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
         edges = stance.edges(_support_margin(priorities)) if stance.soles else np.zeros((0, 3))
         self._edges: list[list[float]] = edges.tolist()
-        self._outline = stance.edges(0.0) if stance.soles else np.zeros((0, 3))
+        self._outline: list[list[float]] = stance.edges(0.0).tolist() if stance.soles else []
+        self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, edges) if legs_move else None
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
         self._hierarchy = Hierarchy.build(
@@ -122,7 +122,7 @@ class Follower:
         if self._stopping is not None:
             self._stopping.begin(self._q)
         asked = self.landmark_map.ask(human, 0.0)
-        self._reached, self._com = self._reader.read(self._q)
+        self._reached = self._reader.read(self._q)
         return self._posture(asked)
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
@@ -133,10 +133,10 @@ class Follower:
         targets, hierarchy = self._targets, self._hierarchy
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
         if self._edges:
-            hierarchy.set_support(targets, braked_edges(self._edges, self._com, dt))
+            hierarchy.set_support(targets, braked_edges(self._edges, self._reached.centre_of_mass, dt))
         hierarchy.set_previous(targets, self._q, dt)
         self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
-        self._reached, self._com = self._reader.read(self._q)
+        self._reached = self._reader.read(self._q)
         return self._posture(asked)
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
@@ -145,7 +145,7 @@ class Follower:
         self._hierarchy.solver.reset(q, velocity)
         if self._stopping is not None:
             self._stopping.begin(q, velocity)
-        self._reached, self._com = self._reader.read(q)
+        self._reached = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:
         """The posture q (nq,) if the robot can stop from it on its soles, else the next one on its way to a stop."""
@@ -157,17 +157,18 @@ class Follower:
         return q
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
-        q = self._q
+        q, reached = self._q, self._reached
+        root = (q[:3], q[3:7]) if self._root is None else self._root
         return RobotPosture(
             q=q,
             joint_positions=q[self._servos],
-            root_position=q[:3],
-            root_quaternion=q[3:7],
+            root_position=root[0],
+            root_quaternion=root[1],
             landmark_names=self._names,
             landmarks_asked=np.array(asked.landmarks),
-            landmarks_reached=np.array(self._reached.landmarks),
-            centre_of_mass=self._com,
-            support_distance=float(support_distance(self._com, self._outline)) if len(self._outline) else float("inf"),
+            landmarks_reached=reached.points,
+            centre_of_mass=reached.centre_of_mass,
+            support_distance=_inside(self._outline, reached.centre_of_mass),
         )
 
 
@@ -180,6 +181,12 @@ def braked_edges(edges: list[list[float]], centre_of_mass: FloatArray, dt: float
         across = nx * x + ny * y
         drawn.append((nx, ny, across + braking_displacement(offset - across, change)))
     return np.array(drawn)
+
+
+def _inside(edges: list[list[float]], centre_of_mass: FloatArray) -> float:
+    """How far (m) the centre of mass (3,) is inside all edges (e, 3); infinite without any."""
+    x, y, _ = centre_of_mass.tolist()
+    return min((offset - nx * x - ny * y for nx, ny, offset in edges), default=float("inf"))
 
 
 def _support_margin(priorities: Priorities) -> float:

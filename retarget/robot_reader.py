@@ -31,16 +31,18 @@ class RobotReader:
         """Orientation wxyz of the trunk's frame in the stance: where the performer's trunk is upright."""
         self._trunk = product(_quat(trunk.quat.tolist()), inverse(self.trunk_at_stance))
 
-    def read(self, q: FloatArray) -> tuple[Reached, FloatArray]:
-        """What posture q (nq,) reaches, and its centre of mass (3,) m."""
+    def read(self, q: FloatArray) -> Reached:
+        """What posture q (nq,) reaches."""
         row = q[None]
+        points = self._body.points(row, self._links, self._local)[0]
         trunk, head = self._body.orientations(row, self._oriented)[0].tolist()
-        reached = Reached(
-            self._body.points(row, self._links, self._local)[0].tolist(),
+        return Reached(
+            points,
+            points.tolist(),
             product(_quat(trunk), self._trunk),
             rotated(product(_quat(head), self._head), FORWARD),
+            self._body.centre_of_mass(row)[0],
         )
-        return reached, self._body.centre_of_mass(row)[0]
 
 
 def robot_frames(robot: RobotBody) -> dict[str, Frame]:

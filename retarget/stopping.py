@@ -6,6 +6,8 @@ thought, as fast as it can with soles planted; if soles or balance would be lost
 and the last way to a stop that was found good is followed instead. From rest on, all that is sent lies on such ways.
 """
 
+from math import ceil
+
 import numpy as np
 
 from retarget._solver import Solver, Task
@@ -43,17 +45,17 @@ class Stopping:
         self._body = body.solver_body()
         self._deceleration = limits.max_acceleration  # (nv,)
         self._legs = np.flatnonzero(carrying & np.isfinite(limits.max_acceleration))
+        self._slowness = 1.0 / limits.max_acceleration[self._legs]
         single, address = body.scalar_joints()
         self._free = np.flatnonzero(single & ~carrying)
         self._columns = address[self._free]
-        soles = stance.soles
-        self._links = [sole.frame.body for sole in soles for _ in sole.corners]
-        self._local = np.concatenate([sole.corners for sole in soles])
-        self._planted = np.column_stack([np.concatenate([sole.outline for sole in soles]), np.zeros(len(self._links))])
+        soles = [(sole, _spread(sole.outline)) for sole in stance.soles]
+        self._links = [sole.frame.body for sole, few in soles for _ in few]
+        self._local = np.concatenate([sole.corners[few] for sole, few in soles])
+        planted = np.concatenate([sole.outline[few] for sole, few in soles])
+        self._planted = np.column_stack([planted, np.zeros(len(planted))])
         self._outline = stance.edges(0.0)
         self._solver = _solver(body, limits, stance, len(self._outline), ~carrying)
-        start, stop = self._solver.target_slice(2, 0)
-        self._posture = slice(start + 1, stop)
         self._targets = np.tile(_targets(self._solver, stance, self._outline), (LONGEST + SPARE_TICKS, 1))
         self.begin(stance.q)
 
@@ -72,10 +74,8 @@ class Stopping:
         if ticks > LONGEST:
             return False
         if ticks > 0:
-            targets = self._targets[: ticks + SPARE_TICKS]
-            targets[:, self._posture] = q
             self._solver.reset(q, velocity)
-            way = np.concatenate([way, self._solver.clip(targets, dt)])
+            way = np.concatenate([way, self._solver.clip(self._targets[: ticks + SPARE_TICKS], dt)])
             if self._ticks(self._solver.velocity, dt) > 0:
                 return False
         slip, shortfall = self._losses(way)
@@ -89,7 +89,7 @@ class Stopping:
 
     def _ticks(self, velocity: FloatArray, dt: float) -> int:
         """Ticks that the legs need to get slow enough to stand in the next one."""
-        return int(np.ceil((np.abs(velocity) / (self._deceleration * dt))[self._legs].max() - 1e-9)) - 1
+        return ceil(float(np.abs(velocity[self._legs] * self._slowness).max()) / dt - 1e-9) - 1
 
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands."""
@@ -128,6 +128,11 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int, lo
         n_ik=1,
         damping=0.0,
     )
+
+
+def _spread(outline: FloatArray) -> list[int]:
+    """The corners of an outline (c, 2) that are farthest along its diagonals: enough to see a sole move or tilt."""
+    return sorted({int(np.argmax(outline @ np.array(way))) for way in ((1, 1), (1, -1), (-1, 1), (-1, -1))})
 
 
 def _targets(solver: Solver, stance: Stance, edges: FloatArray) -> FloatArray:
