@@ -131,9 +131,13 @@ class Guard:
         return self._state
 
     def release(self) -> None:
-        """Switch torque off; a latched stop stays latched. Raises BusError when the bus does not take it."""
+        """Switch torque off; a latched stop stays latched. A bus that does not take it latches, and is raised."""
+        try:
+            self._bus.torque(False)
+        except Exception as error:
+            self._cut(StopCause.BUS, str(error) or type(error).__name__)
+            raise
         self._state = GuardState.IDLE if self._stop is None else GuardState.STOPPED
-        self._bus.torque(False)
 
     def acknowledge(self) -> None:
         """A person has seen why the robot stopped: torque off, back to idle. Raises GuardError unless stopped."""

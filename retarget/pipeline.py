@@ -64,7 +64,7 @@ class Pipeline:
         self._allocate()
         with _collector_at_rest():
             begun = self._wall.now()
-            done, interrupted = self._play(watch)
+            done, interrupted = self._guarded_play(watch)
             if interrupted and self._robot is not None:
                 self._robot.stop(INTERRUPTED)
             done = self._brake(done)
@@ -88,6 +88,16 @@ class Pipeline:
             Timing.empty(rows),
         )
         self._human = human
+
+    def _guarded_play(self, watch: Watch) -> tuple[int, bool]:
+        """`_play`; whatever goes wrong outside a tick of the guard stops the robot too, before it is raised."""
+        try:
+            return self._play(watch)
+        except BaseException as error:
+            if self._robot is not None:
+                self._robot.stop(str(error) or type(error).__name__)
+                self._robot.finish()
+            raise
 
     def _play(self, watch: Watch) -> tuple[int, bool]:
         """Tick until the clip or the guard ends it. Returns the ticks done, and whether somebody asked to stop."""

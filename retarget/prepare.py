@@ -1,11 +1,12 @@
 """Everything a run needs, loaded and checked: what cannot run is refused here, before anything moves or is written."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock
+from hardware.errors import BusError
 from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from retarget.calibration import calibrate
@@ -92,7 +93,10 @@ def prepare(
     try:
         yield Prepared(clip, human, performer, reconstructor, side, stages, options.bus != "none", notes)
     finally:
-        bus.close()
+        # A bus that failed during the run is in its result already; closing it once more must not lose that.
+        failed = side is not None and side.guard.stop_reason is not None
+        with suppress(BusError) if failed else nullcontext():
+            bus.close()
 
 
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hardware.errors import RetargetError
+from hardware.errors import BusError, RetargetError
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
 from retarget.pipeline import INTERRUPTED, Ending, Pipeline, Watch
@@ -165,3 +165,30 @@ def test_slow_motion_keeps_the_performers_clock() -> None:
     reconstructor = StubReconstructor(person())
     Pipeline(clip=clip, reconstructor=reconstructor).run()
     assert reconstructor.calls == pytest.approx([0.5 / 125.0] * (TICKS - 1))
+
+
+def test_a_failure_outside_a_tick_stops_the_robot_too() -> None:
+    rig = Rig(swing(0.1))
+
+    def broken(_tick: int) -> None:
+        raise OSError("no terminal")
+
+    with pytest.raises(OSError, match="no terminal"):
+        play(rig, Watch(broken))
+    assert rig.guard.stop_reason is not None and "no terminal" in rig.guard.stop_reason.reason
+    assert rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_torque_that_cannot_be_switched_off_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(still())
+    torque = rig.bus.torque
+
+    def stuck(on: bool) -> None:
+        if not on:
+            raise BusError("no answer")
+        torque(on)
+
+    monkeypatch.setattr(rig.bus, "torque", stuck)
+    ending = play(rig)
+    assert ending.state == "stopped"
+    assert ending.reason is not None and "cut the power" in ending.reason

@@ -163,7 +163,8 @@ def _standing(run: RunResult) -> _Standing:
     height = max(float(np.abs(sole.position[:, 2]).max()) for sole in soles)
     tilt = max(float(standing.sole_tilt(sole).max()) for sole in soles)
     return _Standing(
-        outside=int(np.count_nonzero(known < -standing.OUTSIDE_M)),
+        # Where nothing touches, nothing supports.
+        outside=int(np.count_nonzero(~(margin >= -standing.OUTSIDE_M))),
         margin=float(known.min()) if known.size else None,
         slide=max(standing.foot_slide(sole) for sole in soles),
         soles=Soles(MM * height, float(np.rad2deg(tilt))),
