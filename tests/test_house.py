@@ -100,3 +100,11 @@ def test_no_recording_is_copied_in(shared: Path) -> None:
         path = ROOT / name
         for twin in twins.get(path.stat().st_size, []) if path.is_file() else []:
             assert twin.read_bytes() != path.read_bytes(), f"{name} is {twin.name}"
+
+
+@pytest.mark.parametrize("page", ["README.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))])
+def test_links_lead_somewhere(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    links = [link for link in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in link]
+    missing = [link for link in links if not ((ROOT / page).parent / link).exists()]
+    assert not missing
