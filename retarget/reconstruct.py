@@ -81,7 +81,6 @@ class Reconstructor:
         self._block = np.zeros((len(names), 4))
         self._targets = self._hierarchy.blank()
         self._q = human.posture("natural")
-        self._height = float(self._reader.centre_of_mass(self._q[None])[0, 2])
         self._joints = self._reader.joints(self._q[None])[0]
 
     @property
@@ -149,7 +148,6 @@ class Reconstructor:
         hierarchy.set_heading(targets, forward)
         if self._balance is not None:
             self._balance.step([points[name] for name in _FEET if name in points], forward, dt=dt)
-            self._balance.goal[2] = self._height  # rows of weight 0 still count in the cap of the error
             hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
@@ -164,14 +162,12 @@ class Reconstructor:
         distance = np.sqrt(np.einsum("ij,ij->i", error, error))
         distance[~self._intake.present[:worn]] = np.nan
         task_errors = self._hierarchy.solver.task_errors
-        centre_of_mass = self._reader.centre_of_mass(row)[0]
-        self._height = float(centre_of_mass[2])
         return HumanPosture(
             q=self._q,
             joint_names=POINTS,
             joints=self._joints,
             orientations=self._reader.orientations(row)[0],
-            centre_of_mass=centre_of_mass,
+            centre_of_mass=self._reader.centre_of_mass(row)[0],
             sensor_error=distance,
             balance_error=float(task_errors[self._balance_errors[0]]) if self._balance_errors else float("nan"),
             heading=self._heading.forward,
