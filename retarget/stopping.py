@@ -82,9 +82,11 @@ class Stopping:
         if slip > max(SOLE_M, self._slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
             return False
         self._way, self._at, self._velocity = way, 0, velocity
-        self._slip, self._shortfall = (
-            (slip, shortfall) if slip <= SOLE_M and shortfall <= 0.0 else self._losses(q[None])
-        )
+        if slip > SOLE_M or shortfall > 0.0:
+            # What is measured against only ever falls: many small steps may not add up.
+            here = self._losses(q[None])
+            slip, shortfall = min(self._slip, here[0]), min(self._shortfall, here[1])
+        self._slip, self._shortfall = slip, shortfall
         return True
 
     def _ticks(self, velocity: FloatArray, dt: float) -> int:

@@ -74,3 +74,14 @@ def test_what_is_already_lost_may_go_on_as_long_as_it_does_not_get_worse() -> No
     worse = q.copy()
     worse[2] += 0.001
     assert not guard.admits(worse, still, DT)
+
+
+def test_many_small_steps_off_the_ground_do_not_add_up() -> None:
+    guard, q = stopping(), stance().q.copy()
+    guard.begin(q)
+    q[2] += SOLE_M
+    rises = 0
+    while rises < 50 and guard.admits(q, np.zeros(op3().body.nv), DT):
+        q[2] += 9e-6
+        rises += 1
+    assert rises < 5
