@@ -57,12 +57,14 @@ STRAIGHT = Priorities.model_validate(
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What a robot did: landmarks (T, k, 3) m asked of it and reached, its trunk (T, 4), its CoM's margin (T,) m."""
+    """What a robot did: landmarks (T, k, 3) m asked of it and reached, its trunk (T, 4), its CoM's margin (T,) m, and
+    the performer's heading (T, 2) that its world's x stands for."""
 
     asked: FloatArray
     reached: FloatArray
     trunk: FloatArray
     support: FloatArray
+    heading: FloatArray
 
 
 def recorded(frames: SensorFrames) -> list[HumanPosture]:
@@ -106,7 +108,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         q = hierarchy.solver.frame(targets, dt)
         reached = reader.read(q)
         margin = support_distance(reached.centre_of_mass, stance.edges(0.0))
-        rows.append((asked.landmarks, reached.points, reached.trunk, margin))
+        rows.append((asked.landmarks, reached.points, reached.trunk, margin, (x, y)))
     return Track(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -123,18 +125,31 @@ def heading(facing: Facing, posture: HumanPosture, dt: float) -> tuple[float, fl
     return facing.update((w, x, y, z), feet[0], feet[1], dt)
 
 
+def headings(human: Sequence[HumanPosture], dt: float) -> FloatArray:
+    """Headings (T, 2) of postures, as the second stage takes them."""
+    facing = Facing()
+    return np.array([heading(facing, posture, dt) for posture in human])
+
+
 def two_stages(robot: RobotBody, frames: SensorFrames, size: HumanDimensions, dt: float, step: float) -> Track:
     """Five sensors to the virtual human, and its landmarks to the robot. step: s of the performer's time per tick."""
     reconstructor = Reconstructor(build_human(size), load_priorities("human"), load_performer("five"))
-    follower = Follower(robot, load_priorities("servo"), size)
-    reader = RobotReader(robot, follower.stance)
-    five, rows = frames.select(FIVE), []
+    five, human = frames.select(FIVE), []
     for tick in range(len(frames)):
         sample = SensorSample(FIVE, five.position[tick], five.orientation[tick], five.valid[tick])
-        human = reconstructor.step(sample, step) if tick else reconstructor.start(sample)
-        done = follower.step(human, dt) if tick else follower.start(human)
+        human.append(reconstructor.step(sample, step) if tick else reconstructor.start(sample))
+    return second_stage(robot, human, size, dt)
+
+
+def second_stage(robot: RobotBody, human: Sequence[HumanPosture], size: HumanDimensions, dt: float) -> Track:
+    """Postures of the human to the robot."""
+    follower = Follower(robot, load_priorities("servo"), size)
+    reader = RobotReader(robot, follower.stance)
+    rows = []
+    for tick, (posture, ahead) in enumerate(zip(human, headings(human, dt), strict=True)):
+        done = follower.step(posture, dt) if tick else follower.start(posture)
         trunk = reader.read(done.q).trunk
-        rows.append((done.landmarks_asked, done.landmarks_reached, trunk, done.support_distance))
+        rows.append((done.landmarks_asked, done.landmarks_reached, trunk, done.support_distance, ahead))
     return Track(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -143,16 +158,19 @@ def wanted(robot: RobotBody, truth: Sequence[HumanPosture], size: HumanDimension
     landmarks = Follower(robot, load_priorities("servo"), size).landmark_map
     asked = [landmarks.ask(posture, dt) for posture in truth]
     points = np.array([one.landmarks for one in asked])
-    return Track(points, points, np.array([one.trunk for one in asked]), np.zeros(len(asked)))
+    return Track(points, points, np.array([one.trunk for one in asked]), np.zeros(len(asked)), headings(truth, dt))
 
 
 def judge(done: Track, goal: Track, names: tuple[str, ...]) -> list[float]:
     """Mean errors of hands, pelvis (mm) and trunk (deg) against `goal`; crouch ratio; hand error (mm) against what this
     way asked itself; CoM outside (ticks)."""
     hands, pelvis = [names.index("l_hand"), names.index("r_hand")], names.index("pelvis")
-    error = 1e3 * np.linalg.norm(done.reached - goal.asked, axis=2)
+    # What faces elsewhere is not wrong: the robot's world is turned to where the recorded body faces.
+    (ax, ay), (bx, by) = goal.heading.T, done.heading.T
+    away = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.arctan2(ax * by - ay * bx, ax * bx + ay * by))
+    error = 1e3 * np.linalg.norm(rotations.rotate(away[:, None], done.reached) - goal.asked, axis=2)
     own = 1e3 * np.linalg.norm(done.reached - done.asked, axis=2)
-    turn = np.rad2deg(rotations.angle_between(goal.trunk, done.trunk))
+    turn = np.rad2deg(rotations.angle_between(goal.trunk, rotations.multiply(away, done.trunk)))
     crouch = np.ptp(done.reached[:, pelvis, 2]) / np.ptp(goal.asked[:, pelvis, 2])
     values = [error[:, hands].mean(), error[:, pelvis].mean(), turn.mean(), crouch, own[:, hands].mean()]
     return [float(value) for value in (*values, np.count_nonzero(done.support < 0.0))]
@@ -179,6 +197,7 @@ def main() -> None:
         ways = {
             "one stage": one_stage(robot, frames, truth, dt),
             "two stages": two_stages(robot, frames, size, dt, options.speed * dt),
+            "second stage, body known": second_stage(robot, truth, size, dt),
         }
         for way, done in ways.items():
             hands, pelvis, trunk, crouch, own, outside = judge(done, goal, names)
