@@ -79,7 +79,7 @@ class Follower:
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, edges) if legs_move else None
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
-        self._hierarchy = Hierarchy.build(
+        self.hierarchy = Hierarchy.build(
             priorities,
             robot.body,
             frames=robot_frames(robot),
@@ -89,14 +89,14 @@ class Follower:
             iterations=iterations,
             damping=DAMPING,
         )
-        self._targets = self._hierarchy.blank()
+        self._targets = self.hierarchy.blank()
         for sole in stance.soles:
-            self._hierarchy.set_position(self._targets, sole.frame.name, sole.position)
-            self._hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
+            self.hierarchy.set_position(self._targets, sole.frame.name, sole.position)
+            self.hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
         self._stopping = Stopping(robot.body, self._limits, stance, standing_dofs(robot)) if legs_move else None
         self._reader = RobotReader(robot, stance)
         still = frozenset(sole.frame.name for sole in stance.soles)
-        self._chase = Chase(robot, self._hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
+        self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
         self._approach = robot.profile.safety.speed_caps.approach
         self._names = self.landmark_map.names
         self._servos = robot.servo_columns
@@ -108,7 +108,7 @@ class Follower:
     @property
     def top_error(self) -> float:
         """Largest error of a sole at the last posture, m or rad; NaN without soles."""
-        errors = self._hierarchy.solver.task_errors[: 2 * len(self.stance.soles)]
+        errors = self.hierarchy.solver.task_errors[: 2 * len(self.stance.soles)]
         return float(errors.max()) if errors.size else float("nan")
 
     def start(self, human: "HumanPosture") -> RobotPosture:
@@ -118,7 +118,7 @@ class Follower:
         self._since_start = 0.0
         self.stops = 0
         self._q = self.stance.q
-        self._hierarchy.solver.reset(self._q)
+        self.hierarchy.solver.reset(self._q)
         if self._stopping is not None:
             self._stopping.begin(self._q)
         asked = self.landmark_map.ask(human, 0.0)
@@ -130,7 +130,7 @@ class Follower:
         self._since_start += dt
         asked = self.landmark_map.ask(human, dt)
         haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
-        targets, hierarchy = self._targets, self._hierarchy
+        targets, hierarchy = self._targets, self.hierarchy
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
         if self._edges:
             hierarchy.set_support(targets, braked_edges(self._edges, self._reached.centre_of_mass, dt))
@@ -142,18 +142,18 @@ class Follower:
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
         self._q = q
-        self._hierarchy.solver.reset(q, velocity)
+        self.hierarchy.solver.reset(q, velocity)
         if self._stopping is not None:
             self._stopping.begin(q, velocity)
         self._reached = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:
         """The posture q (nq,) if the robot can stop from it on its soles, else the next one on its way to a stop."""
-        if self._stopping is None or self._stopping.admits(q, self._hierarchy.solver.velocity, dt):
+        if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
         q, velocity = self._stopping.follow(dt)
         self.stops += 1
-        self._hierarchy.solver.reset(q, velocity)
+        self.hierarchy.solver.reset(q, velocity)
         return q
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
