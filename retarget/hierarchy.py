@@ -79,7 +79,7 @@ class Hierarchy:
         locked: BoolArray | None = None,
         iterations: int | None = None,
         early_stop: bool = True,
-        damping: float = 3.0,
+        damping: float = 0.5,
     ) -> "Hierarchy":
         """Compile a priority file.
 
