@@ -29,7 +29,7 @@ FILE_NAME = "report.json"
 
 @dataclass(frozen=True)
 class Spread:
-    """Errors over a run, mm."""
+    """Errors over a run, in the unit that the key names."""
 
     mean: float
     p95: float
@@ -89,7 +89,9 @@ class Report:
     limit_violations: values beyond a limit by more than `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
-    reachable_hands_mm: mean error of hands at the ticks at which the arm can get there from the torso sent.
+    servo_error_deg: how far each servo stood from the goal of the tick before. reachable_hands_mm: mean error of each
+    hand, and of both, at the ticks at which it was asked where the arm gets from the torso that was asked;
+    reachable_share: of the ticks that followed, those.
     """
 
     frames: int
@@ -119,7 +121,9 @@ class Report:
     stop: StopReport
     sensors_mm: dict[str, Spread]
     servo_tracking_mm: dict[str, Spread] | None
-    reachable_hands_mm: float | None
+    servo_error_deg: dict[str, Spread] | None
+    reachable_hands_mm: dict[str, float] | None
+    reachable_share: dict[str, float] | None
     com_margin_mm: float | None
     soles: Soles | None
     closest_links: tuple[str, str] | None

@@ -11,6 +11,7 @@ from retarget.follow import Follower, RobotPosture
 from retarget.frames import SensorFrames
 from retarget.human_dimensions import HumanDimensions
 from retarget.human_posture import ORIENTED, HumanPosture
+from retarget.metrics.asked_arms import Performance
 from retarget.priorities import load_priorities
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import FloatArray
@@ -53,6 +54,19 @@ def postures(frames: SensorFrames, *, speed: float = 1.0) -> list[HumanPosture]:
         )
         for tick in range(len(frames))
     ]
+
+
+def performance(human: Sequence[HumanPosture], names: tuple[str, ...], asked: FloatArray) -> Performance:
+    """What was asked (T, k, 3) m when `performer` did this."""
+    return Performance(
+        dimensions=dimensions(performer()),
+        joint_names=human[0].joint_names,
+        joints=np.array([posture.joints for posture in human]),
+        pelvis=np.array([posture.orientation("pelvis") for posture in human]),
+        landmark_names=names,
+        landmarks=asked,
+        dt=DT,
+    )
 
 
 def follower(frames: SensorFrames | None = None, *, parts: str = "whole") -> Follower:

@@ -8,9 +8,7 @@ from retarget.metrics import standing, tracking
 from retarget.metrics.clearance import self_clearance
 from retarget.metrics.measure import measure
 from retarget.metrics.motion import jerk_p95, limit_violations
-from retarget.metrics.reach import chain_to_anchor, reachable_error
 from retarget.pipeline import Pipeline
-from retarget.record import RobotRecord
 from retarget.report import Report
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import IDENTITY, FloatArray
@@ -147,24 +145,6 @@ def test_self_clearance(op3: RobotBody) -> None:
     assert smallest is not None and smallest < -0.005 and penetrating == 2
 
 
-def test_the_arm_knows_what_it_can_reach(op3: RobotBody) -> None:
-    assert [op3.body.joint_names[joint] for joint in chain_to_anchor(op3, "l_hand")] == [
-        "l_el",
-        "l_sho_roll",
-        "l_sho_pitch",
-    ]
-    stand = op3.posture(op3.profile.postures.stand)
-    sent = RobotRecord.empty(3, nq=stand.size, start=np.zeros(20), landmark_names=("l_hand",))
-    sent.q[:] = stand
-    bent = op3.posture(dict(op3.profile.postures.stand) | {"l_sho_pitch": -0.5, "l_el": -0.8})
-    within = op3.points(bent[None], ("l_hand",))[0]
-    sent.landmarks_asked[:] = within
-    off = float(np.linalg.norm(within - op3.points(stand[None], ("l_hand",))[0]))
-    assert reachable_error(op3, sent) == pytest.approx(off)
-    sent.landmarks_asked[:] = within + np.array([0.0, 1.0, 0.0])
-    assert reachable_error(op3, sent) is None
-
-
 @pytest.fixture(scope="module")
 def report() -> Report:
     """A robot that jumps once, which the gate holds back."""
@@ -180,6 +160,9 @@ def test_the_report_of_a_held_robot(report: Report) -> None:
     assert report.gated_frames == 21
     assert (report.limit_violations.position, report.limit_violations.velocity) == (0, 0)
     assert report.limit_violations.acceleration == 0
+    assert report.reachable_share is not None and report.reachable_hands_mm is not None
+    assert list(report.reachable_share) == ["l_hand", "r_hand"]
+    assert list(report.reachable_hands_mm) == ["l_hand", "r_hand", "mean"]
     assert report.tracking_mm["l_hand"].max > 50.0 and report.tracking_mm["r_hand"].max < 1e-6
     assert report.hand_path_ratio == pytest.approx(0.0, abs=1e-9)
     assert report.pelvis_excursion_ratio is None

@@ -1,6 +1,6 @@
 """The report of a run for a person: the numbers that say whether it went well."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from rich.console import Console
 from rich.table import Table
@@ -29,19 +29,22 @@ def show_summary(report: Report, console: Console) -> None:
 
 
 def _tracking_table(report: Report) -> Table:
-    """Errors of everything that was followed, mm."""
+    """Errors of everything that was followed, mm: as it was sent and, where there are servos, as they were."""
     table = Table(box=None, pad_edge=False)
-    table.add_column("tracking, mm")
-    for heading in ("mean", "p95", "max"):
+    servos = report.servo_tracking_mm
+    table.add_column("tracking, mm" if servos is None else "tracking, mm: sent")
+    for heading in ("mean", "p95", "max", *(() if servos is None else ("servos: mean", "p95", "max"))):
         table.add_column(heading, justify="right", min_width=7)
-    groups: tuple[tuple[str, Mapping[str, Spread] | None], ...] = (
-        ("", report.tracking_mm),
-        ("human ", report.sensors_mm if report.robot != "human" else None),
-    )
-    for prefix, spreads in groups:
-        for name, spread in (spreads or {}).items():
-            table.add_row(prefix + name, *(f"{value:.1f}" for value in (spread.mean, spread.p95, spread.max)))
+    for name, spread in report.tracking_mm.items():
+        table.add_row(name, *_spread(spread), *_spread((servos or {}).get(name)))
+    if report.robot != "human":
+        for name, spread in report.sensors_mm.items():
+            table.add_row("human " + name, *_spread(spread))
     return table
+
+
+def _spread(spread: Spread | None) -> list[str]:
+    return [] if spread is None else [f"{value:.1f}" for value in (spread.mean, spread.p95, spread.max)]
 
 
 def _facts_table(report: Report) -> Table:
@@ -58,7 +61,8 @@ def _facts_table(report: Report) -> Table:
 def _facts(report: Report) -> Iterable[tuple[str, str]]:
     limits = report.limit_violations
     clear = report.min_clearance_mm.self
-    yield "hands within reach", _number(report.reachable_hands_mm, "mm off on average")
+    yield "hands within reach", _hands(report)
+    yield "servos", _servos(report)
     yield "lag", _number(report.lag_s and 1e3 * report.lag_s, "ms")
     yield "hand path", _number(report.hand_path_ratio and 100.0 * report.hand_path_ratio, "% of what was asked")
     yield (
@@ -83,6 +87,24 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
 
 def _number(value: float | None, unit: str, *, digits: int = 1) -> str:
     return "" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def _hands(report: Report) -> str:
+    errors = report.reachable_hands_mm or {}
+    return ", ".join(
+        f"{name} {errors[name]:.1f} mm off in {share:.0%} of ticks" if name in errors else f"{name} never"
+        for name, share in (report.reachable_share or {}).items()
+    )
+
+
+def _servos(report: Report) -> str:
+    """What the servos made of what they were sent."""
+    servos = report.servo_error_deg
+    if not servos:
+        return ""
+    worst = max(servos, key=lambda name: servos[name].max)
+    mean = sum(spread.mean for spread in servos.values()) / len(servos)
+    return f"{mean:.1f} degrees behind what was sent on average, {servos[worst].max:.1f} at most ({worst})"
 
 
 def _standing(report: Report) -> str:

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget.hierarchy import JointLimits
+from retarget.human_posture import ORIENTED, PostureReader
 from retarget.metrics import standing, tracking
+from retarget.metrics.asked_arms import Performance
 from retarget.metrics.clearance import Clearance, self_clearance
 from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
 from retarget.metrics.priority import top_level_error
-from retarget.metrics.reach import reachable_error
+from retarget.metrics.reach import reachable_hands
 from retarget.report import BusReport, Clearances, Percentiles, Report, Soles, Spread, StopReport
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
@@ -28,7 +30,7 @@ def measure(run: RunResult) -> Report:
     names, asked, reached = run.followed
     heights = _pelvis_heights(run)
     reconstruct, retarget = record.timing.reconstruct, record.timing.retarget
-    clearance, stand = _clearance(run), _standing(run)
+    clearance, stand, hands = _clearance(run), _standing(run), _hands(run, reached)
     return Report(
         frames=clip.source_frames,
         ticks=len(record),
@@ -57,7 +59,9 @@ def measure(run: RunResult) -> Report:
         stop=StopReport(run.state, run.reason),
         sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
         servo_tracking_mm=_servo_tracking(run),
-        reachable_hands_mm=None if run.robot is None or robot is None else _mm(reachable_error(run.robot, robot)),
+        servo_error_deg=_servo_error(run),
+        reachable_hands_mm=hands.errors,
+        reachable_share=hands.shares,
         com_margin_mm=_mm(stand.margin),
         soles=stand.soles,
         closest_links=None if clearance is None else clearance.pair,
@@ -88,6 +92,36 @@ def _pelvis_heights(run: RunResult) -> tuple[FloatArray, FloatArray] | None:
 def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> float | None:
     hands = [column for column, name in enumerate(names) if name in HANDS]
     return tracking.path_ratio(asked[:, hands], reached[:, hands]) if hands else None
+
+
+@dataclass(frozen=True)
+class _Hands:
+    errors: dict[str, float] | None = None
+    shares: dict[str, float] | None = None
+
+
+def _hands(run: RunResult, reached: FloatArray) -> _Hands:
+    """Hands at the ticks at which they were asked within reach; nothing without a robot that has both."""
+    robot, sent, human = run.robot, run.record.robot, run.record.human
+    if robot is None or sent is None or not len(sent.q):
+        return _Hands()
+    pelvis = PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")]
+    asked = Performance(
+        dimensions=run.human.dimensions,
+        joint_names=human.joint_names,
+        joints=human.joints,
+        pelvis=pelvis,
+        landmark_names=sent.landmark_names,
+        landmarks=sent.landmarks_asked,
+        dt=run.clip.dt,
+    )
+    found = reachable_hands(robot, asked, reached)
+    if not found:
+        return _Hands()
+    errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
+    ticks = [found[name].share for name in errors]
+    mean = {"mean": float(np.average(list(errors.values()), weights=ticks))} if errors else {}
+    return _Hands(errors | mean or None, {name: hand.share for name, hand in found.items()})
 
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:
@@ -180,6 +214,15 @@ def _servo_tracking(run: RunResult) -> dict[str, Spread] | None:
     return _spreads(sent.landmark_names, sent.landmarks_asked, reached)
 
 
+def _servo_error(run: RunResult) -> dict[str, Spread] | None:
+    """How far, degrees, each servo stood at the start of a tick from the goal of the tick before."""
+    sent, robot = run.record.robot, run.robot
+    if sent is None or robot is None or not run.has_bus:
+        return None
+    off = np.rad2deg(np.abs(sent.present[1:] - sent.q[:-1, robot.servo_columns]))
+    return _spread_of(robot.joint_map.joints, off)
+
+
 def _bus(run: RunResult) -> BusReport | None:
     sent, time = run.record.robot, run.record.time
     if sent is None or not run.has_bus or len(time) < 2:
@@ -190,7 +233,11 @@ def _bus(run: RunResult) -> BusReport | None:
 
 def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
     """Mean, 95th percentile and largest distance, mm, of each track that is known at all."""
-    errors = MM * tracking.distances(asked, reached)
+    return _spread_of(names, MM * tracking.distances(asked, reached))
+
+
+def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
+    """Spread of each column of errors (T, k) that is known at all."""
     spreads = {}
     for column, name in enumerate(names):
         known = errors[np.isfinite(errors[:, column]), column]

@@ -1,35 +1,74 @@
 """How well hands are followed where the robot's arms can get there at all."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from retarget import _solver
-from retarget.record import RobotRecord
+from retarget.frames import BoolArray
+from retarget.metrics.asked_arms import Performance, asked_arms
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
+from retarget.stance import Stance, plant
 
-__all__ = ["chain_to_anchor", "reachable_error"]
+__all__ = ["Reachable", "chain_to_anchor", "reachable_hands", "within_reach"]
 
 EVERY = 20
 """Every so manyth tick is looked at."""
 WITHIN_M = 0.002
 """The arm gets there when it gets this near, m."""
-STEPS = 25
+SEEDS = 500
+"""Postures of the arm, spread over its joints' ranges, of which the nearest begins the search."""
+STEPS = 15
 
 
-def reachable_error(robot: RobotBody, sent: RobotRecord) -> float | None:
-    """Mean distance (m) of hands sent from hands asked, over the ticks at which the arm alone can reach what is asked.
+@dataclass(frozen=True)
+class Reachable:
+    """One hand. share: of the ticks that ask for it, those within reach; error: mean distance (m) at those, or None."""
 
-    From the posture sent, the joints between the hand and its anchor move within their position limits, at any speed;
-    the torso stays. None where no hand is ever asked within reach.
+    share: float
+    error: float | None
+
+
+def reachable_hands(robot: RobotBody, asked: Performance, reached: FloatArray) -> dict[str, Reachable]:
+    """How each hand followed at the ticks at which it was asked within reach; reached (T, k, 3) m: as the landmarks.
+
+    Within reach: from the torso that is asked, the arm gets there within the position limits of its joints, at any
+    speed. Where the robot was takes no part in that.
     """
-    errors = [
-        error
-        for column, name in enumerate(sent.landmark_names)
-        if name in ("l_hand", "r_hand")
-        for error in _reached_where_possible(robot, sent, column)
-    ]
-    return float(np.mean(errors)) if errors else None
+    stance, found = plant(robot, robot.profile.postures.stand), {}
+    for name, places in asked_arms(robot, stance, asked).items():
+        column = asked.landmark_names.index(name)
+        error = np.linalg.norm(reached[::EVERY, column] - asked.landmarks[::EVERY, column], axis=1)
+        error = error[known := np.isfinite(error)]
+        within = within_reach(robot, stance, name, places[::EVERY][known])
+        found[name] = Reachable(
+            share=float(within.mean()) if within.size else 0.0,
+            error=float(error[within].mean()) if within.any() else None,
+        )
+    return found
+
+
+def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatArray) -> BoolArray:
+    """Whether (T,) the limb of a landmark gets to each place (T, 3) m while the rest stays in its stance."""
+    body, frame = robot.body, robot.profile.landmarks[landmark].frame
+    place, moving = robot.frame(frame), body.joint_dof[list(chain_to_anchor(robot, landmark))]
+    lower, upper = body.lower.copy(), body.upper.copy()
+    dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
+    lower[dofs], upper[dofs] = robot.joint_map.lower, robot.joint_map.upper
+    _, columns = body.scalar_joints()
+    seeds = np.tile(stance.q, (SEEDS, 1))
+    spread = np.random.default_rng(0).uniform(lower[moving], upper[moving], (SEEDS, moving.size))
+    seeds[:, columns[moving]] = spread
+    starts = robot.points(seeds, (frame,))[:, 0]
+    solver = _arm_solver(robot, place.body, place.position, moving, lower, upper)
+    within = np.zeros(len(places), dtype=np.bool_)
+    for row, at in enumerate(places):
+        solver.reset(seeds[np.argmin(np.linalg.norm(starts - at, axis=1))])
+        best = solver.frame(np.concatenate([[1.0], at]), 1.0)[None]
+        within[row] = np.linalg.norm(robot.points(best, (frame,))[0, 0] - at) <= WITHIN_M
+    return within
 
 
 def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:
@@ -44,33 +83,11 @@ def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:
     return tuple(joints)
 
 
-def _reached_where_possible(robot: RobotBody, sent: RobotRecord, column: int) -> list[float]:
-    """Error (m) of one landmark at every tick looked at at which it can be reached."""
-    name = sent.landmark_names[column]
-    body, place = robot.body, robot.frame(robot.profile.landmarks[name].frame)
-    moving = body.joint_dof[list(chain_to_anchor(robot, name))]
-    solver = _arm_solver(robot, place.body, place.position, moving)
-    rows = np.arange(0, len(sent.q), EVERY)
-    asked = sent.landmarks_asked[rows, column]
-    achieved = robot.points(sent.q[rows], (place.name,))[:, 0]
-    error = np.linalg.norm(achieved - asked, axis=1)
-    found = []
-    for row in np.flatnonzero(np.isfinite(error)):
-        if error[row] > WITHIN_M:
-            solver.reset(sent.q[rows[row]])
-            best = solver.frame(np.concatenate([[1.0], asked[row]]), 1.0)[None]
-            if np.linalg.norm(robot.points(best, (place.name,))[0, 0] - asked[row]) > WITHIN_M:
-                continue
-        found.append(float(error[row]))
-    return found
-
-
-def _arm_solver(robot: RobotBody, link: int, point: FloatArray, moving: NDArray[np.int64]) -> _solver.Solver:
-    """One task, only the DoFs `moving` (d,) free, position limits of the servos, no others."""
-    body, servos = robot.body, robot.joint_map
-    lower, upper = body.lower.copy(), body.upper.copy()
-    dofs = [body.dof_index(joint) for joint in servos.joints]
-    lower[dofs], upper[dofs] = servos.lower, servos.upper
+def _arm_solver(
+    robot: RobotBody, link: int, point: FloatArray, moving: NDArray[np.int64], lower: FloatArray, upper: FloatArray
+) -> _solver.Solver:
+    """One task, only the DoFs `moving` (d,) free, position limits (nv,), no others."""
+    body = robot.body
     locked = np.ones(body.nv, dtype=np.bool_)
     locked[moving] = False
     unlimited = np.full(body.nv, np.inf)
@@ -84,5 +101,4 @@ def _arm_solver(robot: RobotBody, link: int, point: FloatArray, moving: NDArray[
         max_acceleration=unlimited,
         locked=locked,
         n_ik=STEPS,
-        early_stop=False,
     )
