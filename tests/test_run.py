@@ -117,11 +117,3 @@ def test_robot_and_source_are_needed(capsys: pytest.CaptureFixture[str]) -> None
 @pytest.mark.parametrize("options", [("--parts", "upper"), ("--no-gate",)])
 def test_a_human_has_neither_parts_nor_gate(amc: Path, options: tuple[str, ...]) -> None:
     assert run("--robot", "human", "--source", amc, *options) == REFUSED
-
-
-def test_a_jump_of_the_sensors_never_jumps_the_robot(shared: Path, tmp_path: Path) -> None:
-    source = shared / "mocap" / "cmu_asfamc" / "01_07.amc"
-    options = ("--start", "27", "--end", "29", "--report", tmp_path, "--save", tmp_path / "r.npz")
-    assert run("--robot", "op3", "--source", source, *options) == DONE
-    data = json.loads((tmp_path / "report.json").read_text())
-    assert data["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
