@@ -1,4 +1,7 @@
-"""`python -m benchmarks`: our frame beside PlaCo and mink, in one run on one core. `--json FILE` keeps the numbers."""
+"""`python -m benchmarks`: our frame beside PlaCo and mink, in one run on one core, and what our real frame costs.
+
+Prints the tables of docs/benchmarks.md; `--json FILE` keeps the numbers.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,10 @@ from benchmarks.cost import Cost, per_degree_of_freedom, per_sensor
 from benchmarks.measure import Outcome, run
 from benchmarks.motion import Motion, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
-from benchmarks.recording import recording
+from benchmarks.real_frame import FrameCost, real_frame
+from benchmarks.recording import followed, recording
 from benchmarks.side import Side
-from benchmarks.table import print_costs, print_outcomes
+from benchmarks.table import print_costs, print_outcomes, print_real_frame
 from benchmarks.textbook import Textbook
 from retarget.calibration import calibrate
 from retarget.sources.open import open_source
@@ -31,20 +35,24 @@ RECORDING = SHARED / "mocap" / "cmu_asfamc" / "02_06.amc"
 def main() -> None:
     """Run everything and print it."""
     options = parse()
-    core = max(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {core})
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     sides = find_sides()
     outcomes: list[Outcome] = []
     human, op3 = bench_human(), bench_op3()
     for body, motion in cases(human, op3, options.frames):
-        outcomes += run(body, motion, sides)
-    print(f"one process, core {core}, {options.frames} frames at 120 Hz, five iterations, no early stop")
+        outcomes += run(body, motion, sides, repeats=options.repeats)
+    print(
+        f"One process, one core, five iterations, no early stop; synthetic motions: {options.frames} frames at 120 Hz."
+    )
+    print(f"Sides take turns frame by frame; times are medians over {options.repeats} runs.")
     print_outcomes(outcomes, ours=Ours.name)
     sensors, freedoms = per_sensor(human), per_degree_of_freedom(human, op3)
     print_costs(sensors, freedoms)
+    real = real_frame(RECORDING, repeats=options.repeats) if RECORDING.is_file() else []
+    print_real_frame(real)
     if options.json is not None:
-        rows: dict[str, list[Outcome] | list[Cost]]
-        rows = {"frames": outcomes, "sensors": sensors, "degrees_of_freedom": freedoms}
+        rows: dict[str, list[Outcome] | list[Cost] | list[FrameCost]]
+        rows = {"frames": outcomes, "sensors": sensors, "degrees_of_freedom": freedoms, "real_frame": real}
         text = json.dumps({key: [dataclasses.asdict(row) for row in part] for key, part in rows.items()}, indent=1)
         options.json.write_text(text + "\n", encoding="utf-8")
 
@@ -53,6 +61,7 @@ def parse() -> argparse.Namespace:
     """Options."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--frames", type=int, default=720, help="frames of each synthetic motion")
+    parser.add_argument("--repeats", type=int, default=3, help="runs of which times are medians")
     parser.add_argument("--json", type=Path, help="file for the numbers")
     return parser.parse_args()
 
@@ -83,7 +92,7 @@ def cases(human: BenchBody, op3: BenchBody, frames: int) -> list[tuple[BenchBody
         found += [(body, easy), (body, out_of_reach(body, easy))]
     if RECORDING.is_file():
         performer = bench_human(calibrate(open_source(RECORDING)))
-        found.append((performer, recording(performer, RECORDING)))
+        found += [(performer, recording(performer, RECORDING)), followed(op3, RECORDING)]
     else:
         print(f"without the recording: no {RECORDING.name} under {SHARED}")
     return found

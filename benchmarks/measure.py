@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import RATE, Motion
 from benchmarks.side import Side
 
-WARM_UP = 20  # frames that are solved but not counted
+WARM_UP = 20  # frames whose times are not counted; their errors are
+TIMES = ("median_us", "p99_us", "max_us")
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,17 @@ class Outcome:
     failures: int
 
 
-def run(body: BenchBody, motion: Motion, sides: list[type[Side]]) -> list[Outcome]:
-    """Every side solves frame by frame, turn by turn, in this process."""
+def run(body: BenchBody, motion: Motion, sides: list[type[Side]], *, repeats: int = 1) -> list[Outcome]:
+    """Every side solves frame by frame, turn by turn, in this process; times are medians over the repeats."""
+    runs = [run_once(body, motion, sides) for _ in range(repeats)]
+    return [
+        replace(same[0], **{field: float(np.median([getattr(one, field) for one in same])) for field in TIMES})
+        for same in zip(*runs, strict=True)
+    ]
+
+
+def run_once(body: BenchBody, motion: Motion, sides: list[type[Side]]) -> list[Outcome]:
+    """Once, every side from the start."""
     running = [side(body, motion) for side in sides]
     spent = np.zeros((motion.frames, len(sides)))
     postures = np.zeros((len(sides), motion.frames, body.model.nq))
@@ -60,9 +70,9 @@ def outcome(body: BenchBody, motion: Motion, side: Side, spent_ns: Floats, postu
     solver_body = body.model.solver_body()
     leak = (solver_body.centre_of_mass(postures) - motion.com) * (np.array(motion.com_rows) > 0.0)
     error = np.linalg.norm(solver_body.points(postures, body.links(), body.offsets()) - motion.points, axis=2) * 1e3
-    com = np.linalg.norm(leak, axis=1)[WARM_UP:] * 1e3
+    com = np.linalg.norm(leak, axis=1) * 1e3
     columns = {part: [i for i, p in enumerate(body.points) if part in p.name] for part in ("ankle", "wrist", "head")}
-    ankles, wrists, head = (error[WARM_UP:, columns[part]] for part in ("ankle", "wrist", "head"))
+    ankles, wrists, head = (error[:, columns[part]] for part in ("ankle", "wrist", "head"))
     us = spent_ns[WARM_UP:] / 1e3
     speed, shake, beyond = limits(body, postures)
     return Outcome(
@@ -90,6 +100,6 @@ def limits(body: BenchBody, postures: Floats) -> tuple[float, float, float]:
     model = body.model
     joints, lower, upper = postures[:, 7:], model.lower[6:], model.upper[6:]
     speed = np.diff(joints, axis=0) * RATE / body.max_speed
-    change = np.abs(np.diff(speed, axis=0)).max(axis=1)[WARM_UP:]
+    change = np.abs(np.diff(speed, axis=0)).max(axis=1)
     beyond = np.maximum(lower - joints, joints - upper)[:, ~body.locked[6:]]
     return float(np.abs(speed).max()), float(np.percentile(change, 99.0)), float(max(beyond.max(), 0.0))

@@ -1,4 +1,4 @@
-"""A recorded performer as a benchmark motion."""
+"""A recorded performer as a benchmark motion, of the human and of a robot."""
 
 from __future__ import annotations
 
@@ -7,12 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bodies import BenchBody, Floats
-from benchmarks.motion import Motion
+from benchmarks.bodies import BenchBody, Floats, Point
+from benchmarks.motion import RATE, Motion
+from benchmarks.one_stage import recorded
 from benchmarks.ours import OursOverRoot
+from retarget.calibration import calibrate
+from retarget.follow import Follower
 from retarget.frames import SensorFrames
+from retarget.priorities import load_priorities
+from retarget.robot_body import RobotBody, load_robot
 from retarget.sources.open import open_source
 
+LANDMARK = {"l_wrist": "l_hand", "r_wrist": "r_hand"}
+"""Names that differ on a robot."""
 SETTLE = 240  # frames of standing still, so that no side begins with a jump
 
 
@@ -36,6 +43,32 @@ def recording(body: BenchBody, path: Path) -> Motion:
         ours.solve()
         postures[k] = ours.posture()
     return replace(over_root, com=body.model.solver_body().centre_of_mass(postures), start=start)
+
+
+def followed(robot: BenchBody, path: Path) -> tuple[BenchBody, Motion]:
+    """What the recording asks of a robot that stands: ankles still, hands and head by the landmarks of the recording.
+
+    The path of the centre of mass is the one that the robot's own stage takes. What is asked is not always in reach,
+    nor always within its speed. The body that is returned has the landmarks' frames as points.
+    """
+    profile, source = load_robot(robot.name), open_source(path)
+    follower = Follower(profile, load_priorities(profile.profile.retarget), calibrate(source))
+    points = tuple(_point(profile, point.name) for point in robot.points)
+    ankles = [follower.stance.points[point.name] for point in points if "ankle" in point.name]
+    columns = [follower.landmark_map.names.index(LANDMARK.get(p.name, p.name)) for p in points if "ankle" not in p.name]
+    asked, com = np.zeros((len(source), len(points), 3)), np.zeros((len(source), 3))
+    for tick, posture in enumerate(recorded(source)):
+        done = follower.step(posture, 1.0 / RATE) if tick else follower.start(posture)
+        asked[tick] = [*ankles, *done.landmarks_asked[columns]]
+        com[tick] = done.centre_of_mass
+    motion = Motion(path.stem, com, asked, follower.stance.q, (1.0, 1.0, 0.0))
+    return replace(robot, points=points), motion
+
+
+def _point(robot: RobotBody, name: str) -> Point:
+    """The profile's frame for a tracked point."""
+    frame = robot.profile.frames[LANDMARK.get(name, name)]
+    return Point(name, frame.link, frame.pos)
 
 
 def first_guess(body: BenchBody, source: SensorFrames) -> Floats:
