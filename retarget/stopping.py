@@ -3,7 +3,8 @@
 Joints that each keep within their own limits may still be unable to stop together: where one must brake hard, others
 would have to brake harder to keep the soles in place. So before a posture is taken, the robot is stopped from it in
 thought, as fast as it can with soles planted; if soles or balance would be lost on the way, the posture is not taken,
-and the last way to a stop that was found good is followed instead. From rest on, all that is sent lies on such ways.
+and the last way to a stop that was found good is followed instead. From rest on, all that is sent lies on such ways,
+and a stop that is asked for at any tick goes along one.
 """
 
 from math import ceil
@@ -61,7 +62,7 @@ class Stopping:
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
         """Start anew in posture q (nq,), moving at velocity (nv,) per s, from where no way to a stop is known."""
-        self._way, self._at = q[None], 0
+        self._way, self._at, self._known = q[None], 0, velocity is None
         self._velocity = np.zeros_like(self._deceleration) if velocity is None else velocity
         self._slip, self._shortfall = self._losses(self._way)
 
@@ -81,7 +82,7 @@ class Stopping:
         slip, shortfall = self._losses(way)
         if slip > max(SOLE_M, self._slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
             return False
-        self._way, self._at, self._velocity = way, 0, velocity
+        self._way, self._at, self._known, self._velocity = way, 0, True, velocity
         if slip > SOLE_M or shortfall > 0.0:
             # What is measured against only ever falls: many small steps may not add up.
             here = self._losses(q[None])
@@ -93,6 +94,10 @@ class Stopping:
         """Ticks that the legs need to get slow enough to stand in the next one."""
         return ceil(float(np.abs(velocity[self._legs] * self._slowness).max()) / dt - 1e-9) - 1
 
+    def knows_way(self, dt: float) -> bool:
+        """Whether there is a way to follow; where it is not known any more, it is looked for."""
+        return self._known or self.admits(self._way[0], self._velocity, dt)
+
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands."""
         before = self._way[self._at]
@@ -101,8 +106,8 @@ class Stopping:
         free = self._velocity[self._free]
         slower = np.maximum(np.abs(free) - self._deceleration[self._free] * dt, 0.0)
         now[self._columns] = before[self._columns] + np.copysign(slower, free) * dt
-        self._way[self._at] = now
         self._velocity = self._body.difference(before, now) / dt
+        self._way[self._at] = now  # last: at the end of the way this is `before`
         return now, self._velocity
 
     def _losses(self, way: FloatArray) -> tuple[float, float]:

@@ -65,6 +65,28 @@ def test_the_way_to_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> N
     assert np.abs(before).max() < 1e-9
 
 
+def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
+    guard, where = stopping(), stance()
+    arm, limits = op3().body.dof_index("l_sho_pitch"), following_limits(op3(), where)
+    before = np.zeros(op3().body.nv)
+    before[arm] = 3.0
+    assert guard.admits(where.q, before, DT)
+    ticks = 0
+    while np.abs(before).max() > 1e-9:
+        _, now = guard.follow(DT)
+        assert (np.abs(now - before) <= limits.max_acceleration * DT * (1.0 + 1e-6)).all()
+        before, ticks = now, ticks + 1
+    assert ticks > 5
+
+
+def test_a_robot_that_was_moved_otherwise_looks_for_a_new_way() -> None:
+    guard, where = stopping(), stance()
+    guard.begin(where.q, upward(0.1))
+    assert guard.knows_way(DT)
+    guard.begin(where.q, upward(0.6))
+    assert not guard.knows_way(DT)
+
+
 def test_what_is_already_lost_may_go_on_as_long_as_it_does_not_get_worse() -> None:
     guard, q = stopping(), stance().q.copy()
     q[2] += 0.01
