@@ -6,7 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from hardware.arrays import FloatArray, TickArray
+from hardware.arrays import FloatArray
 from hardware.errors import HardwareError, describe
 from hardware.joint_map import JointMap
 from retarget._solver import frame_bounds
@@ -76,16 +76,20 @@ class Gate:
         self._position = np.zeros_like(self._lower)
         self._displacement = np.zeros_like(self._lower)
         self._reason = GateReason.PASSED
-        self._culprit = -1
-        self._counts = np.zeros(len(GateReason), dtype=np.int64)
+        self._gated = 0
 
     @classmethod
-    def for_servos(cls, joint_map: JointMap, *, dt: float, path_is_clear: PathCheck | None = None) -> "Gate":
-        """Return the gate for the limits of a profile's servos, with control period `dt` s."""
+    def for_servos(
+        cls, joint_map: JointMap, *, dt: float, speed: float = 1.0, path_is_clear: PathCheck | None = None
+    ) -> "Gate":
+        """Return the gate for the limits of a profile's servos, with control period `dt` s.
+
+        speed: share of the servos' greatest velocities that passes.
+        """
         return cls(
             lower=joint_map.lower,
             upper=joint_map.upper,
-            max_velocity=joint_map.max_velocity,
+            max_velocity=speed * joint_map.max_velocity,
             max_acceleration=joint_map.max_acceleration,
             dt=dt,
             path_is_clear=path_is_clear,
@@ -112,20 +116,9 @@ class Gate:
         return self._reason
 
     @property
-    def culprit(self) -> int:
-        """Index of the joint that missed its bound by most in the last refusal; -1 where no single joint is to
-        blame."""
-        return self._culprit
-
-    @property
-    def counts(self) -> TickArray:
-        """Goals judged since the seed, by `GateReason`, (7,); a copy."""
-        return self._counts.copy()
-
-    @property
     def gated(self) -> int:
         """Goals that were changed since the seed."""
-        return int(self._counts[1:].sum())
+        return self._gated
 
     def seed(self, position: FloatArray) -> None:
         """Start at rest at `position`, rad (n,); beyond a limit a joint may stand or walk back in. Raises HardwareError
@@ -144,16 +137,14 @@ class Gate:
         self._position = start
         self._displacement = np.zeros_like(start)
         self._reason = GateReason.PASSED
-        self._culprit = -1
-        self._counts[:] = 0
+        self._gated = 0
 
     def admit(self, goal: FloatArray) -> FloatArray:
         """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking
         trajectory."""
-        displacement, reason, culprit = self._judge(np.asarray(goal, dtype=np.float64))
+        displacement, reason = self._judge(np.asarray(goal, dtype=np.float64))
         self._reason = reason
-        self._culprit = culprit
-        self._counts[reason] += 1
+        self._gated += reason is not GateReason.PASSED
         sent = self._advance(displacement)
         if reason is GateReason.PASSED:
             # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
@@ -165,22 +156,19 @@ class Gate:
         """Return the next posture of the last verified braking trajectory, rad (n,)."""
         return self._advance(self._braked(self._displacement))
 
-    def _judge(self, goal: FloatArray) -> tuple[FloatArray, GateReason, int]:
-        """Displacement to follow, the reason, and the joint to blame."""
+    def _judge(self, goal: FloatArray) -> tuple[FloatArray, GateReason]:
+        """Displacement to follow, and why it is not the one asked, if so."""
         braked = self._braked(self._displacement)
         if goal.shape != self._position.shape or not np.isfinite(goal).all():
-            culprit = int(np.argmin(np.isfinite(goal))) if goal.shape == self._position.shape else -1
-            return braked, GateReason.NOT_FINITE, culprit
+            return braked, GateReason.NOT_FINITE
         lo, hi = self._bounds(braked)
         asked = goal - self._position
-        missed = np.maximum(lo - asked, asked - hi)  # (n,) [rad], above 0 outside the box
-        culprit = int(np.argmax(missed))
-        if missed[culprit] > ROUND_OFF:
-            return braked, self._classify(goal, asked), culprit
+        if np.maximum(lo - asked, asked - hi).max() > ROUND_OFF:
+            return braked, self._classify(goal, asked)
         admitted = np.clip(asked, lo, hi)
         if self._path_is_clear is not None and not self._path_is_clear(self._path(admitted)):
-            return braked, GateReason.COLLISION, -1
-        return admitted, GateReason.PASSED, -1
+            return braked, GateReason.COLLISION
+        return admitted, GateReason.PASSED
 
     def _bounds(self, braked: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Displacements that leave a braking trajectory, (n,) each. To go on braking is always among them, beyond a
