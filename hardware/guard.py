@@ -4,24 +4,32 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoAlert, ServoBus, ServoGoals, ServoStates
+from hardware.arrays import FloatArray, TickArray
+from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock
-from hardware.errors import BusError, GuardError, describe
+from hardware.errors import GuardError, describe
 from hardware.goal_filter import GoalFilter
 from hardware.guard_state import GuardLimits, GuardState, Stop, StopCause
 from hardware.joint_map import JointMap
+from hardware.servo_health import ServoHealth
 
 Think = Callable[[ServoStates], FloatArray | None]
 """From the servo states to a goal posture, rad (n,); None: no goal this tick, the robot brakes and stands."""
+
+Halt = Callable[[], FloatArray | None]
+"""The next goal, rad (n,), on a way to a stop; None: none is known, and the filter brakes joint by joint."""
+
+
+def _no_way() -> None:
+    """No way to a stop but the filter's own."""
 
 
 class Guard:
     """Owns the stop states of one robot. One call of `tick` per control period: read, think, act.
 
-    Whatever fails in a tick stops the robot: a failure of the goal's source or of the filter brakes along the last
-    verified trajectory; a failure of the bus, which can then no longer be trusted to brake, switches torque off. The
-    first reason is latched.
+    Whatever fails in a tick stops the robot: a failure of the goal's source or of the filter brakes; a failure of the
+    bus, which can then no longer be trusted to brake, switches torque off. The first reason is latched. To brake is to
+    follow the caller's way to a stop where it knows one and the filter lets it pass, else the filter's own.
     """
 
     def __init__(
@@ -37,12 +45,15 @@ class Guard:
         self._map = joint_map
         self._filter = goal_filter
         self._clock = clock
-        self._limits = limits or GuardLimits()
+        self.limits = limits or GuardLimits()
+        self._health = ServoHealth(joint_map, self.limits)
         self._state = GuardState.IDLE
         self._stop: Stop | None = None
         self._step = StopCause.BUS  # what is to blame if the running step of the tick fails
         self._states: ServoStates | None = None
         self._sent: TickArray | None = None
+        self._halting: FloatArray | None = None  # [rad] posture of the caller's way to a stop, for this tick
+        self._braked = 0  # ticks of braking so far
 
     @property
     def state(self) -> GuardState:
@@ -61,7 +72,7 @@ class Guard:
 
     @property
     def sent(self) -> TickArray | None:
-        """Goal ticks written last, (n,), or None before the first write."""
+        """Goal ticks written last, (n,), a new array with every write; None before the first."""
         return self._sent
 
     @property
@@ -79,7 +90,7 @@ class Guard:
         try:
             states = self._bus.read()
             self._states = states
-            self._refuse_unhealthy(states)
+            self._health.refuse_unhealthy(states)
             self._filter.seed(self._map.to_radians(states.position))
             present = self._filter.position
             goals = self._map.to_ticks(present)
@@ -95,17 +106,20 @@ class Guard:
         self._state = GuardState.ARMED
         return present
 
-    def tick(self, think: Think) -> GuardState:
+    def tick(self, think: Think, halt: Halt = _no_way) -> GuardState:
         """Run one control period: read the servos, let `think` find a goal, send what the filter makes of it.
 
+        While stopping it is `halt` that finds the goal.
         Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or
         stopped.
         """
         self._require(GuardState.ARMED, GuardState.MOVING, GuardState.STOPPING)
         self._attempt(self._read)
         if self._state in (GuardState.ARMED, GuardState.MOVING):
-            self._attempt(lambda: self._move(think))
+            begun = self._clock.now()
+            self._attempt(lambda: self._move(think, begun))
         if self._state is GuardState.STOPPING:
+            self._attempt(lambda: self._ask_way(halt))
             self._attempt(self._brake)
         return self._state
 
@@ -113,22 +127,13 @@ class Guard:
         """Stop the robot and latch `reason`; a stop that is already latched keeps its first reason."""
         if self._stop is None:
             self._stop = Stop(cause, reason, self._clock.now())
-        self._state = GuardState.STOPPING if self.active else GuardState.STOPPED
+        if self._state is not GuardState.STOPPING:
+            self._state, self._braked = (GuardState.STOPPING if self.active else GuardState.STOPPED), 0
 
-    def come_to_rest(self, period: float) -> GuardState:
-        """Tick every `period` s until the robot stands: ends `armed`, or `stopped` if a stop is latched."""
-        deadline = self._clock.now()
+    def rest(self) -> None:
+        """Come to rest without a stop: brake, tick by tick, until the state is `armed` again."""
         if self._state is GuardState.MOVING:
-            self._state = GuardState.STOPPING
-        for _ in range(self._limits.max_brake_ticks):
-            if self._state is not GuardState.STOPPING:
-                return self._state
-            deadline += period
-            self._clock.sleep_until(deadline)
-            self.tick(_no_goal)
-        if self._state is GuardState.STOPPING:
-            self._cut(StopCause.FILTER, f"still moving after {self._limits.max_brake_ticks} ticks of braking")
-        return self._state
+            self._state, self._braked = GuardState.STOPPING, 0
 
     def release(self) -> None:
         """Switch torque off; a latched stop stays latched. A bus that does not take it latches, and is raised."""
@@ -152,7 +157,7 @@ class Guard:
             step()
         except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
             reason = str(error) or type(error).__name__
-            if self._step is StopCause.BUS or self._state is GuardState.STOPPING:
+            if self._step is StopCause.BUS or (self._step is StopCause.FILTER and self._state is GuardState.STOPPING):
                 self._cut(self._step, reason)
             else:
                 self.stop(reason, self._step)
@@ -160,20 +165,20 @@ class Guard:
     def _read(self) -> None:
         self._step = StopCause.BUS
         self._states = states = self._bus.read()
-        if states.alert.any():
-            self.stop(self._name(states.alert != 0, "reports", states), StopCause.SERVO_ALERT)
-        elif (states.age > self._limits.max_age).any():
-            lost = states.age > self._limits.max_age
-            self.stop(
-                self._name(lost, f"has not answered for more than {self._limits.max_age} s:", states),
-                StopCause.SERVO_LOST,
-            )
+        complaint = self._health.complaint(states, self._sent)
+        if complaint is not None:
+            cause, reason = complaint
+            self.stop(reason, cause)
 
-    def _move(self, think: Think) -> None:
+    def _move(self, think: Think, begun: float) -> None:
         assert self._states is not None, "a tick reads before it thinks"
         self._step = StopCause.SOURCE
         goal = think(self._states)
         if self._state is GuardState.STOPPING:  # `think` asked for a stop
+            return
+        age = self._clock.now() - begun
+        if age > self.limits.max_age:
+            self.stop(f"the goal took {age:.3g} s, allowed {self.limits.max_age:g} s", StopCause.STALE_GOAL)
             return
         self._step = StopCause.FILTER
         posture = self._filter.brake() if goal is None else self._filter.admit(goal)
@@ -182,12 +187,24 @@ class Guard:
         if goal is not None:
             self._state = GuardState.MOVING
 
+    def _ask_way(self, halt: Halt) -> None:
+        """Let the caller say how to brake; where that fails, the filter knows."""
+        self._step = StopCause.SOURCE
+        self._halting = None
+        goal = None if self._filter.at_rest else halt()
+        if goal is not None:
+            self._halting = self._filter.admit(goal)
+
     def _brake(self) -> None:
         self._step = StopCause.FILTER
         if self._filter.at_rest:
             self._state = GuardState.ARMED if self._stop is None else GuardState.STOPPED
             return
-        self._write(self._map.to_ticks(self._filter.brake()))
+        if self._braked == self.limits.max_brake_ticks:
+            self._cut(StopCause.FILTER, f"still moving after {self._braked} ticks of braking")
+            return
+        self._braked += 1
+        self._write(self._map.to_ticks(self._filter.brake() if self._halting is None else self._halting))
 
     def _write(self, ticks: TickArray) -> None:
         self._step = StopCause.BUS
@@ -218,38 +235,3 @@ class Guard:
                     what="not possible in this state", where="guard", found=self._state.value, allowed=names, then=then
                 )
             )
-
-    def _refuse_unhealthy(self, states: ServoStates) -> None:
-        missing = ~states.valid
-        if missing.all():
-            raise BusError(
-                describe(what="no servo answers", where="arming", then="Check power, wiring and the bus of the profile")
-            )
-        problems = [self._name(missing, "does not answer:", states)] if missing.any() else []
-        problems += [self._name(states.alert != 0, "reports", states)] if states.alert.any() else []
-        if problems:
-            raise GuardError(
-                describe(
-                    what="not every servo is well", where="arming", found="; ".join(problems), then="Torque stays off"
-                )
-            )
-
-    def _name(self, which: BoolArray, complaint: str, states: ServoStates) -> str:
-        """One text that names every servo of the mask, for example: servo reports l_el (id 6) OVERLOAD."""
-        named = []
-        for index in np.flatnonzero(which):
-            servo = self._map.servos[index]
-            bits = int(states.alert[index])
-            named.append(f"{servo.joint} (id {servo.id})" + (f" {_alert_text(bits)}" if bits else ""))
-        return f"servo {complaint} " + ", ".join(named)
-
-
-def _alert_text(bits: int) -> str:
-    """Names of the alert bits; bits that the maker leaves undefined as a number."""
-    known = [alert.name or "" for alert in ServoAlert if bits & alert]
-    rest = bits & ~sum(ServoAlert)
-    return "+".join([*known, *([f"0x{rest:02x}"] if rest else [])])
-
-
-def _no_goal(_: ServoStates) -> None:
-    """Ask for nothing: the robot brakes and stands."""

@@ -1,5 +1,6 @@
 """The states of the guard, why it stopped, and the limits that it watches: data only."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -26,6 +27,10 @@ class StopCause(Enum):
     BUS = "bus"
     SERVO_LOST = "servo lost"
     SERVO_ALERT = "servo alert"
+    TEMPERATURE = "temperature"
+    VOLTAGE = "voltage"
+    FOLLOWING_ERROR = "following error"
+    STALE_GOAL = "stale goal"
     SOURCE = "source"
     FILTER = "filter"
 
@@ -41,8 +46,15 @@ class Stop:
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """What the guard tolerates. `max_age` s since a servo's last answer; `max_brake_ticks` until the robot must
-    stand."""
+    """What the guard tolerates; what is not given is not watched.
+
+    max_age: s since a servo's last answer, and from the start of a tick to its goal. max_temperature: degrees Celsius.
+    voltage: lowest and highest, V. following_error: rad of the joint between the goal of the last tick and the present
+    position. max_brake_ticks: until the robot must stand.
+    """
 
     max_age: float = 0.1
-    max_brake_ticks: int = 2000
+    max_temperature: float = math.inf
+    voltage: tuple[float, float] = (-math.inf, math.inf)
+    following_error: float = math.inf
+    max_brake_ticks: int = 1000

@@ -7,7 +7,7 @@ import numpy as np
 from hardware.joint_map import JointMap
 from retarget.rotations import FloatArray
 
-__all__ = ["approach"]
+__all__ = ["approach", "slower_in_line"]
 
 PEAK_SPEED = 1.875
 """Peak speed of a minimum-jerk path over distance / duration: 30 (s^2 - 2 s^3 + s^4) at s = 1/2."""
@@ -37,3 +37,12 @@ def approach(
         s = tick / ticks
         yield start + way * (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
     yield goal
+
+
+def slower_in_line(displacement: FloatArray, change: FloatArray) -> FloatArray:
+    """What follows a tick's displacement (n,) rad, in the same direction, when the joints brake together.
+
+    change (n,): most that the displacement of each may change.
+    """
+    ticks = float((np.abs(displacement) / change).max())
+    return displacement * max(1.0 - 1.0 / ticks, 0.0) if ticks > 0.0 else displacement

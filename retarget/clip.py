@@ -82,6 +82,10 @@ class Clip:
         frames = self.frames
         return SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row])
 
+    def frames_played(self, ticks: int) -> int:
+        """Frames of the recording that the first `ticks` ticks play; a loop plays them again and again."""
+        return round(self.source_frames * ticks / len(self.frames))
+
     def rows(self, ticks: int) -> NDArray[np.int64]:
         """Rows (ticks,) of `frames` that the first `ticks` ticks show."""
         return np.arange(ticks, dtype=np.int64) % len(self.frames)

@@ -102,21 +102,12 @@ class Follower:
         self._servos = robot.servo_columns
         self._since_start = 0.0
         self._q = stance.q
-        self.stops = 0
-        """Ticks since the start at which the robot braked because it could not have stopped on its soles otherwise."""
-
-    @property
-    def top_error(self) -> float:
-        """Largest error of a sole at the last posture, m or rad; NaN without soles."""
-        errors = self.hierarchy.solver.task_errors[: 2 * len(self.stance.soles)]
-        return float(errors.max()) if errors.size else float("nan")
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
         self.landmark_map.restart()
         self._chase.restart()
         self._since_start = 0.0
-        self.stops = 0
         self._q = self.stance.q
         self.hierarchy.solver.reset(self._q)
         if self._stopping is not None:
@@ -139,6 +130,15 @@ class Follower:
         self._reached = self._reader.read(self._q)
         return self._posture(asked)
 
+    def halt(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
+        if self._stopping is None or not self._stopping.knows_way(dt):
+            return None
+        self._q, velocity = self._stopping.follow(dt)
+        self.hierarchy.solver.reset(self._q, velocity)
+        self._reached = self._reader.read(self._q)
+        return self._q
+
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
         self._q = q
@@ -152,7 +152,6 @@ class Follower:
         if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
         q, velocity = self._stopping.follow(dt)
-        self.stops += 1
         self.hierarchy.solver.reset(q, velocity)
         return q
 

@@ -1,26 +1,25 @@
 """The tick loop: read the sensors, think (reconstruct, follow), act (gate, guard, bus). One loop for every source."""
 
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain, repeat
 
 import numpy as np
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
+from hardware.guard import Think
 from hardware.guard_state import GuardState
 from retarget.clip import Clip
 from retarget.human_posture import HumanPosture
-from retarget.record import HumanRecord, Record, RobotRecord, Timing
+from retarget.record import HumanRecord, Phase, Record, Timing
 from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
 from retarget.stages import ReconstructingStage
 
 __all__ = ["Ending", "Pipeline", "Watch"]
-
-MAX_BRAKE_TICKS = 1000
-"""Rows kept for ticks of braking after a stop; a stop takes a few dozen."""
 
 INTERRUPTED = "interrupted by the user"
 
@@ -36,7 +35,7 @@ class Watch:
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """What a run left. state: of the guard, None without one; reason: why it stopped early; wall_s: of the loop."""
+    """What a run left. state: of the guard, None without one; reason: why it stopped early; wall_s: of the clip."""
 
     record: Record
     state: str | None
@@ -52,77 +51,85 @@ class Pipeline:
         self._reconstructor = reconstructor
         self._robot = robot
         self._wall = MonotonicClock()
-        self._tick = 0
+        self._tick = 0  # of the clip
+        self._row = 0  # of the record
         self._record: Record
 
     def run(self, watch: Watch | None = None) -> Ending:
         """Play the clip to its end, to a stop of the guard, or until somebody asks to stop.
 
-        A stopped robot is braked, and those ticks are kept too. Raises GuardError or BusError if it cannot be armed.
+        Every tick that is sent is kept: the approach before the clip and the braking after it too. Raises GuardError or
+        BusError if the robot cannot be armed.
         """
-        watch = Watch() if watch is None else watch
-        self._allocate()
-        with _collector_at_rest():
-            begun = self._wall.now()
-            done, interrupted = self._guarded_play(watch)
-            if interrupted and self._robot is not None:
-                self._robot.stop(INTERRUPTED)
-            done = self._brake(done)
-            wall_s = self._wall.now() - begun
-        state, reason = self._finish(interrupted=interrupted)
-        return Ending(self._record.first(done), state, reason, wall_s)
-
-    def _allocate(self) -> None:
-        """Make room for every row, and bring the robot to where following begins."""
-        clip, robot = self._clip, self._robot
-        human = self._reconstructor.start(clip.sample(0))
-        rows = clip.ticks + (MAX_BRAKE_TICKS if robot else 0)
-        kept = None
-        if robot is not None:
-            start, names = robot.begin(human)
-            kept = RobotRecord.empty(rows, nq=robot.robot.body.nq, start=start, landmark_names=names)
-        self._record = Record(
-            np.asarray(np.arange(rows) * clip.dt, dtype=np.float64),
-            HumanRecord.empty(rows, nq=human.q.size, joint_names=tuple(human.joint_names)),
-            kept,
-            Timing.empty(rows),
-        )
-        self._human = human
-
-    def _guarded_play(self, watch: Watch) -> tuple[int, bool]:
-        """`_play`; whatever goes wrong outside a tick of the guard stops the robot too, before it is raised."""
+        self._human = self._reconstructor.start(self._clip.sample(0))
         try:
-            return self._play(watch)
+            approach = [] if self._robot is None else self._robot.begin(self._human)
+            self._allocate(len(approach))
+            with _collector_at_rest():
+                wall_s, interrupted = self._play(approach, Watch() if watch is None else watch)
+                self._stand(interrupted=interrupted)
         except BaseException as error:
-            if self._robot is not None:
+            # What goes wrong outside of a tick of the guard stops the robot too, before it is raised.
+            if self._robot is not None and self._robot.guard.state is not GuardState.IDLE:
                 self._robot.stop(str(error) or type(error).__name__)
                 self._robot.finish()
             raise
+        state, reason = self._finish(interrupted=interrupted)
+        return Ending(self._record.first(self._row), state, reason, wall_s)
 
-    def _play(self, watch: Watch) -> tuple[int, bool]:
-        """Tick until the clip or the guard ends it. Returns the ticks done, and whether somebody asked to stop."""
-        for tick in range(self._clip.ticks):
+    def _allocate(self, approach: int) -> None:
+        """Make room for every row: of so many ticks of approach, of the clip, and of the longest braking."""
+        clip, robot, human = self._clip, self._robot, self._human
+        rows = approach + clip.ticks + (0 if robot is None else robot.guard.limits.max_brake_ticks)
+        self._record = Record(
+            np.asarray((np.arange(rows) - approach) * clip.dt, dtype=np.float64),
+            np.full(rows, Phase.FOLLOW, dtype=np.int8),
+            HumanRecord.empty(rows, nq=human.q.size, joint_names=tuple(human.joint_names)),
+            None if robot is None else robot.new_record(rows),
+            Timing.empty(rows),
+        )
+
+    def _play(self, approach: Sequence[Think], watch: Watch) -> tuple[float, bool]:
+        """Tick until the clip or the guard ends it. Returns wall time of the clip, s, and whether a stop was asked."""
+        robot, begun = self._robot, self._wall.now()
+        for tick, think in enumerate(chain(approach, repeat(self._think, self._clip.ticks)), -len(approach)):
+            if tick == 0:
+                begun = self._wall.now()
             if watch.stop_asked():
-                return tick, True
-            if self._robot is not None and not self._robot.following:
-                return tick, False
-            self._one_tick(tick)
-            if tick % watch.every == 0:
+                return self._wall.now() - begun, True
+            if robot is not None and not robot.following:
+                return self._wall.now() - begun, False
+            self._tick = tick
+            self._one_tick(think)
+            if tick >= 0 and tick % watch.every == 0:
                 watch.on_tick(tick + 1)
         watch.on_tick(self._clip.ticks)
-        return self._clip.ticks, False
+        return self._wall.now() - begun, False
 
-    def _one_tick(self, tick: int) -> None:
-        """Read, think, act; then keep what happened."""
-        begun = self._wall.now()
-        self._tick = tick
-        if self._robot is None or self._record.robot is None:
+    def _stand(self, *, interrupted: bool) -> None:
+        """Come to a stand, by a stop if somebody asked for it."""
+        robot = self._robot
+        if robot is None:
+            return
+        if interrupted:
+            robot.stop(INTERRUPTED)
+        robot.guard.rest()
+        while robot.braking:
+            self._one_tick(_nothing)
+
+    def _one_tick(self, think: Think) -> None:
+        """Read, think, act; then keep what happened, if anything was sent."""
+        begun, record, row, robot = self._wall.now(), self._record, self._row, self._robot
+        if robot is None or record.robot is None:
             self._reconstruct()
+        elif robot.act(think):
+            record.phase[row] = robot.phase
+            robot.keep(record.robot, row)
         else:
-            self._robot.act(self._think)
-            self._robot.keep(self._record.robot, tick)
-        self._keep_human(tick)
-        self._record.timing.cycle[tick] = self._wall.now() - begun
+            return
+        self._keep_human(row, error=robot is None or robot.phase is Phase.FOLLOW)
+        record.timing.cycle[row] = self._wall.now() - begun
+        self._row += 1
 
     def _think(self, states: ServoStates) -> FloatArray:
         """From the servo states to a goal posture, rad (n,), inside the guard's tick."""
@@ -130,7 +137,7 @@ class Pipeline:
         human = self._reconstruct()
         begun = thread_cpu()
         goal = self._robot.follow(human)
-        self._record.timing.retarget[self._tick] = thread_cpu() - begun
+        self._record.timing.retarget[self._row] = thread_cpu() - begun
         return goal
 
     def _reconstruct(self) -> HumanPosture:
@@ -139,26 +146,15 @@ class Pipeline:
         sample = self._clip.sample(self._tick)
         if self._tick > 0:  # the first posture is where the reconstructor was started
             self._human = self._reconstructor.step(sample, self._clip.motion_dt)
-        self._record.timing.reconstruct[self._tick] = thread_cpu() - begun
+        self._record.timing.reconstruct[self._row] = thread_cpu() - begun
         return self._human
 
-    def _keep_human(self, tick: int) -> None:
+    def _keep_human(self, row: int, *, error: bool) -> None:
         kept = self._record.human
-        kept.q[tick] = self._human.q
-        kept.joints[tick] = self._human.joints
-        kept.balance_error[tick] = self._human.balance_error
-
-    def _brake(self, done: int) -> int:
-        """After a stop: tick until the robot stands, and keep those ticks. Returns the ticks done."""
-        robot, kept = self._robot, self._record.robot
-        if robot is None or kept is None:
-            return done
-        while robot.guard.state is GuardState.STOPPING and done < len(self._record):
-            robot.brake()
-            robot.keep(kept, done)
-            self._keep_human(done)
-            done += 1
-        return done
+        kept.q[row] = self._human.q
+        kept.joints[row] = self._human.joints
+        if error:
+            kept.balance_error[row] = self._human.balance_error
 
     def _finish(self, *, interrupted: bool) -> tuple[str | None, str | None]:
         """The guard's last state and the reason of a stop; torque is off."""
@@ -179,3 +175,7 @@ def _collector_at_rest() -> Iterator[None]:
     finally:
         if was_on:
             gc.enable()
+
+
+def _nothing(states: ServoStates) -> None:
+    """No goal."""

@@ -117,8 +117,12 @@ def _robot_side(
     dt: float,
 ) -> RobotSide:
     follower = Follower(robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations)
+    servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     goals: GoalFilter = (
-        Gate.for_servos(robot.joint_map, dt=dt) if options.gate else OpenGate(robot.joint_map.max_acceleration, dt=dt)
+        Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach))
+        if options.gate
+        else OpenGate(servos.max_acceleration, dt=dt)
     )
-    guard = Guard(bus=bus, joint_map=robot.joint_map, goal_filter=goals, clock=clock)
+    limits = robot.profile.guard_limits()
+    guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
     return RobotSide(robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt)

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr
 
+from hardware.guard_state import GuardLimits
 from hardware.servo import ServoGains, ServoSpec, find_model
 from retarget.catalogue import Kind, find
 from retarget.errors import Problem
@@ -80,6 +81,16 @@ class RobotProfile(Schema):
                 current_limit=servo.current,
             )
             for joint, servo in self.servos.items()
+        )
+
+    def guard_limits(self) -> GuardLimits:
+        """What the guard tolerates, by the profile's `safety`."""
+        safety = self.safety
+        return GuardLimits(
+            max_age=safety.freshness,
+            max_temperature=safety.temperature_c,
+            voltage=safety.voltage,
+            following_error=safety.following_error,
         )
 
 

@@ -200,10 +200,11 @@ class SpeedCaps(Schema):
 
 
 class Safety(Schema):
-    """Bounds of operation. rate_hz: the tick of the robot, Hz. freshness: oldest sensor data that is acted on, s.
+    """Bounds of operation; beyond one of them the guard stops the robot. rate_hz: the tick of the robot, Hz.
 
-    temperature_c: hottest servo, degrees Celsius. voltage: lowest and highest supply, V. following_error: largest
-    distance between goal and present position, rad.
+    freshness: oldest state of a servo that is acted on, and most that a goal may take from the start of its tick, s.
+    speed_caps: what the stages and the gate keep. temperature_c: hottest servo, degrees Celsius. voltage: lowest and
+    highest supply, V. following_error: largest distance between goal and present position, rad.
     """
 
     rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]

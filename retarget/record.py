@@ -1,6 +1,7 @@
 """What happened in a run, one row per tick: arrays made before the first tick and filled in place."""
 
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from typing import TypeVar
 
 import numpy as np
@@ -9,16 +10,28 @@ from numpy.typing import NDArray
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
 
-__all__ = ["HumanRecord", "Record", "RobotRecord", "Timing"]
+__all__ = ["HumanRecord", "Phase", "Record", "RobotRecord", "Timing"]
 
 IntArray = NDArray[np.int64]
+ByteArray = NDArray[np.int8]
+
+
+class Phase(IntEnum):
+    """What a tick was for. A run goes through them in this order."""
+
+    APPROACH = 0
+    """Slowly to where following begins."""
+    FOLLOW = 1
+    BRAKE = 2
+    """To a stand, after the end of the clip or after a stop."""
 
 
 @dataclass(frozen=True, eq=False)
 class HumanRecord:
     """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
 
-    balance_error (T,) m: of the centre of mass from its goal.
+    balance_error (T,) m: of the centre of mass from its goal. Outside of following the human stands still, and only the
+    error is NaN.
     """
 
     joint_names: tuple[str, ...]
@@ -37,10 +50,10 @@ class HumanRecord:
 class RobotRecord:
     """What was asked of the robot, what was sent, and where its servos were.
 
-    landmarks_asked (T, k, 3) m, world. q (T, nq): posture sent, before rounding to ticks, with the root that the
-    robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is read at the start of the
-    tick. gated (T,): the gate sent something else than was asked. faults (T,): servos that were silent or
-    alarmed. start (n,) rad: where the robot stood before the first tick.
+    landmarks_asked (T, k, 3) m, world, NaN outside of following. q (T, nq): posture sent, before rounding to ticks,
+    with the root that the robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is
+    read at the start of the tick. gated (T,): the gate sent something else than was asked. faults (T,): servos that
+    were silent or alarmed. start (n,) rad: where the robot stood before the first tick.
     """
 
     landmark_names: tuple[str, ...]
@@ -70,7 +83,7 @@ class RobotRecord:
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """Cost of each tick (T,), s: thread CPU of both stages, and wall time of the whole tick."""
+    """Cost of each tick (T,), s: thread CPU of both stages, NaN where they did not run; wall time of the whole tick."""
 
     reconstruct: FloatArray
     retarget: FloatArray
@@ -79,14 +92,18 @@ class Timing:
     @classmethod
     def empty(cls, ticks: int) -> "Timing":
         """Room for so many ticks."""
-        return cls(*(np.zeros(ticks) for _ in fields(cls)))
+        return cls(*(np.full(ticks, np.nan) for _ in fields(cls)))
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A run. time (T,) s, from 0 at the first tick; robot is None when only the human was reconstructed."""
+    """A run, a row for every tick that was sent. time (T,) s: 0 at the first tick of following, before it negative.
+
+    phase (T,): a `Phase`. robot is None when only the human was reconstructed; then every tick follows.
+    """
 
     time: FloatArray
+    phase: ByteArray
     human: HumanRecord
     robot: RobotRecord | None
     timing: Timing
@@ -94,10 +111,17 @@ class Record:
     def __len__(self) -> int:
         return len(self.time)
 
+    @property
+    def following(self) -> slice:
+        """The rows of the ticks that followed the clip, from its first on."""
+        rows = np.flatnonzero(self.phase == Phase.FOLLOW)
+        return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
+
     def first(self, ticks: int) -> "Record":
         """The first `ticks` rows, as views: for a run that ended early."""
         return Record(
             self.time[:ticks],
+            self.phase[:ticks],
             _first(self.human, ticks),
             None if self.robot is None else _first(self.robot, ticks),
             _first(self.timing, ticks),

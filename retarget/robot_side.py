@@ -10,10 +10,11 @@ from hardware.errors import BusError
 from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard, Think
 from hardware.guard_state import GuardState, StopCause
-from retarget.approach import approach
+from retarget.approach import approach, slower_in_line
+from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
 from retarget.planted_root import plant_root
-from retarget.record import RobotRecord
+from retarget.record import Phase, RobotRecord
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.stages import FollowingStage
@@ -32,97 +33,139 @@ class RobotSide:
     ) -> None:
         self.robot = robot
         self.guard = guard
+        self.phase = Phase.APPROACH
+        """What the last tick was for."""
         self._follower = follower
         self._goals = goals
         self._clock = clock
         self._dt = dt
         self._deadline = clock.now()
+        self._kinematics = robot.body.solver_body()
+        self._change = robot.joint_map.max_acceleration * dt**2  # (n,) [rad]
         self._q = robot.body.qpos0.copy()
         self._before = self._q.copy()
-        self._asked: FloatArray = np.zeros((0, 3))
-        self._goal: FloatArray | None = None
-        self._kinematics = robot.body.solver_body()
+        self._start = self._sent = self._moved = np.zeros(0)
+        self._first: RobotPosture
         self._started = False
+        # Of the tick that runs: what is asked, and whether the root that belongs to it is known.
+        self._goal: FloatArray | None = None
+        self._asked: FloatArray | None = None
+        self._rooted = False
 
     @property
     def following(self) -> bool:
         """Whether the guard still lets the robot follow."""
         return self.guard.state in (GuardState.ARMED, GuardState.MOVING)
 
-    def begin(self, human: HumanPosture) -> tuple[FloatArray, tuple[str, ...]]:
-        """Arm, and go slowly to where following begins. Returns that posture, rad (n,), and the landmarks' names.
+    @property
+    def braking(self) -> bool:
+        """Whether the robot is on its way to a stand."""
+        return self.guard.state is GuardState.STOPPING
+
+    def begin(self, human: HumanPosture) -> list[Think]:
+        """Arm. Returns the thoughts that lead, tick by tick and slowly, to the posture from which to follow.
 
         Raises GuardError or BusError when the robot cannot be armed.
         """
-        posture = self._follower.start(human)
+        self._first = posture = self._follower.start(human)
         self._q[:] = self._before[:] = posture.q
-        self._asked = posture.landmarks_asked
-        present = self.guard.arm()
-        speed = self.robot.profile.safety.speed_caps.approach
+        self._start = self._sent = present = self.guard.arm()
+        self._moved = np.zeros_like(present)
         self._deadline = self._clock.now()
-        for goal in approach(present, posture.joint_positions, self.robot.joint_map, speed=speed, dt=self._dt):
-            if not self.following:
-                break
-            self._tick(_ask(goal))
-        return self._goals.position, posture.landmark_names
+        speed = self.robot.profile.safety.speed_caps.approach
+        way = approach(present, posture.joint_positions, self.robot.joint_map, speed=speed, dt=self._dt)
+        return [self._approaching(goal) for goal in way]
+
+    def new_record(self, rows: int) -> RobotRecord:
+        """Room for so many ticks of this run, after `begin`."""
+        names = self._first.landmark_names
+        return RobotRecord.empty(rows, nq=self.robot.body.nq, start=self._start, landmark_names=names)
 
     def follow(self, human: HumanPosture) -> FloatArray:
         """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
-        posture = self._follower.step(human, self._dt) if self._started else self._follower.start(human)
+        posture = self._follower.step(human, self._dt) if self._started else self._first
         self._started = True
-        self._q[:] = posture.q
+        self.phase = Phase.FOLLOW
         self._asked = posture.landmarks_asked
-        self._goal = posture.joint_positions
-        return self._goal
+        return self._take(posture.q, posture.joint_positions)
 
-    def act(self, think: Think) -> None:
-        """One tick of the guard: read the servos, let `think` find a goal, send what the filter makes of it."""
-        self._goal = None
-        self._tick(think)
+    def act(self, think: Think) -> bool:
+        """One tick of the guard: read the servos, let `think` find a goal, send what the filter makes of it.
 
-    def brake(self) -> None:
-        """One tick without a goal: the robot brakes along the last verified trajectory."""
-        self.act(_nothing)
-
-    def finish(self) -> None:
-        """Come to rest and switch torque off, where the bus still takes it; the guard has latched it if not."""
-        self.guard.come_to_rest(self._dt)
-        with suppress(BusError):
-            self.guard.release()
+        Returns whether anything was sent.
+        """
+        self._deadline += self._dt
+        self._clock.sleep_until(self._deadline)
+        self._goal, self._asked, self._rooted = None, None, False
+        before = self.guard.sent
+        self.guard.tick(think, self._halt)
+        return self.guard.sent is not before
 
     def stop(self, reason: str) -> None:
         """Stop because somebody asked for it."""
         self.guard.stop(reason, StopCause.REQUESTED)
 
-    def keep(self, record: RobotRecord, tick: int) -> None:
+    def brake(self) -> bool:
+        """One tick on the way to a stand. Returns whether anything was sent."""
+        return self.act(_nothing)
+
+    def finish(self) -> None:
+        """Come to a stand and switch torque off, where the bus still takes it; the guard has latched it if not."""
+        self.guard.rest()
+        while self.braking:
+            self.brake()
+        with suppress(BusError):
+            self.guard.release()
+
+    def keep(self, record: RobotRecord, row: int) -> None:
         """Write what this tick asked and sent into its row; tell the follower where something else was sent."""
-        sent = self._goals.position
-        passed = self._goal is not None and bool(np.abs(sent - self._goal).max() <= GATED_RAD)  # False for NaN
+        sent, goal = self._goals.position, self._goal
+        self._moved, self._sent = sent - self._sent, sent
+        passed = goal is not None and bool(np.abs(sent - goal).max() <= GATED_RAD)  # False for NaN
         self._q[self.robot.servo_columns] = sent
-        if not passed:
+        if not (passed and self._rooted):
             plant_root(self.robot, self._before, self._q)
+        if self._started and not passed:
             moved = self._kinematics.difference(self._before, self._q)  # (nv,)
             self._follower.reseed(self._q.copy(), moved / self._dt)
-        self._before[:] = self._q
-        record.q[tick] = self._q
-        record.landmarks_asked[tick] = self._asked
-        record.gated[tick] = not passed
+        if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
+            self._before[:] = self._q
+        record.q[row] = self._q
+        if self.phase is Phase.FOLLOW and self._asked is not None:
+            record.landmarks_asked[row] = self._asked
+        record.gated[row] = goal is not None and not passed
         if self.guard.sent is not None:
-            record.goal_ticks[tick] = self.guard.sent
+            record.goal_ticks[row] = self.guard.sent
         states = self.guard.states
         if states is not None:
-            record.present[tick] = self.robot.joint_map.to_radians(states.position)
-            record.faults[tick] = np.count_nonzero(~states.valid | (states.alert != 0))
+            record.present[row] = self.robot.joint_map.to_radians(states.position)
+            record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
 
-    def _tick(self, think: Think) -> None:
-        self._deadline += self._dt
-        self._clock.sleep_until(self._deadline)
-        self.guard.tick(think)
+    def _approaching(self, goal: FloatArray) -> Think:
+        """A thought that is already finished."""
 
+        def think(states: ServoStates) -> FloatArray:
+            self.phase, self._goal = Phase.APPROACH, goal
+            return goal
 
-def _ask(goal: FloatArray) -> Think:
-    """A thought that is already finished."""
-    return lambda states: goal
+        return think
+
+    def _halt(self) -> FloatArray | None:
+        """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach."""
+        self.phase = Phase.BRAKE
+        if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
+            return self._goal
+        if not self._started:
+            self._goal = self._sent + slower_in_line(self._moved, self._change)
+            return self._goal
+        q = self._follower.halt(self._dt)
+        return None if q is None else self._take(q, q[self.robot.servo_columns])
+
+    def _take(self, q: FloatArray, goal: FloatArray) -> FloatArray:
+        """Remember what is asked in this tick: posture (nq,), and of it the servos' joints, rad (n,)."""
+        self._q[:] = q
+        self._goal, self._rooted = goal, True
+        return goal
 
 
 def _nothing(states: ServoStates) -> None:

@@ -38,14 +38,20 @@ class RunResult:
     notes: tuple[str, ...] = field(default=())
 
     @property
+    def ticks_followed(self) -> int:
+        """Ticks that followed the clip, from its first on."""
+        following = self.record.following
+        return int(following.stop - following.start)
+
+    @property
     def sensors(self) -> tuple[str, ...]:
         """The sensors that the performer wears."""
         return self.clip.frames.names
 
     @property
     def sensors_asked(self) -> FloatArray:
-        """Sensor positions (T, k, 3) m, world; NaN where invalid."""
-        return np.asarray(self.clip.frames.position[self.clip.rows(len(self.record))])
+        """Sensor positions (T, k, 3) m, world; NaN where invalid and outside of following."""
+        return self._while_following(self.clip.frames.position[self.clip.rows(self.ticks_followed)])
 
     @property
     def sensors_reached(self) -> FloatArray:
@@ -57,7 +63,8 @@ class RunResult:
     @property
     def human_truth(self) -> FloatArray | None:
         """Recorded joint centres (T, m, 3) m, in the order of the record's; NaN or None where not known."""
-        return self.clip.truth(self.record.human.joint_names, len(self.record))
+        truth = self.clip.truth(self.record.human.joint_names, self.ticks_followed)
+        return None if truth is None else self._while_following(truth)
 
     @property
     def landmarks_reached(self) -> FloatArray | None:
@@ -84,3 +91,9 @@ class RunResult:
         q = sent.q.copy()
         q[:, self.robot.servo_columns] = sent.present
         return q
+
+    def _while_following(self, rows: FloatArray) -> FloatArray:
+        """Rows of the ticks that followed, with NaN in all others."""
+        padded = np.full((len(self.record), *rows.shape[1:]), np.nan)
+        padded[self.record.following] = rows
+        return padded

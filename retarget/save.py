@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from retarget.body import BodyModel
 from retarget.errors import UsageError
 from retarget.outputs import check_place, write_atomic, write_stream
+from retarget.record import Phase, Record
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
 __all__ = ["human_body_path", "run_arrays", "save_path", "write_npz"]
 
 NO_SERVO = -1
+PHASES = np.array([phase.name.lower() for phase in Phase])
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -53,11 +55,16 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     time (T,) s; joint_names (n,): all hinges and slides of the body; joint_positions (T, n) rad, sent; root_position
     (T, 3) m and root_quaternion (T, 4) wxyz; goal_ticks (T, n), -1: no servo; landmark_names (k,), landmarks_asked and
     landmarks_reached (T, k, 3) m (of a human: its sensors); gated (T,); human_joint_names (m,), human_joint_positions
-    (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: servo_positions (T, n) rad as
-    the servos said them, NaN without; human_q (T, nq) with human_mjcf, the text of its body; dt s; motion_dt s.
+    (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
+    or `brake`; servo_positions (T, n) rad as the servos said them, NaN without; human_q (T, nq) with human_mjcf, the
+    text of its body; dt s; motion_dt s. Before and after following, landmarks_asked and human_truth stand still.
     """
     record, human, mjcf = run.record, run.record.human, run.human.mjcf
-    arrays = {"time": record.time, **(_human_body(run) if record.robot is None else _robot_body(run))}
+    arrays = {
+        "time": record.time,
+        "phase": PHASES[record.phase],
+        **(_human_body(run) if record.robot is None else _robot_body(run)),
+    }
     arrays |= {
         "body": np.array(str(body.resolve())),
         "human_joint_names": np.array(human.joint_names),
@@ -68,7 +75,7 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
         "motion_dt": np.array(run.clip.motion_dt),
     }
     truth = run.human_truth
-    return arrays if truth is None else arrays | {"human_truth": truth}
+    return arrays if truth is None else arrays | {"human_truth": _held(record, truth)}
 
 
 def _robot_body(run: RunResult) -> Arrays:
@@ -87,7 +94,7 @@ def _robot_body(run: RunResult) -> Arrays:
         "root_quaternion": turn,
         "goal_ticks": robot.joint_map.spread(names, sent.goal_ticks),
         "landmark_names": np.array(sent.landmark_names),
-        "landmarks_asked": sent.landmarks_asked,
+        "landmarks_asked": _held(run.record, sent.landmarks_asked),
         "landmarks_reached": reached,
         "gated": sent.gated,
         "servo_positions": present,
@@ -110,6 +117,13 @@ def _human_body(run: RunResult) -> Arrays:
         "landmarks_reached": run.sensors_reached,
         "gated": np.zeros(len(q), dtype=np.bool_),
     }
+
+
+def _held(record: Record, tracks: FloatArray) -> FloatArray:
+    """Tracks (T, k, 3) that are known while following; before it as at its first tick, after it as at its last."""
+    following = record.following
+    rows = np.clip(np.arange(len(record)), following.start, max(following.stop - 1, 0))
+    return np.asarray(tracks[rows])
 
 
 def _root(body: BodyModel, q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -35,6 +35,10 @@ class FollowingStage(Protocol):
         """The next posture."""
         ...
 
+    def halt(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) on a way to a stop; None: none is known."""
+        ...
+
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
         ...

@@ -53,7 +53,8 @@ class MockBus:
         )  # (n,) register [tick]
         self._velocity = np.zeros(count)  # (n,) [tick/s]
         self._load = ServoLoad(np.array([model.voltage for model in models]), self._top * self._tick_rad)
-        self._torque = np.zeros(count, dtype=np.bool_)
+        self._nobody = np.zeros(count, dtype=np.bool_)
+        self._torque = self._nobody.copy()
         self._alert = np.zeros(count, dtype=np.uint8)
         self._cycle = -1  # of reads
         self._time = clock.now()
@@ -124,13 +125,14 @@ class MockBus:
         for fault in self._faults:
             if fault.kind is FaultKind.ALERT and fault.lasts(self._cycle):
                 self._alert[fault.servo] |= fault.alert
-        self._torque &= self._alert == 0
+                self._torque[fault.servo] &= not fault.alert
         if elapsed <= 0.0:
             return
         before = self._velocity
         moved, velocity = saturated_lag(self._goal - self._position, lag=self._lag, top=self._top, elapsed=elapsed)
-        self._position = np.where(self._torque, self._position + moved, self._position)
-        self._velocity = np.where(self._torque, velocity, 0.0)
+        turns = self._torque > self._struck(FaultKind.STUCK)  # has torque, and is not stuck
+        self._position = np.where(turns, self._position + moved, self._position)
+        self._velocity = np.where(turns, velocity, 0.0)
         self._load.advance(
             before=before * self._tick_rad, after=self._velocity * self._tick_rad, torque=self._torque, elapsed=elapsed
         )
@@ -143,8 +145,8 @@ class MockBus:
             position=np.rint(self._position).astype(np.int64),
             velocity=np.rint(self._velocity * self._tick_rad / VELOCITY_UNIT) * VELOCITY_UNIT,
             current=np.rint(self._load.current / self._current_unit) * self._current_unit,
-            voltage=np.round(self._load.voltage, 1),
-            temperature=np.rint(self._load.temperature),
+            voltage=self._said(FaultKind.SUPPLY, np.round(self._load.voltage, 1)),
+            temperature=self._said(FaultKind.HOT, np.rint(self._load.temperature)),
             error=np.where(self._alert != 0, 0x80, 0).astype(np.uint8),
             alert=self._alert.copy(),
             age=np.zeros(count),
@@ -169,11 +171,24 @@ class MockBus:
 
     def _silent(self) -> BoolArray:
         """Mask (n,) of servos that are missing in this cycle."""
-        mask = np.zeros(len(self._servos), dtype=np.bool_)
+        return self._struck(FaultKind.MISSING)
+
+    def _struck(self, kind: FaultKind) -> BoolArray:
+        """Mask (n,) of servos that have such a fault in this cycle."""
+        if not self._faults:
+            return self._nobody
+        mask = self._nobody.copy()
         for fault in self._faults:
-            if fault.kind is FaultKind.MISSING and fault.lasts(self._cycle):
+            if fault.kind is kind and fault.lasts(self._cycle):
                 mask[fault.servo] = True
         return mask
+
+    def _said(self, kind: FaultKind, values: FloatArray) -> FloatArray:
+        """The registers (n,), with what a fault of this kind makes of them."""
+        for fault in self._faults:
+            if fault.kind is kind and fault.lasts(self._cycle):
+                values[fault.servo] = fault.value
+        return values
 
     def _failing(self, kind: FaultKind) -> bool:
         return any(fault.kind is kind and fault.lasts(self._cycle) for fault in self._faults)

@@ -14,6 +14,12 @@ class FaultKind(Enum):
     its reboot."""
     READ_FAILS = "read fails"
     """The whole bus raises BusError on a read."""
+    HOT = "hot"
+    """The servo reports `value` degrees Celsius."""
+    SUPPLY = "supply"
+    """The servo reports a supply of `value` V."""
+    STUCK = "stuck"
+    """The shaft stays where it is, whatever the goal."""
     WRITE_FAILS = "write fails"
     """The whole bus raises BusError on a write."""
 
@@ -21,13 +27,14 @@ class FaultKind(Enum):
 @dataclass(frozen=True)
 class MockFault:
     """One fault: `kind`, from read cycle `first` (counted from 0) for `cycles` cycles, on `servo` (index in servo
-    order)."""
+    order). `alert` bits and `value` as the kind says."""
 
     kind: FaultKind
     first: int
     cycles: int
     servo: int = 0
     alert: int = 0
+    value: float = 0.0
 
     def lasts(self, cycle: int) -> bool:
         """Whether the fault is present in read cycle `cycle`."""

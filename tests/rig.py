@@ -81,6 +81,9 @@ class StubFollower:
         self.tick += 1
         return self._posture(self.tick)
 
+    def halt(self, dt: float) -> FloatArray | None:
+        return None
+
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())
 

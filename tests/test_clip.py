@@ -21,6 +21,13 @@ def lay(frames: SensorFrames, rate_hz: float | None = None, **playback: float | 
     return lay_on_ticks(frames, performer=FIVE, playback=Playback(**playback), rate_hz=rate_hz)  # type: ignore[arg-type]
 
 
+def test_a_run_that_ends_early_played_fewer_frames(frames: SensorFrames) -> None:
+    slow, loop = lay(frames, 125.0, speed=0.5), lay(frames, 125.0, loop=True)
+    assert slow.frames_played(len(slow)) == len(frames) and slow.frames_played(0) == 0
+    assert slow.frames_played(len(slow) // 4) == pytest.approx(len(frames) / 4, abs=1)
+    assert loop.frames_played(3 * len(loop.frames)) == 3 * len(frames)
+
+
 def test_at_the_recordings_rate_every_tick_is_a_frame(frames: SensorFrames) -> None:
     clip = lay(frames)
     assert len(clip) == clip.source_frames == len(frames)

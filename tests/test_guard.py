@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from guard_rig import DT, MAP, START, Rig
+from guard_rig import MAP, START, Rig
 from hardware.bus import ServoAlert
 from hardware.errors import BusError, GuardError
 from hardware.guard_state import GuardState
@@ -84,7 +84,10 @@ def test_the_ordinary_end_comes_to_rest_unlatched_and_releases() -> None:
     rig = Rig()
     rig.guard.arm()
     rig.run(20)
-    assert rig.guard.come_to_rest(DT) is GuardState.ARMED
+    rig.guard.rest()
+    assert rig.state() is GuardState.STOPPING
+    rig.run(20, lambda _: None)
+    assert rig.state() is GuardState.ARMED
     assert rig.gate.at_rest
     rig.check_goals()
     rig.guard.release()

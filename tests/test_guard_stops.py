@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from guard_rig import DT, Rig
+from guard_rig import DT, MAP, Rig
 from hardware.arrays import FloatArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import GuardError
-from hardware.guard import Think
+from hardware.guard import Halt, Think
 from hardware.guard_state import GuardLimits, GuardState, StopCause
 from sim.mock_faults import FaultKind, MockFault
 
@@ -166,11 +166,91 @@ def test_an_alert_stops() -> None:
     rig.check_goals()
 
 
+def moving() -> Rig:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    return rig
+
+
+def tick(rig: Rig, halt: Halt) -> None:
+    rig.clock.advance(DT)
+    rig.guard.tick(rig.faster, halt)
+
+
+def test_a_stop_goes_along_the_callers_way() -> None:
+    """Slower than the filter would brake: what is written is the caller's."""
+    rig = moving()
+    speed, asked = rig.gate.velocity, []
+    rig.guard.stop("space bar")
+
+    def gently() -> FloatArray:
+        asked.append(rig.gate.position + DT * speed * max(0.0, 1.0 - (len(asked) + 1) / 40))
+        return asked[-1]
+
+    for _ in range(60):
+        if rig.guard.active:
+            tick(rig, gently)
+    assert rig.state() is GuardState.STOPPED and rig.gate.at_rest
+    assert len(asked) == 40 and rig.gate.gated == 0
+    np.testing.assert_allclose(rig.bus.goals[-1], MAP.to_radians(MAP.to_ticks(asked[-1])))
+    rig.check_goals()
+
+
+@pytest.mark.parametrize("way", ["faster than the filter lets", "not finite", "none", "fails"])
+def test_where_there_is_no_good_way_the_filter_brakes(way: str) -> None:
+    rig = moving()
+    rig.guard.stop("space bar")
+
+    def halt() -> FloatArray | None:
+        if way == "fails":
+            raise ArithmeticError("no way")
+        return None if way == "none" else rig.gate.position if way.startswith("faster") else np.full(4, np.nan)
+
+    ticks = 0
+    while rig.guard.active:
+        tick(rig, halt)
+        ticks += 1
+    assert 3 < ticks < 30
+    assert rig.state() is GuardState.STOPPED and rig.gate.at_rest and rig.bus.torque_on
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.reason == "space bar"
+    rig.check_goals()
+
+
+def test_a_filter_that_cannot_judge_the_way_still_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = moving()
+    monkeypatch.setattr(rig.gate, "admit", lambda goal: 1 // 0)
+    while rig.guard.active:
+        tick(rig, lambda: rig.gate.position)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.FILTER
+    assert rig.gate.at_rest and rig.bus.torque_on
+    rig.check_goals()
+
+
+def test_a_way_that_fails_at_the_ordinary_end_is_said() -> None:
+    rig = moving()
+    rig.guard.rest()
+
+    def halt() -> FloatArray:
+        raise ArithmeticError("no way")
+
+    while rig.state() is GuardState.STOPPING:
+        tick(rig, halt)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.reason == "no way"
+    rig.check_goals()
+
+
 def test_braking_has_a_bound() -> None:
     rig = Rig(limits=GuardLimits(max_brake_ticks=2))
     rig.guard.arm()
     rig.run(20)
-    assert rig.guard.come_to_rest(DT) is GuardState.STOPPED
+    rig.guard.rest()
+    rig.run(2)
+    assert rig.state() is GuardState.STOPPING
+    rig.run(1)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None and "still moving after 2 ticks" in rig.guard.stop_reason.reason
     assert not rig.bus.torque_on
 
 

@@ -156,8 +156,8 @@ def report() -> Report:
 
 
 def test_the_report_of_a_held_robot(report: Report) -> None:
-    assert report.ticks == 51 and report.frames == 49
-    assert report.gated_frames == 21
+    assert 51 < report.ticks < 60 and report.frames == 49
+    assert report.gated_frames == 21 and report.duration_s == pytest.approx(0.4)
     assert (report.limit_violations.position, report.limit_violations.velocity) == (0, 0)
     assert report.limit_violations.acceleration == 0
     assert report.reachable_share is not None and report.reachable_hands_mm is not None

@@ -28,12 +28,14 @@ def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.C
     code = run("--robot", "op3", "--source", amc, "--end", "3", "--speed", "0.5", "--report", report, "--save", saved)
     assert code == DONE
     data = json.loads(report.read_text())
-    assert data["frames"] == 361 and data["ticks"] == 751 and data["rate_hz"] == 125.0
+    assert data["frames"] == 361 and data["ticks"] > 751 and data["rate_hz"] == 125.0
     assert data["stop"] == {"state": "idle", "reason": None}
     assert data["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
     assert data["hand_path_ratio"] > 0.5 and data["pelvis_excursion_ratio"] > 0.3
     with np.load(saved) as arrays:
-        assert len(arrays["time"]) == 751
+        phase, time = arrays["phase"], arrays["time"]
+        assert len(time) == data["ticks"] and set(phase) == {"approach", "follow", "brake"}
+        assert time[phase == "follow"] == pytest.approx(np.arange(751) / 125.0)
         assert np.isfinite(arrays["joint_positions"]).all()
     shown = capsys.readouterr()
     for words in ("tracking, mm", "limits broken", "lag", "self clearance", "cost per tick", "report:"):

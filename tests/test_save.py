@@ -34,13 +34,26 @@ def test_a_run_of_a_robot(run: RunResult, tmp_path: Path) -> None:
         saved = dict(data)
     assert set(saved) >= CONTRACT
     ticks, joints = saved["joint_positions"].shape
-    assert (ticks, joints) == (51, 20) == saved["goal_ticks"].shape
-    assert saved["time"].shape == saved["gated"].shape == (51,)
-    assert saved["root_position"].shape == (51, 3) and saved["root_quaternion"].shape == (51, 4)
-    assert saved["landmarks_asked"].shape == saved["landmarks_reached"].shape == (51, 6, 3)
+    assert (ticks, joints) == (len(run.record), 20) == saved["goal_ticks"].shape
+    assert saved["time"].shape == saved["gated"].shape == saved["phase"].shape == (ticks,)
+    assert saved["root_position"].shape == (ticks, 3) and saved["root_quaternion"].shape == (ticks, 4)
+    assert saved["landmarks_asked"].shape == saved["landmarks_reached"].shape == (ticks, 6, 3)
     assert saved["human_truth"].shape == saved["human_joint_positions"].shape
     assert saved["gated"].dtype == np.bool_ and saved["goal_ticks"].dtype == np.int64
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_every_tick_says_what_it_was_for_and_nothing_is_unknown(run: RunResult, tmp_path: Path) -> None:
+    write_npz(run, tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as data:
+        phase, time, asked, truth = (data[key] for key in ("phase", "time", "landmarks_asked", "human_truth"))
+    follow = phase == "follow"
+    assert set(phase) == {"approach", "follow", "brake"} and np.count_nonzero(follow) == 51
+    assert time[follow][0] == 0.0 and (time[phase == "approach"] < 0.0).all()
+    for tracks in (asked, truth):
+        known = tracks[:, np.isfinite(tracks[follow]).all(axis=(0, 2))]
+        assert known.size and (known[phase == "approach"] == known[follow][0]).all()
+        assert (known[phase == "brake"] == known[follow][-1]).all()
 
 
 def test_a_stranger_finds_the_same_landmarks(run: RunResult, tmp_path: Path) -> None:

@@ -28,15 +28,15 @@ def measure(run: RunResult) -> Report:
     """The report of a run."""
     record, clip, robot = run.record, run.clip, run.record.robot
     names, asked, reached = run.followed
-    heights = _pelvis_heights(run)
+    heights, played = _pelvis_heights(run), clip.frames_played(run.ticks_followed)
     reconstruct, retarget = record.timing.reconstruct, record.timing.retarget
     clearance, stand, hands = _clearance(run), _standing(run), _hands(run, reached)
     return Report(
-        frames=clip.source_frames,
+        frames=min(played, clip.source_frames),
         ticks=len(record),
-        duration_s=float(record.time[-1]) if len(record) else 0.0,
+        duration_s=max(float(record.time[-1]), 0.0) if len(record) else 0.0,
         rate_hz=clip.rate_hz,
-        frames_per_s=len(record) * clip.source_frames / len(clip.frames) / max(run.wall_s, 1e-9),
+        frames_per_s=played / max(run.wall_s, 1e-9),
         solve_us=_percentiles(reconstruct + retarget, 1e6),
         reconstruct_us=_percentiles(reconstruct, 1e6),
         retarget_us=None if robot is None else _percentiles(retarget, 1e6),
@@ -247,6 +247,7 @@ def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
 
 
 def _percentiles(seconds: FloatArray, scale: float) -> Percentiles:
+    seconds = seconds[np.isfinite(seconds)]  # a stage that did not run in a tick has no cost there
     if not seconds.size:
         return Percentiles(float("nan"), float("nan"), float("nan"))
     p50, p99 = np.percentile(seconds, [50, 99])

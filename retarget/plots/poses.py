@@ -32,7 +32,7 @@ _ROBOT_BONES = (
 
 def plot_poses(run: RunResult) -> Figure | None:
     """The human above, the robot below; of a human alone, the recorded body behind the reconstructed one."""
-    if len(run.record) < 2:
+    if run.ticks_followed < 2:
         return None
     ticks = telling_ticks(run)
     name = "human" if run.robot is None else run.robot.profile.name
@@ -48,12 +48,16 @@ def plot_poses(run: RunResult) -> Figure | None:
 
 
 def telling_ticks(run: RunResult) -> list[int]:
-    """Ticks to show: of the parts of the run in turn, where the hands are highest and where the head is lowest."""
-    names, joints = run.record.human.joint_names, run.record.human.joints
+    """Rows to show: of the parts of the clip in turn, where the hands are highest and where the head is lowest."""
+    following = run.record.following
+    names, joints = run.record.human.joint_names, run.record.human.joints[following]
     hands = joints[:, [names.index("l_wrist"), names.index("r_wrist")], 2].max(axis=1)
     telling = (hands, -joints[:, names.index("head"), 2])
     edges = np.linspace(0, len(joints), min(POSES, len(joints)) + 1).astype(int)
-    return [int(first + np.argmax(telling[part % 2][first:last])) for part, (first, last) in enumerate(pairwise(edges))]
+    return [
+        following.start + int(first + np.argmax(telling[part % 2][first:last]))
+        for part, (first, last) in enumerate(pairwise(edges))
+    ]
 
 
 def _title(run: RunResult, name: str) -> str:

@@ -1,0 +1,108 @@
+"""Faults that the servos' states show: each stops the robot along a braking way, with a reason that names the servo."""
+
+import numpy as np
+import pytest
+
+from guard_rig import Rig
+from hardware.arrays import FloatArray
+from hardware.bus import ServoStates
+from hardware.errors import GuardError
+from hardware.guard_state import GuardLimits, GuardState, StopCause
+from retarget.profile import load_profile
+from sim.mock_faults import FaultKind, MockFault
+
+LIMITS = GuardLimits(max_age=0.1, max_temperature=65.0, voltage=(10.0, 14.8), following_error=0.35)
+
+FAULTS = {
+    "hot": (FaultKind.HOT, 66.0, StopCause.TEMPERATURE, "hotter than 65 degrees Celsius: shoulder (id 1) 66"),
+    "low": (FaultKind.SUPPLY, 9.9, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 9.9 V"),
+    "high": (FaultKind.SUPPLY, 15.0, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 15.0 V"),
+    "stuck": (FaultKind.STUCK, 0.0, StopCause.FOLLOWING_ERROR, "more than 0.35 rad from its goal: shoulder (id 1) 0.3"),
+}
+
+
+@pytest.mark.parametrize("case", list(FAULTS))
+def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
+    kind, value, cause, text = FAULTS[case]
+    rig = Rig(MockFault(kind, first=20, cycles=1000, servo=0, value=value), limits=LIMITS)
+    rig.guard.arm()
+    rig.run(19)
+    assert rig.state() is GuardState.MOVING
+    rig.run(100)
+    assert rig.state() is GuardState.STOPPED
+    stop = rig.guard.stop_reason
+    assert stop is not None and stop.cause is cause
+    assert text in stop.reason
+    assert rig.gate.at_rest and rig.bus.torque_on
+    rig.check_goals()
+
+
+@pytest.mark.parametrize("case", list(FAULTS))
+def test_within_bounds_or_unwatched_nothing_stops(case: str) -> None:
+    kind, value, _, _ = FAULTS[case]
+    inside = {"hot": 65.0, "low": 10.0, "high": 14.8, "stuck": 0.0}[case]
+    short = MockFault(kind, first=20, cycles=3 if case == "stuck" else 1000, servo=0, value=inside)
+    for rig in (Rig(short, limits=LIMITS), Rig(MockFault(kind, 20, 1000, servo=0, value=value))):
+        rig.guard.arm()
+        rig.run(60)
+        assert rig.state() is GuardState.MOVING
+
+
+@pytest.mark.parametrize("case", ["hot", "low", "high"])
+def test_a_servo_out_of_bounds_is_not_armed(case: str) -> None:
+    kind, value, _, text = FAULTS[case]
+    rig = Rig(MockFault(kind, first=0, cycles=9, servo=0, value=value), limits=LIMITS)
+    with pytest.raises(GuardError) as refusal:
+        rig.guard.arm()
+    assert text in str(refusal.value) and "Torque stays off" in str(refusal.value)
+    assert rig.bus.calls == ["torque off"]
+
+
+def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
+    """What it said last is old: it says nothing about where it is."""
+    fault = MockFault(FaultKind.MISSING, first=20, cycles=1000, servo=0)
+    rig = Rig(fault, limits=GuardLimits(max_age=0.1, following_error=0.1))
+    rig.guard.arm()
+    rig.run(100)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LOST
+
+
+@pytest.mark.parametrize(("seconds", "stopped"), [(0.09, False), (0.11, True)])
+def test_a_goal_that_comes_too_late_is_not_sent(seconds: float, stopped: bool) -> None:
+    rig = Rig(limits=LIMITS)
+    rig.guard.arm()
+    rig.run(20)
+    speed = float(np.abs(rig.gate.velocity).max())
+
+    def slow(states: ServoStates) -> FloatArray:
+        rig.clock.advance(seconds)
+        return rig.faster(states)
+
+    rig.run(1, slow)
+    assert (rig.state() is GuardState.STOPPING) == stopped
+    assert (float(np.abs(rig.gate.velocity).max()) < speed) == stopped
+    if stopped:
+        assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
+        assert "took 0.11 s, allowed 0.1 s" in rig.guard.stop_reason.reason
+        rig.run(100)
+        rig.check_goals()
+
+
+def test_the_limits_are_those_of_the_profile() -> None:
+    profile = load_profile("op3")
+    safety, limits = profile.safety, profile.guard_limits()
+    assert (limits.max_age, limits.max_temperature) == (safety.freshness, safety.temperature_c)
+    assert (limits.voltage, limits.following_error) == (safety.voltage, safety.following_error)
+    assert set(type(safety).model_fields) == {
+        *("rate_hz", "speed_caps"),  # ticks, stages and gate
+        *("freshness", "temperature_c", "voltage", "following_error"),  # guard
+    }
+
+
+def test_values_that_are_not_reported_are_no_complaint() -> None:
+    nothing = float("nan")
+    faults = (MockFault(kind, 0, 99, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
+    rig = Rig(*faults, limits=LIMITS)
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.state() is GuardState.MOVING
