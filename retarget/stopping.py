@@ -38,7 +38,8 @@ LONGEST = 100
 class Stopping:
     """Ways to a stop: `admits` tells whether there is one from a posture, `follow` goes along the last one found.
 
-    Joints that do not carry the robot brake by themselves, each as fast as it can.
+    Joints that do not carry the robot brake by themselves, each as fast as it can. In thought they stand still: what
+    their braking does to the centre of mass is left to the margin.
     """
 
     def __init__(self, body: BodyModel, limits: JointLimits, stance: Stance, carrying: BoolArray) -> None:

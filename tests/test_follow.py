@@ -63,6 +63,29 @@ def test_the_gate_has_nothing_to_change() -> None:
     assert gate.gated == 0
 
 
+def test_a_halt_at_any_tick_stops_on_the_soles_and_following_goes_on_from_there() -> None:
+    robot, human = follower(), postures(performer())
+    q = [robot.start(human[0]).q]
+    for tick, posture in enumerate(human[:900]):
+        q.append(robot.step(posture, DT).q)
+        if tick % 150 == 149:
+            before = len(q)
+            while len(q) < before + 3 or np.abs(q[-1] - q[-2]).max() > 0.0:
+                now = robot.halt(DT)
+                assert now is not None and len(q) < before + 30
+                q.append(now)
+    whole = np.array(q)
+    assert_within_limits(whole[:, op3().servo_columns])
+    off, tilt = sole_errors(robot, whole)
+    assert off < 0.0015 and tilt < np.deg2rad(0.5)
+
+
+def test_where_no_soles_carry_the_robot_no_way_is_known() -> None:
+    robot = follower(parts="upper")
+    robot.start(postures(performer())[0])
+    assert robot.halt(DT) is None
+
+
 def test_legs_are_still_to_the_bit_when_only_the_upper_part_follows() -> None:
     done = run(1.0, "upper")
     body = op3().body

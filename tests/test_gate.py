@@ -73,6 +73,17 @@ def test_a_refused_goal_has_a_reason(goal: list[float], reason: GateReason) -> N
     assert gate.gated == 1
 
 
+def test_a_share_of_the_speed_is_the_bound() -> None:
+    for speed, reason in ((1.0, GateReason.PASSED), (0.5, GateReason.VELOCITY)):
+        gate = Gate.for_servos(MAP, dt=DT, speed=speed)
+        gate.seed(np.zeros(4))
+        displacement = np.zeros(4)
+        while (displacement < 0.51 * STEP).any():
+            displacement = np.minimum(displacement + CHANGE, 0.51 * STEP)
+            gate.admit(gate.position + displacement)
+        assert gate.reason is reason
+
+
 def test_goals_at_the_bound_pass_to_the_bit_for_ever() -> None:
     """Rounding of another program must not add up: its difference would be asked for again in every tick, and grow."""
     gate, rng = make(), np.random.default_rng(3)

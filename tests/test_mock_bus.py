@@ -31,6 +31,28 @@ def test_it_is_a_servo_bus() -> None:
     assert np.isnan(states.current[3])  # an AX reports load, not current
 
 
+def test_what_servos_say_can_be_set_for_a_while() -> None:
+    hot, low = (MockFault(kind, 1, 1, servo=2, value=9.0) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
+    bus, _ = opened(hot, low)
+    cycles = [bus.read() for _ in range(3)]
+    assert [states.temperature[2] == 9.0 for states in cycles] == [False, True, False]
+    assert [states.voltage[2] == 9.0 for states in cycles] == [False, True, False]
+    assert cycles[1].temperature[1] > 20.0 and cycles[1].voltage[1] > 10.0
+
+
+def test_a_stuck_shaft_stays_and_the_others_move() -> None:
+    bus, clock = opened(MockFault(FaultKind.STUCK, 0, 2, servo=1))
+    bus.write(ServoGoals(GOAL))
+    bus.torque(True)
+    bus.read()
+    clock.advance(0.5)
+    stuck = bus.read()
+    assert stuck.position[1] == START[1] and stuck.velocity[1] == 0.0 and stuck.position[0] > START[0]
+    bus.read()
+    clock.advance(1.0)
+    assert bus.read().position[1] < START[1]
+
+
 def test_with_torque_off_nothing_moves() -> None:
     bus, clock = opened()
     bus.write(ServoGoals(GOAL))
