@@ -40,6 +40,14 @@ def test_module_is_the_command() -> None:
     assert (result.returncode, result.stdout.strip()) == (0, f"retarget {retarget.__version__}")
 
 
+def test_a_process_of_its_own_makes_haste_and_one_that_is_shared_is_left_alone() -> None:
+    code = "import atexit, gc, sys; from retarget.cli import main; sys.argv = ['retarget', 'check', 'op3']\n"
+    code += "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 0, 'glfw' in sys.modules))\n"
+    for call, said in (("main()", "False True False"), ("main(['robots'])", "True False False")):
+        result = subprocess.run([sys.executable, "-c", code + call], capture_output=True, text=True, timeout=60)
+        assert (result.returncode, result.stdout.splitlines()[-1]) == (0, said), result.stderr
+
+
 @pytest.mark.parametrize("name", list(cli.COMMANDS))
 def test_every_command_is_documented(name: str) -> None:
     function = getattr(importlib.import_module(f"retarget.cli.{name}"), name)

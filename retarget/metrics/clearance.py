@@ -12,11 +12,8 @@ from retarget.rotations import FloatArray
 
 __all__ = ["Clearance", "self_clearance"]
 
-LOOK_M = 0.05
-"""Pairs farther apart than this, m, are not measured in every posture."""
-FAR_LOOK_M = 1.0
-FAR_EVERY = 20
-"""When nothing came near, one posture in so many is measured as far as `FAR_LOOK_M`."""
+LOOKS = ((0.01, 1), (0.05, 1), (1.0, 20))
+"""How far is looked, m, and in one posture of how many; further only when nothing came so near."""
 TOUCH_M = 1e-6
 """Deeper than this, m, counts as penetration."""
 
@@ -50,17 +47,19 @@ def self_clearance(
 
     model = compile_body(path, root=root).model
     data = mujoco.MjData(model)
-    # Every geom of the body may meet every other, whatever the file says of contacts, and none the world's; the filter
-    # for parents stays.
+    # Every geom of the body may meet every other, whatever the file says of contacts, and none the world's.
     model.geom_contype[:] = model.geom_conaffinity[:] = np.asarray(model.geom_bodyid) > 0
-    skipped = _skipped(model, ignored) | _touching(mujoco, model, data, neutral)
+    # MuJoCo's own filter for parents lets the children of a base that is fixed to the world through.
+    parents = {_pair(link, parent) for link, parent in enumerate(model.body_parentid)}
+    skipped = parents | _skipped(model, ignored) | _touching(mujoco, model, data, neutral)
     look = _Look(mujoco, model, data, skipped)
     if not look.has_pairs():
         return Clearance(None, 0, None)
-    found = look.at(postures, LOOK_M)
-    if found.smallest is None:
-        found = look.at(postures[::FAR_EVERY], FAR_LOOK_M)
-    return found
+    for distance, every in LOOKS:
+        found = look.at(postures[::every], distance)
+        if found.smallest is not None:
+            return found
+    return Clearance(None, 0, None)
 
 
 class _Look:
@@ -78,11 +77,7 @@ class _Look:
     def has_pairs(self) -> bool:
         """Whether any two geoms are ever compared."""
         links = np.unique(self._link[self._link > 0])
-        parent = np.asarray(self._model.body_parentid)
-        allowed = (
-            ~self._skip[np.ix_(links, links)] & ~(parent[links][:, None] == links) & ~(links[:, None] == parent[links])
-        )
-        return bool(np.triu(allowed, 1).any())
+        return bool(np.triu(~self._skip[np.ix_(links, links)], 1).any())
 
     def at(self, postures: FloatArray, distance: float) -> Clearance:
         """The smallest distance up to `distance` m over postures (T, nq)."""
