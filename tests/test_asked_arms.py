@@ -77,6 +77,18 @@ def test_an_arm_knows_its_joints_and_its_ends() -> None:
     assert within_reach(op3(), stance, "l_hand", places).tolist() == [True, False, False, False]
 
 
+@pytest.mark.parametrize("hand", ["l_hand", "r_hand"])
+def test_wherever_an_arm_has_been_it_gets_to(hand: str) -> None:
+    robot, stance = op3(), follower().stance
+    columns = robot.body.joint_qpos[list(chain_to_anchor(robot, hand))]
+    servos = [robot.servo_columns.tolist().index(column) for column in columns]
+    low, high = robot.limits.lower[servos], robot.limits.upper[servos]
+    postures = np.tile(stance.q, (300, 1))
+    share = np.random.default_rng(3).uniform(-0.3, 1.3, (300, len(columns))).clip(0.0, 1.0)  # many at their limits
+    postures[:, columns] = low + share * (high - low)
+    assert within_reach(robot, stance, hand, robot.points(postures, (hand,))[:, 0]).all()
+
+
 @pytest.mark.parametrize("frozen", [False, True])
 def test_a_frozen_robot_hides_nothing(frozen: bool) -> None:
     human, _ = performed()

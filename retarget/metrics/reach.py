@@ -18,9 +18,9 @@ EVERY = 20
 """Every so manyth tick is looked at."""
 WITHIN_M = 0.002
 """The arm gets there when it gets this near, m."""
-SEEDS = 500
-"""Postures of the arm, spread over its joints' ranges, of which the nearest begins the search."""
-STEPS = 15
+SEEDS, TRIES = 500, 12
+"""Postures of the arm, spread over its ranges, of which the nearest begin a search each: one may end in a corner."""
+STEPS = 40
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,16 @@ def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatA
     seeds[:, columns[moving]] = spread
     starts = robot.points(seeds, (frame,))[:, 0]
     solver = _arm_solver(robot, place.body, place.position, moving, lower, upper)
-    within = np.zeros(len(places), dtype=np.bool_)
-    for row, at in enumerate(places):
-        solver.reset(seeds[np.argmin(np.linalg.norm(starts - at, axis=1))])
-        best = solver.frame(np.concatenate([[1.0], at]), 1.0)[None]
-        within[row] = np.linalg.norm(robot.points(best, (frame,))[0, 0] - at) <= WITHIN_M
-    return within
+
+    def gets_to(at: FloatArray) -> bool:
+        for seed in np.argsort(np.linalg.norm(starts - at, axis=1))[:TRIES]:
+            solver.reset(seeds[seed])
+            best = solver.frame(np.concatenate([[1.0], at]), 1.0)[None]
+            if np.linalg.norm(robot.points(best, (frame,))[0, 0] - at) <= WITHIN_M:
+                return True
+        return False
+
+    return np.array([gets_to(at) for at in places], dtype=np.bool_)
 
 
 def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:
