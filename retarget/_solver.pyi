@@ -132,8 +132,9 @@ class Solver:
     """A body, its levels and limits, and the state of the convergence loop.
 
     The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see
-    `frame_bounds`). Locked coordinates (nv,) never move. `damping` is the largest damping (m/rad)
-    of a level whose linear model broke its promises, as near a stretched limb far from its goal; 0 never damps.
+    `frame_bounds`). Locked coordinates (nv,) never move. A level
+    is damped (m/rad) by the root of `damping` times the size of the body (m) times what the level could not meet in
+    the iteration before (m), so that one that is met is not damped at all; 0 never damps.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class Solver:
         locked: NDArray[np.bool_],
         n_ik: int = 5,
         max_step: float = 0.3,
-        damping: float = 0.5,
+        damping: float = 1.0,
         early_stop: bool = True,
     ) -> None: ...
     @property

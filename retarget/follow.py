@@ -30,8 +30,6 @@ APPROACH_S = 3.0
 """How long (s) after the start the robot takes to go from its slow approach to full haste."""
 BALANCE_BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
-DAMPING = 20.0
-"""Near-singular directions move at most about 1 / 20 rad per iteration, which is what a servo does in a tick."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -87,7 +85,6 @@ class Follower:
             limits=self._limits,
             locked=np.zeros(robot.body.nv, dtype=bool) if parts == "whole" else standing_dofs(robot),
             iterations=iterations,
-            damping=DAMPING,
         )
         self._targets = self.hierarchy.blank()
         for sole in stance.soles:

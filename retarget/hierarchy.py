@@ -79,7 +79,7 @@ class Hierarchy:
         locked: BoolArray | None = None,
         iterations: int | None = None,
         early_stop: bool = True,
-        damping: float = 0.5,
+        damping: float = 1.0,
     ) -> "Hierarchy":
         """Compile a priority file.
 

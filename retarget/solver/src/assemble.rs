@@ -57,10 +57,7 @@ impl FrameSolver {
             let strength = if soft { (target[0] / self.soft_scale).sqrt() } else { target[0] };
             let mut writer =
                 RowWriter { body: &self.body, pose: &self.pose, columns: &self.columns, problem: &mut self.problem };
-            let share = writer.write(&p.task, target, p.first_row, strength);
-            for r in rows.clone() {
-                self.wanted[r] = self.problem.lower[r] / share;
-            }
+            writer.write(&p.task, target, p.first_row, strength);
             if matches!(p.task.kind, TaskKind::Posture) {
                 self.body.difference(&self.q, &target[1..], &mut self.posture_error);
                 let mut r = p.first_row;
@@ -74,8 +71,14 @@ impl FrameSolver {
                     }
                 }
             }
-            let shift = &mut self.shift;
-            change_variables(&mut self.problem, rows.clone(), &self.columns, &self.reference, &self.scale, shift);
+            if self.progress.waits(p.level) && !soft {
+                for r in rows.clone() {
+                    if self.problem.is_equality(r) {
+                        (self.problem.lower[r], self.problem.upper[r]) = (0.0, 0.0);
+                    }
+                }
+            }
+            change_variables(&mut self.problem, rows.clone(), &self.columns, &self.reference, &self.scale);
             if let Some(first) = p.soft_column {
                 for (k, r) in rows.enumerate() {
                     self.problem.row_mut(r)[first + k] = 1.0;
@@ -98,14 +101,7 @@ impl FrameSolver {
 }
 
 /// From dq to z = (dq - reference) / scale.
-fn change_variables(
-    problem: &mut Problem,
-    rows: Range<usize>,
-    columns: &Columns,
-    reference: &[f64],
-    scale: &[f64],
-    shifts: &mut [f64],
-) {
+fn change_variables(problem: &mut Problem, rows: Range<usize>, columns: &Columns, reference: &[f64], scale: &[f64]) {
     for r in rows {
         if !problem.present[r] {
             continue;
@@ -117,7 +113,6 @@ fn change_variables(
             shift += row[c] * reference[dof];
             row[c] *= scale[dof];
         }
-        shifts[r] = shift;
         problem.lower[r] -= shift;
         problem.upper[r] -= shift;
     }

@@ -119,6 +119,22 @@ impl Body {
         Ok(Self { links, joints, nq, nv, dof_link, dof_linear, dof_is_root, total_mass })
     }
 
+    /// How far the body reaches stretched out, m: the longest way from a top link to the origin of another; 1 where there is none.
+    pub fn size(&self) -> f64 {
+        let mut way = vec![0.0; self.links.len()];
+        for (b, link) in self.links.iter().enumerate().skip(1) {
+            if link.parent > 0 {
+                way[b] = way[link.parent] + norm(link.pos);
+            }
+        }
+        let longest = way.iter().fold(0.0, |a: f64, b| a.max(*b));
+        if longest > 0.0 {
+            longest
+        } else {
+            1.0
+        }
+    }
+
     /// Rest posture: joints at their rest values, free and ball joints at the link's own frame.
     pub fn rest(&self) -> Vec<f64> {
         let mut q = vec![0.0; self.nq];

@@ -5,14 +5,16 @@ use crate::bounds::{frame_bounds, iteration_bounds, FrameBox, Limit};
 use crate::hierarchy::{solve, Problem, Side, Workspace};
 use crate::kinematics::Pose;
 use crate::layout::{Layout, Placed};
+use crate::progress::{Moment, Progress};
 use crate::rows::Columns;
 use crate::task::Task;
-use crate::trust::Trust;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Errors (m, rad, summed over tasks) below this are met.
-const MET: f64 = 1e-6;
+/// Iterations at the end of a frame that may be used to repair what lower levels did to higher ones.
+const REPAIRS: usize = 2;
+/// How often a step is halved.
+const HALVINGS: usize = 3;
 
 /// Settings of the convergence loop.
 #[derive(Clone, Debug)]
@@ -20,7 +22,7 @@ pub struct Settings {
     pub n_ik: usize,
     /// Largest change of one coordinate per iteration (rad or m).
     pub max_step: f64,
-    /// Largest damping of a level whose linear model is not to be trusted (m/rad); 0 is none.
+    /// How much a level is damped that could not be met, for the size of the body (see `Progress::damping`); 0 never damps.
     pub damping: f64,
     pub early_stop: bool,
 }
@@ -47,14 +49,8 @@ pub struct FrameSolver {
     /// Per task (in order of levels): error norm at the posture that was reached.
     pub task_errors: Vec<f64>,
     pub(crate) placed: Vec<Placed>,
-    pub(crate) trust: Trust,
-    /// Levels of equalities alone, without a posture: their promises are judged.
-    pub(crate) is_judged: Vec<bool>,
-    /// Weighted squared error of each level.
-    pub(crate) level_energy: Vec<f64>,
-    /// What each row would do whole (not capped), and how far the reference posture goes towards it.
-    pub(crate) wanted: Vec<f64>,
-    pub(crate) shift: Vec<f64>,
+    pub(crate) progress: Progress,
+    pub(crate) damping_length: f64,
     pub(crate) columns: Columns,
     /// Place in q of a hinge or slide coordinate.
     pub(crate) q_address: Vec<Option<usize>>,
@@ -84,7 +80,7 @@ impl FrameSolver {
     ) -> Self {
         let columns = Columns::new(&body, locked);
         let layout = Layout::new(&body, levels, locked, columns.all.len());
-        let is_judged = layout.is_judged();
+        let progress = Progress::new(&layout.levels_with_errors());
         let problem = Problem::new(layout.variables.max(1), &layout.level_rows);
         let first_sides = (problem.variable_side.clone(), problem.row_side.clone());
         let q = body.rest();
@@ -99,11 +95,8 @@ impl FrameSolver {
             velocity: vec![0.0; body.nv],
             task_errors: vec![0.0; layout.placed.len()],
             placed: layout.placed,
-            trust: Trust::new(layout.level_rows.len(), settings.damping),
-            is_judged,
-            level_energy: vec![0.0; layout.level_rows.len()],
-            wanted: vec![0.0; problem.row_count()],
-            shift: vec![0.0; problem.row_count()],
+            progress,
+            damping_length: settings.damping * body.size(),
             columns,
             q_address,
             problem,
@@ -138,7 +131,7 @@ impl FrameSolver {
         self.first_sides.0.fill(Side::Free);
         self.first_sides.1.fill(Side::Free);
         self.problem.z.fill(0.0);
-        self.trust.reset();
+        self.progress.reset();
     }
 
     /// One frame of `dt` seconds towards `targets`; the posture reached is in `q`.
@@ -147,22 +140,15 @@ impl FrameSolver {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
             self.done[i] = 0.0;
         }
-        let mut before = f64::INFINITY;
+        self.look(targets, Moment::Start);
         for iteration in 0..self.settings.n_ik {
-            self.kinematics();
-            let total = self.errors(targets);
             if iteration > 0 {
-                self.judge();
-            }
-            if self.settings.early_stop {
-                let must_move = self.frame_box.iter().zip(&self.done).any(|(b, d)| b.lo > *d || b.hi < *d);
-                if iteration > 0 && !must_move && (total < MET || total >= before * 0.999) {
+                if self.settings.early_stop && self.may_stay() && self.progress.is_done() {
                     break;
                 }
-                before = total;
-            }
-            // The first iteration of a frame resembles that of the frame before more than the last iteration does.
-            if iteration == 0 {
+                self.progress.decide_who_waits(iteration + REPAIRS >= self.settings.n_ik);
+            } else {
+                // The first iteration of a frame resembles that of the frame before more than the last iteration does.
                 self.problem.variable_side.clone_from(&self.first_sides.0);
                 self.problem.row_side.clone_from(&self.first_sides.1);
             }
@@ -171,20 +157,49 @@ impl FrameSolver {
                 self.first_sides.0.clone_from(&self.problem.variable_side);
                 self.first_sides.1.clone_from(&self.problem.row_side);
             }
+            self.look(targets, Moment::Step);
+            self.take_back(targets);
             self.stats.iterations += 1;
         }
-        self.kinematics();
-        self.errors(targets);
-        self.judge();
         for i in 0..self.body.nv {
             self.velocity[i] = self.done[i] / dt;
         }
         self.stats.frames += 1;
     }
 
-    fn kinematics(&mut self) {
+    /// Kinematics and errors of the posture as it is.
+    fn look(&mut self, targets: &[f64], moment: Moment) {
         self.body.forward(&self.q, &mut self.pose);
         self.body.mass_properties(&mut self.pose);
+        self.progress.look(&self.body, &self.pose, &self.placed, targets, moment, &mut self.task_errors);
+    }
+
+    /// Half of the last step again and again, while it was so large that it broke what was kept.
+    fn take_back(&mut self, targets: &[f64]) {
+        for _ in 0..HALVINGS {
+            if !self.progress.went_too_far() {
+                return;
+            }
+            for (done, step) in self.done.iter_mut().zip(&mut self.step) {
+                *step *= -0.5;
+                *done += *step;
+            }
+            if self.may_stay() {
+                self.body.integrate(&mut self.q, &self.step);
+                self.look(targets, Moment::StepTakenBack);
+                self.step.iter_mut().for_each(|s| *s = -*s);
+            } else {
+                for (done, step) in self.done.iter_mut().zip(&self.step) {
+                    *done -= step;
+                }
+                return;
+            }
+        }
+    }
+
+    /// The box of the frame allows to stay where it is.
+    fn may_stay(&self) -> bool {
+        self.frame_box.iter().zip(&self.done).all(|(b, d)| b.lo <= *d && *d <= b.hi)
     }
 
     /// Value of a hinge or slide coordinate; 0 for others (they have no position limit).
@@ -197,10 +212,10 @@ impl FrameSolver {
         self.write_rows(targets);
         self.write_box();
         for k in 0..self.problem.level_count() {
-            self.problem.damping[k] = self.trust.damping(k);
+            self.problem.damping[k] = self.progress.damping(k, self.damping_length);
+            self.problem.patience[k] = self.progress.patience(k);
         }
         let outcome = solve(&mut self.problem, &mut self.work);
-        self.promise();
         self.stats.factorizations += u64::from(outcome.factorizations);
         self.stats.fallbacks += u64::from(outcome.fallback);
         self.stats.capped += u64::from(outcome.capped);
@@ -214,47 +229,5 @@ impl FrameSolver {
             *done += step;
         }
         self.body.integrate(&mut self.q, &self.step);
-    }
-
-    /// What the linear model promises of every level after this step.
-    fn promise(&mut self) {
-        for k in (0..self.problem.level_count()).filter(|k| self.is_judged[*k]) {
-            let left: f64 = self
-                .problem
-                .level(k)
-                .filter(|r| self.problem.present[*r] && self.problem.is_equality(*r))
-                .map(|r| {
-                    let moved: f64 = self.problem.row(r).iter().zip(&self.problem.z).map(|(c, z)| c * z).sum();
-                    (self.wanted[r] - moved - self.shift[r]).powi(2)
-                })
-                .sum();
-            self.trust.promise(k, self.level_energy[k], left);
-        }
-    }
-
-    fn judge(&mut self) {
-        for (k, energy) in self.level_energy.iter().enumerate() {
-            self.trust.judge(k, *energy);
-        }
-    }
-
-    /// Error norm of every present task and energy of every level; returns the sum of the norms over the levels without a posture.
-    fn errors(&mut self, targets: &[f64]) -> f64 {
-        let mut total = 0.0;
-        self.level_energy.fill(0.0);
-        for (error, p) in self.task_errors.iter_mut().zip(&self.placed) {
-            let target = &targets[p.target.clone()];
-            if !p.task.is_present(target) {
-                *error = f64::NAN;
-                continue;
-            }
-            let (norm, energy) = p.task.error_size(&self.body, &self.pose, target);
-            *error = norm;
-            self.level_energy[p.level] += energy;
-            if self.is_judged[p.level] {
-                total += norm;
-            }
-        }
-        total
     }
 }

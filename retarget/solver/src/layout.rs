@@ -58,8 +58,8 @@ impl Layout {
         Self { placed, target_size: target, level_rows, variables: soft }
     }
 
-    /// Levels without a posture, whose error the trust in their linear model is measured by.
-    pub fn is_judged(&self) -> Vec<bool> {
+    /// Levels without a posture: all their tasks have errors.
+    pub fn levels_with_errors(&self) -> Vec<bool> {
         let has_posture =
             |level| self.placed.iter().any(|p| p.level == level && matches!(p.task.kind, TaskKind::Posture));
         (0..self.level_rows.len()).map(|level| !has_posture(level)).collect()

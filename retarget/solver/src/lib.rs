@@ -8,6 +8,7 @@ pub mod hierarchy;
 pub mod kinematics;
 mod layout;
 pub mod math;
+mod progress;
 mod py_arrays;
 mod py_body;
 mod py_bounds;
@@ -15,7 +16,6 @@ mod py_hierarchy;
 mod py_solver;
 pub mod rows;
 pub mod task;
-mod trust;
 
 use pyo3::prelude::*;
 

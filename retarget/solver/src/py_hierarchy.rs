@@ -91,6 +91,7 @@ pub fn solve_hierarchy(
     }
     let mut problem = Problem::new(n + soft_rows, &sizes);
     problem.damping.fill(damping);
+    problem.patience.fill(1.0);
     let mut r = 0;
     let mut put = |problem: &mut Problem, row: &[f64], lower: f64, upper: f64| {
         let shift: f64 = row.iter().zip(&reference).map(|(c, x)| c * x).sum();
@@ -121,6 +122,8 @@ pub fn solve_hierarchy(
         problem.still[i] = -reference[i] * weight[i];
         problem.lo[i] = (lo[i] - reference[i]) * weight[i];
         problem.hi[i] = (hi[i] - reference[i]) * weight[i];
+        problem.lo_is_stop[i] = lo[i].is_finite();
+        problem.hi_is_stop[i] = hi[i].is_finite();
     }
     let mut work = Workspace::default();
     let outcome = py.detach(|| solve(&mut problem, &mut work));

@@ -89,7 +89,7 @@ pub struct PySolver {
 impl PySolver {
     #[new]
     #[pyo3(signature = (body, levels, *, lower, upper, max_velocity, max_acceleration, locked, n_ik=5, max_step=0.3,
-                        damping=0.5, early_stop=true))]
+                        damping=1.0, early_stop=true))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,

@@ -40,9 +40,9 @@ pub struct RowWriter<'a> {
 }
 
 impl RowWriter<'_> {
-    /// Rows and targets of `task`; `strength` multiplies rows and targets alike. Returns the share of the error that is asked.
-    pub fn write(&mut self, task: &Task, target: &[f64], first: usize, strength: f64) -> f64 {
-        let (error, share) = self.asked(task, target);
+    /// Rows and targets of `task`; `strength` multiplies rows and targets alike.
+    pub fn write(&mut self, task: &Task, target: &[f64], first: usize, strength: f64) {
+        let error = self.asked(task, target);
         let body = self.body;
         let pose = self.pose;
         let columns = self.columns;
@@ -90,18 +90,17 @@ impl RowWriter<'_> {
             TaskKind::Support { max_edges } => self.support_rows(task, target, *max_edges, first),
             TaskKind::Posture => self.posture_rows(task, first, strength),
         }
-        share
     }
 
-    /// Error times gain, capped; and the share of the error that this is.
-    fn asked(&self, task: &Task, target: &[f64]) -> (Vec3, f64) {
+    /// Error times gain, capped.
+    fn asked(&self, task: &Task, target: &[f64]) -> Vec3 {
         let e = task.error(self.body, self.pose, target);
         // Rows that are not there do not count.
         let counts = |k: usize| task.weight.get(k).is_none_or(|w| *w > 0.0);
         let used: Vec3 = std::array::from_fn(|k| if counts(k) { e[k] } else { 0.0 });
         let size = norm(used) * task.gain;
         let share = if size > task.max_error { task.gain * task.max_error / size } else { task.gain };
-        (scale(e, share), share)
+        scale(e, share)
     }
 
     /// Opens the rows with a positive weight: (row, axis, scale).

@@ -5,17 +5,13 @@
 use super::factor::Factor;
 use super::kernels::dot;
 use super::multipliers::Release;
-use super::problem::{Outcome, Problem, Side};
+use super::problem::{Outcome, Problem, Side, CROSSED};
 use super::{cascade, Workspace};
 
 /// Factorizations before the level-by-level method takes over.
 const MOST_CHANGES: u32 = 60;
-/// Rounds of damping: again when the exact answer is held by other ends of ranges than damping thought.
-const MOST_DAMPINGS: u32 = 3;
-/// Rounds in which damping finds the ends of ranges that it runs into.
+/// Rounds in which a damped level finds the ends of ranges that it runs into.
 const MOST_STOPS: u32 = 4;
-/// A limit counts as crossed beyond this (relative to its size).
-pub const CROSSED: f64 = 1e-11;
 
 pub fn solve(problem: &mut Problem, work: &mut Workspace, fma: bool) -> Outcome {
     #[cfg(target_arch = "x86_64")]
@@ -39,72 +35,94 @@ fn solve_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace) -> Ou
     work.factor.prepare::<FMA>(problem);
     let mut outcome = Outcome::default();
     if problem.damping.iter().all(|d| *d == 0.0) {
-        settle::<FMA>(problem, work, false, &mut outcome);
+        settle::<FMA>(problem, work, &mut outcome);
         return outcome;
     }
-    work.asked.clone_from(&problem.lower);
-    for _ in 0..MOST_DAMPINGS {
-        let usable = damp::<FMA>(problem, work, &mut outcome);
-        settle::<FMA>(problem, work, usable, &mut outcome);
-        if work.stops.iter().enumerate().all(|(i, stop)| *stop == problem.at_stop(i)) {
-            break;
-        }
-        restore(problem, &work.asked);
-    }
+    damp::<FMA>(problem, work, &mut outcome);
+    settle::<FMA>(problem, work, &mut outcome);
     outcome
 }
 
-/// Targets of equalities as they were asked, before damping.
-fn restore(problem: &mut Problem, asked: &[f64]) {
-    for r in 0..problem.row_count() {
-        if problem.row_side[r] == Side::Both {
-            problem.lower[r] = asked[r];
-            problem.upper[r] = asked[r];
+/// Lower the targets of damped levels, each by looking at the levels above it alone.
+///
+/// It starts from no active set at all: one that the solve before left behind knows what lower levels want.
+#[inline(always)]
+fn damp<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+    work.warm_variables.clone_from(&problem.variable_side);
+    work.warm_rows.clone_from(&problem.row_side);
+    for side in problem.variable_side.iter_mut().chain(&mut problem.row_side) {
+        if *side != Side::Both {
+            *side = Side::Free;
         }
     }
-}
-
-/// Damp every level, with what is at the end of its range held. True if the factorization is that of the active set too.
-#[inline(always)]
-fn damp<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) -> bool {
-    for _ in 0..MOST_STOPS {
-        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, true, |p, i| !p.at_stop(i));
-        outcome.factorizations += 1;
-        let mut met = false;
-        for i in 0..problem.n {
-            if problem.at_stop(i) {
-                continue;
+    let damped_end = problem.damping.iter().rposition(|d| *d > 0.0).map_or(0, |k| k + 1);
+    work.factor.start_path(problem);
+    outcome.factorizations += 1;
+    for k in 0..damped_end {
+        let rows = problem.level(k);
+        work.asked.clear();
+        work.asked.extend_from_slice(&problem.lower[rows.clone()]);
+        for round in 1..=MOST_STOPS {
+            if problem.damping[k] > 0.0 {
+                work.factor.add_damped_level::<FMA>(problem, k);
+            } else {
+                work.factor.add_path_level::<FMA>(problem, k);
             }
-            let z = work.candidate[i];
-            if problem.hi_is_stop[i] && z > problem.hi[i] + CROSSED {
-                problem.variable_side[i] = Side::Upper;
-                met = true;
-            } else if problem.lo_is_stop[i] && z < problem.lo[i] - CROSSED {
-                problem.variable_side[i] = Side::Lower;
-                met = true;
+            if round == MOST_STOPS || !hold_what_stops::<FMA>(problem, work.factor.path(), rows.end) {
+                break;
+            }
+            // Again with what was met held. What the levels above ask for stays.
+            for (r, asked) in rows.clone().zip(&work.asked) {
+                if problem.row_side[r] == Side::Both {
+                    problem.lower[r] = *asked;
+                    problem.upper[r] = *asked;
+                }
+            }
+            work.factor.start_path(problem);
+            outcome.factorizations += 1;
+            for above in 0..k {
+                work.factor.add_path_level::<FMA>(problem, above);
             }
         }
-        if !met {
-            break;
-        }
-        restore(problem, &work.asked);
     }
-    work.stops.clear();
-    work.stops.extend((0..problem.n).map(|i| problem.at_stop(i)));
-    (0..problem.n).all(|i| (problem.variable_side[i] == Side::Free) != work.stops[i])
+    problem.variable_side.clone_from(&work.warm_variables);
+    problem.row_side.clone_from(&work.warm_rows);
 }
 
-/// The exact answer of the problem as it stands. `factored`: the active set's candidate is there already.
+/// Hold variables that `path` takes beyond the end of their range, and rows before `rows_end` that it crosses. False if there are none.
 #[inline(always)]
-fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, mut factored: bool, outcome: &mut Outcome) {
+fn hold_what_stops<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_end: usize) -> bool {
+    let mut met = false;
+    for i in 0..problem.n {
+        if problem.variable_side[i] != Side::Free {
+            continue;
+        }
+        if problem.hi_is_stop[i] && path[i] > problem.hi[i] + CROSSED {
+            problem.variable_side[i] = Side::Upper;
+            met = true;
+        } else if problem.lo_is_stop[i] && path[i] < problem.lo[i] - CROSSED {
+            problem.variable_side[i] = Side::Lower;
+            met = true;
+        }
+    }
+    for r in 0..rows_end {
+        if problem.present[r] && problem.row_side[r] == Side::Free {
+            if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), path)) {
+                problem.row_side[r] = side;
+                met = true;
+            }
+        }
+    }
+    met
+}
+
+/// The exact answer of the problem as it stands.
+#[inline(always)]
+fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
     start::<FMA>(problem);
     for _ in 0..MOST_CHANGES {
-        if !factored {
-            let free = |p: &Problem, i: usize| p.variable_side[i] == Side::Free;
-            factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate, false, free);
-            outcome.factorizations += 1;
-        }
-        factored = false;
+        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate);
+        outcome.factorizations += 1;
         if let Some(step) = first_limit::<FMA>(problem, &work.candidate, problem.row_count()) {
             advance(problem, &work.candidate, step.share);
             step.hold(problem);
@@ -143,46 +161,25 @@ fn start<const FMA: bool>(problem: &mut Problem) {
 #[inline(always)]
 pub fn hold_violated_rows<const FMA: bool>(problem: &mut Problem) {
     for r in 0..problem.row_count() {
-        if !problem.present[r] || problem.row_side[r] != Side::Free {
-            continue;
-        }
-        let value = dot::<FMA>(problem.row(r), &problem.z);
-        if value < problem.lower[r] - CROSSED {
-            problem.row_side[r] = Side::Lower;
-        } else if value > problem.upper[r] + CROSSED {
-            problem.row_side[r] = Side::Upper;
+        if problem.present[r] && problem.row_side[r] == Side::Free {
+            if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z)) {
+                problem.row_side[r] = side;
+            }
         }
     }
 }
 
 /// The equality-only answer for the active set, into `candidate`.
 #[inline(always)]
-fn factor_all<const FMA: bool>(
-    problem: &mut Problem,
-    factor: &mut Factor,
-    candidate: &mut [f64],
-    damp: bool,
-    is_free: impl Fn(&Problem, usize) -> bool,
-) {
-    factor.restart_with(problem, |i| is_free(problem, i));
+fn factor_all<const FMA: bool>(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) {
+    factor.restart(problem);
     for i in 0..problem.n {
         candidate[i] = if factor.is_free(i) { 0.0 } else { problem.bound(i) };
     }
     candidate[problem.n..].fill(0.0);
-    if damp {
-        factor.stand_still(problem, candidate);
-    }
     for k in 0..problem.level_count() {
-        for r in problem.level(k) {
-            if problem.row_side[r] != Side::Free {
-                factor.rhs[r] = problem.target(r) - dot::<FMA>(problem.row(r), candidate);
-            }
-        }
-        if damp {
-            factor.add_damped_level::<FMA>(problem, k);
-        } else {
-            factor.add_level::<FMA>(problem, k);
-        }
+        factor.ask::<FMA>(problem, k, candidate);
+        factor.add_level::<FMA>(problem, k);
     }
     factor.add_candidate::<FMA>(candidate);
 }

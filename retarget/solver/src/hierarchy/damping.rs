@@ -1,7 +1,8 @@
 //! Damping of near-singular levels: their targets become what a damped step reaches, for the whole solve.
 //!
-//! How much is for the caller to say (`trust`). Damping inside the active-set loop would change the problem with every change of the active set; a changed target is a convex
-//! problem like any other, solved exactly. What is closed stays closed, and away from singularities nothing is changed.
+//! How much is for the caller to say (`progress`). Damping inside the active-set loop would change the problem with every change of the active
+//! set; a changed target is a convex problem like any other, solved exactly. What is closed stays closed, and away from
+//! singularities nothing is changed.
 
 use super::factor::Factor;
 use super::kernels::{add_rows, dot_rows};
@@ -9,63 +10,91 @@ use super::problem::Problem;
 
 /// Pivots above this many times the damping are not damped.
 const REACH: f64 = 2.5;
+/// Damped directions go where the last level attracts them, by this much (weighted rad) in one step. Standing still instead, a limb would
+/// creep on until it is stretched, and shake there; a larger pull would keep it from a goal that it can reach.
+const ATTRACTION: f64 = 0.2;
 /// A variable that has no room left stops no step shorter than this.
 const LEEWAY: f64 = 1e-4;
 
 impl Factor {
     /// Before the first level: held variables at their bounds, the others still.
-    pub fn stand_still(&mut self, problem: &Problem, held: &[f64]) {
-        self.path.clear();
-        self.path.extend_from_slice(held);
+    #[inline(always)]
+    pub fn start_path(&mut self, problem: &Problem) {
+        self.restart(problem);
+        let attraction = problem.still.iter().map(|s| s * s).sum::<f64>().sqrt();
+        self.stays = 1.0 - (ATTRACTION / attraction).min(1.0);
+        self.held.clear();
+        self.held.resize(problem.stride, 0.0);
+        self.path.clone_from(&problem.still);
         for i in 0..problem.n {
-            if self.is_free(i) {
-                self.path[i] = problem.still[i];
+            if !self.is_free(i) {
+                self.held[i] = problem.bound(i);
+                self.path[i] = self.held[i];
             }
         }
     }
 
-    /// Like `add_level`, but a level that is not trusted asks for less: near-singular directions are damped, and the step is
-    /// shortened until it fits the box, so that nothing else is thrown about to make up for a joint that is too slow. The
-    /// level's targets become what that step reaches, and stay so for the rest of the solve.
+    /// Where the levels so far go.
+    pub fn path(&self) -> &[f64] {
+        &self.path
+    }
+
+    /// One more level of the path, as it is.
+    #[inline(always)]
+    pub fn add_path_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
+        self.solve_path_level::<FMA>(problem, k);
+        self.own_step::<FMA>(self.first_of(k));
+        self.walk(1.0);
+    }
+
+    /// One more level of the path, which asks for less: near-singular directions are damped towards what the last level wants,
+    /// and a step of little haste is shortened until it fits the box, so that nothing else is thrown about to make up for a joint
+    /// that is too slow. The level's targets become what that step reaches, and stay so for the rest of the solve.
     #[inline(always)]
     pub fn add_damped_level<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
-        self.add_rows::<FMA>(problem, k);
+        self.solve_path_level::<FMA>(problem, k);
         let first = self.first_of(k);
-        self.solve_level(first);
-        let rank = self.rank();
+        self.exact.clear();
+        self.exact.extend_from_slice(&self.y[first..]);
+        for &r in &self.members {
+            // Back to what was asked, for the second solve.
+            self.residual[r] = self.reached(r, first) - self.residual[r];
+        }
+        self.least_squares(first, REACH * problem.damping[k]);
+        self.own_step::<FMA>(first);
+        let share = 1.0 - problem.patience[k] * (1.0 - self.share_inside(problem));
+        for (y, still) in self.y[first..].iter_mut().zip(&self.still[first..]) {
+            *y = still + share * (*y - still);
+        }
+        self.lower_targets(problem, first);
+        self.walk(share);
+    }
+
+    #[inline(always)]
+    fn solve_path_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
+        let held = std::mem::take(&mut self.held);
+        self.ask::<FMA>(problem, k, &held);
+        self.held = held;
+        self.add_level::<FMA>(problem, k);
+        let (first, rank) = (self.first_of(k), self.rank());
         self.still.resize(rank, 0.0);
-        let new_basis = &self.basis[first * self.stride..];
-        dot_rows::<FMA>(&problem.still, new_basis, &mut self.still[first..]);
-        if problem.damping[k] > 0.0 {
-            self.exact.clear();
-            self.exact.extend_from_slice(&self.y[first..]);
-            for &r in &self.members {
-                // Back to what was asked, for the second solve.
-                self.residual[r] = self.reached(r, first) - self.residual[r];
-            }
-            self.least_squares(first, REACH * problem.damping[k]);
-            self.step_from_still::<FMA>(first);
-            let share = self.share_inside(problem);
-            for j in first..rank {
-                self.y[j] = self.still[j] + share * (self.y[j] - self.still[j]);
-            }
-            self.lower_targets(problem, first);
-        }
-        self.step_from_still::<FMA>(first);
-        for (path, step) in self.path.iter_mut().zip(&self.step) {
-            *path += step;
-        }
-        self.rank_end.push(rank);
+        dot_rows::<FMA>(&problem.still, &self.basis[first * self.stride..], &mut self.still[first..]);
     }
 
     /// What the level's own directions add to standing still.
     #[inline(always)]
-    fn step_from_still<const FMA: bool>(&mut self, first: usize) {
+    fn own_step<const FMA: bool>(&mut self, first: usize) {
         self.moved.clear();
         self.moved.extend(self.y[first..].iter().zip(&self.still[first..]).map(|(y, s)| y - s));
         self.step.clear();
         self.step.resize(self.stride, 0.0);
         add_rows::<FMA>(&mut self.step, 1.0, &self.moved, &self.basis[first * self.stride..]);
+    }
+
+    fn walk(&mut self, share: f64) {
+        for (path, step) in self.path.iter_mut().zip(&self.step) {
+            *path += share * step;
+        }
     }
 
     /// The largest share of the step that stays in the box.
@@ -98,7 +127,7 @@ impl Factor {
         }
     }
 
-    /// min ||L y - b||^2 + sum_j d_j^2 y_j^2 (towards the last level's attraction), with d_j zero for pivots above the damping threshold.
+    /// min ||L y - b||^2 + sum_j d_j^2 y_j^2 (towards y_j = stays still_j), with d_j zero for pivots above the damping threshold.
     pub(super) fn least_squares(&mut self, first: usize, damping_from: f64) {
         let (count, rank) = (self.members.len(), self.rank());
         let new = rank - first;
@@ -124,6 +153,7 @@ impl Factor {
         for (c, d) in self.damping.iter().enumerate() {
             if *d > 0.0 {
                 self.small.set(extra, c, *d);
+                self.small.set_target(extra, *d * self.stays * self.still[first + c]);
                 extra += 1;
             }
         }

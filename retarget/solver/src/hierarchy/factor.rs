@@ -41,7 +41,10 @@ pub struct Factor {
     again: Vec<f64>,
     /// Coordinates of standing still.
     pub(super) still: Vec<f64>,
-    /// Where damped levels have come so far, and the step of one.
+    /// Share of standing still in what damping draws to; the rest is the last level's attraction.
+    pub(super) stays: f64,
+    /// Held variables of the path of damped levels, where it has come, and the step of one level.
+    pub(super) held: Vec<f64>,
     pub(super) path: Vec<f64>,
     pub(super) step: Vec<f64>,
     pub(super) moved: Vec<f64>,
@@ -81,16 +84,11 @@ impl Factor {
     /// Forget all levels, and take the free columns from the active set.
     #[inline(always)]
     pub fn restart(&mut self, problem: &Problem) {
-        self.restart_with(problem, |i| problem.variable_side[i] == Side::Free);
-    }
-
-    #[inline(always)]
-    pub fn restart_with(&mut self, problem: &Problem, is_free: impl Fn(usize) -> bool) {
         self.pivot_row.clear();
         self.rank_end.clear();
         self.y.clear();
         for i in 0..problem.n {
-            self.mask[i] = if is_free(i) { 1.0 } else { 0.0 };
+            self.mask[i] = if problem.variable_side[i] == Side::Free { 1.0 } else { 0.0 };
         }
     }
 
@@ -124,6 +122,16 @@ impl Factor {
     #[inline(always)]
     pub fn coefficient(&self, r: usize, j: usize) -> f64 {
         self.coefficients[r * self.width + j]
+    }
+
+    /// What the held rows of level `k` ask of the free columns, with the others where `held` has them.
+    #[inline(always)]
+    pub fn ask<const FMA: bool>(&mut self, problem: &Problem, k: usize, held: &[f64]) {
+        for r in problem.level(k) {
+            if problem.row_side[r] != Side::Free {
+                self.rhs[r] = problem.target(r) - dot::<FMA>(problem.row(r), held);
+            }
+        }
     }
 
     /// Add level `k`: its held rows, with `rhs` set beforehand.

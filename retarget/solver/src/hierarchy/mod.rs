@@ -37,9 +37,11 @@ pub struct Workspace {
     multipliers: Multipliers,
     candidate: Vec<f64>,
     direction: Vec<f64>,
-    /// Targets before damping, and the variables that it held.
+    /// Targets of one level before damping.
     asked: Vec<f64>,
-    stops: Vec<bool>,
+    /// The active set of the solve before, while damping looks for its own.
+    warm_variables: Vec<Side>,
+    warm_rows: Vec<Side>,
 }
 
 /// Solve `problem` from its warm active set; the answer is in `problem.z`.

@@ -1,5 +1,8 @@
 //! The data of one hierarchy and its active set.
 
+/// A limit counts as crossed beyond this (relative to its size).
+pub const CROSSED: f64 = 1e-11;
+
 /// Which side of a limit holds a variable or a row.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Side {
@@ -39,6 +42,8 @@ pub struct Problem {
     pub hi: Vec<f64>,
     /// Damping of each level (in units of its pivots); 0 is exact.
     pub damping: Vec<f64>,
+    /// How far a damped step that does not fit the box is shortened: 0 not at all, 1 until it fits.
+    pub patience: Vec<f64>,
     /// Standing still (which is not z = 0 where a posture attracts): from here damped steps are shortened.
     pub still: Vec<f64>,
     /// Sides of the box that damping counts as walls: ends of ranges, not limits of speed.
@@ -74,6 +79,7 @@ impl Problem {
             lo: vec![f64::NEG_INFINITY; n],
             hi: vec![f64::INFINITY; n],
             damping: vec![0.0; level_rows.len()],
+            patience: vec![0.0; level_rows.len()],
             still: vec![0.0; stride],
             lo_is_stop: vec![false; n],
             hi_is_stop: vec![false; n],
@@ -107,14 +113,15 @@ impl Problem {
         start..self.level_end[k]
     }
 
-    /// Held at the end of its range (or not free at all).
+    /// The limit of row `r` that `value` is beyond.
     #[inline(always)]
-    pub fn at_stop(&self, i: usize) -> bool {
-        match self.variable_side[i] {
-            Side::Free => false,
-            Side::Lower => self.lo_is_stop[i],
-            Side::Upper => self.hi_is_stop[i],
-            Side::Both => true,
+    pub fn crossed(&self, r: usize, value: f64) -> Option<Side> {
+        if value < self.lower[r] - CROSSED {
+            Some(Side::Lower)
+        } else if value > self.upper[r] + CROSSED {
+            Some(Side::Upper)
+        } else {
+            None
         }
     }
 

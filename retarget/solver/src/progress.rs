@@ -1,0 +1,174 @@
+//! How each level fares from iteration to iteration of one frame: when to stop, what to damp, who has to wait.
+
+use crate::body::Body;
+use crate::kinematics::Pose;
+use crate::layout::Placed;
+
+/// Errors (m, rad, summed over a level's tasks) below this are met.
+const MET: f64 = 1e-6;
+/// An error that changes by less than this share neither falls nor grows.
+const CHANGE: f64 = 1e-3;
+/// A level whose error is below this is kept; one that was kept and is above it is broken.
+const KEPT: f64 = 1e-4;
+/// A step that breaks a kept level by more than this was too large: a part of it is taken back, and lower levels wait.
+const BADLY: f64 = 5e-4;
+/// Damping below this share of its length is none: what is met but for a fraction of a millimetre is not out of reach.
+const LEAST_DAMPING: f64 = 0.02;
+/// A task is far from its goal from this many times on what is asked of it in one iteration, and twice that is as far as it gets.
+const FAR: f64 = 2.0;
+
+#[derive(Clone, Debug, Default)]
+struct Level {
+    /// Made of tasks that have an error; a level with a posture is never done.
+    counts: bool,
+    /// Sum of the error norms of its tasks, now and an iteration before.
+    error: f64,
+    before: f64,
+    /// Its error was small in this frame or at the end of the last one.
+    kept: bool,
+    /// Weighted size of what the last step should have brought and did not.
+    unmet: f64,
+    /// Largest such part of a task, in what is asked of it in one iteration.
+    distance: f64,
+    /// Asks for nothing new in this iteration.
+    waits: bool,
+}
+
+/// What the posture is that is looked at.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Moment {
+    /// That of the frame before, with the targets of this one.
+    Start,
+    /// After a step towards the targets.
+    Step,
+    /// After a part of this step was taken back.
+    StepTakenBack,
+}
+
+#[derive(Clone, Debug)]
+pub struct Progress {
+    levels: Vec<Level>,
+    errors_before: Vec<f64>,
+    /// The level of lowest priority that counts.
+    lowest: Option<usize>,
+}
+
+impl Progress {
+    pub fn new(counts: &[bool]) -> Self {
+        let levels = counts.iter().map(|c| Level { counts: *c, ..Level::default() }).collect();
+        let mut progress = Self { levels, errors_before: vec![], lowest: counts.iter().rposition(|c| *c) };
+        progress.reset();
+        progress
+    }
+
+    /// Nothing is known of the posture.
+    pub fn reset(&mut self) {
+        for level in &mut self.levels {
+            *level = Level { counts: level.counts, error: f64::INFINITY, ..Level::default() };
+        }
+    }
+
+    /// Look at the posture. Writes every present task's error norm.
+    pub fn look(
+        &mut self,
+        body: &Body,
+        pose: &Pose,
+        placed: &[Placed],
+        targets: &[f64],
+        moment: Moment,
+        errors: &mut [f64],
+    ) {
+        if moment != Moment::StepTakenBack {
+            self.errors_before.clear();
+            self.errors_before.extend_from_slice(errors);
+        }
+        for level in &mut self.levels {
+            if moment == Moment::Start {
+                level.kept = level.error <= KEPT;
+                level.waits = false;
+            }
+            if moment != Moment::StepTakenBack {
+                level.before = level.error;
+            }
+            level.error = 0.0;
+            if moment != Moment::Start && !level.waits {
+                (level.unmet, level.distance) = (0.0, 0.0);
+            }
+        }
+        for ((error, before), p) in errors.iter_mut().zip(&self.errors_before).zip(placed) {
+            let target = &targets[p.target.clone()];
+            if !p.task.is_present(target) {
+                *error = f64::NAN;
+                continue;
+            }
+            let (norm, energy) = p.task.error_size(body, pose, target);
+            *error = norm;
+            let level = &mut self.levels[p.level];
+            if !level.counts {
+                continue;
+            }
+            level.error += norm;
+            let most = p.task.max_error;
+            let left = if moment != Moment::Start {
+                let brought = ((before - norm) / before.min(most)).clamp(0.0, 1.0);
+                norm * (1.0 - brought) * (1.0 - brought)
+            } else {
+                // What is far off will not be reached by the next step either.
+                (norm - FAR * most).max(0.0)
+            };
+            if left > 0.0 && !level.waits {
+                let unmet = energy.sqrt() * left.min(most) / norm;
+                level.unmet = if moment != Moment::Start { level.unmet.hypot(unmet) } else { level.unmet.max(unmet) };
+                level.distance = level.distance.max(left / most);
+            }
+        }
+        for level in &mut self.levels {
+            level.kept |= level.error <= KEPT;
+        }
+    }
+
+    /// No error falls any more, and none has grown that may yet be taken back.
+    pub fn is_done(&self) -> bool {
+        self.levels.iter().enumerate().all(|(k, l)| {
+            let falls = l.error < (1.0 - CHANGE) * l.before;
+            let grew = l.error > (1.0 + CHANGE) * l.before && Some(k) != self.lowest;
+            l.error <= MET || !(falls || grew)
+        })
+    }
+
+    /// Damping (m/rad) of a level: its square is `length` (m) times what the last step left. So a level that is met is not
+    /// damped, and one that asks for what cannot be is; as in T. Sugihara, "Solvability-unconcerned inverse kinematics by the
+    /// Levenberg-Marquardt method", IEEE Trans. Robotics 27(5), 2011. What a kept level lost to lower ones it gets back undamped.
+    pub fn damping(&self, level: usize, length: f64) -> f64 {
+        let level = &self.levels[level];
+        let damping = (length * level.unmet).sqrt();
+        if damping < LEAST_DAMPING * length {
+            0.0
+        } else {
+            damping
+        }
+    }
+
+    /// Whether a level is so far from its goal that it need not hurry: 0 is near, 1 far.
+    pub fn patience(&self, level: usize) -> f64 {
+        (self.levels[level].distance / FAR - 1.0).clamp(0.0, 1.0)
+    }
+
+    /// The step has broken a level badly that was kept.
+    pub fn went_too_far(&self) -> bool {
+        self.levels.iter().any(|l| l.kept && l.error > l.before + BADLY)
+    }
+
+    /// Levels below a broken one wait, but for those that were kept themselves. `late`: there is little time left in this frame.
+    pub fn decide_who_waits(&mut self, late: bool) {
+        let mut broken = false;
+        for level in &mut self.levels {
+            level.waits = broken && !level.kept;
+            broken |= level.error > if late { KEPT } else { level.before + BADLY };
+        }
+    }
+
+    pub fn waits(&self, level: usize) -> bool {
+        self.levels[level].waits
+    }
+}
