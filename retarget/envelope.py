@@ -82,7 +82,7 @@ def measure_envelope(
     probe = _Probe(body, limits, start, pelvis, trunk, soles, edges)
     bottom, top = probe.extreme(-STEP_M), probe.extreme(STEP_M)
     heights = np.linspace(bottom + SPARE * (top - bottom), top, HEIGHTS)
-    lean = np.array([[probe.lean(float(height), direction) for direction in DIRECTIONS] for height in heights])
+    lean = np.array([probe.leans(float(height)) for height in heights])
     return Envelope(heights, np.maximum((1.0 - SPARE) * lean, 1e-3))
 
 
@@ -140,11 +140,17 @@ class _Probe:
             reached = height
         return reached
 
-    def lean(self, height: float, direction: tuple[float, float]) -> float:
-        """Lean (rad) reached towards a direction with the pelvis at `height` m."""
+    def leans(self, height: float) -> list[float]:
+        """Lean (rad) reached towards each of DIRECTIONS with the pelvis at `height` m."""
         self._solver.reset(self._start)
         for between in np.linspace(self._standing, height, 2 + int(abs(height - self._standing) / STEP_M)):
             self._go(float(between), rotations.IDENTITY)
+        upright = self._solver.q
+        return [self._lean(upright, height, direction) for direction in DIRECTIONS]
+
+    def _lean(self, upright: FloatArray, height: float, direction: tuple[float, float]) -> float:
+        """Lean (rad) reached towards a direction from the posture `upright` (nq,), with the pelvis at `height` m."""
+        self._solver.reset(upright)
         x, y = direction
         reached = 0.0
         for asked in np.arange(STEP_RAD, FARTHEST_RAD, STEP_RAD):
