@@ -7,7 +7,7 @@ and the last way to a stop that was found good is followed instead. From rest on
 and a stop that is asked for at any tick goes along one.
 """
 
-from math import ceil
+from math import ceil, hypot
 
 import numpy as np
 
@@ -33,6 +33,10 @@ NO_WAY_BACK = 1e-9
 """Share of the way back to where the stop began: joints are to stand still, wherever they are by then."""
 LONGEST = 100
 """Most ticks of a way; what takes longer to stop is not admitted."""
+SHORT_RAD = 0.05
+"""A stop in which no joint of a leg turns by more than this needs no way to be looked for, where nothing is near."""
+PLANTED_M = 0.1 * SOLE_M
+"""How far (m) a corner of a sole may be from its place at the beginning of such a stop, and in the tick before."""
 
 
 class Stopping:
@@ -49,6 +53,9 @@ class Stopping:
         self._legs = np.flatnonzero(carrying & np.isfinite(limits.max_acceleration))
         self._slowness = 1.0 / limits.max_acceleration[self._legs]
         single, address = body.scalar_joints()
+        self._leg_columns = address[self._legs]
+        self._lowest, self._highest = limits.lower[self._legs] + SHORT_RAD, limits.upper[self._legs] - SHORT_RAD
+        self._height = float(self._body.centre_of_mass(stance.q[None])[0, 2])
         self._free = np.flatnonzero(single & ~carrying)
         self._columns = address[self._free]
         soles = [(sole, _spread(sole.outline)) for sole in stance.soles]
@@ -72,6 +79,28 @@ class Stopping:
 
         If so, its way to the stop becomes the one that `follow` goes along.
         """
+        return self._stops_short(q, velocity) or self._finds_way(q, velocity, dt)
+
+    def _stops_short(self, q: FloatArray, velocity: FloatArray) -> bool:
+        """Whether it surely can, because it hardly moves. Its way is looked for when somebody is to follow it.
+
+        The legs may then all brake in proportion: they turn too little to move the soles otherwise than now, not at
+        all, and none comes to its limit. The centre of mass goes half as far as the root would go on in that time.
+        """
+        legs, angles = np.abs(velocity[self._legs]), q[self._leg_columns]
+        time = float((legs * self._slowness).max())  # [s] that the slowest of them needs
+        if 0.5 * time * float(legs.max()) > SHORT_RAD or ((angles < self._lowest) | (angles > self._highest)).any():
+            return False
+        slip, shortfall = self._losses(q[None])
+        speed = hypot(*velocity[:3].tolist()) + self._height * hypot(*velocity[3:6].tolist())  # [m/s]
+        if max(slip, self._slip) > PLANTED_M or shortfall + time * speed > 0.0:
+            return False
+        self._way, self._at, self._known, self._velocity = q[None], 0, False, velocity
+        self._slip, self._shortfall = slip, shortfall
+        return True
+
+    def _finds_way(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
+        """Whether it can by a way that is found and verified here, which becomes the one that `follow` goes along."""
         way, ticks = q[None], self._ticks(velocity, dt)
         if ticks > LONGEST:
             return False
@@ -97,10 +126,11 @@ class Stopping:
 
     def knows_way(self, dt: float) -> bool:
         """Whether there is a way to follow; where it is not known any more, it is looked for."""
-        return self._known or self.admits(self._way[0], self._velocity, dt)
+        return self._known or self._finds_way(self._way[0], self._velocity, dt)
 
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands."""
+        self.knows_way(dt)
         before = self._way[self._at]
         self._at = min(self._at + 1, len(self._way) - 1)
         now = self._way[self._at].copy()
@@ -115,7 +145,7 @@ class Stopping:
         """Most that a corner of a sole is off (m), and that the centre of mass falls short of its margin (m)."""
         corners = self._body.points(way, self._links, self._local)
         corners -= self._planted
-        off = float(np.einsum("tcx,tcx->tc", corners, corners).max()) ** 0.5
+        off = float((corners * corners).sum(axis=2).max()) ** 0.5
         return off, BALANCE_M - float(support_distance(self._body.centre_of_mass(way), self._outline).min())
 
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from followers import DT, op3
+from followers import DT, follow, follower, op3, performer, postures
 from retarget.following_limits import following_limits
 from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
 from retarget.stance import Stance, plant
-from retarget.stopping import SOLE_M, Stopping
+from retarget.stopping import PLANTED_M, SHORT_RAD, SOLE_M, Stopping
 
 
 def stance() -> Stance:
@@ -21,15 +21,17 @@ def stopping() -> Stopping:
 
 def upward(speed: float) -> FloatArray:
     """Velocity (nv,) of a robot that rises straight at `speed` m/s on planted soles, from its standing posture."""
-    where, body = stance(), op3().body.solver_body()
-    rows, wanted = [], []
-    for sole in where.soles:
+    return moving(stance().q, np.array([0.0, 0.0, speed, 0.0, 0.0, 0.0]))
+
+
+def moving(q: FloatArray, root: FloatArray) -> FloatArray:
+    """Velocity (nv,) of a robot on planted soles in posture q (nq,) whose root moves at `root` (6,)."""
+    body, rows = op3().body.solver_body(), []
+    for sole in stance().soles:
         x, y, z = sole.frame.position.tolist()
-        rows.append(body.frame_jacobian(where.q, sole.frame.body, (x, y, z)))
-        wanted.append(np.zeros(6))
+        rows.append(body.frame_jacobian(q, sole.frame.body, (x, y, z)))
     rows.append(np.eye(6, op3().body.nv))
-    wanted.append(np.array([0.0, 0.0, speed, 0.0, 0.0, 0.0]))
-    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
+    return np.linalg.lstsq(np.concatenate(rows), np.concatenate([np.zeros(12), root]), rcond=None)[0]
 
 
 def test_at_rest_it_may_stay() -> None:
@@ -77,6 +79,48 @@ def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
         assert (np.abs(now - before) <= limits.max_acceleration * DT * (1.0 + 1e-6)).all()
         before, ticks = now, ticks + 1
     assert ticks > 5
+
+
+def test_a_stop_that_is_taken_for_granted_is_found_when_it_is_looked_for() -> None:
+    human, random = postures(performer()), np.random.default_rng(1)
+    done = follow(follower(), human[: len(human) // 2]).q
+    guard, short = stopping(), 0
+    for q in done[:: len(done) // 100]:
+        for _ in range(3):
+            root = random.normal(size=6) * (0.3, 0.3, 0.3, 1.0, 1.0, 1.0)
+            velocity = moving(q, root * random.integers(0, 2, 6))
+            legs = np.abs(velocity[standing_dofs(op3())][6:])
+            # As fast as a short stop allows, and somewhat faster.
+            velocity *= np.sqrt(1.2 * SHORT_RAD * 2.0 * 40.0) * random.uniform() / max(float(legs.max()), 1e-9)
+            guard.begin(stance().q)
+            if guard._stops_short(q, velocity):
+                assert guard.knows_way(DT), velocity
+                assert guard._known
+                short += 1
+    assert short > 100
+
+
+def test_a_stop_at_a_limit_or_off_the_ground_is_not_taken_for_granted() -> None:
+    guard, where = stopping(), stance()
+    assert guard._stops_short(where.q, upward(0.02))
+    q, limits = where.q.copy(), following_limits(op3(), where)
+    knee = op3().body.dof_index("l_knee")
+    _, address = op3().body.scalar_joints()
+    q[address[knee]] = limits.upper[knee]
+    assert not guard._stops_short(q, np.zeros(op3().body.nv))
+    lifted = where.q + 2.0 * PLANTED_M * (np.arange(where.q.size) == 2)
+    assert not guard._stops_short(lifted, np.zeros(op3().body.nv))
+    guard.begin(lifted)  # the soles move
+    assert not guard._stops_short(where.q, np.zeros(op3().body.nv))
+
+
+def test_a_stop_towards_the_edge_is_not_taken_for_granted() -> None:
+    guard, where = stopping(), stance()
+    inside = -guard._losses(where.q[None])[1]
+    guard._outline = where.edges(inside - 0.001)  # the centre of mass is 1 mm within its margin
+    sway = moving(where.q, np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
+    assert guard._stops_short(where.q, 0.1 * sway)
+    assert not guard._stops_short(where.q, sway)
 
 
 def test_a_robot_that_was_moved_otherwise_looks_for_a_new_way() -> None:
