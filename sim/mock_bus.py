@@ -14,6 +14,7 @@ from sim.servo_load import ServoLoad
 from sim.servo_motion import loop_lag, saturated_lag
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
+ALERT_BIT = np.uint8(0x80)  # of the error byte
 
 
 class MockBus:
@@ -51,7 +52,7 @@ class MockBus:
         self._goal: FloatArray = np.array(
             [model.centre_tick for model in models], dtype=np.float64
         )  # (n,) register [tick]
-        self._velocity = np.zeros(count)  # (n,) [tick/s]
+        self._velocity = np.zeros(count)  # (n,) [rad/s]
         self._load = ServoLoad(np.array([model.voltage for model in models]), self._top * self._tick_rad)
         self._nobody = np.zeros(count, dtype=np.bool_)
         self._torque = self._nobody.copy()
@@ -93,12 +94,12 @@ class MockBus:
                     what="the port takes no data", where="mock bus, write", then="Check that the adapter is plugged in"
                 )
             )
-        if goals.ticks.shape != self._last.shape or np.any((goals.ticks < 0) | (goals.ticks > self._last)):
+        if goals.ticks.shape != self._last.shape or ((goals.ticks < 0) | (goals.ticks > self._last)).any():
             text = describe(
                 what="goal ticks out of range", where="mock bus, write", found=goals.ticks, allowed=f"0 to {self._last}"
             )
             raise BusError(text)
-        self._goal = np.where(self._silent(), self._goal, goals.ticks).astype(np.float64)
+        self._goal = np.where(self._silent(), self._goal, goals.ticks)
 
     def torque(self, on: bool) -> None:
         """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come
@@ -131,11 +132,9 @@ class MockBus:
         before = self._velocity
         moved, velocity = saturated_lag(self._goal - self._position, lag=self._lag, top=self._top, elapsed=elapsed)
         turns = self._torque > self._struck(FaultKind.STUCK)  # has torque, and is not stuck
-        self._position = np.where(turns, self._position + moved, self._position)
-        self._velocity = np.where(turns, velocity, 0.0)
-        self._load.advance(
-            before=before * self._tick_rad, after=self._velocity * self._tick_rad, torque=self._torque, elapsed=elapsed
-        )
+        self._position = self._position + turns * moved
+        self._velocity = turns * velocity * self._tick_rad
+        self._load.advance(before=before, after=self._velocity, torque=self._torque, elapsed=elapsed)
 
     def _registers(self) -> ServoStates:
         """What the registers of all servos show now, rounded as they round."""
@@ -143,11 +142,11 @@ class MockBus:
         return ServoStates(
             time=self._time,
             position=np.rint(self._position).astype(np.int64),
-            velocity=np.rint(self._velocity * self._tick_rad / VELOCITY_UNIT) * VELOCITY_UNIT,
+            velocity=np.rint(self._velocity / VELOCITY_UNIT) * VELOCITY_UNIT,
             current=np.rint(self._load.current / self._current_unit) * self._current_unit,
-            voltage=self._said(FaultKind.SUPPLY, np.round(self._load.voltage, 1)),
+            voltage=self._said(FaultKind.SUPPLY, np.rint(10.0 * self._load.voltage) / 10.0),
             temperature=self._said(FaultKind.HOT, np.rint(self._load.temperature)),
-            error=np.where(self._alert != 0, 0x80, 0).astype(np.uint8),
+            error=ALERT_BIT * (self._alert != 0),
             alert=self._alert.copy(),
             age=np.zeros(count),
             valid=np.ones(count, dtype=np.bool_),

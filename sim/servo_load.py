@@ -36,8 +36,8 @@ class ServoLoad:
     def advance(self, *, before: FloatArray, after: FloatArray, torque: BoolArray, elapsed: float) -> None:
         """Move on by `elapsed` s, in which the shaft velocities (n,) rad/s went from `before` to `after`."""
         share = np.abs(after) / self._top
-        inertia = INERTIA * np.abs(after - before) / elapsed / TORQUE_PER_AMPERE  # [A]
+        inertia = INERTIA / elapsed / TORQUE_PER_AMPERE * np.abs(after - before)  # [A]
         drive = np.minimum(FRICTION_CURRENT * (share > 1e-3) + SPEED_CURRENT * share + inertia, LARGEST_CURRENT)
-        self.current = IDLE_CURRENT + np.where(torque, drive, 0.0)
+        self.current = IDLE_CURRENT + torque * drive
         final = AMBIENT + HEAT_PER_AMPERE2 * self.current**2
         self.temperature = self.temperature - (final - self.temperature) * np.expm1(-elapsed / HEAT_TIME)

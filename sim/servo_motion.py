@@ -40,7 +40,6 @@ def saturated_lag(
     knee = top * lag  # below this error the loop no longer saturates
     cruise = np.minimum(np.maximum((distance - knee) / top, 0.0), elapsed)  # [s] at top speed
     left = distance - cruise * top  # error when the cruise ends
-    decay = np.exp(-(elapsed - cruise) / np.maximum(lag, 1e-12))
-    final = left * decay
-    speed = np.where(cruise < elapsed, final / np.maximum(lag, 1e-12), top)
-    return np.copysign(distance - final, error), np.copysign(np.minimum(speed, top), error)
+    lag = np.maximum(lag, 1e-12)
+    final = left * np.exp((cruise - elapsed) / lag)
+    return np.copysign(distance - final, error), np.copysign(np.minimum(final / lag, top), error)
