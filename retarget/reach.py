@@ -38,7 +38,7 @@ class Reach:
         if self._anchor is None or not present[self._anchor]:
             return
         away = position - position[self._anchor]
-        distance = np.sqrt(np.einsum("ij,ij->i", away, away))
+        distance = np.sqrt((away * away).sum(axis=1))
         too_far = present & (distance > self._furthest)
         if too_far.any():
             share = self._furthest[too_far] / distance[too_far]

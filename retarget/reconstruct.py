@@ -74,14 +74,15 @@ class Reconstructor:
         self._balance_errors = [i for i, s in enumerate(self._hierarchy.slots) if s.kind in _BALANCE]
         self._crouch = _crouch(priorities, human)
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
-        self._joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
+        joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
+        self._joints_of = np.array(joints_of, dtype=np.int64)
         self._intake = SensorIntake(len(names))
-        self._reach = Reach(names, [POINTS[index] for index in self._joints_of], human.dimensions)
+        self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
         self._source, self._slots = self._hierarchy.position_slots(names)
         self._block = np.zeros((len(names), 4))
         self._targets = self._hierarchy.blank()
         self._q = human.posture("natural")
-        self._joints = self._reader.joints(self._q[None])[0]
+        self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -127,7 +128,7 @@ class Reconstructor:
             if "head" in known:
                 self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
             position, valid = self._with_feet(position, valid)
-        self._intake.step(position, valid, reached=self._joints[self._joints_of], dt=dt)
+        self._intake.step(position, valid, reached=self._reached, dt=dt)
         self._reach.clamp(self._intake.position, self._intake.present)
         points = self._present()
         turns = self._worn.orientations(sample)
@@ -156,16 +157,17 @@ class Reconstructor:
 
     def _posture(self) -> HumanPosture:
         row = self._q[None]
-        self._joints = self._reader.joints(row)[0]
+        joints = self._reader.joints(row)[0]
+        self._reached = joints[self._joints_of]
         worn = len(self.sensors)
-        error = self._intake.measured[:worn] - self._joints[self._worn.joints]
-        distance = np.sqrt(np.einsum("ij,ij->i", error, error))
+        error = (self._intake.measured - self._reached)[:worn]
+        distance = np.sqrt((error * error).sum(axis=1))
         distance[~self._intake.present[:worn]] = np.nan
         task_errors = self._hierarchy.solver.task_errors
         return HumanPosture(
             q=self._q,
             joint_names=POINTS,
-            joints=self._joints,
+            joints=joints,
             orientations=self._reader.orientations(row)[0],
             centre_of_mass=self._reader.centre_of_mass(row)[0],
             sensor_error=distance,

@@ -45,8 +45,8 @@ class SensorIntake:
         """The sample `dt` seconds later. reached (k, 3): where the body has the sensors now."""
         moved = position - self.measured
         # NaN compares false: an invalid sensor never counts as a calm one.
-        calm = np.einsum("ij,ij->i", moved, moved) <= (FASTEST_M_S * dt) ** 2
-        if not (calm & valid & self.present).all() or self._lost_for.any():
+        calm = (moved * moved).sum(axis=1) <= (FASTEST_M_S * dt) ** 2
+        if not (calm & valid).all() or self._lost_for.any():
             self._take_irregular(position, valid, calm, reached=reached, dt=dt)
         else:
             self.measured[:] = position

@@ -38,14 +38,15 @@ class WornSensors:
         self.oriented = [self.names.index(name) for name in performer.oriented]
         self._rest = [self._rest_of(human, performer.sensors[name].joint, rest) for name in performer.oriented]
         self._sample_names: tuple[str, ...] = ()
-        self._columns: list[int] = []
+        self._columns = np.zeros(0, dtype=np.int64)
         self._exists: BoolArray = np.zeros(len(self.names), dtype=bool)
 
     def read(self, sample: SensorSample) -> tuple[FloatArray, BoolArray]:
         """Positions (k, 3) m and which of them are valid (k,)."""
         if sample.names is not self._sample_names:
             self._sample_names = sample.names
-            self._columns = [sample.names.index(name) if name in sample.names else 0 for name in self.names]
+            names = sample.names
+            self._columns = np.array([names.index(name) if name in names else 0 for name in self.names], dtype=np.int64)
             self._exists = np.array([name in sample.names for name in self.names])
         position = sample.position[self._columns]
         return position, sample.valid[self._columns] & self._exists & np.isfinite(position).all(axis=1)
