@@ -27,8 +27,8 @@ LONG_BLOCKS = range(10_000, 21_000, 20 * BLOCK)
 ROUGH_BLOCKS = range(50_000, 50_200, BLOCK)
 
 
-def solve(problem: Hierarchy) -> _solver.HierarchyResult:
-    """One linear solve by the code under test."""
+def solve(problem: Hierarchy, damping: float = 0.0) -> _solver.HierarchyResult:
+    """One linear solve by the code under test; every level is damped alike."""
     return _solver.solve_hierarchy(
         problem.tuples(),
         problem.lo,
@@ -36,7 +36,7 @@ def solve(problem: Hierarchy) -> _solver.HierarchyResult:
         weight=problem.weight,
         reference=problem.ref,
         soft=problem.soft,
-        damping=0.0,
+        damping=damping,
     )
 
 
@@ -91,14 +91,15 @@ def test_near_singular_levels_without_damping(start: int) -> None:
     assert_right(range(start, start + BLOCK), ROUGH_CHANGES)
 
 
+@pytest.mark.parametrize("damping", [0.0, 0.05, 1.0])
 @pytest.mark.parametrize("start", SHORT_BLOCKS)
-def test_lower_levels_change_nothing_above(start: int) -> None:
+def test_lower_levels_change_nothing_above(start: int, damping: float) -> None:
     faults = []
     for seed in range(start, start + BLOCK):
         problem = random_hierarchy(seed)
-        whole = solve(problem).x
+        whole = solve(problem, damping).x
         for count in range(1, len(problem.levels)):
-            alone = solve(problem.first(count)).x
+            alone = solve(problem.first(count), damping).x
             change = np.abs(problem.residuals(whole)[:count] - problem.residuals(alone)[:count])
             share = change / np.maximum(1.0, problem.sizes(alone)[:count])
             if share.max() > STRICT:

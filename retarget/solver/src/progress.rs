@@ -10,8 +10,8 @@ const MET: f64 = 1e-6;
 const CHANGE: f64 = 1e-3;
 /// A level whose error is below this is kept; one that was kept and is above it is broken.
 const KEPT: f64 = 1e-4;
-/// A step that breaks a kept level by more than this was too large: a part of it is taken back, and lower levels wait.
-const BADLY: f64 = 5e-4;
+/// A step that makes a level worse by more than this was too large: a part of it is taken back, and lower levels wait.
+const MUCH: f64 = 5e-4;
 /// Damping below this share of its length is none: what is met but for a fraction of a millimetre is not out of reach.
 const LEAST_DAMPING: f64 = 0.02;
 /// A task is far from its goal from this many times on what is asked of it in one iteration, and twice that is as far as it gets.
@@ -154,9 +154,10 @@ impl Progress {
         (self.levels[level].distance / FAR - 1.0).clamp(0.0, 1.0)
     }
 
-    /// The step has broken a level badly that was kept.
+    /// The first level that the step has changed much has grown worse: the step was too large for its linear model.
     pub fn went_too_far(&self) -> bool {
-        self.levels.iter().any(|l| l.kept && l.error > l.before + BADLY)
+        let changed = self.levels.iter().find(|l| (l.error - l.before).abs() > MUCH);
+        changed.is_some_and(|l| l.error > l.before)
     }
 
     /// Levels below a broken one wait, but for those that were kept themselves. `late`: there is little time left in this frame.
@@ -164,7 +165,7 @@ impl Progress {
         let mut broken = false;
         for level in &mut self.levels {
             level.waits = broken && !level.kept;
-            broken |= level.error > if late { KEPT } else { level.before + BADLY };
+            broken |= level.error > if late { KEPT } else { level.before + MUCH };
         }
     }
 
