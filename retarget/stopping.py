@@ -33,10 +33,12 @@ NO_WAY_BACK = 1e-9
 """Share of the way back to where the stop began: joints are to stand still, wherever they are by then."""
 LONGEST = 100
 """Most ticks of a way; what takes longer to stop is not admitted."""
-SHORT_RAD = 0.05
+SHORT_RAD = 0.03
 """A stop in which no joint of a leg turns by more than this needs no way to be looked for, where nothing is near."""
 PLANTED_M = 0.1 * SOLE_M
 """How far (m) a corner of a sole may be from its place at the beginning of such a stop, and in the tick before."""
+ROUND_OFF = 1e-9
+"""How far (rad) beyond its limit a joint that rests there may seem to be."""
 
 
 class Stopping:
@@ -54,7 +56,8 @@ class Stopping:
         self._slowness = 1.0 / limits.max_acceleration[self._legs]
         single, address = body.scalar_joints()
         self._leg_columns = address[self._legs]
-        self._lowest, self._highest = limits.lower[self._legs] + SHORT_RAD, limits.upper[self._legs] - SHORT_RAD
+        self._lowest = limits.lower[self._legs] - ROUND_OFF
+        self._highest = limits.upper[self._legs] + ROUND_OFF
         self._height = float(self._body.centre_of_mass(stance.q[None])[0, 2])
         self._free = np.flatnonzero(single & ~carrying)
         self._columns = address[self._free]
@@ -85,15 +88,17 @@ class Stopping:
         """Whether it surely can, because it hardly moves. Its way is looked for when somebody is to follow it.
 
         The legs may then all brake in proportion: they turn too little to move the soles otherwise than now, not at
-        all, and none comes to its limit. The centre of mass goes half as far as the root would go on in that time.
+        all. Going on unbraked for as long, none would come to its limit, nor the centre of mass to its margin.
         """
-        legs, angles = np.abs(velocity[self._legs]), q[self._leg_columns]
-        time = float((legs * self._slowness).max())  # [s] that the slowest of them needs
-        if 0.5 * time * float(legs.max()) > SHORT_RAD or ((angles < self._lowest) | (angles > self._highest)).any():
+        legs = velocity[self._legs]
+        speed = np.abs(legs)
+        time = float((speed * self._slowness).max())  # [s] that the slowest of them needs
+        ahead = q[self._leg_columns] + time * legs
+        if 0.5 * time * float(speed.max()) > SHORT_RAD or ((ahead < self._lowest) | (ahead > self._highest)).any():
             return False
         slip, shortfall = self._losses(q[None])
-        speed = hypot(*velocity[:3].tolist()) + self._height * hypot(*velocity[3:6].tolist())  # [m/s]
-        if max(slip, self._slip) > PLANTED_M or shortfall + time * speed > 0.0:
+        root = hypot(*velocity[:3].tolist()) + self._height * hypot(*velocity[3:6].tolist())  # [m/s]
+        if max(slip, self._slip) > PLANTED_M or shortfall + time * root > 0.0:
             return False
         self._way, self._at, self._known, self._velocity = q[None], 0, False, velocity
         self._slip, self._shortfall = slip, shortfall
