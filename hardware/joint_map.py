@@ -64,11 +64,13 @@ class JointMap:
         upstream, never clipped here.
         """
         exact = self._zero + self._scale * positions
+        inside = (positions >= self.lower) & (positions <= self.upper)
+        nearest: FloatArray = np.minimum(np.maximum(np.rint(exact), self._first_inside), self._last_inside)
+        if inside.all():
+            return nearest.astype(np.int64)
         if not np.isfinite(exact).all():
             raise HardwareError(self._complaint(positions, ~np.isfinite(exact), "a joint angle is not a finite number"))
-        ticks = np.rint(exact).astype(np.int64)
-        inside = (positions >= self.lower) & (positions <= self.upper)
-        ticks = np.where(inside, np.minimum(np.maximum(ticks, self._first_inside), self._last_inside), ticks)
+        ticks = np.where(inside, nearest, np.rint(exact)).astype(np.int64)
         beyond = (ticks < 0) | (ticks > self._last)
         if beyond.any():
             raise HardwareError(self._complaint(positions, beyond, "a joint angle is beyond the servo's travel"))

@@ -165,7 +165,7 @@ class Gate:
         asked = goal - self._position
         if np.maximum(lo - asked, asked - hi).max() > ROUND_OFF:
             return braked, self._classify(goal, asked)
-        admitted = np.clip(asked, lo, hi)
+        admitted = np.minimum(np.maximum(asked, lo), hi)
         if self._path_is_clear is not None and not self._path_is_clear(self._path(admitted)):
             return braked, GateReason.COLLISION
         return admitted, GateReason.PASSED

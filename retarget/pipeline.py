@@ -13,7 +13,6 @@ from hardware.clock import MonotonicClock, thread_cpu
 from hardware.guard import Think
 from hardware.guard_state import GuardState
 from retarget.clip import Clip
-from retarget.human_posture import HumanPosture
 from retarget.record import HumanRecord, Phase, Record, Timing
 from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
@@ -134,20 +133,20 @@ class Pipeline:
     def _think(self, states: ServoStates) -> FloatArray:
         """From the servo states to a goal posture, rad (n,), inside the guard's tick."""
         assert self._robot is not None
-        human = self._reconstruct()
-        begun = thread_cpu()
-        goal = self._robot.follow(human)
+        begun = self._reconstruct()
+        goal = self._robot.follow(self._human)
         self._record.timing.retarget[self._row] = thread_cpu() - begun
         return goal
 
-    def _reconstruct(self) -> HumanPosture:
-        """From what the sensors say at this tick to the posture of the human."""
+    def _reconstruct(self) -> float:
+        """From what the sensors say at this tick to the posture of the human. Returns thread CPU at its end, s."""
         begun = thread_cpu()
         sample = self._clip.sample(self._tick)
         if self._tick > 0:  # the first posture is where the reconstructor was started
             self._human = self._reconstructor.step(sample, self._clip.motion_dt)
-        self._record.timing.reconstruct[self._row] = thread_cpu() - begun
-        return self._human
+        ended = thread_cpu()
+        self._record.timing.reconstruct[self._row] = ended - begun
+        return ended
 
     def _keep_human(self, row: int, *, error: bool) -> None:
         kept = self._record.human
