@@ -138,7 +138,6 @@ class MockBus:
 
     def _registers(self) -> ServoStates:
         """What the registers of all servos show now, rounded as they round."""
-        count = len(self._servos)
         return ServoStates(
             time=self._time,
             position=np.rint(self._position).astype(np.int64),
@@ -148,8 +147,8 @@ class MockBus:
             temperature=self._said(FaultKind.HOT, np.rint(self._load.temperature)),
             error=ALERT_BIT * (self._alert != 0),
             alert=self._alert.copy(),
-            age=np.zeros(count),
-            valid=np.ones(count, dtype=np.bool_),
+            age=np.zeros(len(self._servos)),
+            valid=~self._nobody,
         )
 
     def _merged(self, fresh: ServoStates, missing: BoolArray) -> ServoStates:

@@ -21,7 +21,8 @@ class ServoLoad:
 
     def __init__(self, voltage: FloatArray, top_speed: FloatArray) -> None:
         self._nominal = voltage
-        self._top = top_speed
+        self._still = 1e-3 * top_speed
+        self._per_speed = SPEED_CURRENT / top_speed  # (n,) [A s/rad]
         self.current = np.full(voltage.size, IDLE_CURRENT)
         """Present current, (n,) A."""
         self.temperature = np.full(voltage.size, AMBIENT)
@@ -35,9 +36,9 @@ class ServoLoad:
 
     def advance(self, *, before: FloatArray, after: FloatArray, torque: BoolArray, elapsed: float) -> None:
         """Move on by `elapsed` s, in which the shaft velocities (n,) rad/s went from `before` to `after`."""
-        share = np.abs(after) / self._top
+        speed = np.abs(after)
         inertia = INERTIA / elapsed / TORQUE_PER_AMPERE * np.abs(after - before)  # [A]
-        drive = np.minimum(FRICTION_CURRENT * (share > 1e-3) + SPEED_CURRENT * share + inertia, LARGEST_CURRENT)
+        drive = np.minimum(FRICTION_CURRENT * (speed > self._still) + self._per_speed * speed + inertia, LARGEST_CURRENT)
         self.current = IDLE_CURRENT + torque * drive
-        final = AMBIENT + HEAT_PER_AMPERE2 * self.current**2
+        final = AMBIENT + HEAT_PER_AMPERE2 * self.current * self.current
         self.temperature = self.temperature - (final - self.temperature) * np.expm1(-elapsed / HEAT_TIME)

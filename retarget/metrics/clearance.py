@@ -76,7 +76,7 @@ class _Look:
 
     def has_pairs(self) -> bool:
         """Whether any two geoms are ever compared."""
-        links = sorted(set(self._link[self._link > 0].tolist()))
+        links = np.unique(self._link[self._link > 0])
         return bool(np.triu(~self._skip[np.ix_(links, links)], 1).any())
 
     def at(self, postures: FloatArray, distance: float) -> Clearance:
