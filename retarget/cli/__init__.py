@@ -40,10 +40,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _make_haste() -> None:
-    """In a process of our own: nobody collects garbage (0.1 s) or loads the windows of MuJoCo (40 ms)."""
+    """In a process of our own: nobody collects garbage (0.1 s), loads the windows of MuJoCo (40 ms), seeks plugins."""
     gc.disable()
     atexit.register(gc.freeze)
     os.environ.setdefault("MUJOCO_GL", "disable")
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 
 def _application(chosen: str | None) -> typer.Typer:
