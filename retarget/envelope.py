@@ -7,15 +7,15 @@ alone: body, joint limits, soles and stance. It is measured once, by the solver 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import atan2, hypot
 
 import numpy as np
 
-from retarget import rotations
 from retarget._solver import Solver, Task
 from retarget.body import BodyModel, Frame
 from retarget.hierarchy import JointLimits
 from retarget.rotations import FloatArray
+from retarget.scalar_rotations import Quat, product, rotated, turn
 
 __all__ = ["Envelope", "measure_envelope"]
 
@@ -31,6 +31,7 @@ FARTHEST_M, FARTHEST_RAD = 1.0, 1.4
 """Heights over or under the standing posture, and leans, beyond which nothing is tried."""
 SPARE = 0.05
 """Share of the crouch and of the lean that is not asked for: at its very end a leg has no room to brake."""
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 ITERATIONS = 8
 """Most of the solver, per step."""
 
@@ -134,7 +135,7 @@ class _Probe:
         reached = self._standing
         for count in range(1, int(FARTHEST_M / abs(step))):
             asked = self._standing + count * step
-            height = self._go(asked, rotations.IDENTITY)
+            height = self._go(asked, UPRIGHT)
             if not abs(height - asked) <= MISSED_M:
                 break
             reached = height
@@ -144,7 +145,7 @@ class _Probe:
         """Lean (rad) reached towards each of DIRECTIONS with the pelvis at `height` m."""
         self._solver.reset(self._start)
         for between in np.linspace(self._standing, height, 2 + int(abs(height - self._standing) / STEP_M)):
-            self._go(float(between), rotations.IDENTITY)
+            self._go(float(between), UPRIGHT)
         upright = self._solver.q
         return [self._lean(upright, height, direction) for direction in DIRECTIONS]
 
@@ -153,24 +154,24 @@ class _Probe:
         self._solver.reset(upright)
         x, y = direction
         reached = 0.0
-        for asked in np.arange(STEP_RAD, FARTHEST_RAD, STEP_RAD):
-            now = self._go(height, rotations.from_rotation_vector(np.array([-y, x, 0.0]) * asked))
-            up = rotations.rotate(self._orientation(self._solver.q, self._trunk), np.array([0.0, 0.0, 1.0]))
-            lean = float(np.arctan2(x * up[0] + y * up[1], up[2]))
+        for asked in np.arange(STEP_RAD, FARTHEST_RAD, STEP_RAD).tolist():
+            now = self._go(height, turn((-y * asked, x * asked, 0.0)))
+            up = rotated(self._orientation(self._solver.q, self._trunk), (0.0, 0.0, 1.0))
+            lean = atan2(x * up[0] + y * up[1], up[2])
             if not (abs(lean - asked) <= MISSED_RAD and abs(now - height) <= MISSED_M):
                 break
             reached = lean
         return reached
 
-    def _go(self, height: float, trunk: FloatArray) -> float:
-        """Go on to a height (m) and a trunk (4,). Returns the height reached; NaN where soles or balance are lost."""
-        self._set(2, 0, np.array([0.0, 0.0, height]))
+    def _go(self, height: float, trunk: Quat) -> float:
+        """Go on to a height (m) and a trunk. Returns the height reached; NaN where soles or balance are lost."""
+        self._set(2, 0, (0.0, 0.0, height))
         self._set(3, 0, trunk)
         q = self._solver.frame(self._targets, 1.0)
         lost = float(self._solver.task_errors[: self._kept].max()) > MISSED_M
         return float("nan") if lost else float(self._point(q, self._pelvis)[2])
 
-    def _set(self, level: int, task: int, target: FloatArray) -> None:
+    def _set(self, level: int, task: int, target: FloatArray | tuple[float, ...]) -> None:
         start, stop = self._solver.target_slice(level, task)
         self._targets[start] = 1.0
         self._targets[start + 1 : stop] = target
@@ -178,8 +179,8 @@ class _Probe:
     def _point(self, q: FloatArray, frame: Frame) -> FloatArray:
         return np.asarray(self._kinematics.points(q[None], [frame.body], frame.position[None])[0, 0])
 
-    def _orientation(self, q: FloatArray, frame: Frame) -> FloatArray:
-        return rotations.multiply(self._kinematics.orientations(q[None], [frame.body])[0, 0], frame.quat)
+    def _orientation(self, q: FloatArray, frame: Frame) -> Quat:
+        return product(_quat(self._kinematics.orientations(q[None], [frame.body])[0, 0]), _quat(frame.quat))
 
 
 def _sole_tasks(sole: Frame) -> tuple[Task, Task]:
@@ -191,6 +192,6 @@ def _triple(vector: FloatArray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _quat(quat: FloatArray) -> tuple[float, float, float, float]:
+def _quat(quat: FloatArray) -> Quat:
     w, x, y, z = quat.tolist()
     return w, x, y, z
