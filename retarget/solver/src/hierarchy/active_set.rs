@@ -9,7 +9,9 @@ use super::problem::{Outcome, Problem, Side, CROSSED};
 use super::{cascade, Workspace};
 
 /// Factorizations before the level-by-level method takes over.
-const MOST_CHANGES: u32 = 60;
+const MOST_CHANGES: u32 = 30;
+/// A step of less than this share of its way is none.
+const STILL: f64 = 1e-9;
 /// Rounds in which a damped level finds the ends of ranges that it runs into.
 const MOST_STOPS: u32 = 4;
 
@@ -85,8 +87,25 @@ fn damp<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &
             }
         }
     }
-    problem.variable_side.clone_from(&work.warm_variables);
+    start_from_path(problem, work);
+}
+
+/// The end of the path meets the lowered targets; what holds it there joins what the solve before held.
+fn start_from_path(problem: &mut Problem, work: &Workspace) {
     problem.row_side.clone_from(&work.warm_rows);
+    let path = work.factor.path();
+    for i in 0..problem.n {
+        let side = &mut problem.variable_side[i];
+        if *side == Side::Free {
+            *side = work.warm_variables[i];
+        }
+        if *side == Side::Free && path[i] > problem.hi[i] {
+            *side = Side::Upper;
+        } else if *side == Side::Free && path[i] < problem.lo[i] {
+            *side = Side::Lower;
+        }
+        problem.z[i] = path[i].max(problem.lo[i]).min(problem.hi[i]);
+    }
 }
 
 /// Hold variables that `path` takes beyond the end of their range, and rows before `rows_end` that it crosses. False if there are none.
@@ -120,17 +139,25 @@ fn hold_what_stops<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_en
 #[inline(always)]
 fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
     start::<FMA>(problem);
+    let mut released = None;
     for _ in 0..MOST_CHANGES {
         factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate);
         outcome.factorizations += 1;
         if let Some(step) = first_limit::<FMA>(problem, &work.candidate, problem.row_count()) {
+            if step.share < STILL && released == Some(step.limit) {
+                // Its multiplier was not unique: what was let go comes back at once, and would do so for ever.
+                break;
+            }
             advance(problem, &work.candidate, step.share);
             step.hold(problem);
             continue;
         }
         problem.z.copy_from_slice(&work.candidate);
         match work.multipliers.examine::<FMA>(problem, &work.factor, &work.candidate) {
-            Some(release) => let_go(problem, release),
+            Some(release) => {
+                released = Some(release);
+                let_go(problem, release);
+            }
             None => {
                 clamp_to_box(problem);
                 return;
@@ -154,13 +181,13 @@ fn start<const FMA: bool>(problem: &mut Problem) {
         };
     }
     problem.z[problem.n..].fill(0.0);
-    hold_violated_rows::<FMA>(problem);
+    hold_violated_rows::<FMA>(problem, problem.row_count());
 }
 
-/// Inequality rows that the present point violates join the active set.
+/// Inequality rows before `rows_end` that the present point violates join the active set.
 #[inline(always)]
-pub fn hold_violated_rows<const FMA: bool>(problem: &mut Problem) {
-    for r in 0..problem.row_count() {
+pub fn hold_violated_rows<const FMA: bool>(problem: &mut Problem, rows_end: usize) {
+    for r in 0..rows_end {
         if problem.present[r] && problem.row_side[r] == Side::Free {
             if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z)) {
                 problem.row_side[r] = side;

@@ -22,7 +22,7 @@ pub fn solve<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outco
     let mut locked = std::mem::take(&mut work.multipliers.locked);
     let mut locked_row = std::mem::take(&mut work.multipliers.locked_row);
     for k in 0..=problem.level_count() {
-        open_stage::<FMA>(problem, k, &locked, &locked_row);
+        open_stage::<FMA>(problem, work, k, &locked, &locked_row);
         work.multipliers.locked.clone_from(&locked);
         work.multipliers.locked_row.clone_from(&locked_row);
         if !run_stage::<FMA>(problem, work, k, outcome) {
@@ -35,27 +35,55 @@ pub fn solve<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outco
     work.multipliers.locked_row = locked_row;
 }
 
-/// Working set of stage k: what is locked, equalities, and violated rows.
+/// Working set of stage k: what is locked, equalities, violated rows; and what the stage before held, as long as that is
+/// independent of the rows of the stages before.
 #[inline(always)]
-fn open_stage<const FMA: bool>(problem: &mut Problem, k: usize, locked: &[bool], locked_row: &[bool]) {
+fn open_stage<const FMA: bool>(
+    problem: &mut Problem,
+    work: &mut Workspace,
+    k: usize,
+    locked: &[bool],
+    locked_row: &[bool],
+) {
+    let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
+    let before = if k == 0 { 0 } else { problem.level_end[k - 1] };
+    for r in end..problem.row_count() {
+        // Rows of later levels are no limits yet.
+        if problem.row_side[r] != Side::Both {
+            problem.row_side[r] = Side::Free;
+        }
+    }
+    let held_rank = rank_before::<FMA>(problem, work, k);
+    work.warm_variables.clone_from(&problem.variable_side);
+    work.warm_rows.clone_from(&problem.row_side);
     for i in 0..problem.n {
         if problem.variable_side[i] != Side::Both && !locked[i] {
             problem.variable_side[i] = Side::Free;
         }
     }
-    for r in 0..problem.row_count() {
+    let mut held_rows = 0;
+    for r in 0..end {
         if problem.row_side[r] != Side::Both && !locked_row[r] {
+            held_rows += usize::from(r < before && problem.row_side[r] != Side::Free);
             problem.row_side[r] = Side::Free;
         }
     }
-    hold_violated_rows::<FMA>(problem);
-    // Rows of later levels are no limits yet.
-    let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
-    for r in end..problem.row_count() {
-        if problem.row_side[r] != Side::Both {
-            problem.row_side[r] = Side::Free;
-        }
+    if held_rank == rank_before::<FMA>(problem, work, k) + held_rows {
+        problem.variable_side.clone_from(&work.warm_variables);
+        problem.row_side.clone_from(&work.warm_rows);
     }
+    hold_violated_rows::<FMA>(problem, end);
+}
+
+/// Rank of the held rows of the levels before k in the free columns.
+#[inline(always)]
+fn rank_before<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> usize {
+    let factor = &mut work.factor;
+    factor.restart(problem);
+    for level in 0..k {
+        factor.add_level::<FMA>(problem, level);
+    }
+    factor.rank()
 }
 
 #[inline(always)]
