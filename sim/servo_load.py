@@ -38,7 +38,7 @@ class ServoLoad:
         """Move on by `elapsed` s, in which the shaft velocities (n,) rad/s went from `before` to `after`."""
         speed = np.abs(after)
         inertia = INERTIA / elapsed / TORQUE_PER_AMPERE * np.abs(after - before)  # [A]
-        drive = np.minimum(FRICTION_CURRENT * (speed > self._still) + self._per_speed * speed + inertia, LARGEST_CURRENT)
-        self.current = IDLE_CURRENT + torque * drive
+        drive = FRICTION_CURRENT * (speed > self._still) + self._per_speed * speed + inertia
+        self.current = IDLE_CURRENT + torque * np.minimum(drive, LARGEST_CURRENT)
         final = AMBIENT + HEAT_PER_AMPERE2 * self.current * self.current
         self.temperature = self.temperature - (final - self.temperature) * np.expm1(-elapsed / HEAT_TIME)
