@@ -15,6 +15,7 @@ from benchmarks.real_frame import real_frame
 from benchmarks.recording import followed
 from benchmarks.table import print_costs, print_outcomes, print_real_frame
 from benchmarks.textbook import Textbook
+from benchmarks.unsensed import unsensed_mm
 from benchmarks.urdf import write_urdf
 from retarget.body import load_body_text
 from retarget.calibration import calibrate
@@ -146,3 +147,9 @@ def test_broken_limits_are_counted() -> None:
 def test_slope_is_per_unit() -> None:
     costs = [Cost("human", sensors, 51, 10.0 + 3.0 * sensors) for sensors in range(1, 5)]
     assert slope(costs, "sensors") == pytest.approx(3.0)
+
+
+def test_more_sensors_leave_less_unsensed() -> None:
+    frames = synthetic_performer().cut(0.0, 2.0)
+    five, everything = (unsensed_mm(frames, "human", sensors) for sensors in ("five", "all"))
+    assert 0.0 < everything < 5.0 < five < 90.0
