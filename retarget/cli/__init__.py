@@ -40,11 +40,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _make_haste() -> None:
-    """In a process of our own: nobody collects garbage (0.1 s), loads the windows of MuJoCo (40 ms), seeks plugins."""
+    """In a process of our own: nobody collects garbage (0.1 s), loads the windows of MuJoCo (40 ms), seeks plugins of
+    pydantic, or keeps a second core spinning for matrices as small as ours (0.1 s)."""
     gc.disable()
     atexit.register(gc.freeze)
-    os.environ.setdefault("MUJOCO_GL", "disable")
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    for name, value in (
+        ("MUJOCO_GL", "disable"),
+        ("PYDANTIC_DISABLE_PLUGINS", "__all__"),
+        ("OPENBLAS_NUM_THREADS", "1"),
+    ):
+        os.environ.setdefault(name, value)
 
 
 def _application(chosen: str | None) -> typer.Typer:
