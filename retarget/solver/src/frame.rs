@@ -1,5 +1,6 @@
 //! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2).
 
+use crate::allocations::allocations;
 use crate::body::Body;
 use crate::bounds::{frame_bounds, iteration_bounds, FrameBox, Limit};
 use crate::hierarchy::{solve, Problem, Side, Workspace};
@@ -35,6 +36,8 @@ pub struct Stats {
     pub factorizations: u64,
     pub fallbacks: u64,
     pub capped: u64,
+    /// Heap allocations inside frames: those of the first ones, and none after them.
+    pub allocations: u64,
 }
 
 pub struct FrameSolver {
@@ -136,6 +139,7 @@ impl FrameSolver {
 
     /// One frame of `dt` seconds towards `targets`; the posture reached is in `q`.
     pub fn frame(&mut self, targets: &[f64], dt: f64) {
+        let allocated = allocations();
         for i in 0..self.body.nv {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
             self.done[i] = 0.0;
@@ -165,6 +169,7 @@ impl FrameSolver {
             self.velocity[i] = self.done[i] / dt;
         }
         self.stats.frames += 1;
+        self.stats.allocations += allocations() - allocated;
     }
 
     /// Kinematics and errors of the posture as it is.

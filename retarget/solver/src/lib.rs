@@ -1,5 +1,6 @@
 //! retarget._solver: kinematics, strict hierarchies and whole frames. Knows no file, no clock and no servo.
 
+mod allocations;
 mod assemble;
 pub mod body;
 pub mod bounds;

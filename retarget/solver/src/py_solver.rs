@@ -234,6 +234,7 @@ impl PySolver {
             ("factorizations", s.factorizations),
             ("fallbacks", s.fallbacks),
             ("capped", s.capped),
+            ("allocations", s.allocations),
         ])
     }
 }

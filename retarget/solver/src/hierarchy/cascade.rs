@@ -19,32 +19,18 @@ const STILL: f64 = 1e-12;
 #[inline(always)]
 pub fn solve<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
     work.multipliers.clear(problem);
-    let mut locked = std::mem::take(&mut work.multipliers.locked);
-    let mut locked_row = std::mem::take(&mut work.multipliers.locked_row);
     for k in 0..=problem.level_count() {
-        open_stage::<FMA>(problem, work, k, &locked, &locked_row);
-        work.multipliers.locked.clone_from(&locked);
-        work.multipliers.locked_row.clone_from(&locked_row);
+        open_stage::<FMA>(problem, work, k);
         if !run_stage::<FMA>(problem, work, k, outcome) {
             outcome.capped = true;
         }
-        locked.clone_from(&work.multipliers.locked);
-        locked_row.clone_from(&work.multipliers.locked_row);
     }
-    work.multipliers.locked = locked;
-    work.multipliers.locked_row = locked_row;
 }
 
 /// Working set of stage k: what is locked, equalities, violated rows; and what the stage before held, as long as that is
 /// independent of the rows of the stages before.
 #[inline(always)]
-fn open_stage<const FMA: bool>(
-    problem: &mut Problem,
-    work: &mut Workspace,
-    k: usize,
-    locked: &[bool],
-    locked_row: &[bool],
-) {
+fn open_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: usize) {
     let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     let before = if k == 0 { 0 } else { problem.level_end[k - 1] };
     for r in end..problem.row_count() {
@@ -57,13 +43,13 @@ fn open_stage<const FMA: bool>(
     work.warm_variables.clone_from(&problem.variable_side);
     work.warm_rows.clone_from(&problem.row_side);
     for i in 0..problem.n {
-        if problem.variable_side[i] != Side::Both && !locked[i] {
+        if problem.variable_side[i] != Side::Both && !work.multipliers.locked[i] {
             problem.variable_side[i] = Side::Free;
         }
     }
     let mut held_rows = 0;
     for r in 0..end {
-        if problem.row_side[r] != Side::Both && !locked_row[r] {
+        if problem.row_side[r] != Side::Both && !work.multipliers.locked_row[r] {
             held_rows += usize::from(r < before && problem.row_side[r] != Side::Free);
             problem.row_side[r] = Side::Free;
         }
@@ -104,7 +90,8 @@ fn run_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: us
                 None => problem.z.copy_from_slice(&work.candidate),
             }
         }
-        let locks = (work.multipliers.locked.clone(), work.multipliers.locked_row.clone());
+        work.locked.clone_from(&work.multipliers.locked);
+        work.locked_row.clone_from(&work.multipliers.locked_row);
         let point = std::mem::take(&mut problem.z);
         let mut release = work.multipliers.examine_level::<FMA>(problem, &work.factor, &point, k);
         problem.z = point;
@@ -114,7 +101,8 @@ fn run_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: us
         if moves > PATIENCE {
             release = work.multipliers.lowest_wrong;
         }
-        (work.multipliers.locked, work.multipliers.locked_row) = locks;
+        std::mem::swap(&mut work.multipliers.locked, &mut work.locked);
+        std::mem::swap(&mut work.multipliers.locked_row, &mut work.locked_row);
         if let Some(release) = release {
             let_go(problem, release);
         }

@@ -17,6 +17,24 @@ const ATTRACTION: f64 = 0.2;
 const LEEWAY: f64 = 1e-4;
 
 impl Factor {
+    /// Room for whatever a level may need, so that nothing is allocated on the day that the first level is damped.
+    pub(super) fn make_room(&mut self, problem: &Problem) {
+        let m = problem.row_count();
+        for buffer in [&mut self.held, &mut self.path, &mut self.step] {
+            buffer.resize(self.stride, 0.0);
+        }
+        let most = self.width.max(m);
+        for buffer in
+            [&mut self.y, &mut self.damping, &mut self.exact, &mut self.again, &mut self.still, &mut self.moved]
+        {
+            buffer.reserve(most.saturating_sub(buffer.len()));
+        }
+        self.small.reserve(2 * m, self.width);
+        self.pivot_row.reserve(most.saturating_sub(self.pivot_row.len()));
+        self.members.reserve(m.saturating_sub(self.members.len()));
+        self.rank_end.reserve(problem.level_count().saturating_sub(self.rank_end.len()));
+    }
+
     /// Before the first level: held variables at their bounds, the others still.
     #[inline(always)]
     pub fn start_path(&mut self, problem: &Problem) {

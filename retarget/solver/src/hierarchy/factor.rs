@@ -65,6 +65,7 @@ impl Factor {
             buffer.resize(m, 0.0);
         }
         self.mask.resize(self.stride, 0.0);
+        self.make_room(problem);
         self.level_scale.clear();
         for k in 0..problem.level_count() {
             let mut largest: f64 = 0.0;

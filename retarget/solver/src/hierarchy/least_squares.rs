@@ -10,6 +10,12 @@ pub struct SmallLeastSquares {
 }
 
 impl SmallLeastSquares {
+    /// Room for problems of this size.
+    pub fn reserve(&mut self, rows: usize, columns: usize) {
+        self.a.reserve((rows * columns).saturating_sub(self.a.len()));
+        self.b.reserve(rows.saturating_sub(self.b.len()));
+    }
+
     pub fn start(&mut self, rows: usize, columns: usize) {
         self.rows = rows;
         self.columns = columns;

@@ -37,6 +37,9 @@ pub struct Workspace {
     multipliers: Multipliers,
     candidate: Vec<f64>,
     direction: Vec<f64>,
+    /// What the levels above have locked, while one is examined.
+    locked: Vec<bool>,
+    locked_row: Vec<bool>,
     /// Targets of one level before damping.
     asked: Vec<f64>,
     /// The active set of the solve before, while damping looks for its own.
@@ -49,5 +52,10 @@ pub fn solve(problem: &mut Problem, work: &mut Workspace) -> Outcome {
     let fma = kernels::has_fma();
     work.candidate.resize(problem.stride, 0.0);
     work.direction.resize(problem.stride, 0.0);
+    work.asked.reserve(problem.row_count().saturating_sub(work.asked.len()));
+    work.warm_variables.resize(problem.n, Side::Free);
+    work.warm_rows.resize(problem.row_count(), Side::Free);
+    work.locked.resize(problem.n, false);
+    work.locked_row.resize(problem.row_count(), false);
     active_set::solve(problem, work, fma)
 }

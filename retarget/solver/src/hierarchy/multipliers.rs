@@ -42,6 +42,7 @@ impl Multipliers {
         self.locked_row.resize(problem.row_count(), false);
         self.lambda.resize(problem.row_count(), 0.0);
         self.gradient.resize(problem.stride, 0.0);
+        self.back.reserve(problem.row_count().saturating_sub(self.back.len()));
     }
 
     /// All levels of a complete factorization, at the point `z` it gave. The worst wrong sign of the first level that has one.
