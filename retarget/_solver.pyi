@@ -172,7 +172,7 @@ class Solver:
         """Error norm of each task at the posture reached, in order of levels; NaN where absent."""
     @property
     def stats(self) -> dict[str, int]:
-        """frames, iterations, factorizations, fallbacks, capped, allocations (on the heap, in frames); since construction."""
+        """frames, iterations, factorizations, fallbacks, capped, and heap allocations in frames, since construction."""
 
 @final
 class HierarchyResult:

@@ -38,7 +38,7 @@ pub struct Factor {
     remaining: Vec<f64>,
     pub(super) damping: Vec<f64>,
     pub(super) exact: Vec<f64>,
-    again: Vec<f64>,
+    pub(super) again: Vec<f64>,
     /// Coordinates of standing still.
     pub(super) still: Vec<f64>,
     /// Share of standing still in what damping draws to; the rest is the last level's attraction.
