@@ -7,7 +7,7 @@ use crate::layout::Placed;
 /// Errors (m, rad, summed over a level's tasks) below this are met.
 const MET: f64 = 1e-6;
 /// An error that changes by less than this share neither falls nor grows.
-const CHANGE: f64 = 1e-3;
+const CHANGE: f64 = 1e-2;
 /// A level whose error is below this is kept; one that was kept and is above it is broken.
 const KEPT: f64 = 1e-4;
 /// A step that makes a level worse by more than this was too large: a part of it is taken back, and lower levels wait.
