@@ -4,7 +4,7 @@ use crate::body::Body;
 use crate::kinematics::Pose;
 use crate::layout::Placed;
 
-/// Errors (m, rad, summed over a level's tasks) below this are met.
+/// Errors of a level (m, as it weighs them) below this are met.
 const MET: f64 = 1e-6;
 /// An error that changes by less than this share neither falls nor grows.
 const CHANGE: f64 = 1e-2;
@@ -19,9 +19,9 @@ const FAR: f64 = 2.0;
 
 #[derive(Clone, Debug, Default)]
 struct Level {
-    /// Made of tasks that have an error; a level with a posture is never done.
+    /// Made of tasks that have an error; a level with a posture is not looked at.
     counts: bool,
-    /// Sum of the error norms of its tasks, now and an iteration before.
+    /// Size of its error as the hierarchy weighs it, now and an iteration before.
     error: f64,
     before: f64,
     /// Its error was small in this frame or at the end of the last one.
@@ -107,7 +107,7 @@ impl Progress {
             if !level.counts {
                 continue;
             }
-            level.error += norm;
+            level.error = level.error.hypot(energy.sqrt());
             let most = p.task.max_error;
             let left = if moment != Moment::Start {
                 let brought = ((before - norm) / before.min(most)).clamp(0.0, 1.0);

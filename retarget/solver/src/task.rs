@@ -102,12 +102,13 @@ impl Task {
     }
 
     /// For reports, the error norm: distance for points, angle for directions, depth outside for support. And the squared error as the
-    /// hierarchy weighs it, which a posture and support have not.
+    /// hierarchy weighs it, which a posture has not.
     pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> (f64, f64) {
         match &self.kind {
             TaskKind::Support { max_edges } => {
                 let depth = edges(target, *max_edges).map(|(n, d)| n[0] * pose.com[0] + n[1] * pose.com[1] - d);
-                (depth.fold(0.0, f64::max), 0.0)
+                let deepest = depth.fold(0.0, f64::max);
+                (deepest, deepest * deepest)
             }
             TaskKind::Posture => (0.0, 0.0),
             TaskKind::Axis { .. } | TaskKind::LookAt { .. } => {
