@@ -52,8 +52,9 @@ class RobotRecord:
 
     landmarks_asked (T, k, 3) m, world, NaN outside of following. q (T, nq): posture sent, before rounding to ticks,
     with the root that the robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is
-    read at the start of the tick. gated (T,): the gate sent something else than was asked. faults (T,): servos that
-    were silent or alarmed. start (n,) rad: where the robot stood before the first tick.
+    read at the start of the tick. gated (T,): the gate sent something else than was asked. unled (T,): nobody knew a
+    goal, and the filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,):
+    servos that were silent or alarmed. start (n,) rad: where the robot stood before the first tick.
     """
 
     landmark_names: tuple[str, ...]
@@ -62,6 +63,8 @@ class RobotRecord:
     goal_ticks: IntArray
     present: FloatArray
     gated: BoolArray
+    unled: BoolArray
+    bus_time: FloatArray
     faults: IntArray
     start: FloatArray
 
@@ -76,6 +79,8 @@ class RobotRecord:
             goal_ticks=np.full((ticks, servos), -1, dtype=np.int64),
             present=np.full((ticks, servos), np.nan),
             gated=np.zeros(ticks, dtype=np.bool_),
+            unled=np.zeros(ticks, dtype=np.bool_),
+            bus_time=np.full(ticks, np.nan),
             faults=np.zeros(ticks, dtype=np.int64),
             start=np.array(start, dtype=np.float64),
         )

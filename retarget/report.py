@@ -55,11 +55,15 @@ class Clearances:
 
 @dataclass(frozen=True)
 class BusReport:
-    """rate_hz: ticks per second of the bus's clock; cycle_ms: wall time of a tick; faults: servos silent or alarmed."""
+    """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
 
-    rate_hz: float
+    faults: servos silent or alarmed. longest_period_ms: between two ticks, on the bus's clock.
+    """
+
+    rate_hz: float | None
     cycle_ms: Percentiles
     faults: int
+    longest_period_ms: float | None
 
 
 @dataclass(frozen=True)

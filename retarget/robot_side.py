@@ -133,11 +133,12 @@ class RobotSide:
         record.q[row] = self._q
         if self.phase is Phase.FOLLOW and self._asked is not None:
             record.landmarks_asked[row] = self._asked
-        record.gated[row] = goal is not None and not passed
+        record.gated[row], record.unled[row] = goal is not None and not passed, goal is None
         if self.guard.sent is not None:
             record.goal_ticks[row] = self.guard.sent
         states = self.guard.states
         if states is not None:
+            record.bus_time[row] = states.time
             record.present[row] = self.robot.joint_map.to_radians(states.position)
             record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from retarget.hierarchy import JointLimits
 from retarget.human_posture import ORIENTED, PostureReader
-from retarget.metrics import standing, tracking
+from retarget.metrics import bus, standing, tracking
 from retarget.metrics.asked_arms import Performance
 from retarget.metrics.clearance import Clearance, self_clearance
 from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
@@ -224,11 +224,16 @@ def _servo_error(run: RunResult) -> dict[str, Spread] | None:
 
 
 def _bus(run: RunResult) -> BusReport | None:
-    sent, time = run.record.robot, run.record.time
-    if sent is None or not run.has_bus or len(time) < 2:
+    sent = run.record.robot
+    if sent is None or not run.has_bus:
         return None
-    rate = (len(time) - 1) / float(time[-1] - time[0])
-    return BusReport(rate, _percentiles(run.record.timing.cycle, 1e3), int(sent.faults.sum()))
+    longest = bus.longest_period(sent.bus_time)
+    return BusReport(
+        rate_hz=bus.tick_rate(sent.bus_time),
+        cycle_ms=_percentiles(run.record.timing.cycle, 1e3),
+        faults=int(sent.faults.sum()),
+        longest_period_ms=None if longest is None else 1e3 * longest,
+    )
 
 
 def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
