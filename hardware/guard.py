@@ -54,6 +54,7 @@ class Guard:
         self._sent: TickArray | None = None
         self._halting: FloatArray | None = None  # [rad] posture of the caller's way to a stop, for this tick
         self._braked = 0  # ticks of braking so far
+        self._begun: float | None = None  # [s] when the last tick began; None before the first
 
     @property
     def state(self) -> GuardState:
@@ -104,19 +105,22 @@ class Guard:
             self._torque_off()
             raise
         self._state = GuardState.ARMED
+        self._begun = None
         return present
 
     def tick(self, think: Think, halt: Halt = _no_way) -> GuardState:
         """Run one control period: read the servos, let `think` find a goal, send what the filter makes of it.
 
-        While stopping it is `halt` that finds the goal.
+        While stopping it is `halt` that finds the goal. Goals follow one another in time: after a pause between ticks
+        that is longer than a goal may take, the robot stops.
         Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or
         stopped.
         """
         self._require(GuardState.ARMED, GuardState.MOVING, GuardState.STOPPING)
+        begun = self._clock.now()
+        self._refuse_pause(begun)
         self._attempt(self._read)
         if self._state in (GuardState.ARMED, GuardState.MOVING):
-            begun = self._clock.now()
             self._attempt(lambda: self._move(think, begun))
         if self._state is GuardState.STOPPING:
             self._attempt(lambda: self._ask_way(halt))
@@ -161,6 +165,13 @@ class Guard:
                 self._cut(self._step, reason)
             else:
                 self.stop(reason, self._step)
+
+    def _refuse_pause(self, begun: float) -> None:
+        """Stop where nobody called for longer than a goal may take: the servos stand by now, the goals do not."""
+        pause = 0.0 if self._begun is None else begun - self._begun
+        self._begun = begun
+        if pause > self.limits.max_age:
+            self.stop(f"no tick for {pause:.3g} s, allowed {self.limits.max_age:g} s", StopCause.STALE_GOAL)
 
     def _read(self) -> None:
         self._step = StopCause.BUS

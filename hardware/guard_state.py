@@ -48,9 +48,9 @@ class Stop:
 class GuardLimits:
     """What the guard tolerates; what is not given is not watched.
 
-    max_age: s since a servo's last answer, and from the start of a tick to its goal. max_temperature: degrees Celsius.
-    voltage: lowest and highest, V. following_error: rad of the joint between the goal of the last tick and the present
-    position. max_brake_ticks: until the robot must stand.
+    max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
+    degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the goal of the last tick
+    and the present position. max_brake_ticks: until the robot must stand.
     """
 
     max_age: float = 0.1

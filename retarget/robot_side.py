@@ -94,7 +94,7 @@ class RobotSide:
 
         Returns whether anything was sent.
         """
-        self._deadline += self._dt
+        self._deadline = max(self._deadline + self._dt, self._clock.now())  # what is late is not caught up with
         self._clock.sleep_until(self._deadline)
         self._goal, self._asked, self._rooted = None, None, False
         before = self.guard.sent

@@ -88,6 +88,40 @@ def test_a_goal_that_comes_too_late_is_not_sent(seconds: float, stopped: bool) -
         rig.check_goals()
 
 
+def test_a_reading_that_takes_too_long_makes_the_goal_stale(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(limits=LIMITS)
+    rig.guard.arm()
+    rig.run(20)
+    read, written = rig.bus.read, len(rig.bus.goals)
+    speed = float(np.abs(rig.gate.velocity).max())
+
+    def slow() -> ServoStates:
+        rig.clock.advance(0.11)
+        return read()
+
+    monkeypatch.setattr(rig.bus, "read", slow)
+    rig.run(1)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
+    assert len(rig.bus.goals) == written + 1 and float(np.abs(rig.gate.velocity).max()) < speed
+
+
+@pytest.mark.parametrize(("seconds", "stopped"), [(0.08, False), (0.11, True)])
+def test_a_pause_between_ticks_stops(seconds: float, stopped: bool) -> None:
+    rig = Rig(limits=LIMITS)
+    rig.guard.arm()
+    rig.clock.advance(5.0)  # a robot that was only just armed may be held as long as one likes
+    rig.run(20)
+    rig.clock.advance(seconds)
+    rig.run(1)
+    assert (rig.state() is GuardState.STOPPING) == stopped
+    if stopped:
+        assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
+        assert "no tick for 0.12 s, allowed 0.1 s" in rig.guard.stop_reason.reason
+        rig.run(100)
+        assert rig.state() is GuardState.STOPPED
+        rig.check_goals()
+
+
 def test_the_limits_are_those_of_the_profile() -> None:
     profile = load_profile("op3")
     safety, limits = profile.safety, profile.guard_limits()
