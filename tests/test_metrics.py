@@ -12,7 +12,9 @@ from retarget.pipeline import Pipeline
 from retarget.report import Report
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import IDENTITY, FloatArray
+from retarget.run_result import RunResult
 from rig import Rig, StubReconstructor, person, result, short_clip
+from sim.mock_faults import FaultKind, MockFault
 
 DT = 0.008
 
@@ -95,6 +97,17 @@ def test_jerk() -> None:
     assert jerk_p95(np.zeros((3, 2)), DT) is None
 
 
+def test_a_motion_that_is_cut_has_not_kept_its_limits() -> None:
+    # Half of 8 rad/s^2 for 10 ticks: no limit is broken on the way, but nothing slows it down.
+    cut = np.outer(4.0 * (np.arange(11) * DT) ** 2, [1.0, 0.0])
+    assert limit_violations(cut, limits(), DT).acceleration == 0
+    counted = limit_violations(cut, limits(), DT, to_rest=True)
+    assert (counted.position, counted.velocity, counted.acceleration) == (0, 0, 1)
+    standing_outside = np.array([[0.0], [1.1]])
+    loose = limits(velocity=1e6, acceleration=1e9, joints=1)
+    assert limit_violations(standing_outside, loose, DT, to_rest=True).position == 1
+
+
 def square(at: tuple[float, float, float] = (0.0, 0.0, 0.0), ticks: int = 3) -> standing.Sole:
     """A sole of 20 cm by 10 cm."""
     outline = np.array([[0.1, 0.05], [-0.1, 0.05], [-0.1, -0.05], [0.1, -0.05]])
@@ -169,6 +182,36 @@ def test_the_report_of_a_held_robot(report: Report) -> None:
     assert report.com_outside_support_frames == 0 and report.foot_slide_mm == pytest.approx(0.0, abs=1e-9)
     assert report.penetrating_frames == 0
     assert report.bus is not None and report.bus.rate_hz == pytest.approx(125.0) and report.bus.faults == 0
+
+
+def reported(rig: Rig) -> tuple[Report, RunResult]:
+    human, clip = person(), short_clip()
+    run = result(
+        Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run(), clip, human, rig.robot
+    )
+    return measure(run), run
+
+
+def swing() -> FloatArray:
+    script = np.zeros((51, 20))
+    script[:, 0] = 0.15 * (1.0 - np.cos(2.0 * np.pi * np.arange(51) / 50.0))
+    return script
+
+
+def test_a_run_that_is_cut_while_it_moves_breaks_a_limit() -> None:
+    whole, _ = reported(Rig(swing()))
+    assert whole.limit_violations.acceleration == 0
+    cut, _ = reported(Rig(swing(), faults=(MockFault(FaultKind.READ_FAILS, first=15, cycles=1000),)))
+    assert cut.stop.state == "stopped" and cut.limit_violations.acceleration > 0
+
+
+def test_the_approach_takes_no_part_in_the_jerk() -> None:
+    far = swing() + 0.4 * (np.arange(20) > 9)
+    report, run = reported(Rig(far))
+    assert run.robot is not None and run.record.robot is not None
+    following = run.record.robot.q[run.record.following][:, run.robot.servo_columns]
+    assert len(run.record) > 2 * len(following)
+    assert report.jerk_p95 == jerk_p95(following, run.clip.dt)
 
 
 def test_what_does_not_exist_yet_is_none(report: Report) -> None:

@@ -52,7 +52,7 @@ def measure(run: RunResult) -> Report:
         priority_violation_max=_mm(top_level_error(run)),
         com_outside_support_frames=stand.outside,
         foot_slide_mm=_mm(stand.slide),
-        jerk_p95=jerk_p95(_joint_positions(run), clip.dt),
+        jerk_p95=jerk_p95(_joint_positions(run)[record.following], clip.dt),
         fallen=None,
         mode_switches_per_s=None,
         bus=_bus(run),
@@ -153,7 +153,7 @@ def _limit_violations(run: RunResult) -> LimitViolations:
     positions = _joint_positions(run)
     if run.robot is not None and run.record.robot is not None:
         limits, start = run.robot.limits, run.record.robot.start
-        return limit_violations(np.vstack([start, positions]), limits, run.clip.dt)
+        return limit_violations(np.vstack([start, positions]), limits, run.clip.dt, to_rest=True)
     single, _ = run.human.body.scalar_joints()
     whole = run.human_limits
     limits = JointLimits(

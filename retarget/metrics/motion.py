@@ -24,16 +24,18 @@ class LimitViolations:
 
 
 def limit_violations(
-    positions: FloatArray, limits: JointLimits, dt: float, *, from_rest: bool = True
+    positions: FloatArray, limits: JointLimits, dt: float, *, from_rest: bool = True, to_rest: bool = False
 ) -> LimitViolations:
     """Count violations in joint positions (T, n), `dt` s apart; limits (n,). The first row is where the motion starts.
 
-    from_rest: it starts there at rest; otherwise the first displacement is taken as it comes, without acceleration. A
-    joint that starts beyond a position limit counts only from where it has come inside.
+    from_rest: it starts there at rest; otherwise the first displacement is taken as it comes, without acceleration.
+    to_rest: it stands still after the last row, so a motion that is cut shows as a change of speed. A joint that starts
+    beyond a position limit counts only from where it has come inside.
     """
     step = np.diff(positions, axis=0)  # (T-1, n) [rad or m]
     before = np.zeros_like(step[:1]) if from_rest else step[:1]
-    change = np.diff(np.vstack([before, step]), axis=0)
+    after = np.zeros_like(step[:1] if to_rest else step[:0])
+    change = np.diff(np.vstack([before, step, after]), axis=0)
     outside = (positions < limits.lower - TOLERANCE) | (positions > limits.upper + TOLERANCE)
     came_in = np.logical_or.accumulate(~outside, axis=0)
     return LimitViolations(
