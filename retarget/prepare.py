@@ -25,6 +25,7 @@ from retarget.reconstruct import Reconstructor
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
 from retarget.run_result import RunResult
+from retarget.stages import ReconstructingStage
 
 __all__ = ["MakeBus", "Prepared", "prepare"]
 
@@ -41,7 +42,7 @@ class Prepared:
     clip: Clip
     human: Human
     performer: Performer
-    reconstructor: Reconstructor
+    reconstructor: ReconstructingStage
     side: RobotSide | None
     priorities: tuple[Priorities, ...]
     has_bus: bool
@@ -50,6 +51,7 @@ class Prepared:
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
         ending = Pipeline(clip=self.clip, reconstructor=self.reconstructor, robot=self.side).run(watch)
+        stop = None if self.side is None else self.side.guard.stop_reason
         return RunResult(
             record=ending.record,
             clip=self.clip,
@@ -63,6 +65,7 @@ class Prepared:
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
             notes=self.notes,
+            stop_cause=None if stop is None else stop.cause,
         )
 
 

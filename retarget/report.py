@@ -57,7 +57,7 @@ class Clearances:
 class BusReport:
     """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
 
-    faults: servos silent or alarmed. longest_period_ms: between two ticks, on the bus's clock.
+    faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock.
     """
 
     rate_hz: float | None

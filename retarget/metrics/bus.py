@@ -2,9 +2,28 @@
 
 import numpy as np
 
+from hardware.guard_state import StopCause
 from retarget.rotations import FloatArray
+from retarget.run_result import RunResult
 
-__all__ = ["longest_period", "tick_rate"]
+__all__ = ["fault_count", "longest_period", "tick_rate"]
+
+SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT)
+SECOND_FAILURE = ", then: "
+"""In the reason of a stop: its braking failed too."""
+
+
+def fault_count(run: RunResult) -> int:
+    """Servos silent or alarmed, summed over ticks, and failures that ended ticks before they had a row.
+
+    A tick in which the bus fails sends nothing, nor does one in which a robot that stands is stopped: of these only the
+    guard's stop tells.
+    """
+    sent = run.record.robot
+    seen = 0 if sent is None else int(sent.faults.sum())
+    if run.stop_cause in SERVO_CAUSES:
+        seen = max(seen, 1)
+    return seen + (run.stop_cause is StopCause.BUS) + (SECOND_FAILURE in (run.reason or ""))
 
 
 def tick_rate(times: FloatArray) -> float | None:

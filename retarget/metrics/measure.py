@@ -231,7 +231,7 @@ def _bus(run: RunResult) -> BusReport | None:
     return BusReport(
         rate_hz=bus.tick_rate(sent.bus_time),
         cycle_ms=_percentiles(run.record.timing.cycle, 1e3),
-        faults=int(sent.faults.sum()),
+        faults=bus.fault_count(run),
         longest_period_ms=None if longest is None else 1e3 * longest,
     )
 
