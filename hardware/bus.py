@@ -75,7 +75,8 @@ class ServoBus(Protocol):
         ...
 
     def torque(self, on: bool) -> None:
-        """Switch the torque of all servos."""
+        """Switch the torque of all servos, each acknowledges. All are told, whichever fails; then raises BusError that
+        names those that did not confirm."""
         ...
 
     def close(self) -> None:

@@ -1,7 +1,8 @@
 """The root of the error tree, and the errors of the servo side.
 
 A message says what is wrong, where, what was found, what is allowed, and what to do next. The command line turns every
-`RetargetError` into one message on stderr and exit code 2; a stop of the guard while running is a state, not an error.
+`RetargetError` into one message on stderr and exit code 2 (`TorqueError`: 1); a stop of the guard while running is a
+state, not an error.
 """
 
 
@@ -19,6 +20,10 @@ class BusError(HardwareError):
 
 class GuardError(HardwareError):
     """The guard refuses what was asked in its present state."""
+
+
+class TorqueError(HardwareError):
+    """A run failed, and torque could not be switched off: a person has to cut the power."""
 
 
 def describe(*, what: str, where: str = "", found: object = None, allowed: object = None, then: str = "") -> str:

@@ -20,6 +20,14 @@ Halt = Callable[[], FloatArray | None]
 """The next goal, rad (n,), on a way to a stop; None: none is known, and the filter brakes joint by joint."""
 
 
+TORQUE_OFF = " (torque is off)"
+CUT_POWER = " (torque could not be switched off: cut the power)"
+
+
+def _text(error: BaseException) -> str:
+    return str(error) or type(error).__name__
+
+
 def _no_way() -> None:
     """No way to a stop but the filter's own."""
 
@@ -30,6 +38,7 @@ class Guard:
     Whatever fails in a tick stops the robot: a failure of the goal's source or of the filter brakes; a failure of the
     bus, which can then no longer be trusted to brake, switches torque off. The first reason is latched. To brake is to
     follow the caller's way to a stop where it knows one and the filter lets it pass, else the filter's own.
+    What may have torque is never called safe: where a servo does not confirm that its torque is off, a person is told.
     """
 
     def __init__(
@@ -85,7 +94,7 @@ class Guard:
         """Set every goal to its present position, then switch torque on. Returns the present posture, rad (n,).
 
         Raises GuardError when not idle or when a servo is missing, alarmed or unreadable (all of them named), BusError
-        when the bus fails; torque is then off.
+        when the bus fails. What fails from the moment on when torque may be on is latched.
         """
         self._require(GuardState.IDLE)
         try:
@@ -100,12 +109,15 @@ class Guard:
                     describe(what="the filter moved the present posture", then="Seed the filter with what it is given")
                 )
             self._write(goals)
+            self._begun = None
+            self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
-        except Exception:
-            self._torque_off()
+        except BaseException as error:
+            if self._state is GuardState.ARMED:
+                self.cut(_text(error), StopCause.BUS)
+            else:
+                self._torque_off()
             raise
-        self._state = GuardState.ARMED
-        self._begun = None
         return present
 
     def tick(self, think: Think, halt: Halt = _no_way) -> GuardState:
@@ -134,6 +146,15 @@ class Guard:
         if self._state is not GuardState.STOPPING:
             self._state, self._braked = (GuardState.STOPPING if self.active else GuardState.STOPPED), 0
 
+    def cut(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
+        """Torque off at once and latched, because there is no way or no time to brake; nothing is written any more."""
+        powered = not self._torque_off()
+        if self._stop is not None:
+            first = self._stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER)
+            reason, cause = first if reason in first else f"{first}, then: {reason}", self._stop.cause
+        self._stop = Stop(cause, reason + (CUT_POWER if powered else TORQUE_OFF), self._clock.now(), powered)
+        self._state = GuardState.STOPPED
+
     def rest(self) -> None:
         """Come to rest without a stop: brake, tick by tick, until the state is `armed` again."""
         if self._state is GuardState.MOVING:
@@ -144,7 +165,7 @@ class Guard:
         try:
             self._bus.torque(False)
         except Exception as error:
-            self._cut(StopCause.BUS, str(error) or type(error).__name__)
+            self.cut(_text(error), StopCause.BUS)
             raise
         self._state = GuardState.IDLE if self._stop is None else GuardState.STOPPED
 
@@ -160,9 +181,9 @@ class Guard:
         try:
             step()
         except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
-            reason = str(error) or type(error).__name__
+            reason = _text(error)
             if self._step is StopCause.BUS or (self._step is StopCause.FILTER and self._state is GuardState.STOPPING):
-                self._cut(self._step, reason)
+                self.cut(reason, self._step)
             else:
                 self.stop(reason, self._step)
 
@@ -212,7 +233,7 @@ class Guard:
             self._state = GuardState.ARMED if self._stop is None else GuardState.STOPPED
             return
         if self._braked == self.limits.max_brake_ticks:
-            self._cut(StopCause.FILTER, f"still moving after {self._braked} ticks of braking")
+            self.cut(f"still moving after {self._braked} ticks of braking", StopCause.FILTER)
             return
         self._braked += 1
         self._write(self._map.to_ticks(self._filter.brake() if self._halting is None else self._halting))
@@ -221,14 +242,6 @@ class Guard:
         self._step = StopCause.BUS
         self._bus.write(ServoGoals(ticks))
         self._sent = ticks
-
-    def _cut(self, cause: StopCause, reason: str) -> None:
-        """Torque off at once and latched, because braking is no longer possible; then nothing is written any more."""
-        outcome = "torque is off" if self._torque_off() else "torque could not be switched off: cut the power"
-        if self._stop is not None and self._stop.reason != reason:
-            reason = f"{self._stop.reason}, then: {reason}"
-        self._stop = Stop(cause if self._stop is None else self._stop.cause, f"{reason} ({outcome})", self._clock.now())
-        self._state = GuardState.STOPPED
 
     def _torque_off(self) -> bool:
         try:

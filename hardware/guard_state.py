@@ -37,11 +37,15 @@ class StopCause(Enum):
 
 @dataclass(frozen=True)
 class Stop:
-    """A latched stop: its cause, a text for a person, and when it began, in s on the guard's clock."""
+    """A latched stop: its cause, a text for a person, and when it began, in s on the guard's clock.
+
+    powered: not every servo confirmed that its torque is off; a person has to cut the power, and `reason` says so.
+    """
 
     cause: StopCause
     reason: str
     time: float
+    powered: bool = False
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,10 @@ class ServoHealth:
         if problems:
             raise GuardError(
                 describe(
-                    what="not every servo is well", where="arming", found="; ".join(problems), then="Torque stays off"
+                    what="not every servo is well",
+                    where="arming",
+                    found="; ".join(problems),
+                    then="Torque was not switched on",
                 )
             )
 

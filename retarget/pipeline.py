@@ -11,7 +11,6 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
 from hardware.guard import Think
-from hardware.guard_state import GuardState
 from retarget.clip import Clip
 from retarget.record import HumanRecord, Phase, Record, Timing
 from retarget.robot_side import RobotSide
@@ -58,7 +57,7 @@ class Pipeline:
         """Play the clip to its end, to a stop of the guard, or until somebody asks to stop.
 
         Every tick that is sent is kept: the approach before the clip and the braking after it too. Raises GuardError or
-        BusError if the robot cannot be armed.
+        BusError if the robot cannot be armed, TorqueError if a run fails and torque could not be switched off.
         """
         self._human = self._reconstructor.start(self._clip.sample(0))
         try:
@@ -67,13 +66,12 @@ class Pipeline:
             with _collector_at_rest():
                 wall_s, interrupted = self._play(approach, Watch() if watch is None else watch)
                 self._stand(interrupted=interrupted)
+            state, reason = self._finish(interrupted=interrupted)
         except BaseException as error:
             # What goes wrong outside of a tick of the guard stops the robot too, before it is raised.
-            if self._robot is not None and self._robot.guard.state is not GuardState.IDLE:
-                self._robot.stop(str(error) or type(error).__name__)
-                self._robot.finish()
+            if self._robot is not None:
+                self._robot.give_up(error)
             raise
-        state, reason = self._finish(interrupted=interrupted)
         return Ending(self._record.first(self._row), state, reason, wall_s)
 
     def _allocate(self, approach: int) -> None:

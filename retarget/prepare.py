@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock
-from hardware.errors import BusError
 from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from retarget.calibration import calibrate
@@ -93,12 +92,13 @@ def prepare(
     bus = make_bus(options.bus, robot, clock)
     side = _robot_side(robot, for_robot, human, options, bus=bus, clock=clock, dt=clip.dt)
     bus.open()
+    failed = True
     try:
         yield Prepared(clip, human, performer, reconstructor, side, stages, options.bus != "none", notes)
+        failed = side.guard.stop_reason is not None
     finally:
-        # A bus that failed during the run is in its result already; closing it once more must not lose that.
-        failed = side is not None and side.guard.stop_reason is not None
-        with suppress(BusError) if failed else nullcontext():
+        # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
+        with suppress(Exception) if failed else nullcontext():
             bus.close()
 
 

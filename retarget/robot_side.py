@@ -6,7 +6,7 @@ import numpy as np
 
 from hardware.bus import ServoStates
 from hardware.clock import Clock
-from hardware.errors import BusError
+from hardware.errors import TorqueError
 from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard, Think
 from hardware.guard_state import GuardState, StopCause
@@ -114,8 +114,20 @@ class RobotSide:
         self.guard.rest()
         while self.braking:
             self.brake()
-        with suppress(BusError):
+        with suppress(Exception):  # the guard has latched it, whatever it is
             self.guard.release()
+
+    def give_up(self, error: BaseException) -> None:
+        """Come to a stand, torque off, because of an `error` outside of a tick, which the caller goes on raising.
+
+        Raises TorqueError from it where torque could not be switched off.
+        """
+        if self.guard.state is not GuardState.IDLE:
+            self.stop(str(error) or type(error).__name__)
+            self.finish()
+        stop = self.guard.stop_reason
+        if stop is not None and stop.powered:
+            raise TorqueError(stop.reason) from error
 
     def keep(self, record: RobotRecord, row: int) -> None:
         """Write what this tick asked and sent into its row; tell the follower where something else was sent."""

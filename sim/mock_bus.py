@@ -1,6 +1,7 @@
 """Servos in this process, each with a speed limit, a first-order lag and an encoder, on the time of a given clock."""
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 
@@ -103,16 +104,22 @@ class MockBus:
 
     def torque(self, on: bool) -> None:
         """Switch torque; a servo with an alert stays off. The goal registers keep what they had, so goals come
-        first."""
+        first. Raises BusError when closed, and, once all others are switched, for servos that do not hear it."""
         self._require_open("torque")
         self._catch_up()
-        self._torque = np.where(self._silent(), self._torque, on & (self._alert == 0))
+        silent = self._silent()
+        self._torque = np.where(silent, self._torque, on & (self._alert == 0))
+        if silent.any():
+            names = ", ".join(f"{servo.joint} (id {servo.id})" for servo in compress(self._servos, silent))
+            raise BusError(describe(what=f"no answer from {names}", where=f"mock bus, torque {'on' if on else 'off'}"))
 
     def close(self) -> None:
-        """Torque off, and no further call but `open`."""
-        if self._open:
-            self.torque(False)
-        self._open = False
+        """Torque off, and no further call but `open`. Raises BusError for servos that do not hear it."""
+        try:
+            if self._open:
+                self.torque(False)
+        finally:
+            self._open = False
 
     @property
     def torque_on(self) -> bool:

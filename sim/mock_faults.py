@@ -8,7 +8,7 @@ class FaultKind(Enum):
     """What happens while a fault lasts."""
 
     MISSING = "missing"
-    """The servo does not answer reads and does not hear writes."""
+    """The servo does not answer, and hears neither goals nor that its torque is to be switched."""
     ALERT = "alert"
     """The servo reports `alert` bits and its torque is off; it stays so when the fault is over, like a real one until
     its reboot."""

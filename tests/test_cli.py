@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import retarget
-from hardware.errors import RetargetError
+from hardware.errors import RetargetError, TorqueError
 from retarget import cli
 from retarget.cli.boundary import DEFECT, DONE, REFUSED, STOPPED, exit_code_of
 
@@ -70,6 +70,14 @@ def test_a_refusal_is_one_message_without_traceback(capsys: pytest.CaptureFixtur
 
     assert exit_code_of(refuse) == REFUSED
     assert capsys.readouterr().err == "error: robot.yaml:3: limits inverted\n"
+
+
+def test_torque_that_is_still_on_is_no_refusal(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        raise TorqueError("port gone (cut the power)")
+
+    assert exit_code_of(fail) == STOPPED
+    assert capsys.readouterr().err == "error: port gone (cut the power)\n"
 
 
 def test_an_interrupt_is_a_stop(capsys: pytest.CaptureFixture[str]) -> None:

@@ -164,3 +164,16 @@ def test_closing_switches_torque_off_and_closed_is_closed() -> None:
     assert not bus.torque_on
     with pytest.raises(BusError, match="closed"):
         bus.read()
+
+
+def test_torque_that_a_servo_does_not_hear_is_named_and_the_others_are_off() -> None:
+    bus, clock = opened(MockFault(FaultKind.MISSING, first=1, cycles=9, servo=1))
+    bus.read()
+    bus.torque(True)
+    clock.advance(0.01)
+    bus.read()
+    for switch in (lambda: bus.torque(False), bus.close):
+        with pytest.raises(BusError, match=r"torque off: no answer from elbow \(id 2\)"):
+            switch()
+    assert bus._torque.tolist() == [False, True, False, False]
+    bus.close()  # is closed, and allowed

@@ -9,6 +9,7 @@ import pytest
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
+from hardware.errors import GuardError
 from retarget.clip import Playback
 from retarget.frames import SensorFrames
 from retarget.metrics import standing
@@ -109,6 +110,15 @@ def test_a_stop_by_the_guard() -> None:
     assert run.state == "stopped"
     assert run.reason is not None and "hotter than 65 degrees Celsius: r_el (id 5) 70" in run.reason
     assert_stands_well(run)
+
+
+def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
+    silent = MockFault(FaultKind.MISSING, first=0, cycles=10**6, servo=2)
+    with (
+        pytest.raises(GuardError, match="not every servo is well"),
+        prepared(synthetic_performer, 15.6, [silent]) as it,
+    ):
+        it.run()
 
 
 def test_without_the_way_the_same_stop_tears_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:

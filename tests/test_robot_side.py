@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 from hardware.bus import ServoGoals
+from hardware.errors import BusError, TorqueError
 from retarget.pipeline import Ending, Pipeline, Watch
 from retarget.rotations import FloatArray
 from rig import Rig, StubReconstructor, person, short_clip
+from sim.mock_faults import FaultKind, MockFault
+
+FOR_EVER = 10**6
 
 
 def swing() -> FloatArray:
@@ -41,3 +45,57 @@ def test_what_was_missed_in_a_stall_is_not_caught_up_with(
     ending = play(rig, Watch(lambda done: rig.clock.advance(stall) if done == 20 else None, every=1))
     assert np.diff(times)[1:].min() > 0.999 * rig.dt
     assert (ending.state, ending.reason) == ("idle" if reason is None else "stopped", reason)
+
+
+def test_a_servo_that_is_silent_in_the_end_is_told_to_a_person() -> None:
+    rig = Rig(swing())
+    play(rig)
+    last = rig.bus._cycle
+    rig = Rig(swing(), faults=(MockFault(FaultKind.MISSING, first=last - 1, cycles=FOR_EVER, servo=2),))
+    ending = play(rig)
+    assert rig.bus.torque_on and ending.state == "stopped"
+    assert ending.reason is not None and "r_sho_roll" in ending.reason and "cut the power" in ending.reason
+
+
+@pytest.mark.parametrize("error", [BusError("port gone"), KeyboardInterrupt("port gone")])
+def test_a_start_that_leaves_torque_on_says_so(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    torque = rig.bus.torque
+
+    def stuck(on: bool) -> None:
+        if not on:
+            raise OSError("no such device")
+        torque(on)
+        raise error
+
+    monkeypatch.setattr(rig.bus, "torque", stuck)
+    with pytest.raises(TorqueError, match=r"port gone.*cut the power") as told:
+        play(rig)
+    assert told.value.__cause__ is error and rig.bus.torque_on
+
+
+def test_an_interrupted_start_switches_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    torque = rig.bus.torque
+
+    def interrupted(on: bool) -> None:
+        torque(on)
+        if on:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(rig.bus, "torque", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert not rig.bus.torque_on
+
+
+def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
+    rig = Rig(swing(), faults=(MockFault(FaultKind.MISSING, first=25, cycles=FOR_EVER, servo=2),))
+
+    def broken(done: int) -> None:
+        if done == 30:
+            raise OSError("no terminal")
+
+    with pytest.raises(TorqueError, match=r"no terminal.*r_sho_roll.*cut the power"):
+        play(rig, Watch(broken, every=1))
+    assert rig.bus.torque_on

@@ -54,7 +54,7 @@ def test_a_servo_out_of_bounds_is_not_armed(case: str) -> None:
     rig = Rig(MockFault(kind, first=0, cycles=9, servo=0, value=value), limits=LIMITS)
     with pytest.raises(GuardError) as refusal:
         rig.guard.arm()
-    assert text in str(refusal.value) and "Torque stays off" in str(refusal.value)
+    assert text in str(refusal.value) and "Torque was not switched on" in str(refusal.value)
     assert rig.bus.calls == ["torque off"]
 
 

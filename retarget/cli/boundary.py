@@ -5,7 +5,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
-from hardware.errors import RetargetError
+from hardware.errors import RetargetError, TorqueError
 
 DONE = 0
 STOPPED = 1
@@ -22,6 +22,9 @@ def exit_code_of(command: Callable[[], object]) -> int:
         command()
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else DONE if leaving.code is None else STOPPED
+    except TorqueError as error:
+        print(f"error: {error}", file=sys.stderr)  # noqa: T201
+        return STOPPED
     except RetargetError as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201
         return REFUSED
