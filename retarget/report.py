@@ -93,7 +93,8 @@ class Report:
     limit_violations: values beyond a limit by more than `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
-    servo_error_deg: how far each servo stood from the goal of the tick before. reachable_hands_mm: mean error of each
+    servo_error_deg: how far each servo stood from the goal of the tick before. unled_frames: ticks in which nobody knew
+    a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of each
     hand, and of both, at the ticks at which it was asked where the arm gets from the torso that was asked;
     reachable_share: of the ticks that followed, those.
     """
@@ -126,6 +127,7 @@ class Report:
     sensors_mm: dict[str, Spread]
     servo_tracking_mm: dict[str, Spread] | None
     servo_error_deg: dict[str, Spread] | None
+    unled_frames: int | None
     reachable_hands_mm: dict[str, float] | None
     reachable_share: dict[str, float] | None
     com_margin_mm: float | None

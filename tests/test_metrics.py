@@ -9,6 +9,7 @@ from retarget.metrics.clearance import self_clearance
 from retarget.metrics.measure import measure
 from retarget.metrics.motion import jerk_p95, limit_violations
 from retarget.pipeline import Pipeline
+from retarget.record import Phase
 from retarget.report import Report
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import IDENTITY, FloatArray
@@ -205,6 +206,27 @@ def test_a_run_that_is_cut_while_it_moves_breaks_a_limit() -> None:
     assert cut.stop.state == "stopped" and cut.limit_violations.acceleration > 0
 
 
+def test_ticks_in_which_the_filter_braked_by_itself_are_counted() -> None:
+    moving = np.zeros((51, 20))
+    moving[:, 0] = 4.0 * (np.arange(51) * DT) ** 2  # at the clip's end; the stand-in knows no way to a stop
+    report, run = reported(Rig(moving))
+    braking = np.count_nonzero(run.record.phase == Phase.BRAKE)
+    assert report.gated_frames == 0 and report.unled_frames == braking > 1
+    knowing = Rig(moving)
+
+    def way(dt: float) -> FloatArray:
+        q = knowing.follower.stance.q.copy()
+        q[knowing.robot.servo_columns] = knowing.gate.position
+        still_moving = knowing.gate.velocity * dt
+        slower = np.maximum(np.abs(still_moving) - knowing.robot.limits.max_acceleration * dt**2, 0.0)
+        q[knowing.robot.servo_columns] += np.copysign(slower, still_moving)
+        return q
+
+    knowing.follower.halt = way  # type: ignore[method-assign]
+    report, run = reported(knowing)
+    assert report.gated_frames == report.unled_frames == 0 and Phase.BRAKE in run.record.phase
+
+
 def test_the_approach_takes_no_part_in_the_jerk() -> None:
     far = swing() + 0.4 * (np.arange(20) > 9)
     report, run = reported(Rig(far))
@@ -223,7 +245,13 @@ def test_the_report_of_a_human_has_no_robots_values() -> None:
     ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run()
     report = measure(result(ending, clip, human, None))
     assert report.robot == "human" and list(report.tracking_mm) == list(clip.frames.names)
-    for value in (report.gated_frames, report.com_outside_support_frames, report.bus, report.retarget_us):
+    for value in (
+        report.gated_frames,
+        report.unled_frames,
+        report.com_outside_support_frames,
+        report.bus,
+        report.retarget_us,
+    ):
         assert value is None
     assert report.unsensed_mm is not None
     joints = {name: value for name, value in report.unsensed_mm.items() if name != "mean"}

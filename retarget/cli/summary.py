@@ -75,7 +75,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "centre of mass", _standing(report)
     yield "soles", _soles(report)
     yield "self clearance", _clearance(report, clear)
-    yield "gate", "" if report.gated_frames is None else f"changed {report.gated_frames} of {report.ticks} goals"
+    yield "gate", _gate(report)
     yield "cost per tick", _cost(report)
     yield (
         "end",
@@ -105,6 +105,13 @@ def _servos(report: Report) -> str:
     worst = max(servos, key=lambda name: servos[name].max)
     mean = sum(spread.mean for spread in servos.values()) / len(servos)
     return f"{mean:.1f} degrees behind what was sent on average, {servos[worst].max:.1f} at most ({worst})"
+
+
+def _gate(report: Report) -> str:
+    if report.gated_frames is None:
+        return ""
+    alone = f", braked by itself in {report.unled_frames} ticks without any" if report.unled_frames else ""
+    return f"changed {report.gated_frames} of {report.ticks} goals{alone}"
 
 
 def _standing(report: Report) -> str:
