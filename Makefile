@@ -71,7 +71,7 @@ clean:
 
 # One stamp per set of dependencies. A change of the crate or of pyproject.toml builds the extension (release) and installs again.
 $(VENV)/.with-%: pyproject.toml $(RUST) | $(VENV)/.pip
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[$(filter-out base,$*)]'
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m pip install --quiet --no-build-isolation --editable '.$(if $(filter base,$*),,[$*])'
 	@$(BIN)/python -m compileall -q retarget hardware sim
 	@touch $@
 
