@@ -95,8 +95,8 @@ class Report:
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
     servo_error_deg: how far each servo stood from the goal of the tick before. unled_frames: ticks in which nobody knew
     a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of each
-    hand, and of both, at the ticks at which it was asked where the arm gets from the torso that was asked;
-    reachable_share: of the ticks that followed, those.
+    hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
+    asked; reachable_share: of the ticks that followed, those.
     """
 
     frames: int

@@ -176,7 +176,9 @@ def test_the_report_of_a_held_robot(report: Report) -> None:
     assert report.limit_violations.acceleration == 0
     assert report.reachable_share is not None and report.reachable_hands_mm is not None
     assert list(report.reachable_share) == ["l_hand", "r_hand"]
-    assert list(report.reachable_hands_mm) == ["l_hand", "r_hand", "mean"]
+    hands = report.reachable_hands_mm
+    assert list(hands) == ["l_hand", "r_hand", "mean", "worse"]
+    assert hands["worse"] == max(hands["l_hand"], hands["r_hand"]) > hands["mean"] > 0.0
     assert report.tracking_mm["l_hand"].max > 50.0 and report.tracking_mm["r_hand"].max < 1e-6
     assert report.hand_path_ratio == pytest.approx(0.0, abs=1e-9)
     assert report.pelvis_excursion_ratio is None

@@ -55,6 +55,13 @@ def test_hands_within_reach_are_told_one_by_one(report: Report) -> None:
     assert line(shown(told), "hands within reach").endswith("l_hand 4.7 mm off in 72% of ticks, r_hand never")
 
 
+def test_a_good_hand_does_not_hide_a_bad_one(report: Report) -> None:
+    hands = {"l_hand": 2.0, "r_hand": 30.0, "mean": 3.3, "worse": 30.0}
+    told = replace(report, reachable_hands_mm=hands, reachable_share={"l_hand": 0.95, "r_hand": 0.05})
+    text = line(shown(told), "hands within reach")
+    assert text.endswith("l_hand 2.0 mm off in 95% of ticks, r_hand 30.0 mm off in 5% of ticks") and "3.3" not in text
+
+
 def test_without_servos_nothing_is_said_of_them(report: Report) -> None:
     bare = replace(report, servo_tracking_mm=None, servo_error_deg=None, reachable_share=None)
     lines = shown(bare)

@@ -121,8 +121,12 @@ def _hands(run: RunResult, reached: FloatArray) -> _Hands:
         return _Hands()
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
     ticks = [found[name].share for name in errors]
-    mean = {"mean": float(np.average(list(errors.values()), weights=ticks))} if errors else {}
-    return _Hands(errors | mean or None, {name: hand.share for name, hand in found.items()})
+    both = (
+        {"mean": float(np.average(list(errors.values()), weights=ticks)), "worse": max(errors.values())}
+        if errors
+        else {}
+    )
+    return _Hands(errors | both or None, {name: hand.share for name, hand in found.items()})
 
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:
