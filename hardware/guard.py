@@ -61,7 +61,7 @@ class Guard:
         self._step = StopCause.BUS  # what is to blame if the running step of the tick fails
         self._states: ServoStates | None = None
         self._sent: TickArray | None = None
-        self._halting: FloatArray | None = None  # [rad] posture of the caller's way to a stop, for this tick
+        self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
         self._braked = 0  # ticks of braking so far
         self._begun: float | None = None  # [s] when the last tick began; None before the first
 
@@ -109,7 +109,7 @@ class Guard:
                     describe(what="the filter moved the present posture", then="Seed the filter with what it is given")
                 )
             self._write(goals)
-            self._begun = None
+            self._begun = self._pending = None
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
         except BaseException as error:
@@ -213,30 +213,38 @@ class Guard:
             self.stop(f"the goal took {age:.3g} s, allowed {self.limits.max_age:g} s", StopCause.STALE_GOAL)
             return
         self._step = StopCause.FILTER
-        posture = self._filter.brake() if goal is None else self._filter.admit(goal)
-        ticks = self._map.to_ticks(posture)
-        self._write(ticks)
+        if self._pending is None:
+            self._pending = self._filter.brake() if goal is None else self._filter.admit(goal)
+        self._send(self._pending)
         if goal is not None:
             self._state = GuardState.MOVING
 
     def _ask_way(self, halt: Halt) -> None:
         """Let the caller say how to brake; where that fails, the filter knows."""
         self._step = StopCause.SOURCE
-        self._halting = None
-        goal = None if self._filter.at_rest else halt()
+        goal = None if self._filter.at_rest or self._pending is not None else halt()
         if goal is not None:
-            self._halting = self._filter.admit(goal)
+            self._pending = self._filter.admit(goal)
 
     def _brake(self) -> None:
         self._step = StopCause.FILTER
         if self._filter.at_rest:
+            self._pending = None  # where the last one was
             self._state = GuardState.ARMED if self._stop is None else GuardState.STOPPED
             return
         if self._braked == self.limits.max_brake_ticks:
             self.cut(f"still moving after {self._braked} ticks of braking", StopCause.FILTER)
             return
         self._braked += 1
-        self._write(self._map.to_ticks(self._filter.brake() if self._halting is None else self._halting))
+        if self._pending is None:
+            self._pending = self._filter.brake()
+        self._send(self._pending)
+
+    def _send(self, posture: FloatArray) -> None:
+        """Send what is pending, rad (n,). Until the bus has it the filter is asked for nothing more: what an interrupt
+        kept from being sent would else be sent together with the next, a step twice as long."""
+        self._write(self._map.to_ticks(posture))
+        self._pending = None
 
     def _write(self, ticks: TickArray) -> None:
         self._step = StopCause.BUS

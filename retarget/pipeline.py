@@ -24,10 +24,12 @@ INTERRUPTED = "interrupted by the user"
 
 @dataclass(frozen=True)
 class Watch:
-    """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at before every tick."""
+    """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at before every tick;
+    cut_asked: before every tick of braking, whether torque is to go off at once."""
 
     on_tick: Callable[[int], object] = lambda done: None
     stop_asked: Callable[[], bool] = lambda: False
+    cut_asked: Callable[[], bool] = lambda: False
     every: int = 50
 
 
@@ -59,18 +61,19 @@ class Pipeline:
         Every tick that is sent is kept: the approach before the clip and the braking after it too. Raises GuardError or
         BusError if the robot cannot be armed, TorqueError if a run fails and torque could not be switched off.
         """
+        watch = Watch() if watch is None else watch
         self._human = self._reconstructor.start(self._clip.sample(0))
         try:
             approach = [] if self._robot is None else self._robot.begin(self._human)
             self._allocate(len(approach))
             with _collector_at_rest():
-                wall_s, interrupted = self._play(approach, Watch() if watch is None else watch)
-                self._stand(interrupted=interrupted)
+                wall_s, interrupted = self._play(approach, watch)
+                self._stand(watch, interrupted=interrupted)
             state, reason = self._finish(interrupted=interrupted)
         except BaseException as error:
             # What goes wrong outside of a tick of the guard stops the robot too, before it is raised.
             if self._robot is not None:
-                self._robot.give_up(error)
+                self._robot.give_up(error, watch.cut_asked)
             raise
         return Ending(self._record.first(self._row), state, reason, wall_s)
 
@@ -103,7 +106,7 @@ class Pipeline:
         watch.on_tick(self._clip.ticks)
         return self._wall.now() - begun, False
 
-    def _stand(self, *, interrupted: bool) -> None:
+    def _stand(self, watch: Watch, *, interrupted: bool) -> None:
         """Come to a stand, by a stop if somebody asked for it."""
         robot = self._robot
         if robot is None:
@@ -111,7 +114,7 @@ class Pipeline:
         if interrupted:
             robot.stop(INTERRUPTED)
         robot.guard.rest()
-        while robot.braking:
+        while robot.braking and not robot.cut_short(watch.cut_asked):
             self._one_tick(_nothing)
 
     def _one_tick(self, think: Think) -> None:

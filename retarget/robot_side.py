@@ -1,5 +1,6 @@
 """The robot's half of a tick: follow, gate, guard, bus; and what was sent, kept row by row."""
 
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
@@ -20,6 +21,8 @@ from retarget.rotations import FloatArray
 from retarget.stages import FollowingStage
 
 __all__ = ["GATED_RAD", "RobotSide"]
+
+INSISTED = "torque off before the robot stood, as the user insisted"
 
 GATED_RAD = 1e-8
 """A goal that is sent differs from the one asked by more than this, rad, where the filter changed it."""
@@ -47,10 +50,10 @@ class RobotSide:
         self._start = self._sent = self._moved = np.zeros(0)
         self._first: RobotPosture
         self._started = False
-        # Of the tick that runs: what is asked, and whether the root that belongs to it is known.
+        # Of the tick that runs: what is asked, whether its root is known, and whether just that was sent.
         self._goal: FloatArray | None = None
         self._asked: FloatArray | None = None
-        self._rooted = False
+        self._rooted = self._passed = False
 
     @property
     def following(self) -> bool:
@@ -99,53 +102,51 @@ class RobotSide:
         self._goal, self._asked, self._rooted = None, None, False
         before = self.guard.sent
         self.guard.tick(think, self._halt)
-        return self.guard.sent is not before
+        sent = self.guard.sent is not before
+        if sent:
+            self._went()
+        return sent
 
     def stop(self, reason: str) -> None:
         """Stop because somebody asked for it."""
         self.guard.stop(reason, StopCause.REQUESTED)
 
-    def brake(self) -> bool:
-        """One tick on the way to a stand. Returns whether anything was sent."""
-        return self.act(_nothing)
+    def cut_short(self, asked: Callable[[], bool]) -> bool:
+        """Switch torque off without braking if that is `asked`. Returns whether it was."""
+        insisted = asked()
+        if insisted:
+            self.guard.cut(INSISTED)
+        return insisted
 
-    def finish(self) -> None:
-        """Come to a stand and switch torque off, where the bus still takes it; the guard has latched it if not."""
-        self.guard.rest()
-        while self.braking:
-            self.brake()
-        with suppress(Exception):  # the guard has latched it, whatever it is
-            self.guard.release()
+    def finish(self, cut_asked: Callable[[], bool] = lambda: False) -> None:
+        """Come to a stand and switch torque off, whatever fails or interrupts; the guard has latched what did."""
+        try:
+            self.guard.rest()
+            while self.braking and not self.cut_short(cut_asked):
+                self.act(_nothing)
+        finally:
+            with suppress(Exception):
+                self.guard.release()
 
-    def give_up(self, error: BaseException) -> None:
+    def give_up(self, error: BaseException, cut_asked: Callable[[], bool]) -> None:
         """Come to a stand, torque off, because of an `error` outside of a tick, which the caller goes on raising.
 
         Raises TorqueError from it where torque could not be switched off.
         """
         if self.guard.state is not GuardState.IDLE:
             self.stop(str(error) or type(error).__name__)
-            self.finish()
+            self.finish(cut_asked)
         stop = self.guard.stop_reason
         if stop is not None and stop.powered:
             raise TorqueError(stop.reason) from error
 
     def keep(self, record: RobotRecord, row: int) -> None:
-        """Write what this tick asked and sent into its row; tell the follower where something else was sent."""
-        sent, goal = self._goals.position, self._goal
-        self._moved, self._sent = sent - self._sent, sent
-        passed = goal is not None and bool(np.abs(sent - goal).max() <= GATED_RAD)  # False for NaN
-        self._q[self.robot.servo_columns] = sent
-        if not (passed and self._rooted):
-            plant_root(self.robot, self._before, self._q)
-        if self._started and not passed:
-            moved = self._kinematics.difference(self._before, self._q)  # (nv,)
-            self._follower.reseed(self._q.copy(), moved / self._dt)
-        if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
-            self._before[:] = self._q
+        """Write what this tick asked and sent into its row."""
         record.q[row] = self._q
         if self.phase is Phase.FOLLOW and self._asked is not None:
             record.landmarks_asked[row] = self._asked
-        record.gated[row], record.unled[row] = goal is not None and not passed, goal is None
+        record.gated[row] = self._goal is not None and not self._passed
+        record.unled[row] = self._goal is None
         if self.guard.sent is not None:
             record.goal_ticks[row] = self.guard.sent
         states = self.guard.states
@@ -153,6 +154,20 @@ class RobotSide:
             record.bus_time[row] = states.time
             record.present[row] = self.robot.joint_map.to_radians(states.position)
             record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+
+    def _went(self) -> None:
+        """Something was sent: know where the robot is; tell the follower where it is something else than was asked."""
+        sent, goal = self._goals.position, self._goal
+        self._moved, self._sent = sent - self._sent, sent
+        self._passed = goal is not None and bool(np.abs(sent - goal).max() <= GATED_RAD)  # False for NaN
+        self._q[self.robot.servo_columns] = sent
+        if not (self._passed and self._rooted):
+            plant_root(self.robot, self._before, self._q)
+        if self._started and not self._passed:
+            moved = self._kinematics.difference(self._before, self._q)  # (nv,)
+            self._follower.reseed(self._q.copy(), moved / self._dt)
+        if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
+            self._before[:] = self._q
 
     def _approaching(self, goal: FloatArray) -> Think:
         """A thought that is already finished."""

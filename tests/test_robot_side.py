@@ -5,7 +5,8 @@ import pytest
 
 from hardware.bus import ServoGoals
 from hardware.errors import BusError, TorqueError
-from retarget.pipeline import Ending, Pipeline, Watch
+from retarget.pipeline import INTERRUPTED, Ending, Pipeline, Watch
+from retarget.robot_side import INSISTED
 from retarget.rotations import FloatArray
 from rig import Rig, StubReconstructor, person, short_clip
 from sim.mock_faults import FaultKind, MockFault
@@ -99,3 +100,87 @@ def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
     with pytest.raises(TorqueError, match=r"no terminal.*r_sho_roll.*cut the power"):
         play(rig, Watch(broken, every=1))
     assert rig.bus.torque_on
+
+
+def test_an_interrupt_while_it_comes_to_a_stand_switches_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    write, count = rig.bus.write, 0
+
+    def torn(goals: ServoGoals) -> None:
+        nonlocal count
+        count += 1
+        if count in (40, 42):
+            raise KeyboardInterrupt
+        write(goals)
+
+    monkeypatch.setattr(rig.bus, "write", torn)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert count == 42 and not rig.bus.torque_on and rig.guard.stop_reason is not None
+
+
+def test_whatever_fails_in_switching_torque_off_the_record_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    torque = rig.bus.torque
+
+    def gone(on: bool) -> None:
+        if not on:
+            raise OSError("no such device")
+        torque(on)
+
+    monkeypatch.setattr(rig.bus, "torque", gone)
+    ending = play(rig)
+    assert ending.state == "stopped" and len(ending.record) > 50
+    assert ending.reason == "no such device (torque could not be switched off: cut the power)"
+
+
+def test_who_insists_does_not_wait_for_the_robot_to_stand() -> None:
+    rig, asked = Rig(swing()), 0
+
+    def stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked == 30
+
+    ending = play(rig, Watch(stop_asked=stop, cut_asked=lambda: asked == 30 and not rig.gate.at_rest))
+    assert not rig.gate.at_rest and not rig.bus.torque_on
+    assert ending.reason == f"{INTERRUPTED}, then: {INSISTED} (torque is off)"
+    assert len(ending.record) == 29
+
+
+def test_who_insists_after_a_failure_does_not_wait_either() -> None:
+    rig = Rig(swing())
+
+    def broken(done: int) -> None:
+        if done == 20:
+            raise OSError("no terminal")
+
+    with pytest.raises(OSError, match="no terminal"):
+        play(rig, Watch(broken, cut_asked=lambda: True, every=1))
+    assert not rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_failure_during_the_approach_brakes_on_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(np.zeros((60, 20)) + np.linspace(-0.4, 0.4, 20))
+    admit, way, refused, asked = rig.gate.admit, [], 0, 0
+
+    def noted(goal: FloatArray) -> FloatArray:
+        nonlocal refused
+        way.append(admit(goal))
+        refused += bool(np.abs(way[-1] - goal).max() > 0.0)
+        return way[-1]
+
+    def broken() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 60:
+            raise OSError("no terminal")
+        return False
+
+    monkeypatch.setattr(rig.gate, "admit", noted)
+    with pytest.raises(OSError, match="no terminal"):
+        play(rig, Watch(stop_asked=broken))
+    assert refused == 0 and len(way) > 60 and rig.gate.at_rest and not rig.bus.torque_on
+    line = way[-1] - way[0]
+    off = (np.array(way) - way[0]) @ (np.eye(20) - np.outer(line, line) / (line @ line))
+    assert np.abs(off).max() < 1e-12

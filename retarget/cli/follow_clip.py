@@ -32,7 +32,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         stop_on_signals() as stop,
         progress_bar(options.robot, prepared.clip.ticks) as show,
     ):
-        run = prepared.run(Watch(show, stop))
+        run = prepared.run(Watch(show, stop, stop.insisted))
     report = measure(run)
     show_summary(report, Console())
     outputs.write(run, report)

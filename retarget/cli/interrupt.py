@@ -7,32 +7,50 @@ from types import FrameType
 
 __all__ = ["StopRequest", "stop_on_signals"]
 
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""Those of them that the platform has."""
+
 
 class StopRequest:
-    """Whether somebody asked to stop."""
+    """Whether somebody asked to stop, and whether they insisted. Nothing is done here: a tick is never torn."""
 
     def __init__(self) -> None:
         self._asked = False
+        self._insisted = False
 
     def __call__(self) -> bool:
         """Whether somebody asked."""
         return self._asked
 
+    def insisted(self) -> bool:
+        """Whether somebody asked not to wait for the robot to stand."""
+        return self._insisted
+
     def ask(self) -> None:
         """Ask to stop before the next tick."""
         self._asked = True
 
+    def insist(self) -> None:
+        """Ask to stop, without braking."""
+        self._asked = self._insisted = True
+
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """SIGINT and SIGTERM ask to stop; a second SIGINT interrupts at once, as usual."""
+    """SIGINT, SIGTERM and SIGHUP (a terminal that is gone) ask to stop; SIGINT after any of them insists.
+
+    None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
+    """
     request = StopRequest()
 
     def handle(number: int, frame: FrameType | None) -> None:
-        request.ask()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if number == signal.SIGINT and request():
+            request.insist()
+        else:
+            request.ask()
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handle) for number in heard}
     try:
         yield request
     finally:
