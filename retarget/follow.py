@@ -11,6 +11,7 @@ from retarget.following_limits import following_limits
 from retarget.hierarchy import Hierarchy, JointLimits
 from retarget.human_dimensions import HumanDimensions
 from retarget.landmarks import AskedLandmarks, LandmarkMap
+from retarget.planted_root import plant_root
 from retarget.priorities import CentreOfMassTask, Priorities
 from retarget.pursuit import braking_displacement
 from retarget.robot_body import RobotBody
@@ -68,6 +69,7 @@ class Follower:
 
         Raises ConfigError: the priorities name what the robot does not have.
         """
+        self._robot, self._body = robot, robot.body.solver_body()
         self.stance = plant(robot, robot.profile.postures.stand)
         self._limits = following_limits(robot, self.stance)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
@@ -129,9 +131,10 @@ class Follower:
 
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
-        if self._stopping is None or not self._stopping.knows_way(dt):
+        step = None if self._stopping is None else self._stopping.follow(dt)
+        if step is None:
             return None
-        self._q, velocity = self._stopping.follow(dt)
+        self._q, velocity = step
         self.hierarchy.solver.reset(self._q, velocity)
         self._reached = self._reader.read(self._q)
         return self._q
@@ -145,10 +148,20 @@ class Follower:
         self._reached = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:
-        """The posture q (nq,) if the robot can stop from it on its soles, else the next one on its way to a stop."""
+        """The posture q (nq,) if the robot can stop from it on its soles, else the next one on its way to a stop.
+
+        Where it knows none, each joint brakes by itself, as the gate would have it do.
+        """
         if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
-        q, velocity = self._stopping.follow(dt)
+        step = self._stopping.follow(dt)
+        if step is None:
+            q = self._stopping.brake(dt)
+            plant_root(self._robot, self._q, q)
+            velocity = self._body.difference(self._q, q) / dt
+            self._stopping.begin(q, velocity)
+        else:
+            q, velocity = step
         self.hierarchy.solver.reset(q, velocity)
         return q
 

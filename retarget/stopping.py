@@ -133,9 +133,13 @@ class Stopping:
         """Whether there is a way to follow; where it is not known any more, it is looked for."""
         return self._known or self._finds_way(self._way[0], self._velocity, dt)
 
-    def follow(self, dt: float) -> tuple[FloatArray, FloatArray]:
-        """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands."""
-        self.knows_way(dt)
+    def follow(self, dt: float) -> tuple[FloatArray, FloatArray] | None:
+        """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands.
+
+        None: no way is known, nor found now.
+        """
+        if not self.knows_way(dt):
+            return None
         before = self._way[self._at]
         self._at = min(self._at + 1, len(self._way) - 1)
         now = self._way[self._at].copy()
@@ -145,6 +149,14 @@ class Stopping:
         self._velocity = self._body.difference(before, now) / dt
         self._way[self._at] = now  # last: at the end of the way this is `before`
         return now, self._velocity
+
+    def brake(self, dt: float) -> FloatArray:
+        """The next posture (nq,) where no way is known: every joint by itself, as fast as it can, under a root at rest.
+
+        Whoever takes it begins anew from there.
+        """
+        slower = np.maximum(np.abs(self._velocity) - self._deceleration * dt, 0.0)  # (nv,)
+        return self._body.integrate(self._way[self._at], np.copysign(slower, self._velocity) * dt)
 
     def _losses(self, way: FloatArray) -> tuple[float, float]:
         """Most that a corner of a sole is off (m), and that the centre of mass falls short of its margin (m)."""

@@ -34,6 +34,13 @@ def moving(q: FloatArray, root: FloatArray) -> FloatArray:
     return np.linalg.lstsq(np.concatenate(rows), np.concatenate([np.zeros(12), root]), rcond=None)[0]
 
 
+def step(guard: Stopping) -> tuple[FloatArray, FloatArray]:
+    """The next posture on a way that is known, and its velocity."""
+    found = guard.follow(DT)
+    assert found is not None
+    return found
+
+
 def test_at_rest_it_may_stay() -> None:
     assert stopping().admits(stance().q, np.zeros(op3().body.nv), DT)
 
@@ -57,7 +64,7 @@ def test_the_way_to_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> N
     assert guard.admits(where.q, velocity, DT)
     before = velocity
     for _ in range(30):
-        q, now = guard.follow(DT)
+        q, now = step(guard)
         limits = following_limits(op3(), where).max_acceleration
         assert (np.abs(now - before) <= limits * DT * (1.0 + 1e-6)).all()
         for sole in where.soles:
@@ -75,7 +82,7 @@ def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
     assert guard.admits(where.q, before, DT)
     ticks = 0
     while np.abs(before).max() > 1e-9:
-        _, now = guard.follow(DT)
+        _, now = step(guard)
         assert (np.abs(now - before) <= limits.max_acceleration * DT * (1.0 + 1e-6)).all()
         before, ticks = now, ticks + 1
     assert ticks > 5
@@ -126,6 +133,21 @@ def test_a_robot_that_was_moved_otherwise_looks_for_a_new_way() -> None:
     assert guard.knows_way(DT)
     guard.begin(where.q, upward(0.6))
     assert not guard.knows_way(DT)
+    assert guard.follow(DT) is None
+
+
+def test_without_a_way_every_joint_brakes_within_its_limits() -> None:
+    guard, where, before = stopping(), stance(), upward(0.6)
+    limits, q = following_limits(op3(), where).max_acceleration, where.q
+    guard.begin(q, before)
+    ticks = 0
+    while np.abs(before[6:]).max() > 1e-9:
+        after = guard.brake(DT)
+        now = op3().body.solver_body().difference(q, after) / DT
+        assert (np.abs(now - before)[6:] <= limits[6:] * DT * (1.0 + 1e-6)).all()
+        guard.begin(after, now)
+        q, before, ticks = after, now, ticks + 1
+    assert ticks > 5
 
 
 def test_what_is_already_lost_may_go_on_as_long_as_it_does_not_get_worse() -> None:
@@ -148,3 +170,22 @@ def test_many_small_steps_off_the_ground_do_not_add_up() -> None:
         q[2] += 9e-6
         rises += 1
     assert rises < 5
+
+
+def test_a_follower_without_a_way_asks_no_servo_for_more_than_it_can() -> None:
+    """Its posture is a goal like any other: the gate is to let it pass."""
+    human, robot = postures(performer())[0], follower()
+    limits, dofs = op3().limits, [op3().body.dof_index(joint) for joint in op3().joint_map.joints]
+    before = upward(0.6)
+    stands, q = robot.start(human), stance().q
+    robot.reseed(q, before)
+    assert robot.halt(DT) is None
+    last, speed, height = stands.joint_positions, before[dofs], []
+    for _ in range(70):
+        posture = robot.step(human, DT)
+        now = (posture.joint_positions - last) / DT
+        assert (np.abs(now - speed) <= limits.max_acceleration * DT * (1.0 + 1e-6)).all()
+        last, speed = posture.joint_positions, now
+        height.append(float(posture.q[2]))
+    assert max(height) > stance().q[2] + 0.005  # the root goes on with the legs
+    assert robot.halt(DT) is not None
