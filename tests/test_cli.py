@@ -4,13 +4,14 @@ import importlib
 import inspect
 import subprocess
 import sys
+from collections.abc import Callable
 
 import pytest
 
 import retarget
 from hardware.errors import RetargetError, TorqueError
 from retarget import cli
-from retarget.cli.boundary import DEFECT, DONE, REFUSED, STOPPED, exit_code_of
+from retarget.cli.boundary import DEFECT, DONE, INTERRUPTED, REFUSED, STOPPED, exit_code_of
 
 
 def leave(*words: str) -> int:
@@ -80,12 +81,53 @@ def test_torque_that_is_still_on_is_no_refusal(capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().err == "error: port gone (cut the power)\n"
 
 
-def test_an_interrupt_is_a_stop(capsys: pytest.CaptureFixture[str]) -> None:
-    def interrupted() -> None:
-        raise KeyboardInterrupt
+def interrupted() -> None:
+    raise KeyboardInterrupt
 
-    assert exit_code_of(interrupted) == STOPPED
-    assert "interrupted" in capsys.readouterr().err
+
+def interrupted_import() -> None:
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as error:
+        raise ImportError("initialization failed") from error
+
+
+def refused_because_of_an_interrupted_import() -> None:
+    try:
+        interrupted_import()
+    except ImportError:
+        raise RetargetError("C3D needs ezc3d: install it") from None
+
+
+@pytest.mark.parametrize("command", [interrupted, interrupted_import, refused_because_of_an_interrupted_import])
+def test_an_interrupt_is_one_line(command: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code_of(command) == INTERRUPTED == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_an_interrupt_inside_a_command_is_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("retarget.cli.robots.user_folder", interrupted)
+    assert leave("robots") == INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_torque_that_is_still_on_after_an_interrupt_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        try:
+            interrupted()
+        except KeyboardInterrupt as error:
+            raise TorqueError("port gone (cut the power)") from error
+
+    assert exit_code_of(fail) == STOPPED
+    assert "cut the power" in capsys.readouterr().err
+
+
+def test_nothing_of_weight_is_imported_before_main() -> None:
+    code = "import sys, retarget.cli; print('typer' in sys.modules, 'numpy' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert result.stdout.split() == ["False", "False"]
 
 
 def test_a_defect_shows_its_traceback(capsys: pytest.CaptureFixture[str]) -> None:
@@ -112,3 +154,9 @@ def test_a_reader_that_leaves_is_no_defect() -> None:
         process.stdout.close()
         shown = process.stderr.read()
     assert shown == b""
+
+
+def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("--help") == DONE
+    shown = " ".join(capsys.readouterr().out.split())
+    assert all(f"{code} " in shown.split("Exit codes:")[1] for code in (DONE, STOPPED, REFUSED, DEFECT, INTERRUPTED))

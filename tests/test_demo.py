@@ -15,6 +15,12 @@ def demo(*words: str | Path) -> int:
     return int(leaving.value.code or 0)
 
 
+def test_the_help_says_mock_bus(capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo("--help") == DONE
+    shown = capsys.readouterr().out
+    assert "mock bus" in shown and "emulated" not in shown
+
+
 def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     assert demo() == DONE

@@ -1,14 +1,22 @@
 """`retarget run`: end to end, what is refused before anything happens, and what a person reads."""
 
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from retarget.cli import main
-from retarget.cli.boundary import DONE, REFUSED
+from retarget.cli.boundary import DONE, INTERRUPTED, REFUSED, STOPPED
+from retarget.errors import UsageError
+from retarget.metrics.measure import measure
+from retarget.report import Report
+from retarget.run_result import RunResult
 
 
 def run(*words: str | Path) -> int:
@@ -119,3 +127,67 @@ def test_robot_and_source_are_needed(capsys: pytest.CaptureFixture[str]) -> None
 @pytest.mark.parametrize("options", [("--parts", "upper"), ("--no-gate",)])
 def test_a_human_has_neither_parts_nor_gate(amc: Path, options: tuple[str, ...]) -> None:
     assert run("--robot", "human", "--source", amc, *options) == REFUSED
+
+
+def short(amc: Path, *words: str | Path) -> tuple[str | Path, ...]:
+    return ("--robot", "human", "--source", amc, "--end", "0.1", *words)
+
+
+def fail_to_write(*_: object) -> None:
+    raise UsageError("cannot write here", where="--report", found="No space left on device")
+
+
+def press_ctrl_c(*_: object) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def test_files_are_there_before_anything_is_said(amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[bool] = []
+    monkeypatch.setattr("retarget.cli.follow_clip.show_summary", lambda *_: seen.append((tmp_path / "r.json").exists()))
+    assert run(*short(amc, "--report", tmp_path / "r.json")) == DONE
+    assert seen == [True]
+
+
+def test_ctrl_c_after_the_motion_costs_no_file(amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def measured(result: RunResult) -> Report:
+        press_ctrl_c()
+        press_ctrl_c()
+        return measure(result)
+
+    monkeypatch.setattr("retarget.cli.follow_clip.measure", measured)
+    assert run(*short(amc, "--report", tmp_path / "r.json")) == DONE
+    assert (tmp_path / "r.json").exists()
+
+
+def test_ctrl_c_before_the_motion_leaves_nothing(
+    amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("retarget.prepare.calibrate", press_ctrl_c)
+    assert run(*short(amc, "--report", tmp_path / "r.json", "--plots", tmp_path / "pictures")) == INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_written_costs_no_other(
+    amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("retarget.cli.outputs.write_report", fail_to_write)
+    monkeypatch.setattr("retarget.plots.write_plots", fail_to_write)
+    saved, pictures = tmp_path / "r.npz", tmp_path / "new" / "pictures"
+    code = run(*short(amc, "--report", tmp_path / "r.json", "--save", saved, "--plots", pictures))
+    shown = capsys.readouterr()
+    assert code == STOPPED
+    assert saved.exists() and "run: " in shown.out and "tracking, mm" in shown.out
+    assert {path.name for path in tmp_path.iterdir()} == {"r.npz", "r_human.xml"}
+    assert [line[:20] for line in shown.err.splitlines()] == ["error: report not wr", "error: picture not w"]
+    assert "No space left" in shown.err
+
+
+def test_a_reader_that_leaves_costs_no_file(amc: Path, tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "retarget", "run", *map(str, short(amc, "--report", tmp_path / "r.json"))]
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as pipe:
+        result = subprocess.run(words, stdout=pipe, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (result.returncode, result.stderr) == (DONE, "")
+    assert (tmp_path / "r.json").exists()

@@ -1,19 +1,15 @@
 """The command line: one file per command, each with a function of the command's name.
 
-Only the command that is asked for is imported, so that `--help` and `--version` answer at once.
+Only the command that is asked for is imported, so that `--help` and `--version` answer at once. Nothing of weight is
+imported before `main`, so that Ctrl-C at any moment is one line.
 """
 
 import atexit
 import gc
-import importlib
 import os
 import sys
-from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from collections.abc import Sequence
 
-import typer
-
-import retarget
 from retarget.cli.boundary import exit_code_of
 
 COMMANDS = {
@@ -25,10 +21,6 @@ COMMANDS = {
 }
 """Every command and its line in the list of commands."""
 
-EPILOG = (
-    "Exit codes: 0 done, 1 stopped by the guard or interrupted, 2 refused before anything moved, 3 a defect of ours."
-)
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line with `arguments` (those of the process by default) and leave with its exit code."""
@@ -36,7 +28,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = next((word for word in words if not word.startswith("-")), None)
     if arguments is None:
         _make_haste()
-    sys.exit(exit_code_of(lambda: _application(chosen)(args=words, prog_name="retarget")))
+    sys.exit(exit_code_of(lambda: _call(chosen, words)))
+
+
+def _call(chosen: str | None, words: list[str]) -> None:
+    from retarget.cli.application import application
+
+    application(chosen)(args=words, prog_name="retarget")
 
 
 def _make_haste() -> None:
@@ -50,41 +48,3 @@ def _make_haste() -> None:
         ("OPENBLAS_NUM_THREADS", "1"),
     ):
         os.environ.setdefault(name, value)
-
-
-def _application(chosen: str | None) -> typer.Typer:
-    """The application in which only the `chosen` command is real; the others lend their name and line to the help."""
-    application = typer.Typer(
-        add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EPILOG
-    )
-    application.callback(invoke_without_command=True)(_options)
-    for name, summary in COMMANDS.items():
-        if name == chosen:
-            application.command(name)(_load(name))
-        else:
-            application.command(name, help=summary)(_not_chosen)
-    return application
-
-
-def _load(name: str) -> Callable[..., Any]:
-    """Import a command's file and return its function."""
-    function: Callable[..., Any] = getattr(importlib.import_module(f"retarget.cli.{name}"), name)
-    return function
-
-
-def _not_chosen() -> None:
-    raise AssertionError("only the chosen command is ever called")
-
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"retarget {retarget.__version__}")
-        raise typer.Exit
-
-
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", help="Print the version and leave.", callback=_show_version, is_eager=True)
-    ] = False,
-) -> None:
-    """From a performer's sensors to safe servo goals."""

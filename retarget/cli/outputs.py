@@ -1,16 +1,17 @@
 """The files that a command was asked to write: checked before anything moves, written when all is done."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
-
+from retarget.errors import RefusedError
 from retarget.outputs import check_folder, make_folder
 from retarget.report import Report, report_path, write_report
 from retarget.run_result import RunResult
 from retarget.save import save_path, write_npz
 
-__all__ = ["Outputs"]
+__all__ = ["Outputs", "Written"]
 
 
 @dataclass(frozen=True)
@@ -35,22 +36,54 @@ class Outputs:
         check_folder(folder, option="folder")
         return cls(report=folder / "report.json", save=folder / "run.npz", plots=folder)
 
-    def write(self, run: RunResult, report: Report) -> None:
-        """Write what was asked for, and say where it is. Raises UsageError if a file cannot be written after all."""
-        if self.plots is not None:
-            make_folder(self.plots, option="--plots")
-        if self.report is not None:
-            write_report(report, self.report)
-            _say("report", self.report)
-        if self.save is not None:
-            write_npz(run, self.save)
-            _say("run", self.save)
-        if self.plots is not None:
-            from retarget.plots import write_plots
+    def write(self, run: RunResult, report: Report) -> "Written":
+        """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
+        tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
+            ("report", self.report, lambda path: write_report(report, path)),
+            ("run", self.save, lambda path: write_npz(run, path)),
+            ("picture", self.plots, lambda path: _write_plots(run, path)),
+        ]
+        lines: list[str] = []
+        problems: list[str] = []
+        with _folder(self.plots, problems):
+            for what, path, write in tries:
+                if path is None:
+                    continue
+                try:
+                    made = write(path)
+                except (RefusedError, OSError) as error:
+                    problems.append(f"{what} not written: {error}")
+                else:
+                    lines += [f"{what}: {file}" for file in (made if isinstance(made, list) else [path])]
+        return Written(tuple(lines), tuple(problems))
 
-            for picture in write_plots(run, self.plots):
-                _say("picture", picture)
+
+@dataclass(frozen=True)
+class Written:
+    """What became of the files of a run. lines: where each one is; problems: why others are not there."""
+
+    lines: tuple[str, ...]
+    problems: tuple[str, ...]
 
 
-def _say(what: str, path: Path) -> None:
-    typer.echo(f"{what}: {path}")
+def _write_plots(run: RunResult, folder: Path) -> list[Path]:
+    from retarget.plots import write_plots
+
+    return write_plots(run, folder)
+
+
+@contextmanager
+def _folder(path: Path | None, problems: list[str]) -> Iterator[None]:
+    """Make a folder if need be; in the end what was made of it goes again if it is empty."""
+    if path is None:
+        yield
+        return
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        make_folder(path, option="--plots")
+    except RefusedError as error:
+        problems.append(str(error))
+    yield
+    with suppress(OSError):
+        for folder in new:
+            folder.rmdir()

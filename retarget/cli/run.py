@@ -18,7 +18,7 @@ def run(
     ],
     source: Annotated[Path, typer.Option(help="Motion file of the performer: AMC, BVH or C3D.", metavar="FILE")],
     bus: Annotated[
-        str, typer.Option(help="Where goals go: servos in this process, or nowhere.", metavar="mock|none")
+        str, typer.Option(help="Where goals go: a mock bus in this process, or nowhere.", metavar="mock|none")
     ] = "mock",
     performer: Annotated[
         str, typer.Option(help="Which sensors are worn: five, three, six, ten, all, or a file.", metavar="NAME|FILE")
@@ -53,7 +53,8 @@ def run(
 ) -> None:
     """Let a robot follow a recorded performer, and say how well it did.
 
-    Exit code 0: done; 1: stopped by the guard or by Ctrl-C; 2: refused before anything moved.
+    Exit code 0: done; 1: stopped by the guard or by Ctrl-C, or a file not written; 2: refused before anything
+    moved; 130: Ctrl-C before anything moved.
     """
     options = RunOptions(
         robot=robot,
