@@ -71,10 +71,12 @@ impl FrameSolver {
                     }
                 }
             }
-            if self.progress.waits(p.level) && !soft {
+            let share = if soft { self.soft_share } else { f64::from(!self.progress.waits(p.level)) };
+            if share < 1.0 {
                 for r in rows.clone() {
                     if self.problem.is_equality(r) {
-                        (self.problem.lower[r], self.problem.upper[r]) = (0.0, 0.0);
+                        self.problem.lower[r] *= share;
+                        self.problem.upper[r] = self.problem.lower[r];
                     }
                 }
             }

@@ -14,6 +14,9 @@ use std::sync::Arc;
 
 /// Iterations at the end of a frame that may be used to repair what lower levels did to higher ones.
 const REPAIRS: usize = 2;
+/// Soft tasks ask for so much less where a level is damped by this share of its length, or more.
+const SOFT_SLOWING: f64 = 0.8;
+const SOFT_SLOW: f64 = 0.15;
 /// How often a step is halved.
 const HALVINGS: usize = 3;
 
@@ -54,6 +57,8 @@ pub struct FrameSolver {
     pub(crate) placed: Vec<Placed>,
     pub(crate) progress: Progress,
     pub(crate) damping_length: f64,
+    /// Share of their error that soft tasks ask for.
+    pub(crate) soft_share: f64,
     pub(crate) columns: Columns,
     /// Place in q of a hinge or slide coordinate.
     pub(crate) q_address: Vec<Option<usize>>,
@@ -99,6 +104,7 @@ impl FrameSolver {
             task_errors: vec![0.0; layout.placed.len()],
             placed: layout.placed,
             progress,
+            soft_share: 1.0,
             damping_length: settings.damping * body.size(),
             columns,
             q_address,
@@ -207,19 +213,30 @@ impl FrameSolver {
         self.frame_box.iter().zip(&self.done).all(|(b, d)| b.lo <= *d && *d <= b.hi)
     }
 
+    /// Damping of every level. Soft tasks go slower beside a damped level: near a stretched limb they see as little of what
+    /// their steps do as that level, and would swing about their goal.
+    fn damp(&mut self) {
+        let mut most: f64 = 0.0;
+        for k in 0..self.problem.level_count() {
+            let damping = self.progress.damping(k, self.damping_length);
+            self.problem.damping[k] = damping;
+            self.problem.patience[k] = self.progress.patience(k);
+            most = most.max(damping);
+        }
+        self.soft_share =
+            1.0 - SOFT_SLOWING * if most > 0.0 { (most / (SOFT_SLOW * self.damping_length)).min(1.0) } else { 0.0 };
+    }
+
     /// Value of a hinge or slide coordinate; 0 for others (they have no position limit).
     fn coordinate(&self, dof: usize) -> f64 {
         self.q_address[dof].map_or(0.0, |a| self.q[a])
     }
 
     fn iterate(&mut self, targets: &[f64]) {
+        self.damp();
         self.metric(targets);
         self.write_rows(targets);
         self.write_box();
-        for k in 0..self.problem.level_count() {
-            self.problem.damping[k] = self.progress.damping(k, self.damping_length);
-            self.problem.patience[k] = self.progress.patience(k);
-        }
         let outcome = solve(&mut self.problem, &mut self.work);
         self.stats.factorizations += u64::from(outcome.factorizations);
         self.stats.fallbacks += u64::from(outcome.fallback);
