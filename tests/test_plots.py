@@ -1,5 +1,6 @@
 """Pictures are made, are PNG files of a sensible size, and are left out where there is nothing to show."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ from retarget.errors import UsageError
 from retarget.pipeline import Pipeline
 from retarget.plots import PICTURES, write_plots
 from retarget.plots.balance import plot_balance
-from retarget.plots.poses import telling_ticks
+from retarget.plots.poses import performer_facing, plot_poses, telling_ticks
+from retarget.plots.skeleton import turned
+from retarget.rotations import multiply
 from retarget.run_result import RunResult
 from rig import Rig, StubReconstructor, person, result, short_clip
 
@@ -48,9 +51,41 @@ def test_poses_are_spread_over_the_run(run: RunResult) -> None:
     assert [int(np.searchsorted(parts, tick, side="right")) for tick in ticks] == list(range(1, 10))
 
 
-def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult, tmp_path: Path) -> None:
-    from dataclasses import replace
+def test_no_two_poses_are_of_nearly_the_same_instant(run: RunResult) -> None:
+    assert min(np.diff(telling_ticks(run))) >= 51 / 9 / 2
 
+
+def test_no_part_of_a_pose_is_beyond_the_edge_of_the_picture(run: RunResult, human_run: RunResult) -> None:
+    for either in (run, human_run):
+        figure = plot_poses(either)
+        assert figure is not None
+        (axes,) = figure.axes
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        points = np.concatenate([line.get_xydata() for line in axes.lines])
+        assert left < points[:, 0].min() and points[:, 0].max() < right
+        assert bottom < points[:, 1].min() and points[:, 1].max() < top
+
+
+def test_a_performer_is_drawn_facing_as_the_robot_does(human_run: RunResult) -> None:
+    """Whatever the world axes: turned by 130 degrees, the same skeleton is drawn."""
+    angle = np.deg2rad(130.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    human = human_run.record.human
+    q = human.q.copy()
+    q[:, :3] = q[:, :3] @ turn.T
+    q[:, 3:7] = multiply(np.array([np.cos(angle / 2.0), 0.0, 0.0, np.sin(angle / 2.0)]), q[:, 3:7])
+    other = replace(human_run.record, human=replace(human, q=q, joints=human.joints @ turn.T))
+    plain, away = human_run, replace(human_run, record=other)
+    facing = performer_facing(away)
+    np.testing.assert_allclose(facing, np.tile([np.cos(angle), np.sin(angle)], (len(facing), 1)), atol=1e-9)
+    following = plain.record.following
+    np.testing.assert_allclose(
+        turned(other.human.joints[following], facing) @ turn.T, other.human.joints[following], atol=1e-9
+    )
+    assert telling_ticks(away) == telling_ticks(plain)
+
+
+def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult, tmp_path: Path) -> None:
     assert write_plots(replace(human_run, record=human_run.record.first(1)), tmp_path) == []
 
 
