@@ -2,7 +2,6 @@
 them."""
 
 from collections.abc import Callable
-from enum import IntEnum
 
 import numpy as np
 
@@ -17,18 +16,6 @@ collision."""
 
 ROUND_OFF = 1e-9
 """How far, in rad, a goal may miss a bound before it counts as a refusal: two programs that agree differ by less."""
-
-
-class GateReason(IntEnum):
-    """Why a goal was not sent. The first that applies, in this order."""
-
-    PASSED = 0
-    NOT_FINITE = 1
-    POSITION = 2
-    VELOCITY = 3
-    ACCELERATION = 4
-    BRAKING = 5
-    COLLISION = 6
 
 
 class Gate:
@@ -75,8 +62,6 @@ class Gate:
         self._path_rows = 2 + int(np.ceil((self._step / self._change).max()))
         self._position = np.zeros_like(self._lower)
         self._displacement = np.zeros_like(self._lower)
-        self._reason = GateReason.PASSED
-        self._gated = 0
 
     @classmethod
     def for_servos(
@@ -110,16 +95,6 @@ class Gate:
         """Whether nothing is left to brake."""
         return not self._displacement.any()
 
-    @property
-    def reason(self) -> GateReason:
-        """Why the last goal was changed, or PASSED."""
-        return self._reason
-
-    @property
-    def gated(self) -> int:
-        """Goals that were changed since the seed."""
-        return self._gated
-
     def seed(self, position: FloatArray) -> None:
         """Start at rest at `position`, rad (n,); beyond a limit a joint may stand or walk back in. Raises HardwareError
         if not finite."""
@@ -136,39 +111,34 @@ class Gate:
             )
         self._position = start
         self._displacement = np.zeros_like(start)
-        self._reason = GateReason.PASSED
-        self._gated = 0
 
     def admit(self, goal: FloatArray) -> FloatArray:
         """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking
         trajectory."""
-        displacement, reason = self._judge(np.asarray(goal, dtype=np.float64))
-        self._reason = reason
-        self._gated += reason is not GateReason.PASSED
-        sent = self._advance(displacement)
-        if reason is GateReason.PASSED:
-            # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
-            sent = np.array(goal, dtype=np.float64)
-            self._position = sent.copy()
-        return sent
+        displacement = self._admitted(np.asarray(goal, dtype=np.float64))
+        if displacement is None:
+            return self.brake()
+        self._advance(displacement)
+        # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
+        self._position = np.array(goal, dtype=np.float64)
+        return self._position.copy()
 
     def brake(self) -> FloatArray:
         """Return the next posture of the last verified braking trajectory, rad (n,)."""
         return self._advance(self._braked(self._displacement))
 
-    def _judge(self, goal: FloatArray) -> tuple[FloatArray, GateReason]:
-        """Displacement to follow, and why it is not the one asked, if so."""
-        braked = self._braked(self._displacement)
+    def _admitted(self, goal: FloatArray) -> FloatArray | None:
+        """Displacement to a goal that passes, (n,); None for one that is refused."""
         if goal.shape != self._position.shape or not np.isfinite(goal).all():
-            return braked, GateReason.NOT_FINITE
-        lo, hi = self._bounds(braked)
+            return None
+        lo, hi = self._bounds(self._braked(self._displacement))
         asked = goal - self._position
         if np.maximum(lo - asked, asked - hi).max() > ROUND_OFF:
-            return braked, self._classify(goal, asked)
+            return None
         admitted = np.minimum(np.maximum(asked, lo), hi)
         if self._path_is_clear is not None and not self._path_is_clear(self._path(admitted)):
-            return braked, GateReason.COLLISION
-        return admitted, GateReason.PASSED
+            return None
+        return admitted
 
     def _bounds(self, braked: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Displacements that leave a braking trajectory, (n,) each. To go on braking is always among them, beyond a
@@ -183,18 +153,6 @@ class Gate:
             self._dt,
         )
         return np.minimum(lo, braked), np.maximum(hi, braked)
-
-    def _classify(self, goal: FloatArray, asked: FloatArray) -> GateReason:
-        """The plainest limit that the refused `goal` breaks."""
-        above = (goal > self._upper + ROUND_OFF) & (asked > 0.0)
-        below = (goal < self._lower - ROUND_OFF) & (asked < 0.0)
-        if (above | below).any():
-            return GateReason.POSITION
-        if (np.abs(asked) > self._step + ROUND_OFF).any():
-            return GateReason.VELOCITY
-        if (np.abs(asked - self._displacement) > self._change + ROUND_OFF).any():
-            return GateReason.ACCELERATION
-        return GateReason.BRAKING
 
     def _braked(self, displacement: FloatArray) -> FloatArray:
         """The next displacement under full deceleration, (n,)."""
