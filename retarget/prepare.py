@@ -20,6 +20,7 @@ from retarget.options import RunOptions
 from retarget.performer import Performer, load_performer
 from retarget.pipeline import Pipeline, Watch
 from retarget.priorities import Priorities, load_priorities
+from retarget.priorities_fit import check_for_human, naming_file
 from retarget.reconstruct import Reconstructor
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
@@ -105,7 +106,10 @@ def prepare(
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:
     """The priority files of both stages; `--priorities` is the last one's."""
     if robot is None:
-        return load_priorities(options.priorities or HUMAN_PRIORITIES), None
+        name = options.priorities or HUMAN_PRIORITIES
+        for_human = load_priorities(name)
+        check_for_human(for_human, name)
+        return for_human, None
     return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
 
 
@@ -119,7 +123,8 @@ def _robot_side(
     clock: Clock,
     dt: float,
 ) -> RobotSide:
-    follower = Follower(robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations)
+    with naming_file(options.priorities or robot.profile.retarget, robot=robot.profile.name):
+        follower = Follower(robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations)
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     goals: GoalFilter = (
         Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach))
