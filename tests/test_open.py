@@ -108,3 +108,16 @@ def test_every_shared_file_opens_or_says_why(shared: Path) -> None:
         assert len(frames) > 50 and frames.rate_hz in (30.0, 40.0, 120.0)
         assert frames.position[frames.valid].min() > -10.0 and frames.position[frames.valid].max() < 10.0
     assert opened == 26
+
+
+@pytest.mark.parametrize("address", ["vmc://:39539", Path("vmc://:39539"), "osc://host:1/x"])
+def test_live_sources_are_told_to_be_missing(address: str | Path) -> None:
+    with pytest.raises(InputError, match=r"(vmc|osc)://.*live sources are not there yet.*Record to a file"):
+        open_source(address)
+
+
+def test_binary_text_formats_say_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "a.bvh"
+    path.write_bytes(b"HIERARCHY\0\1")
+    with pytest.raises(InputError, match="Unpack it"):
+        open_source(path)

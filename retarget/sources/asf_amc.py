@@ -17,7 +17,7 @@ from retarget.frames import SensorFrames
 from retarget.rotations import FloatArray
 from retarget.sources.asf import AsfSkeleton, read_asf
 from retarget.sources.canonical import canonical_frames
-from retarget.sources.files import MAX_FRAMES, MAX_VALUE, check_frame_count, check_rate, numbers, read_lines
+from retarget.sources.files import MAX_FRAMES, MAX_VALUE, check_frame_count, check_rate, cut_short, numbers, read_lines
 from retarget.sources.tree import Pose, forward_kinematics
 from retarget.sources.units import CMU_METRES, Unit, named_unit
 
@@ -172,6 +172,7 @@ def _checked_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) 
     columns, rows = _Columns(asf), []
     row: dict[str, list[float]] = {}
     number, number_line, line_number = -1, start + 1, start
+    last = max(index for index, line in enumerate(lines, start=1) if line.split("#", 1)[0].strip())
     for line_number, line in enumerate(lines[start:], start=start + 1):
         words = line.split("#", 1)[0].split()
         if not words:
@@ -187,10 +188,14 @@ def _checked_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) 
                         where=where,
                         found=f"frame {words[0][:12]}",
                         allowed=f"frame {number + 1}",
+                        next_step="Number the frames one by one, or get the file again",
                     )
             number, number_line, row = int(words[0][:12]), line_number, {}
         else:
-            columns.add(row, words, where)
+            try:
+                columns.add(row, words, where)
+            except InputError as error:
+                raise (cut_short(error) if line_number == last else error) from None
     rows.append(columns.assemble(row, number, f"{path}:{line_number}"))
     return np.array(rows)
 
@@ -222,6 +227,7 @@ class _Columns:
                 where=where,
                 found=len(words) - 1,
                 allowed=f"{len(dof)} ({' '.join(dof)})" if dof else "no line at all: the bone has no dof",
+                next_step=f"Correct it or the dof in {self._asf.name}, or name another ASF with --skeleton",
             )
         row[name] = numbers(words[1:], where)
 

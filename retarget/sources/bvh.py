@@ -17,7 +17,7 @@ from retarget.frames import SensorFrames
 from retarget.rotations import FloatArray
 from retarget.sources.bvh_hierarchy import BvhHierarchy, read_hierarchy
 from retarget.sources.canonical import canonical_frames
-from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, numbers, read_lines
+from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, cut_short, numbers, read_lines
 from retarget.sources.tree import Pose, forward_kinematics
 from retarget.sources.units import named_unit
 
@@ -130,6 +130,7 @@ def _read_values(lines: list[str], frames: int, width: int, path: Path, before: 
     if width == 0:
         raise InputError("a skeleton without channels", where=f"{path}:{before}", next_step="Export it with motion")
     rows: list[list[float]] = []
+    last = max((number for number, line in enumerate(lines, start=before + 1) if line.strip()), default=0)
     for number, line in enumerate(lines, start=before + 1):
         words = line.split()
         if not words:
@@ -138,10 +139,10 @@ def _read_values(lines: list[str], frames: int, width: int, path: Path, before: 
         if len(rows) == frames:
             allowed = f"{frames}, as 'Frames:' says"
             raise InputError("more frames than declared", where=where, allowed=allowed, next_step="Correct 'Frames:'")
-        if len(words) != width:
-            allowed = f"{width}, one for each channel"
-            raise InputError("wrong number of values in a frame", where=where, found=len(words), allowed=allowed)
-        rows.append(_row(words, where))
+        try:
+            rows.append(_row(words, width, where))
+        except InputError as error:
+            raise (cut_short(error) if number == last else error) from None
     if len(rows) < frames:
         raise InputError(
             "fewer frames than declared",
@@ -153,8 +154,16 @@ def _read_values(lines: list[str], frames: int, width: int, path: Path, before: 
     return np.array(rows)
 
 
-def _row(words: list[str], where: str) -> list[float]:
+def _row(words: list[str], width: int, where: str) -> list[float]:
     """One frame. Only a line that does not convert at once is looked at number by number."""
+    if len(words) != width:
+        raise InputError(
+            "wrong number of values in a frame",
+            where=where,
+            found=len(words),
+            allowed=f"{width}, one for each channel",
+            next_step="Correct the frame or the CHANNELS of the skeleton, or export the file again",
+        )
     try:
         row = list(map(float, words))
     except ValueError:

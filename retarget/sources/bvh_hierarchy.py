@@ -170,7 +170,11 @@ def _channels(draft: _Draft, words: list[str], line: int) -> tuple[Channel, ...]
     names = [word.lower() for word in words[1:]]
     if not words or not words[0].isdecimal() or words[0].lstrip("0") != str(len(names)).lstrip("0"):
         raise draft.error(
-            "wrong channel count", line, found=" ".join(words), allowed=f"{len(names)}, then as many channel names"
+            "wrong channel count",
+            line,
+            found=" ".join(words),
+            allowed=f"{len(names)}, then as many channel names",
+            next_step="Correct the number before the names, or add the names that are missing",
         )
     for name in names:
         if name not in _CHANNELS:

@@ -3,6 +3,7 @@
 import math
 import stat
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ __all__ = [
     "MIN_RATE_HZ",
     "check_frame_count",
     "check_rate",
+    "cut_short",
     "frame_times",
     "numbers",
     "read_bytes",
@@ -77,7 +79,13 @@ def read_lines(path: Path) -> list[str]:
     content = read_bytes(path)
     if b"\0" in content:
         line = content[: content.index(b"\0")].count(b"\n") + 1
-        raise InputError("not a text file", where=f"{path}:{line}", found="a NUL byte", allowed="ASF, AMC or BVH text")
+        raise InputError(
+            "not a text file",
+            where=f"{path}:{line}",
+            found="a NUL byte",
+            allowed="ASF, AMC or BVH text",
+            next_step="Unpack it if it is packed (zip, gz); else export the recording as text",
+        )
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -97,10 +105,20 @@ def numbers(tokens: Iterable[str], where: str) -> list[float]:
             value = math.nan
         if not abs(value) <= MAX_VALUE:
             raise InputError(
-                "not a usable number", where=where, found=repr(token[:40]), allowed="a finite number up to 1e9"
+                "not a usable number",
+                where=where,
+                found=repr(token[:40]),
+                allowed="a finite number up to 1e9",
+                next_step="Correct it, or export the recording again with its gaps filled",
             )
         values.append(value)
     return values
+
+
+def cut_short(error: InputError) -> InputError:
+    """An error of the last line of a file, which most probably says that the rest is missing."""
+    step = "The file ends here and seems cut short: get it again"
+    return InputError.from_problems([replace(problem, next_step=step) for problem in error.problems])
 
 
 def check_frame_count(count: int, where: str) -> None:

@@ -1,5 +1,6 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing."""
 
+import re
 from pathlib import Path
 
 from retarget.errors import InputError, UsageError
@@ -28,6 +29,7 @@ def open_source(
     state it and the guess is wrong. rate: frames per second instead of the file's. Raises InputError with file, line
     and what to do; UsageError for an unknown unit, or for a skeleton with a format that has none.
     """
+    _refuse_live(str(path))
     path = Path(path)
     kind = recognise(path)
     if skeleton is not None and kind != "amc":
@@ -40,6 +42,17 @@ def open_source(
     if kind == "amc":
         return read_amc(path, skeleton=None if skeleton is None else Path(skeleton), unit=unit, rate=rate)
     return _READERS[kind](path, unit=unit, rate=rate)
+
+
+def _refuse_live(address: str) -> None:
+    """Raise InputError for the address of a stream. A `Path` has lost one of its two slashes already."""
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", address) and not Path(address).exists():
+        raise InputError(
+            "live sources are not there yet",
+            where=re.sub(r":/+", "://", address, count=1)[:200],
+            allowed="a motion file: " + ", ".join(FORMATS),
+            next_step="Record to a file first",
+        )
 
 
 def recognise(path: Path) -> str:
