@@ -12,6 +12,7 @@ from retarget.plots import PICTURES, write_plots
 from retarget.plots.balance import plot_balance
 from retarget.plots.poses import performer_facing, plot_poses, telling_ticks
 from retarget.plots.skeleton import turned
+from retarget.plots.tracking import plot_tracking
 from retarget.rotations import multiply
 from retarget.run_result import RunResult
 from rig import Rig, StubReconstructor, person, result, short_clip
@@ -93,3 +94,25 @@ def test_a_folder_that_cannot_be_made(run: RunResult, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="--plots"):
         write_plots(run, tmp_path / "file")
+
+
+def test_tracking_shows_what_was_sent_and_where_the_servos_stood(run: RunResult) -> None:
+    figure, unanswered = plot_tracking(run), plot_tracking(replace(run, has_bus=False))
+    assert figure is not None and unanswered is not None
+    assert [line.get_label() for line in figure.axes[0].lines] == ["asked", "sent", "servos"]
+    assert [line.get_label() for line in unanswered.axes[0].lines] == ["asked", "sent"]
+    sent, servos = (line.get_ydata() for line in figure.axes[0].lines[1:])
+    assert np.shape(sent) == np.shape(servos) and np.isfinite(np.asarray(servos, dtype=float)).all()
+
+
+def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunResult) -> None:
+    worn = human_run.sensors
+    assert len(worn) == 5
+    figure = plot_tracking(human_run)
+    assert figure is not None and len(figure.axes) == 4 * len(worn)
+    joints = human_run.record.human.joints.copy()
+    names = human_run.record.human.joint_names
+    joints[:, [names.index(human_run.performer.sensors[sensor].joint) for sensor in worn]] = human_run.sensors_asked
+    exact = replace(human_run.record, human=replace(human_run.record.human, joints=joints))
+    figure = plot_tracking(replace(human_run, record=exact))
+    assert figure is not None and len(figure.axes) == 3 * len(worn)

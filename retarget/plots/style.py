@@ -16,6 +16,7 @@ __all__ = [
     "MIDDLE",
     "REACHED",
     "RIGHT",
+    "SERVOS",
     "WARNING",
     "new_figure",
     "plain",
@@ -27,6 +28,7 @@ __all__ = [
 # Okabe and Ito's palette.
 ASKED = "#7a7a7a"
 REACHED = "#0072b2"
+SERVOS = "#e69f00"
 LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#333333"
 LIMIT = "#cc79a7"
 WARNING = "#d55e00"
