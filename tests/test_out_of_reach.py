@@ -105,3 +105,12 @@ def test_a_robot_stays_on_its_soles(away: tuple[float, float, float]) -> None:
     assert off < 1e-3 and tilt < np.radians(0.1)
     assert (done.support > 0.0).all()
     followers.assert_within_limits(done.joints)
+
+
+def test_an_absurd_speed_at_the_start_still_gives_a_finite_answer() -> None:
+    body = bench_op3()
+    motion = crouch_and_reach(body, 2)
+    side = Ours(body, motion)
+    side.aim(motion.com[0], motion.points[0])
+    side.solver.reset(motion.start, np.full(body.model.nv, 1e308))
+    assert np.isfinite(side.solver.frame(side.targets, 1e3)).all()

@@ -42,6 +42,7 @@ pub struct FrameBox {
 /// Acceleration comes first (a machine cannot break it), then velocity, then position and braking distance; a start
 /// beyond a limit may only come back, as fast as it may move. Always lo <= hi.
 pub fn frame_bounds(q: f64, before: f64, limit: &Limit, dt: f64) -> FrameBox {
+    let before = if before.is_finite() { before } else { 0.0 };
     let v = limit.velocity * dt;
     let a = limit.acceleration * dt * dt;
     let (acc_lo, acc_hi) = (before - a, before + a);

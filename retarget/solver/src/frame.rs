@@ -17,6 +17,8 @@ const REPAIRS: usize = 2;
 /// Soft tasks ask for so much less where a level is damped by this share of its length, or more.
 const SOFT_SLOWING: f64 = 0.8;
 const SOFT_SLOW: f64 = 0.15;
+/// A displacement beyond the box by this is inside (rad, m).
+const ROUNDING: f64 = 1e-12;
 /// How often a step is halved.
 const HALVINGS: usize = 3;
 
@@ -210,7 +212,7 @@ impl FrameSolver {
 
     /// The box of the frame allows to stay where it is.
     fn may_stay(&self) -> bool {
-        self.frame_box.iter().zip(&self.done).all(|(b, d)| b.lo <= *d && *d <= b.hi)
+        self.frame_box.iter().zip(&self.done).all(|(b, d)| b.lo - ROUNDING <= *d && *d <= b.hi + ROUNDING)
     }
 
     /// Damping of every level. Soft tasks go slower beside a damped level: near a stretched limb they see as little of what

@@ -8,7 +8,7 @@ use crate::layout::Placed;
 const MET: f64 = 1e-6;
 /// An error that changes by less than this share neither falls nor grows.
 const CHANGE: f64 = 1e-2;
-/// A level whose error is below this is kept; one that was kept and is above it is broken.
+/// A level whose error is below this is kept; in the last iterations of a frame, one above it is broken.
 const KEPT: f64 = 1e-4;
 /// A step that makes a level worse by more than this was too large: a part of it is taken back, and lower levels wait.
 const MUCH: f64 = 5e-4;
@@ -160,7 +160,8 @@ impl Progress {
         changed.is_some_and(|l| l.error > l.before)
     }
 
-    /// Levels below a broken one wait, but for those that were kept themselves. `late`: there is little time left in this frame.
+    /// Levels below a broken one wait, but for those that were kept themselves, which are victims too. `late`: there is little time left
+    /// in this frame.
     pub fn decide_who_waits(&mut self, late: bool) {
         let mut broken = false;
         for level in &mut self.levels {

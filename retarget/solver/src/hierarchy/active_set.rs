@@ -148,6 +148,9 @@ fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome:
                 // Its multiplier was not unique: what was let go comes back at once, and would do so for ever.
                 break;
             }
+            if step.share >= STILL {
+                released = None;
+            }
             advance(problem, &work.candidate, step.share);
             step.hold(problem);
             continue;
