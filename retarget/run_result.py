@@ -9,6 +9,7 @@ from retarget.clip import Clip
 from retarget.hierarchy import JointLimits
 from retarget.human import Human
 from retarget.performer import Performer
+from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
 from retarget.record import Record
 from retarget.robot_body import RobotBody
@@ -87,12 +88,13 @@ class RunResult:
 
     @property
     def present_q(self) -> FloatArray | None:
-        """Postures (T, nq) in which the servos stood, under the root that was sent; None without servos that answer."""
+        """Postures (T, nq) in which the servos stood, on the sole that is planted; None without servos that answer."""
         sent = self.record.robot
         if self.robot is None or sent is None or not self.has_bus:
             return None
         q = sent.q.copy()
         q[:, self.robot.servo_columns] = sent.present
+        plant_root(self.robot, sent.q, q)
         return q
 
     def _while_following(self, rows: FloatArray) -> FloatArray:
