@@ -21,6 +21,10 @@ MAX_SHOWN = 200
 """At most this many characters of a user's path are repeated in a message."""
 
 
+HUMAN = "human"
+"""Stands where a robot's name does, and is none: the performer is reconstructed, and nothing else."""
+
+
 class Kind(StrEnum):
     """Kinds of configuration; the value is the folder's name."""
 
@@ -86,11 +90,12 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
             allowed=f"the path of a YAML file, or a name: {listed(known)}",
             next_step="Check the path",
         )
+    also = {HUMAN: "which only reconstructs the performer"} if kind is Kind.ROBOT else {}
     raise UsageError(
         f"unknown {kind.label}",
         found=repr(shown),
-        allowed=listed(known),
-        next_step=suggest(text, known) or f"Give one of these, or the path of a {kind.label}",
+        allowed=", or ".join([listed(known), *(f"{name}, {what}" for name, what in also.items())]),
+        next_step=suggest(text, [*known, *also]) or f"Give one of these, or the path of a {kind.label}",
     )
 
 

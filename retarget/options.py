@@ -3,13 +3,12 @@
 from dataclasses import dataclass, field
 from typing import get_args
 
+from retarget.catalogue import HUMAN
 from retarget.clip import Parts, Playback
 from retarget.errors import UsageError, suggest
 
-__all__ = ["BUSES", "HUMAN", "RunOptions"]
+__all__ = ["BUSES", "RunOptions"]
 
-HUMAN = "human"
-"""The robot's name that means: reconstruct the performer, and nothing else."""
 BUSES = ("mock", "none")
 MAX_ITERATIONS = 100
 

@@ -37,16 +37,10 @@ def keys_of(document: Document, section: str) -> tuple[str, ...]:
 
 
 def _servos(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    yield from _duplicate_ids(document)
     buses = keys_of(document, "buses")
-    first: dict[tuple[str, int], str] = {}
     for joint, servo in profile.servos.items():
         here: KeyPath = ("servos", joint)
-        holder = first.setdefault((servo.bus, servo.id), joint)
-        if holder != joint:
-            what, step = "duplicate servo id", "Give each servo of a bus its own id"
-            yield document.problem(
-                (*here, "id"), what, found=f"{servo.id}, also of {holder} on bus {servo.bus!r}", next_step=step
-            )
         if servo.bus not in buses:
             yield unknown_name(document, (*here, "bus"), "bus", servo.bus, buses)
         elif servo.bus in profile.buses and servo.id not in profile.buses[servo.bus].ids:
@@ -57,6 +51,23 @@ def _servos(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
         except HardwareError:
             yield unknown_name(document, (*here, "model"), "servo model", servo.model, SERVO_MODELS)
     yield from _servo_travel(profile, document)
+
+
+def _duplicate_ids(document: Document) -> Iterable[Problem]:
+    """Looked for among all entries of the file, so that another fault of a servo hides none."""
+    servos = document.data.get("servos")
+    first: dict[tuple[str, int], str] = {}
+    for joint, servo in servos.items() if isinstance(servos, dict) else ():
+        if not isinstance(servo, dict):
+            continue
+        number, bus = servo.get("id"), servo.get("bus")
+        if not isinstance(number, int) or isinstance(number, bool) or not isinstance(bus, str):
+            continue
+        holder = first.setdefault((bus, number), joint)
+        if holder != joint:
+            found = f"{number}, also of {holder} on bus {bus!r}"
+            step = "Give each servo of a bus its own id"
+            yield document.problem(("servos", joint, "id"), "duplicate servo id", found=found, next_step=step)
 
 
 def _servo_travel(profile: "RobotProfile", document: Document) -> Iterable[Problem]:

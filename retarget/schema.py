@@ -39,13 +39,19 @@ Check = Callable[[M, Document], list[Problem]]
 
 def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] >= pair[1]:
-        raise PydanticCustomError("inverted", "inverted limits")
+        raise PydanticCustomError(
+            "inverted", "inverted limits", {"allowed": "[lower, upper], the lower one first and below the upper one"}
+        )
     return pair
 
 
 def _unit(quat: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     if abs(sum(part * part for part in quat) - 1.0) > 1e-3:
-        raise PydanticCustomError("quaternion", "not a unit quaternion")
+        raise PydanticCustomError(
+            "quaternion",
+            "not a unit quaternion",
+            {"allowed": "[w, x, y, z] whose squares sum to 1; no turn: [1, 0, 0, 0]"},
+        )
     return quat
 
 

@@ -66,13 +66,14 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
         "Input should be "
     ):  # not pydantic's own "should be": one of our validators, whose message says it all
         expected = ""
+    allowed = str(detail.get("ctx", {}).get("allowed", expected))  # our validators bring theirs
     found = _value_at(document.data, key_path)
     names = re.findall(r"'([^']+)'", expected)
     return document.problem(
         key_path,
         "wrong value" if expected else message,
         found=_shown(found),
-        allowed=expected,
+        allowed=allowed,
         next_step=suggest(found, names) if isinstance(found, str) else "",
     )
 

@@ -238,7 +238,9 @@ class _Builder:
         value = _core(text)
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if _NOT_FINITE.fullmatch(text) or (isinstance(value, float) and not math.isfinite(value)):
-            self.problem(_line(event), key_path, "a number that is not finite", found=text[:40])
+            self.problem(
+                _line(event), key_path, "a number that is not finite", found=text[:40], allowed="a finite number"
+            )
         elif number and isinstance(value, int) and abs(value) > MAX_INTEGER:
             allowed = f"between -{MAX_INTEGER} and {MAX_INTEGER}"
             self.problem(_line(event), key_path, "a number out of range", found=text[:40], allowed=allowed)

@@ -59,6 +59,7 @@ def test_paths(own: Path, tmp_path: Path) -> None:
     ("kind", "name", "part"),
     [
         (Kind.ROBOT, "op33", r"unknown robot; found 'op33'; allowed: op3.*Did you mean op3\?"),
+        (Kind.ROBOT, "humn", r"allowed: op3, or human, which only reconstructs.*Did you mean human\?"),
         (Kind.PERFORMER, "sixx", r"unknown performer; .*Did you mean six\?"),
         (Kind.PERFORMER, "", "unknown performer"),
         (Kind.ROBOT, "some/where", "some/where: there is no such robot"),

@@ -111,3 +111,44 @@ def test_robots_lists_shipped_and_own(capsys: pytest.CaptureFixture[str], own: P
     assert "shipped" in rows["op3"]
     assert "20 x XM430-W350" in rows["mine"]
     assert "not usable" in rows["broken"]
+    assert "--robot human drives none" in out
+
+
+def test_several_faults_of_a_profile_are_told_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bad = copy_of_op3(
+        tmp_path / "bad",
+        ("name: op3", "name: op3\ncolour: red"),
+        ("root: free", "root: fre"),
+        ("id: 2, model: XM430-W350", "id: 1, modle: XM430-W350"),
+    )
+    code, _, err = run(capsys, "check", bad)
+    assert code == 2
+    for what in ("colour: unknown key", "root: wrong value", "modle: unknown key", "duplicate servo id"):
+        assert what in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("limits: [-1.570796, 1.570796]", "limits: [1.5, -1.5]", "inverted limits; found [1.5, -1.5]; allowed: [lower"),
+        (
+            "limits: [-1.570796, 1.570796]",
+            "limits: [.nan, 1.5]",
+            "not finite; found .nan; allowed: a finite number. Write",
+        ),
+    ],
+)
+def test_a_fault_says_what_is_allowed(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    code, _, err = run(capsys, "check", copy_of_op3(tmp_path / "bad", (old, new)))
+    assert code == 2
+    assert message in err
+
+
+@pytest.mark.parametrize(("name", "step"), [("body.xml", "robot.yaml"), ("02_06.amc", "retarget inspect")])
+def test_what_is_checked_elsewhere(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str, step: str) -> None:
+    (tmp_path / name).touch()
+    code, _, err = run(capsys, "check", tmp_path / name)
+    assert code == 2
+    assert "check takes configurations" in err and step in err

@@ -23,6 +23,14 @@ TELLING_KEYS: dict[Kind, frozenset[str]] = {
 }
 """Keys by which a file tells its kind."""
 
+ELSEWHERE = {
+    **dict.fromkeys(
+        (".xml", ".urdf", ".mjcf"), "A body is checked with the profile that names it: give its robot.yaml"
+    ),
+    **dict.fromkeys((".amc", ".asf", ".bvh", ".c3d"), "Of a motion, retarget inspect says what is in it"),
+}
+"""Suffixes of files that are not checked here, and what to do with them."""
+
 
 def check(
     files: Annotated[list[str], typer.Argument(help="Files, folders of robots, or names of shipped or own ones.")],
@@ -52,6 +60,13 @@ def _targets(name: str) -> list[_Target]:
     if named:
         return named
     path = Path(name)
+    if path.suffix.lower() in ELSEWHERE:
+        raise UsageError(
+            "check takes configurations in YAML",
+            where=name[:200],
+            allowed="a robot profile (robot.yaml) or its folder, a priority file, a performer",
+            next_step=ELSEWHERE[path.suffix.lower()],
+        )
     try:
         path = find(Kind.ROBOT, path)
     except UsageError:

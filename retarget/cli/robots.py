@@ -4,7 +4,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from retarget.catalogue import Entry, Kind, entries, user_folder
+from retarget.catalogue import HUMAN, Entry, Kind, entries, user_folder
 from retarget.errors import RefusedError
 from retarget.profile import read_profile
 
@@ -17,7 +17,8 @@ def robots() -> None:
     for entry in entries(Kind.ROBOT):
         table.add_row(*_row(entry))
     Console().print(table)
-    typer.echo(f"\nYour own: {user_folder() / Kind.ROBOT.value}/NAME/robot.yaml, or give --robot a path.")
+    typer.echo(f"\n--robot {HUMAN} drives none: it only reconstructs the performer.")
+    typer.echo(f"Your own: {user_folder() / Kind.ROBOT.value}/NAME/robot.yaml, or give --robot a path.")
 
 
 def _row(entry: Entry) -> tuple[str, ...]:
