@@ -138,8 +138,10 @@ class _Builder:
         self.lines: dict[KeyPath, int] = {}
         self.values = 0
 
-    def problem(self, line: int, key_path: KeyPath, what: str, *, found: str = "", allowed: str = "") -> None:
-        self.problems.append(_problem(self.path, line, key_path, what, found, allowed))
+    def problem(
+        self, line: int, key_path: KeyPath, what: str, *, found: str = "", allowed: str = "", next_step: str = ""
+    ) -> None:
+        self.problems.append(_problem(self.path, line, key_path, what, found, allowed, next_step))
         if len(self.problems) >= MAX_PROBLEMS:
             raise _HopelessError
 
@@ -238,9 +240,8 @@ class _Builder:
         value = _core(text)
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if _NOT_FINITE.fullmatch(text) or (isinstance(value, float) and not math.isfinite(value)):
-            self.problem(
-                _line(event), key_path, "a number that is not finite", found=text[:40], allowed="a finite number"
-            )
+            what, found, step = "a number that is not finite", text[:40], "Write the number itself"
+            self.problem(_line(event), key_path, what, found=found, allowed="a finite number", next_step=step)
         elif number and isinstance(value, int) and abs(value) > MAX_INTEGER:
             allowed = f"between -{MAX_INTEGER} and {MAX_INTEGER}"
             self.problem(_line(event), key_path, "a number out of range", found=text[:40], allowed=allowed)

@@ -1,5 +1,6 @@
 """A motion file that ends too early says so; any other fault of a frame says what to do."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -56,3 +57,10 @@ def test_wrong_counts_say_what_to_do(tmp_path: Path) -> None:
     lines[-2] += " 1.0"
     with pytest.raises(InputError, match=r"wrong number of values.*Correct the frame"):
         read_bvh(written(tmp_path, "\n".join(lines)))
+
+
+@pytest.mark.parametrize("read", [read_amc, read_bvh])
+def test_what_is_no_recording_says_what_to_do(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    (tmp_path / "motion.asf").write_text(asf_text())
+    with pytest.raises(InputError, match=r"not an? (AMC|BVH) file.*as text and unpacked"):
+        read(written(tmp_path, "PK\x03\x04"))

@@ -132,6 +132,7 @@ def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:
                     where=f"{path}:{index + 1}",
                     found=repr(text[:40]),
                     allowed="the number of the first frame",
+                    next_step="Check that this is the recording, as text and unpacked",
                 )
             return index, degrees
     raise InputError("no frame of motion", where=str(path), next_step="The file is cut short: get it again")

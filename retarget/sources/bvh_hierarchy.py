@@ -75,7 +75,9 @@ def read_hierarchy(lines: list[str], path: Path) -> tuple[BvhHierarchy, int]:
                 continue
             if not begun:
                 if text.upper() != "HIERARCHY":
-                    raise draft.error("not a BVH file", index + 1, found=repr(text[:40]), allowed="HIERARCHY")
+                    step = "Check that this is the recording, as text and unpacked"
+                    found = repr(text[:40])
+                    raise draft.error("not a BVH file", index + 1, found=found, allowed="HIERARCHY", next_step=step)
                 begun = True
             elif text.upper() == "MOTION":
                 if draft.open or not draft.names:
