@@ -29,6 +29,11 @@ Parts = Literal["whole", "upper"]
 
 APPROACH_S = 3.0
 """How long (s) after the start the robot takes to go from its slow approach to full haste."""
+ARRIVAL_S = 5.0
+"""Longest way (s) from standing to the performer's first posture."""
+RESTING_SPEED = 0.03
+"""A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
+RESTING_TICKS = 10
 BALANCE_BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
 
@@ -114,6 +119,19 @@ class Follower:
         asked = self.landmark_map.ask(human, 0.0)
         self._reached = self._reader.read(self._q)
         return self._posture(asked)
+
+    def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
+        """After `start`: the way to where the performer stands still, tick by tick, until the robot rests there.
+
+        At most ARRIVAL_S long. A hand that is asked high up is raised in good time, not chased from below.
+        """
+        way: list[RobotPosture] = []
+        resting = 0
+        while resting < RESTING_TICKS and len(way) * dt < ARRIVAL_S:
+            before = self._q
+            way.append(self.step(human, dt))
+            resting = resting + 1 if float(np.abs(self._q - before).max()) < RESTING_SPEED * dt else 0
+        return way
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""

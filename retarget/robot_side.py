@@ -70,14 +70,23 @@ class RobotSide:
 
         Raises GuardError or BusError when the robot cannot be armed.
         """
-        self._first = posture = self._follower.start(human)
+        posture = self._follower.start(human)
+        arrival = self._follower.arrive(human, self._dt)
+        if arrival:
+            # Following begins with a tick of rest there.
+            self._first = arrival[-1]
+            self._follower.reseed(self._first.q, np.zeros(self.robot.body.nv))
+        else:
+            self._first = posture
         self._q[:] = self._before[:] = posture.q
         self._start = self._sent = present = self.guard.arm()
         self._moved = np.zeros_like(present)
         self._deadline = self._clock.now()
         speed = self.robot.profile.safety.speed_caps.approach
         way = approach(present, posture.joint_positions, self.robot.joint_map, speed=speed, dt=self._dt)
-        return [self._approaching(goal) for goal in way]
+        return [self._approaching(goal) for goal in way] + [
+            self._approaching(there.joint_positions) for there in arrival
+        ]
 
     def new_record(self, rows: int) -> RobotRecord:
         """Room for so many ticks of this run, after `begin`."""

@@ -77,6 +77,9 @@ class StubFollower:
         self.tick = 0
         return self._posture(0)
 
+    def arrive(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
+        return []
+
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:
         self.tick += 1
         return self._posture(self.tick)
