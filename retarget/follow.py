@@ -31,9 +31,9 @@ APPROACH_S = 3.0
 """How long (s) after the start the robot takes to go from its slow approach to full haste."""
 ARRIVAL_S = 5.0
 """Longest way (s) from standing to the performer's first posture."""
-RESTING_SPEED = 0.03
+RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
-RESTING_TICKS = 10
+RESTING_TICKS = 5
 BALANCE_BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
 
