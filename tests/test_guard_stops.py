@@ -181,7 +181,8 @@ def tick(rig: Rig, halt: Halt) -> None:
 def test_a_stop_goes_along_the_callers_way() -> None:
     """Slower than the filter would brake: what is written is the caller's."""
     rig = moving()
-    speed, asked = rig.gate.velocity, []
+    speed = rig.gate.velocity
+    asked: list[FloatArray] = []
     rig.guard.stop("space bar")
 
     def gently() -> FloatArray:

@@ -1,5 +1,7 @@
 """The mock bus: a bus with servos that lag, round and fail on request."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -172,7 +174,8 @@ def test_torque_that_a_servo_does_not_hear_is_named_and_the_others_are_off() -> 
     bus.torque(True)
     clock.advance(0.01)
     bus.read()
-    for switch in (lambda: bus.torque(False), bus.close):
+    switches: tuple[Callable[[], None], ...] = (lambda: bus.torque(False), bus.close)
+    for switch in switches:
         with pytest.raises(BusError, match=r"torque off: no answer from elbow \(id 2\)"):
             switch()
     assert bus._torque.tolist() == [False, True, False, False]

@@ -75,7 +75,7 @@ def test_every_tick_has_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_only_what_follows_is_compared_with_what_is_asked() -> None:
     record = play(Rig(ramp())).record
     assert record.robot is not None
-    known = np.isfinite(record.robot.landmarks_asked).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(record.robot.landmarks_asked).all(axis=(1, 2)))
     following = record.phase == Phase.FOLLOW
     assert known.tolist() == following.tolist() == np.isfinite(record.timing.retarget).tolist()
     assert np.isfinite(record.human.balance_error).tolist() == following.tolist()

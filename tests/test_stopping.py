@@ -31,7 +31,7 @@ def moving(q: FloatArray, root: FloatArray) -> FloatArray:
         x, y, z = sole.frame.position.tolist()
         rows.append(body.frame_jacobian(q, sole.frame.body, (x, y, z)))
     rows.append(np.eye(6, op3().body.nv))
-    return np.linalg.lstsq(np.concatenate(rows), np.concatenate([np.zeros(12), root]), rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(np.concatenate(rows), np.concatenate([np.zeros(12), root]), rcond=None)[0])
 
 
 def step(guard: Stopping) -> tuple[FloatArray, FloatArray]:
