@@ -148,11 +148,15 @@ class Guard:
 
     def cut(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
         """Torque off at once and latched, because there is no way or no time to brake; nothing is written any more."""
-        powered = not self._torque_off()
+        powered, then = not self._torque_off(), None
         if self._stop is not None:
-            first = self._stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER)
-            reason, cause = first if reason in first else f"{first}, then: {reason}", self._stop.cause
-        self._stop = Stop(cause, reason + (CUT_POWER if powered else TORQUE_OFF), self._clock.now(), powered)
+            first, then = self._stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self._stop.then
+            if reason in first:
+                reason = first
+            else:
+                reason, then = f"{first}, then: {reason}", cause
+            cause = self._stop.cause
+        self._stop = Stop(cause, reason + (CUT_POWER if powered else TORQUE_OFF), self._clock.now(), powered, then)
         self._state = GuardState.STOPPED
 
     def rest(self) -> None:

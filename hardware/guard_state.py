@@ -40,12 +40,14 @@ class Stop:
     """A latched stop: its cause, a text for a person, and when it began, in s on the guard's clock.
 
     powered: not every servo confirmed that its torque is off; a person has to cut the power, and `reason` says so.
+    then: what ended the braking before the robot stood, if anything did.
     """
 
     cause: StopCause
     reason: str
     time: float
     powered: bool = False
+    then: StopCause | None = None
 
 
 @dataclass(frozen=True)

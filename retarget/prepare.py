@@ -51,7 +51,6 @@ class Prepared:
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
         ending = Pipeline(clip=self.clip, reconstructor=self.reconstructor, robot=self.side).run(watch)
-        stop = None if self.side is None else self.side.guard.stop_reason
         return RunResult(
             record=ending.record,
             clip=self.clip,
@@ -65,7 +64,7 @@ class Prepared:
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
             notes=self.notes,
-            stop_cause=None if stop is None else stop.cause,
+            stop=None if self.side is None else self.side.guard.stop_reason,
         )
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hardware.guard_state import StopCause
+from hardware.guard_state import Stop
 from retarget.clip import Clip
 from retarget.hierarchy import JointLimits
 from retarget.human import Human
@@ -24,7 +24,7 @@ class RunResult:
 
     human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the
     stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
-    stop_cause: of the guard's stop, None without one.
+    stop: the guard's, None without one.
     """
 
     record: Record
@@ -39,7 +39,7 @@ class RunResult:
     wall_s: float
     has_bus: bool
     notes: tuple[str, ...] = field(default=())
-    stop_cause: StopCause | None = None
+    stop: Stop | None = None
 
     @property
     def ticks_followed(self) -> int:

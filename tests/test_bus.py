@@ -70,13 +70,15 @@ def test_what_was_not_measured_is_unknown() -> None:
 
 def test_a_run_without_a_failure_has_no_faults() -> None:
     found, run = played(Rig(swing()))
-    assert found.faults == 0 and run.stop_cause is None
+    assert found.faults == 0 and run.stop is None
 
 
 @pytest.mark.parametrize("first", [1, 2, 20])
 def test_a_bus_that_dies_is_a_fault_though_its_tick_has_no_row(first: int) -> None:
     found, run = played(Rig(still(), faults=(MockFault(FaultKind.READ_FAILS, first=first, cycles=1000),)))
-    assert len(run.record) == first - 1 and run.stop_cause is StopCause.BUS  # read cycle 0 was for arming
+    assert (
+        len(run.record) == first - 1 and run.stop is not None and run.stop.cause is StopCause.BUS
+    )  # read cycle 0 was for arming
     assert found.faults == 1 and (found.rate_hz is None) is (first < 3)
 
 
@@ -91,14 +93,21 @@ def test_a_bus_that_dies_while_the_robot_brakes_is_a_fault(monkeypatch: pytest.M
 
     monkeypatch.setattr(rig.bus, "write", failing)
     found, run = played(rig, Watch(stop_asked=lambda: next(asked)))
-    assert run.stop_cause is StopCause.REQUESTED
+    assert run.stop is not None and run.stop.cause is StopCause.REQUESTED
     assert run.reason is not None and INTERRUPTED in run.reason and "the cable is out" in run.reason
     assert found.faults == 1
+
+
+def test_a_person_who_insists_is_no_fault_of_the_bus() -> None:
+    asked = iter([False] * 15 + [True] * 1000)
+    found, run = played(Rig(swing()), Watch(stop_asked=lambda: next(asked), cut_asked=lambda: True))
+    assert run.stop is not None and run.stop.then is StopCause.REQUESTED
+    assert found.faults == 0
 
 
 @pytest.mark.parametrize("script", [still(), swing()], ids=["stands", "brakes"])
 def test_an_alarm_is_a_fault_with_and_without_a_row(script: FloatArray) -> None:
     fault = MockFault(FaultKind.ALERT, first=15, cycles=1, servo=4, alert=0x04)
     found, run = played(Rig(script, faults=(fault,)))
-    assert run.stop_cause is StopCause.SERVO_ALERT and run.record.robot is not None
+    assert run.stop is not None and run.stop.cause is StopCause.SERVO_ALERT and run.record.robot is not None
     assert found.faults == max(run.record.robot.faults.sum(), 1)

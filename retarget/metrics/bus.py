@@ -9,8 +9,6 @@ from retarget.run_result import RunResult
 __all__ = ["fault_count", "longest_period", "tick_rate"]
 
 SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT)
-SECOND_FAILURE = ", then: "
-"""In the reason of a stop: its braking failed too."""
 
 
 def fault_count(run: RunResult) -> int:
@@ -21,9 +19,11 @@ def fault_count(run: RunResult) -> int:
     """
     sent = run.record.robot
     seen = 0 if sent is None else int(sent.faults.sum())
-    if run.stop_cause in SERVO_CAUSES:
+    if run.stop is None:
+        return seen
+    if run.stop.cause in SERVO_CAUSES:
         seen = max(seen, 1)
-    return seen + (run.stop_cause is StopCause.BUS) + (SECOND_FAILURE in (run.reason or ""))
+    return seen + (run.stop.cause, run.stop.then).count(StopCause.BUS)
 
 
 def tick_rate(times: FloatArray) -> float | None:

@@ -37,6 +37,15 @@ pub struct FrameBox {
     pub hi_is_stop: bool,
 }
 
+/// A displacement beyond the box by this is inside (rad, m).
+const ROUNDING: f64 = 1e-12;
+
+impl FrameBox {
+    pub fn holds(&self, displacement: f64) -> bool {
+        self.lo - ROUNDING <= displacement && displacement <= self.hi + ROUNDING
+    }
+}
+
 /// Displacement box of one coordinate at `q`, whose displacement in the frame before was `before`.
 ///
 /// Acceleration comes first (a machine cannot break it), then velocity, then position and braking distance; a start

@@ -17,8 +17,6 @@ const REPAIRS: usize = 2;
 /// Soft tasks ask for so much less where a level is damped by this share of its length, or more.
 const SOFT_SLOWING: f64 = 0.8;
 const SOFT_SLOW: f64 = 0.15;
-/// A displacement beyond the box by this is inside (rad, m).
-const ROUNDING: f64 = 1e-12;
 /// How often a step is halved.
 const HALVINGS: usize = 3;
 
@@ -187,32 +185,30 @@ impl FrameSolver {
         self.progress.look(&self.body, &self.pose, &self.placed, targets, moment, &mut self.task_errors);
     }
 
-    /// Half of the last step again and again, while it was so large that it broke what was kept.
+    /// Halve the last step again and again, while it was too large and the box of the frame allows it.
     fn take_back(&mut self, targets: &[f64]) {
+        let mut share = -0.5;
         for _ in 0..HALVINGS {
             if !self.progress.went_too_far() {
                 return;
             }
-            for (done, step) in self.done.iter_mut().zip(&mut self.step) {
-                *step *= -0.5;
-                *done += *step;
-            }
-            if self.may_stay() {
-                self.body.integrate(&mut self.q, &self.step);
-                self.look(targets, Moment::StepTakenBack);
-                self.step.iter_mut().for_each(|s| *s = -*s);
-            } else {
-                for (done, step) in self.done.iter_mut().zip(&self.step) {
-                    *done -= step;
-                }
+            self.step.iter_mut().for_each(|s| *s *= share);
+            share = 0.5;
+            let allowed = self.frame_box.iter().zip(&self.done).zip(&self.step).all(|((b, d), s)| b.holds(d + s));
+            if !allowed {
                 return;
             }
+            for (done, step) in self.done.iter_mut().zip(&self.step) {
+                *done += step;
+            }
+            self.body.integrate(&mut self.q, &self.step);
+            self.look(targets, Moment::StepTakenBack);
         }
     }
 
     /// The box of the frame allows to stay where it is.
     fn may_stay(&self) -> bool {
-        self.frame_box.iter().zip(&self.done).all(|(b, d)| b.lo - ROUNDING <= *d && *d <= b.hi + ROUNDING)
+        self.frame_box.iter().zip(&self.done).all(|(b, d)| b.holds(*d))
     }
 
     /// Damping of every level. Soft tasks go slower beside a damped level: near a stretched limb they see as little of what

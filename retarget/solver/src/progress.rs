@@ -138,7 +138,7 @@ impl Progress {
 
     /// Damping (m/rad) of a level: its square is `length` (m) times what the last step left. So a level that is met is not
     /// damped, and one that asks for what cannot be is; as in T. Sugihara, "Solvability-unconcerned inverse kinematics by the
-    /// Levenberg-Marquardt method", IEEE Trans. Robotics 27(5), 2011. What a kept level lost to lower ones it gets back undamped.
+    /// Levenberg-Marquardt method", IEEE Trans. Robotics 27(5), 2011.
     pub fn damping(&self, level: usize, length: f64) -> f64 {
         let level = &self.levels[level];
         let damping = (length * level.unmet).sqrt();
