@@ -5,6 +5,7 @@ mod assemble;
 pub mod body;
 pub mod bounds;
 pub mod frame;
+pub mod geometry;
 pub mod hierarchy;
 pub mod kinematics;
 mod layout;

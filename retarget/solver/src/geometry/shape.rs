@@ -1,0 +1,55 @@
+//! The shapes of observers and obstacles, each in a frame of its own.
+
+use crate::math::{add, column, mat_vec, norm, scale, Mat3, Vec3};
+
+/// A solid in its own frame: centred there, long along z.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Shape {
+    /// All within `radius` of a segment of z from -half_length to half_length: a capsule; a sphere where the segment is a point,
+    /// a line where the radius is 0.
+    Capsule { half_length: f64, radius: f64 },
+    /// Flat ends at z = -half_length and half_length.
+    Cylinder { half_length: f64, radius: f64 },
+    /// Half sizes along x, y, z.
+    Box { half: Vec3 },
+    /// All of z <= 0.
+    HalfSpace,
+}
+
+impl Shape {
+    /// Radius of the smallest ball about the frame's origin that holds the shape, m; infinite for a half-space.
+    pub fn reach(&self) -> f64 {
+        match *self {
+            Self::Capsule { half_length, radius } => half_length + radius,
+            Self::Cylinder { half_length, radius } => half_length.hypot(radius),
+            Self::Box { half } => norm(half),
+            Self::HalfSpace => f64::INFINITY,
+        }
+    }
+}
+
+/// A shape where it is in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Solid {
+    pub shape: Shape,
+    pub position: Vec3,
+    /// From the shape's frame to the world.
+    pub rotation: Mat3,
+}
+
+impl Solid {
+    /// World point of a point (3,) in the shape's frame.
+    pub fn point(&self, local: Vec3) -> Vec3 {
+        add(self.position, mat_vec(&self.rotation, local))
+    }
+
+    /// World direction of the shape's own z.
+    pub fn axis(&self) -> Vec3 {
+        column(&self.rotation, 2)
+    }
+
+    /// End of the axis of a capsule or cylinder, `side` -1 or 1.
+    pub fn end(&self, half_length: f64, side: f64) -> Vec3 {
+        add(self.position, scale(self.axis(), side * half_length))
+    }
+}
