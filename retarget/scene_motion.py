@@ -75,6 +75,12 @@ class SceneState:
         position, quat, linear, angular = (np.ascontiguousarray(part) for part in np.split(rows, (3, 7, 10), axis=1))
         return ObstaclePoses(position, quat, linear, angular)
 
+    def at_rest(self, time: float) -> ObstaclePoses:
+        """Poses at a time, s, without any motion."""
+        poses = self.at(time)
+        still = np.zeros_like(poses.linear_velocity)
+        return ObstaclePoses(poses.position, poses.quat, still, still)
+
     def update(
         self,
         name: str,

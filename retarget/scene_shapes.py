@@ -1,7 +1,7 @@
 """The shapes of a scene as arrays for the solver, each in its canonical frame: centred there, long along z."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -42,6 +42,10 @@ class SceneShapes:
     sizes: FloatArray
     influence: FloatArray
     margin: FloatArray
+
+    def with_margin(self, margin: float | None) -> "SceneShapes":
+        """The same, all with another margin, m; None: each its own."""
+        return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
 
 def scene_shapes(scene: Scene) -> SceneShapes:

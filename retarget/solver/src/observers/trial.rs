@@ -69,9 +69,11 @@ impl Watch {
         let Approach { pair, task, mut row, moved } = self.approaching[index];
         let (share, drift) = (self.share(pair), self.drift(pair));
         let lower = problem.lower[row] + share * moved + (1.0 - share) * drift;
-        let last = self.tasks.iter().filter(|t| t.group == self.tasks[task].group).count() - 1;
-        if rank.min(last) > 0 {
-            let ranked = &mut self.tasks[task + rank.min(last)];
+        let group = self.tasks[task].group;
+        let mut places = (0..self.tasks.len()).filter(|t| !self.tasks[*t].reactive && self.tasks[*t].group == group);
+        let last = places.clone().count() - 1;
+        if let Some(place) = places.nth(rank.min(last)).filter(|place| *place != task) {
+            let ranked = &mut self.tasks[place];
             if ranked.used.len() == ranked.rows {
                 return false;
             }
