@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from retarget.fitting.box import Box
 from retarget.fitting.capsule import Capsule
@@ -19,7 +20,7 @@ CAPSULE = Capsule(np.array([0.0, -0.00001, 1.5]), np.array([0.1, 0.0, 2.0]), 0.0
 BALL = Capsule(np.ones(3), np.ones(3), 0.1)
 BOX = Box(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
 TURNED = Box(np.zeros(3), np.array([0.6, 0.8, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
-LONE = Lone("box", "a geom: [x]", (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (1.0,) * 3)
+LONE = Lone("box", "geom:[x]", (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (1.0,) * 3)
 
 
 def observer(shape: Capsule | Box | Lone, *, name: str = "arm") -> Proposal:
@@ -29,8 +30,8 @@ def observer(shape: Capsule | Box | Lone, *, name: str = "arm") -> Proposal:
 def read(text: str) -> tuple[dict[str, Observer], list[IgnorePair]]:
     document = scan(text, Path("fragment.yaml"))
     assert not document.problems
-    observers = {name: Observer.model_validate(entry) for name, entry in document.data["observers"].items()}
-    return observers, [IgnorePair.model_validate(entry) for entry in document.data["ignore_pairs"]]
+    observers = TypeAdapter(dict[str, Observer]).validate_python(document.data["observers"])
+    return observers, TypeAdapter(list[IgnorePair]).validate_python(document.data["ignore_pairs"])
 
 
 @pytest.mark.parametrize("shape", [CAPSULE, BALL, BOX, TURNED])
@@ -58,7 +59,7 @@ def test_any_name_survives(name: str) -> None:
 
 
 def test_a_geom_is_taken_over_by_name() -> None:
-    assert read(fragment([], [observer(LONE)], [], ZONES))[0]["arm"].shape.geom == "a geom: [x]"
+    assert read(fragment([], [observer(LONE)], [], ZONES))[0]["arm"].shape.geom == "geom:[x]"
 
 
 def test_no_pairs_is_an_empty_list() -> None:

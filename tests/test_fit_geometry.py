@@ -34,11 +34,11 @@ def surface(kind: str, size: FloatArray, count: int = 4000) -> FloatArray:
     n = rng.normal(size=(count, 3))
     n /= np.linalg.norm(n, axis=1)[:, None]
     if kind == "sphere":
-        return n * size[0]
+        return np.asarray(n * size[0])
     if kind == "ellipsoid":
-        return n * size
+        return np.asarray(n * size)
     if kind == "capsule":
-        return n * size[0] + np.sign(n[:, 2:]) * [0.0, 0.0, size[1]]
+        return np.asarray(n * size[0] + np.sign(n[:, 2:]) * [0.0, 0.0, size[1]])
     box = np.sign(n) * (size if kind == "box" else 0.0)
     if kind == "cylinder":
         flat = n[:, :2] / np.linalg.norm(n[:, :2], axis=1)[:, None]
@@ -101,11 +101,13 @@ def test_planes_are_left_out_and_told() -> None:
     assert notes == ("base: planes and height fields are left out",)
 
 
-def test_a_link_without_a_name_is_told() -> None:
-    text = '<mujoco><worldbody><body><joint/><geom size="1"/><body name="b"><geom size="1"/></body></body></worldbody>'
-    found, notes = link_geometries(compile_body_text(text + "</mujoco>", source="test").model)
+@pytest.mark.parametrize("name", ["", 'name="a b"', 'name="a/b"'])
+def test_a_link_without_a_name_that_a_profile_can_hold_is_told(name: str) -> None:
+    text = f"""<mujoco><worldbody><body {name}><joint/><geom size="1"/><body name="b"><geom size="1"/></body></body>
+    </worldbody></mujoco>"""
+    found, notes = link_geometries(compile_body_text(text, source="test").model)
     assert [geometry.name for geometry in found] == ["b"]
-    assert "no name" in notes[0]
+    assert "link 1 has no name that a profile can hold" in notes[0]
 
 
 def test_a_body_without_geometry_is_refused() -> None:

@@ -2,21 +2,25 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from retarget.catalogue import shipped_folder
 from retarget.cli import main
 from retarget.fitting.fit import Fit, find_subject, fit
 from retarget.fitting.proposals import Zones
+from retarget.fitting.ranges import joint_ranges
 from retarget.metrics.clearance import self_clearance
 from retarget.profile import load_profile
 from retarget.robot_body import load_robot
 
 OP3 = shipped_folder() / "robots" / "op3"
 TWO_LINKS = """<mujoco model="two"><worldbody><body name="base"><geom size="0.05"/>
-  <body name="arm_link" pos="0.1 0 0"><joint name="j" range="-90 90"/><geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"/>
+  <body name="arm_link" pos="0.1 0 0"><joint name="j" range="-90 90"/>
+  <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"/>
   </body></body></worldbody></mujoco>"""
-URDF = """<robot name="two"><link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+URDF = """<robot name="two"><link name="base">
+  <collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
   <link name="arm"><collision><geometry><cylinder radius="0.02" length="0.3"/></geometry></collision>
   <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
@@ -67,14 +71,10 @@ def test_op3s_own_ignored_pairs_are_found_again(op3: Fit) -> None:
 
 def test_ignoring_hides_no_collision_of_the_robots_own_geoms(op3: Fit) -> None:
     """Without the pairs that are nested by construction, ignored pairs never collide: none is missed by ignoring it."""
-    import numpy as np
-
-    from retarget.fitting.ranges import joint_ranges
-
     robot = load_robot("op3")
     assert not any(verdict.warning for verdict in op3.ignored)
     ignored = {frozenset(verdict.links) for verdict in op3.ignored}
-    nested = [tuple(ignored_pair.pair) for ignored_pair in robot.profile.ignore_pairs]
+    nested = [ignored_pair.pair for ignored_pair in robot.profile.ignore_pairs]
     links = robot.body.body_names[1:]
     others = [(a, b) for a in links for b in links if a < b and frozenset((a, b)) not in ignored]
     ranges = joint_ranges(robot.body, {joint: servo.limits for joint, servo in robot.profile.servos.items()})

@@ -9,6 +9,7 @@ from retarget.fitting.box import Box
 from retarget.fitting.capsule import Capsule, distances_to_segment
 from retarget.fitting.geometry import Lone, link_geometries
 from retarget.fitting.proposals import Proposal, Zones, propose, round_up
+from retarget.rotations import normalise, to_matrix
 
 ZONES = Zones(0.03, 0.005)
 FOOT = '<geom name="sole" type="box" size="0.0635 0.028 0.004"/>'
@@ -72,8 +73,6 @@ def test_what_is_rounded_still_encloses(geoms: str) -> None:
         assert (distances_to_segment(geometry.centres, shape.start, shape.end) <= shape.radius + 1e-9).all()
     else:
         assert isinstance(shape, Box)
-        from retarget.rotations import normalise, to_matrix
-
         local = (geometry.centres - shape.pos) @ to_matrix(normalise(shape.quat))
         assert (np.abs(local) <= shape.size + 1e-9).all()
 
