@@ -11,6 +11,7 @@ from retarget.fitting.fit import Fit, find_subject, fit
 from retarget.fitting.proposals import Zones
 from retarget.fitting.ranges import joint_ranges
 from retarget.metrics.clearance import self_clearance
+from retarget.observers import robot_observers
 from retarget.profile import load_profile
 from retarget.robot_body import load_robot
 
@@ -62,6 +63,24 @@ def test_the_fragment_loads_in_a_profile(op3: Fit, tmp_path: Path) -> None:
     assert profile.observers["l_ank_roll"].shape.box is not None
     assert profile.observers["body"].shape.geom == "body_shell"
     assert all(observer.influence == 0.03 and observer.margin == 0.005 for observer in profile.observers.values())
+
+
+def test_a_run_looks_at_the_pairs_that_are_left_to_check(op3: Fit, tmp_path: Path) -> None:
+    observers = robot_observers(load_robot(profile_with(op3.text, tmp_path)))
+    assert len(observers.pairs) == len(op3.records) - len(op3.ignored)
+    assert f"# {len(observers.pairs)} pairs are left to check." in op3.text
+
+
+def test_far_parts_that_touch_in_the_neutral_posture_are_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    link = '<body name="l{0}" pos="0.2 0 0"><joint name="j{0}" range="-90 90"/><geom size="0.05"/>'
+    ring = "".join(link.format(number) for number in range(3)) + '<geom size="0.05" pos="-0.58 0 0"/>'
+    text = f'<mujoco><worldbody><body name="base"><geom size="0.05"/>{ring}{"</body>" * 4}</worldbody></mujoco>'
+    (tmp_path / "ring.xml").write_text(text, encoding="utf-8")
+    code, out, _ = run(capsys, tmp_path / "ring.xml", "--samples", 10)
+    assert code == 0
+    assert "# Beware: more than 2 joints apart" in out and "base - l2" in out
 
 
 def test_op3s_own_ignored_pairs_are_found_again(op3: Fit) -> None:

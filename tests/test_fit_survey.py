@@ -15,7 +15,8 @@ from retarget.fitting.survey import PairRecord, survey
 NEAR = 0.045
 BALLS = """<mujoco><worldbody><body name="base"><geom size="0.01"/>
   <body name="arm"><joint name="s" type="slide" axis="1 0 0" range="{low} {high}"/><geom size="0.001" pos="0 0 5"/>
-    <body name="hand"><geom size="0.01" pos="0.02 0 0"/></body></body></body></worldbody></mujoco>"""
+    <body name="hand"><joint name="r" axis="1 0 0" range="-90 90"/><geom size="0.01" pos="0.02 0 0"/></body>
+  </body></body></worldbody></mujoco>"""
 # Six joints in a row; the tip meets the ball only if nearly all of them bend as far as they can.
 INERTIA = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 LINK = '<body name="l{0}" pos="0.1 0 0"><joint name="j{0}" axis="0 0 1" range="-1 1"/>' + INERTIA
@@ -34,7 +35,7 @@ def look(text: str, *, samples: int, seed: int = 0) -> dict[tuple[str, str], Pai
 
 def test_the_smallest_distance_is_the_exact_one() -> None:
     found = look(BALLS.format(low=0.1, high=0.5), samples=3)
-    assert list(found) == [("base", "hand")]  # a link and its parent are never looked at
+    assert list(found) == [("base", "hand")]  # links one joint apart are never looked at
     record = found["base", "hand"]
     assert record.smallest == pytest.approx(0.1, abs=2e-5)
     assert record.at_neutral == pytest.approx(0.1, abs=2e-5)
@@ -42,7 +43,7 @@ def test_the_smallest_distance_is_the_exact_one() -> None:
 
 
 def test_overlap_at_every_posture_is_told_with_its_depth() -> None:
-    record = look(BALLS.format(low=-0.015, high=-0.005), samples=3)["base", "hand"]
+    record = look(BALLS.format(low=-0.015, high=-0.005), samples=40)["base", "hand"]
     assert record.largest == pytest.approx(-0.005, abs=4e-5)
     assert record.smallest == pytest.approx(-0.015, abs=4e-5)
 
@@ -75,6 +76,11 @@ def test_only_joints_between_two_links_move_one_against_the_other() -> None:
     first, second = body.body_index("l1"), body.body_index("l4")
     assert dofs_between(body, first, second).tolist() == [2, 3, 4]
     assert dofs_between(body, second, first).tolist() == [2, 3, 4]
+
+
+def test_links_that_no_joint_parts_count_as_one() -> None:
+    text = BALLS.format(low=0.0, high=0.1).replace('<joint name="r" axis="1 0 0" range="-90 90"/>', "")
+    assert look(text, samples=2) == {}
 
 
 def test_the_bound_is_never_above_the_distance() -> None:

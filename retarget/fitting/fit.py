@@ -17,9 +17,11 @@ from retarget.fitting.geometry import LinkGeometry, link_geometries
 from retarget.fitting.own_geoms import own_distances
 from retarget.fitting.proposals import Proposal, Zones, flattened, propose
 from retarget.fitting.ranges import joint_ranges
+from retarget.fitting.search import steps_between
 from retarget.fitting.shape_model import Pair
 from retarget.fitting.survey import SAFETY_FACTOR, PairRecord, survey
 from retarget.fitting.verdicts import Verdict, always_overlapping, verdicts
+from retarget.observer_pairs import NEAR_LINKS
 from retarget.profile import RobotProfile, load_profile
 from retarget.rotations import FloatArray
 
@@ -153,17 +155,32 @@ def _head(subject: Subject, zones: Zones, *, samples: int, seed: int, notes: tup
 def _tail(
     observers: tuple[Proposal, ...], ignored: tuple[Verdict, ...], records: tuple[PairRecord, ...], body: BodyModel
 ) -> list[str]:
-    names = {proposal.link: proposal.name for proposal in observers}
-    parents = [
-        f"{names[int(body.parent[link])]} - {name}" for link, name in names.items() if int(body.parent[link]) in names
-    ]
     skipped = {verdict.links for verdict in ignored}
-    checked = [r for r in records if tuple(observers[place].link_name for place in r.pair) not in skipped]
-    touching = [" - ".join(observers[place].name for place in r.pair) for r in checked if r.at_neutral <= 0.0]
-    return [
-        f"{len(checked)} pairs are left to check.",
-        "Of these, overlapping in the neutral posture, so dropped when a run starts: "
-        + (", ".join(touching) or "none")
-        + ".",
-        "Parent and child, never checked, so not listed: " + (", ".join(parents) or "none") + ".",
+    checked = [
+        record for record in records if tuple(observers[place].link_name for place in record.pair) not in skipped
     ]
+    touching = [record.pair for record in checked if record.at_neutral <= 0.0]
+    dropped = [pair for pair in touching if _steps(body, observers, pair) <= NEAR_LINKS]
+    refused = [pair for pair in touching if pair not in dropped]
+    looked_at = {record.pair for record in records}
+    everything = [(first, second) for second in range(len(observers)) for first in range(second)]
+    neighbours = [pair for pair in everything if pair not in looked_at]
+    lines = [
+        f"{len(checked)} pairs are left to check.",
+        f"Of these, overlapping in the neutral posture, so dropped when a run starts: {_listed(observers, dropped)}.",
+        f"At most one joint apart, never checked, so not listed: {_listed(observers, neighbours)}.",
+    ]
+    if refused:
+        lines.append(
+            f"Beware: more than {NEAR_LINKS} joints apart and overlapping in the neutral posture, so a run would not "
+            f"start: {_listed(observers, refused)}. Choose another neutral posture, or tighter shapes."
+        )
+    return lines
+
+
+def _steps(body: BodyModel, observers: tuple[Proposal, ...], pair: Pair) -> int:
+    return steps_between(body, observers[pair[0]].link, observers[pair[1]].link)
+
+
+def _listed(observers: tuple[Proposal, ...], pairs: list[Pair]) -> str:
+    return ", ".join(f"{observers[first].name} - {observers[second].name}" for first, second in pairs) or "none"

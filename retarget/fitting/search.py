@@ -10,7 +10,7 @@ from retarget.fitting.ranges import JointRanges
 from retarget.fitting.shape_model import Pair, ShapeModel
 from retarget.rotations import FloatArray
 
-__all__ = ["descend", "dofs_between"]
+__all__ = ["descend", "dofs_between", "steps_between"]
 
 FIRST_STEP = 0.25
 LAST_STEP = 1e-3
@@ -32,9 +32,15 @@ def dofs_between(body: BodyModel, first: int, second: int) -> NDArray[np.int64]:
     return np.array(found, dtype=np.int64)
 
 
+def steps_between(body: BodyModel, first: int, second: int) -> int:
+    """How many links with joints lie on the way from one link to another: 0 for links that never move apart."""
+    joints = set(body.joint_body.tolist())
+    return len((_above(body, first) ^ _above(body, second)) & joints)
+
+
 def _above(body: BodyModel, link: int) -> set[int]:
     """A link and its ancestors."""
-    chain = set()
+    chain: set[int] = set()
     while link > 0:
         chain.add(link)
         link = int(body.parent[link])

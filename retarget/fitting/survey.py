@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from retarget.body import BodyModel
 from retarget.fitting.proposals import Proposal
 from retarget.fitting.ranges import JointRanges
-from retarget.fitting.search import descend, dofs_between
+from retarget.fitting.search import descend, dofs_between, steps_between
 from retarget.fitting.shape_model import Pair, ShapeModel
 from retarget.rotations import FloatArray
 
@@ -53,7 +53,7 @@ def survey(
     seed: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[PairRecord, ...]:
-    """A record of every pair but a link and its parent, in the order of the proposals.
+    """A record of every pair that is more than one joint apart, in the order of the proposals.
 
     neutral: posture (nq,) that is looked at first. near: distance, m, that no search needs to go below. progress takes
     the share that is done. Deterministic by `seed`.
@@ -83,7 +83,7 @@ def _pairs(body: BodyModel, proposals: tuple[Proposal, ...]) -> list[Pair]:
         (first, second)
         for second in range(len(links))
         for first in range(second)
-        if body.parent[links[second]] != links[first]  # a parent comes before its children
+        if steps_between(body, links[first], links[second]) > 1
     ]
 
 
