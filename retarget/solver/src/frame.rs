@@ -191,7 +191,7 @@ impl FrameSolver {
             self.velocity[i] = self.done[i] / dt;
         }
         if let Some(watch) = &mut self.watch {
-            watch.finish();
+            watch.finish(&self.done);
         }
         self.stats.frames += 1;
         self.stats.allocations += allocations() - allocated;
@@ -210,7 +210,7 @@ impl FrameSolver {
                             watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
                         }
                     }
-                    watch.begin(&self.pose, dt, self.settings.n_ik);
+                    watch.begin(&self.pose, dt, self.settings.n_ik, &self.frame_box);
                 }
                 _ => watch.look(&self.pose, done),
             }

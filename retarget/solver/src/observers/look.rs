@@ -3,13 +3,17 @@
 use super::law::{damped_floor, damping_share, way_out};
 use super::modes::{Mode, Tally};
 use super::rows::ObserverTask;
-use super::set::{ObserverSet, Other};
+use super::set::{Mover, ObserverSet, Other};
 use super::trial::{Activation, Approach};
+use crate::bounds::FrameBox;
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
 use crate::hierarchy::Side;
 use crate::kinematics::Pose;
 use crate::math::*;
 use std::sync::Arc;
+
+/// Pairs as near as this many times their influence are looked at exactly: so their mode is known.
+const LOOKED_AT: f64 = 1.1;
 
 /// Where an obstacle is at the start of a frame, and how it moves.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +47,13 @@ pub struct PairState {
     pub nearest: Nearest,
     /// Distance that it shall have at the end of the frame (of the iteration, where only the closest act).
     pub floor: f64,
+    /// Bounds of the distance, from when it was last looked at.
+    pub at_least: f64,
+    pub at_most: f64,
+    /// Nobody needs to look at it in this frame.
+    pub sleeps: bool,
+    /// Its distance was looked at, and not only bounded.
+    pub is_exact: bool,
     /// Side of its row in the last solve, and in that of the first iteration of the last frame.
     pub side: Side,
     pub first_side: Side,
@@ -55,8 +66,8 @@ pub struct Watch {
     pub tasks: Vec<ObserverTask>,
     /// Tasks that a pair's rows belong to, before contact and in contact.
     pub task_of: Vec<(Option<usize>, Option<usize>)>,
-    /// Coordinates and columns that part a pair: (coordinate, column, sign).
-    pub movers: Vec<Vec<(usize, usize, f64)>>,
+    /// Movers of each pair that are not locked, and their columns.
+    pub movers: Vec<Vec<(Mover, usize)>>,
     pub obstacles: Vec<ObstaclePose>,
     pub present: Vec<bool>,
     pub pairs: Vec<PairState>,
@@ -85,10 +96,20 @@ impl Watch {
         let movers = set
             .pairs
             .iter()
-            .map(|p| p.movers.iter().filter_map(|(dof, sign)| columns[*dof].map(|c| (*dof, c, *sign))).collect())
+            .map(|p| p.movers.iter().filter_map(|m| columns[m.dof].map(|c| (*m, c))).collect())
             .collect();
         let far = Nearest { distance: f64::INFINITY, a: [0.0; 3], b: [0.0; 3], normal: [0.0, 0.0, 1.0] };
-        let pair = PairState { mode: Mode::Free, nearest: far, floor: 0.0, side: Side::Free, first_side: Side::Free };
+        let pair = PairState {
+            mode: Mode::Free,
+            nearest: far,
+            floor: 0.0,
+            at_least: f64::NEG_INFINITY,
+            at_most: f64::INFINITY,
+            sleeps: false,
+            is_exact: false,
+            side: Side::Free,
+            first_side: Side::Free,
+        };
         let still =
             ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -118,16 +139,27 @@ impl Watch {
     pub fn reset(&mut self) {
         for pair in &mut self.pairs {
             (pair.mode, pair.side, pair.first_side) = (Mode::Free, Side::Free, Side::Free);
+            (pair.at_least, pair.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
         }
         self.tally.restart();
     }
 
-    /// A frame of `dt` s in `n_ik` iterations begins in this posture.
-    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize) {
+    /// A frame of `dt` s in `n_ik` iterations begins in this posture. `boxes`: how far coordinates may go in it.
+    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize, boxes: &[FrameBox]) {
         (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
+        if self.activation == Activation::All {
+            self.settle_sleep(boxes);
+        }
         self.measure(pose, 0.0);
         if self.activation == Activation::All {
             self.settle_modes();
+            for state in &mut self.pairs {
+                if !state.sleeps {
+                    // What is far is only known to be so far at least.
+                    state.at_least = state.nearest.distance;
+                    state.at_most = if state.is_exact { state.nearest.distance } else { f64::INFINITY };
+                }
+            }
             for k in 0..self.pairs.len() {
                 self.pairs[k].floor = self.floor(k, dt);
             }
@@ -151,8 +183,9 @@ impl Watch {
         self.judge();
     }
 
-    /// Obstacles go on to where they are when the frame ends.
-    pub fn finish(&mut self) {
+    /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
+    pub fn finish(&mut self, done: &[f64]) {
+        self.drift_apart(done);
         for obstacle in &mut self.obstacles {
             *obstacle = obstacle.after(self.dt);
         }
@@ -184,6 +217,9 @@ impl Watch {
         }
         self.near.clear();
         for (k, pair) in self.set.pairs.iter().enumerate() {
+            if self.pairs[k].sleeps {
+                continue;
+            }
             let a = &self.solids[pair.observer];
             let b = match pair.other {
                 Other::Observer(o) => &self.solids[o],
@@ -196,7 +232,8 @@ impl Watch {
             let state = &mut self.pairs[k];
             let gap = gap_at_least(a, b);
             state.nearest.distance = gap;
-            if gap < pair.influence {
+            state.is_exact = gap < LOOKED_AT * pair.influence;
+            if state.is_exact {
                 state.nearest = nearest(a, b, &mut self.scratch);
                 if state.nearest.distance < pair.influence {
                     self.near.push(k);
@@ -209,7 +246,8 @@ impl Watch {
         for k in 0..self.pairs.len() {
             let influence = self.set.pairs[k].influence;
             let state = &mut self.pairs[k];
-            let mut mode = state.mode.next(state.nearest.distance, influence);
+            let distance = if state.sleeps { state.at_least } else { state.nearest.distance };
+            let mut mode = state.mode.next(distance, influence);
             if mode == Mode::Reactive && self.task_of[k].1.is_none() {
                 mode = Mode::Preventive;
             }
@@ -231,8 +269,12 @@ impl Watch {
 
     /// Least distance of a pair after `dt` s.
     pub(super) fn floor(&self, k: usize, dt: f64) -> f64 {
+        self.floor_from(k, self.pairs[k].nearest.distance, dt)
+    }
+
+    /// The same, if its distance were this.
+    pub(super) fn floor_from(&self, k: usize, distance: f64, dt: f64) -> f64 {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
-        let distance = state.nearest.distance;
         match (state.mode, self.task_of[k]) {
             (Mode::Reactive, (_, Some(task))) => way_out(distance, pair.margin, self.tasks[task].speed, dt),
             (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),

@@ -4,6 +4,7 @@
 //! * `set`: which observers, obstacles and pairs there are.
 //! * `law`: how near a pair may come in one frame, as plain functions.
 //! * `look`: distances of pairs in a posture.
+//! * `sleep`: pairs that cannot come too near in a frame, which nobody needs to look at.
 //! * `modes`: free, preventive or reactive, and how often that changes.
 //! * `rows`: inequality rows of pairs, written into a hierarchy problem.
 //! * `trial`: of those influenced by one obstacle, only the closest that approaches (paper).
@@ -13,10 +14,11 @@ mod look;
 mod modes;
 mod rows;
 mod set;
+mod sleep;
 mod trial;
 
 pub use look::{ObstaclePose, Watch};
 pub use modes::Mode;
 pub use rows::{ObserverTask, Shift};
-pub use set::{Observer, ObserverSet, Obstacle, Other, Pair};
+pub use set::{Mover, Observer, ObserverSet, Obstacle, Other, Pair};
 pub use trial::Activation;

@@ -2,7 +2,7 @@
 
 use super::look::Watch;
 use super::modes::Mode;
-use super::set::{Other, Pair};
+use super::set::{Mover, Other, Pair};
 use super::trial::Activation;
 use crate::body::Body;
 use crate::hierarchy::{Problem, Side};
@@ -114,7 +114,7 @@ impl Watch {
         let row = problem.row_mut(r);
         row.fill(0.0);
         let mut moved = 0.0;
-        for &(dof, c, sign) in &self.movers[k] {
+        for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
             let value = sign * dot(n, body.point_column(pose, dof, if sign > 0.0 { a } else { b }));
             moved += value * shift.reference[dof];
             row[c] = value * shift.scale[dof];

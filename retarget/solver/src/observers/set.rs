@@ -1,6 +1,6 @@
 //! Which observers and obstacles there are, and which of them are looked at together.
 
-use crate::body::Body;
+use crate::body::{Body, JointKind};
 use crate::geometry::{Shape, Solid};
 use crate::kinematics::Pose;
 use crate::math::*;
@@ -38,8 +38,18 @@ pub struct Pair {
     pub other: Other,
     pub influence: f64,
     pub margin: f64,
-    /// Coordinates that move one side and not the other: (coordinate, 1 or -1). What moves both cannot part them.
-    pub movers: Vec<(usize, f64)>,
+    /// Coordinates that move one side and not the other. What moves both cannot part them.
+    pub movers: Vec<Mover>,
+}
+
+/// A coordinate that moves one side of a pair.
+#[derive(Clone, Copy, Debug)]
+pub struct Mover {
+    pub dof: usize,
+    /// 1: it moves the observer; -1: what the observer looks at.
+    pub sign: f64,
+    /// Farthest that the side's shape ever gets from the coordinate's axis, m; 1 of a slide; infinite where that is not known.
+    pub lever: f64,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -64,21 +74,24 @@ impl ObserverSet {
             return Err(format!("an observer needs a link of the body and a bounded shape; found link {}", o.link));
         }
         let chain = |observer: usize| body.links[observers[observer].link].chain.as_slice();
+        let movers = |moved: usize, sign: f64, other: &[usize]| {
+            let own = chain(moved).iter().filter(|dof| !other.contains(dof));
+            own.map(|&dof| Mover { dof, sign, lever: lever(body, &observers[moved], dof) }).collect::<Vec<_>>()
+        };
         let mut pairs = vec![];
         for &(a, b) in checked {
             if a >= observers.len() || b >= observers.len() || a == b {
                 return Err(format!("pair ({a}, {b}) is not of two of the {} observers", observers.len()));
             }
             let (first, second) = (&observers[a], &observers[b]);
-            let mut movers: Vec<(usize, f64)> =
-                chain(a).iter().filter(|d| !chain(b).contains(d)).map(|d| (*d, 1.0)).collect();
-            movers.extend(chain(b).iter().filter(|d| !chain(a).contains(d)).map(|d| (*d, -1.0)));
+            let mut both = movers(a, 1.0, chain(b));
+            both.extend(movers(b, -1.0, chain(a)));
             pairs.push(Pair {
                 observer: a,
                 other: Other::Observer(b),
                 influence: first.influence.max(second.influence),
                 margin: first.margin.max(second.margin),
-                movers,
+                movers: both,
             });
         }
         let self_pairs = pairs.len();
@@ -89,7 +102,7 @@ impl ObserverSet {
                     other: Other::Obstacle(k),
                     influence: obstacle.influence.max(observer.influence),
                     margin: obstacle.margin.max(observer.margin),
-                    movers: chain(a).iter().map(|d| (*d, 1.0)).collect(),
+                    movers: movers(a, 1.0, &[]),
                 });
             }
         }
@@ -109,5 +122,27 @@ impl ObserverSet {
     pub fn new_solids(&self) -> Vec<Solid> {
         let solid = |o: &Observer| Solid { shape: o.shape, position: o.position, rotation: o.rotation };
         self.observers.iter().map(solid).collect()
+    }
+}
+
+/// Farthest that an observer's shape ever gets from the axis of a coordinate in its chain.
+fn lever(body: &Body, observer: &Observer, dof: usize) -> f64 {
+    if body.dof_linear[dof] {
+        return 1.0;
+    }
+    let mut length = norm(observer.position) + observer.shape.reach();
+    let mut link = observer.link;
+    loop {
+        let joints = &body.joints[body.links[link].joints.0..body.links[link].joints.1];
+        // A joint off the link's origin carries the origin about.
+        length += 2.0 * joints.iter().map(|joint| norm(joint.pos)).sum::<f64>();
+        if link == body.dof_link[dof] {
+            return length;
+        }
+        if joints.iter().any(|joint| joint.kind == JointKind::Slide) {
+            return f64::INFINITY;
+        }
+        length += norm(body.links[link].pos);
+        link = body.links[link].parent;
     }
 }
