@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.body_file import Root, compile_body, compile_body_text
-from retarget.metrics.closest_pairs import Closest, closest_pairs
+from retarget.metrics.closest_pairs import Closest, Distances, closest_pairs
 from retarget.metrics.geom_distance import geom_distances
 from retarget.metrics.link_pairs import LeftOut, compared_pairs
 from retarget.metrics.moving_geoms import MovingGeoms, moving_geoms, travelled
-from retarget.metrics.scene_model import obstacle_tracks, scene_model
+from retarget.metrics.scene_model import ObstacleTracks, obstacle_tracks, scene_model
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
 
@@ -70,7 +70,7 @@ class PlacedBody:
             self.model, geoms.geoms[pairs], geoms=geoms.geoms, position=geoms.position, matrix=geoms.matrix
         )
         found = closest_pairs(measure, way[:, pairs[:, 0]] + way[:, pairs[:, 1]], tolerances=(TOUCH_M, DEEP_M))
-        first, second = (self._name(side) for side in pairs[found.pair])
+        first, second = (self._name(geom) for geom in pairs[found.pair])
         return _clearance(found, (first, second), self.rows, left_out)
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
@@ -78,25 +78,43 @@ class PlacedBody:
         geoms, names = self.geoms, scene.shapes.names
         if not len(self.rows) or not len(names) or not len(geoms.geoms):
             return Clearance(None, 0, None)
-        both, obstacles = scene_model(self.model, geoms.geoms, scene.shapes), obstacle_tracks(scene, times[self.rows])
-        position, matrix = both.placed(geoms)
-        pairs = np.indices((len(geoms.geoms), len(names))).reshape(2, -1).T
+        obstacles = obstacle_tracks(scene, times[self.rows])
+        pairs, measure = self._with(obstacles, scene)
         way = travelled(geoms.position, geoms.matrix, geoms.radius)[:, pairs[:, 0]]
         way += travelled(obstacles.position, obstacles.matrix, obstacles.radius)[:, pairs[:, 1]]
-        measure = geom_distances(
+        found = closest_pairs(measure, way, tolerances=(TOUCH_M, DEEP_M))
+        link, obstacle = pairs[found.pair]
+        return _clearance(found, (self._name(link), names[obstacle]), self.rows, ())
+
+    def scene_distances(self, scene: SceneState, times: FloatArray) -> FloatArray:
+        """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
+        count, obstacles = len(self.rows), obstacle_tracks(scene, times[self.rows])
+        pairs, measure = self._with(obstacles, scene)
+        rows, which = np.indices((count, len(pairs))).reshape(2, -1)
+        distances = measure(rows, which).reshape(count, len(self.geoms.geoms), len(scene.shapes.names))
+        return np.asarray(distances.min(axis=1))
+
+    def part(self, rows: IntArray, which: IntArray) -> "PlacedBody":
+        """Some of the geoms in some of the postures, by number; the postures are numbered anew."""
+        return PlacedBody(self.model, self.geoms.chosen(rows, which), np.arange(len(rows)))
+
+    def _with(self, obstacles: ObstacleTracks, scene: SceneState) -> tuple[IntArray, Distances]:
+        """Pairs (g k, 2) of geom and obstacle, one geom after the other, and how their distances are measured."""
+        geoms = self.geoms
+        both = scene_model(self.model, geoms.geoms, scene.shapes)
+        position, matrix = both.placed(geoms)
+        pairs = np.indices((len(geoms.geoms), len(scene.shapes.names))).reshape(2, -1).T
+        return pairs, geom_distances(
             both.model,
             np.column_stack([both.body[pairs[:, 0]], both.obstacles[pairs[:, 1]]]),
             geoms=np.concatenate([both.body, both.obstacles]),
             position=np.concatenate([position, obstacles.position], axis=1),
             matrix=np.concatenate([matrix, obstacles.matrix], axis=1),
         )
-        found = closest_pairs(measure, way, tolerances=(TOUCH_M, DEEP_M))
-        part, obstacle = pairs[found.pair]
-        return _clearance(found, (self._name(part), names[obstacle]), self.rows, ())
 
-    def _name(self, part: int) -> str:
-        """Of the link of a geom."""
-        return str(self.model.body(int(self.geoms.links[part])).name)
+    def _name(self, geom: int) -> str:
+        """Of the geom's link."""
+        return str(self.model.body(int(self.geoms.links[geom])).name)
 
 
 def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:

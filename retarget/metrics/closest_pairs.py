@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from retarget.rotations import FloatArray
 
-__all__ = ["Closest", "closest_pairs"]
+__all__ = ["Closest", "Distances", "closest_pairs"]
 
 IntArray = NDArray[np.int64]
 Distances = Callable[[IntArray, IntArray], FloatArray]

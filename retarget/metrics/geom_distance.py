@@ -1,11 +1,11 @@
 """MuJoCo's distance between two geoms of a model, wherever they are put."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.metrics.closest_pairs import Distances
 from retarget.rotations import FloatArray
 
 __all__ = ["geom_distances"]
@@ -17,7 +17,7 @@ FAR_M = 1e4
 
 def geom_distances(
     model: Any, pairs: IntArray, *, geoms: IntArray, position: FloatArray, matrix: FloatArray
-) -> Callable[[IntArray, IntArray], FloatArray]:
+) -> Distances:
     """Signed distances (m,) m of rows of `pairs` (P, 2), numbers of geoms, in postures (m,) that come in rising order.
 
     geoms (g,): which are put where; position (T, g, 3) m and matrix (T, g, 9), world, in T postures.

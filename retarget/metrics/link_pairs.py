@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from retarget.rotations import FloatArray
 
-__all__ = ["LeftOut", "compared_pairs"]
+__all__ = ["NEIGHBOURS", "LeftOut", "compared_pairs"]
 
 IntArray = NDArray[np.int64]
 Pair = tuple[int, int]
+NEIGHBOURS = "neighbours along the body"
+"""Why a link and its parent are not compared."""
 FAR_M = 1e4
 """More than any distance, m."""
 
@@ -61,11 +63,11 @@ def _reasons(model: Any, ignored: Iterable[tuple[str, str]]) -> dict[Pair, str]:
     weld, parent = np.asarray(model.body_weldid), np.asarray(model.body_parentid)
     reasons = {}
     for link in range(1, model.nbody):
-        reasons[_pair(link, parent[link])] = "neighbours along the body"
+        reasons[_pair(link, parent[link])] = NEIGHBOURS
         # Of links that no joint parts, all are neighbours of what the joint hangs on.
         for other in range(1, model.nbody):
             if weld[other] and weld[link] != weld[other] and weld[parent[weld[link]]] == weld[other]:
-                reasons[_pair(link, other)] = "neighbours along the body"
+                reasons[_pair(link, other)] = NEIGHBOURS
     for signature in model.exclude_signature:
         reasons[_pair(int(signature) >> 16, int(signature) & 0xFFFF)] = "excluded by the body's file"
     for first, second in ignored:

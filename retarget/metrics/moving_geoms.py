@@ -25,6 +25,16 @@ class MovingGeoms:
     matrix: FloatArray
     radius: FloatArray
 
+    def chosen(self, rows: NDArray[np.int64], which: NDArray[np.int64]) -> "MovingGeoms":
+        """Some of the geoms in some of the postures, by number."""
+        return MovingGeoms(
+            self.links[which],
+            self.geoms[which],
+            self.position[rows][:, which],
+            self.matrix[rows][:, which],
+            self.radius[which],
+        )
+
     def within(self, base: int) -> "MovingGeoms":
         """The same, seen from the geom `base`, whose own motion then takes no part."""
         back = self.matrix[:, base].reshape(-1, 1, 3, 3).swapaxes(-1, -2)  # R_base_world
