@@ -1,5 +1,6 @@
 """MuJoCo's distance between two geoms of a model, wherever they are put."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,17 +26,22 @@ def geom_distances(
     import mujoco
 
     data = mujoco.MjData(model)
-    measure, sides = mujoco.mj_geomDistance, pairs.tolist()
+    measure, first, second = mujoco.mj_geomDistance, pairs[:, 0], pairs[:, 1]
     at, turned = data.geom_xpos, data.geom_xmat
+    places: IntArray | slice = geoms
+    if np.array_equal(geoms, np.arange(len(geoms))):  # the usual case: a slice is written faster than single rows
+        at, turned, places = at[: len(geoms)], turned[: len(geoms)], slice(None)
 
     def distances(rows: IntArray, which: IntArray) -> FloatArray:
-        found, before = np.empty(len(rows)), -1
-        for k, (row, pair) in enumerate(zip(rows.tolist(), which.tolist(), strict=True)):
-            if row != before:
-                at[geoms], turned[geoms] = position[row], matrix[row]
-                before = row
-            first, second = sides[pair]
-            found[k] = measure(model, data, first, second, FAR_M, None)
-        return found
+        found: list[float] = []
+        a, b = first[which].tolist(), second[which].tolist()
+        begins = [0, *(np.flatnonzero(np.diff(rows)) + 1).tolist(), len(rows)]
+        for begin, end in pairwise(begins):
+            if begin < end:
+                at[places], turned[places] = position[rows[begin]], matrix[rows[begin]]
+                found += [
+                    measure(model, data, i, j, FAR_M, None) for i, j in zip(a[begin:end], b[begin:end], strict=True)
+                ]
+        return np.array(found, dtype=float)
 
     return distances
