@@ -25,9 +25,9 @@ class Numbers:
     """One row. Clearances in mm (negative: inside) with the pair that came closest; `deep`: frames deeper than 1 mm.
 
     gated: share of ticks. hands_mm: mean error of both. unhindered_mm: by how much the error of a hand is larger than
-    in the free run while its forearm is there beyond the influence of every obstacle (the worse hand), and in what
-    share of the ticks. jerk_ratio: p95, against the run without observers. switches: per second, worst observer.
-    left_out: links that were not compared and are no neighbours.
+    in the free run while its arm is there beyond the influence of every obstacle (the worse hand), and in what
+    share of the ticks. jerk_p95: rad/s^3; jerk_ratio: against the run without observers. switches: per second, worst
+    observer. left_out: links that were not compared and are no neighbours.
     """
 
     recording: str
@@ -44,6 +44,7 @@ class Numbers:
     unhindered_mm: float | None
     unhindered_share: float | None
     path_ratio: float | None
+    jerk_p95: float | None
     jerk_ratio: float | None
     switches: float | None
     busiest: str | None
@@ -75,6 +76,7 @@ def numbers(recording: str, scene: str, motion: Motion, *, free: Motion | None, 
         unhindered_mm=_mm(change),
         unhindered_share=share,
         path_ratio=path_ratio(motion.asked, motion.reached),
+        jerk_p95=motion.jerk,
         jerk_ratio=None if without is None or not without.jerk or motion.jerk is None else motion.jerk / without.jerk,
         switches=None if activity is None else activity.switches.worst,
         busiest=None if activity is None else activity.switches.name,
@@ -99,13 +101,27 @@ def unhindered(motion: Motion, free: Motion, scene: SceneState) -> tuple[float |
 
 
 def beyond_influence(free: Motion, ticks: NDArray[np.int64], scene: SceneState) -> NDArray[np.bool_]:
-    """Whether (F, 2) each forearm of the free run is beyond the influence of every obstacle at ticks of following."""
+    """Whether (F, 2) each arm of the free run is beyond the influence of every obstacle at ticks of following."""
     body, rows, far = free.body, free.first + ticks, []
-    for links in free.arms:
-        which = np.flatnonzero(np.isin(body.geoms.links, [body.model.body(link).id for link in links]))
-        distance = body.part(rows, which).scene_distances(scene, free.time[rows])
+    for links in whole_arms(free):
+        distance = body.part(rows, np.flatnonzero(np.isin(body.geoms.links, links))).scene_distances(
+            scene, free.time[rows]
+        )
         far.append((distance > scene.shapes.influence).all(axis=1))
     return np.column_stack(far)
+
+
+def whole_arms(motion: Motion) -> list[list[int]]:
+    """Numbers of the links from each forearm up to where both arms meet."""
+    model = motion.body.model
+    ways = []
+    for links in motion.arms:
+        link, way = model.body(links[0]).id, []
+        while link:
+            way.append(int(link))
+            link = model.body_parentid[link]
+        ways.append(way)
+    return [[link for link in way if link not in other] for way, other in (ways, ways[::-1])]
 
 
 def _mean(values: Floats) -> float | None:

@@ -29,17 +29,25 @@ STANDARD = 0.45
 """Height of that robot, m."""
 TRIES = 150
 """Places that are tried, spread over the motion."""
+APART = 0.12
+"""Between table and post, m: room for an arm that is in the influence of neither."""
 REST_OF_BODY = 0.0
 """Nearest that the rest of the body comes in the free run, m."""
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A line of a scene file, and what the arms of the free run do to it: depth, m."""
+    """A line of a scene file, and how deep, m, the arms of the free run go into it.
+
+    middle, along: seen from above, where it is, m, and the direction of its first half size; size: half sizes, m.
+    """
 
     name: str
     text: str
-    depth: float
+    middle: tuple[float, float]
+    along: tuple[float, float] = (1.0, 0.0)
+    size: tuple[float, float] = (0.0, 0.0)
+    depth: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +63,19 @@ class Surroundings:
 
 def place(motion: Motion, folder: Path) -> tuple[Obstacle, ...]:
     """The table and the post, as far as there is a place for them. Writes trial scenes to a folder."""
-    scale = height_scale(motion)
-    around = surroundings(motion)
-    return tuple(
-        found
-        for kind in (_tables, _posts)
-        for found in [_first_that_fits(kind(motion, scale), around, scale, folder)]
-        if found is not None
-    )
+    scale, around = height_scale(motion), surroundings(motion)
+    table = _first_that_fits(_tables(motion, scale), around, scale, folder)
+    posts = (post for post in _posts(motion, scale) if table is None or apart(post, table) >= APART * scale)
+    post = _first_that_fits(posts, around, scale, folder)
+    return tuple(found for found in (table, post) if found is not None)
+
+
+def apart(post: Obstacle, table: Obstacle) -> float:
+    """Level distance, m, of the axis of a post from a table's top; 0 above or below it."""
+    across = np.array([-table.along[1], table.along[0]])
+    offset = np.array(post.middle) - table.middle
+    beyond = np.abs([offset @ table.along, offset @ across]) - table.size
+    return float(np.linalg.norm(np.maximum(beyond, 0.0)))
 
 
 def height_scale(motion: Motion) -> float:
@@ -96,10 +109,9 @@ def write_scene(obstacles: tuple[Obstacle, ...], path: Path, *, scale: float = 1
 
 
 def _first_that_fits(
-    candidates: Iterator[tuple[str, str]], around: Surroundings, scale: float, folder: Path
+    candidates: Iterator[Obstacle], around: Surroundings, scale: float, folder: Path
 ) -> Obstacle | None:
-    for name, text in candidates:
-        obstacle = Obstacle(name, text, 0.0)
+    for obstacle in candidates:
         scene = SceneState(load_scene(write_scene((obstacle,), folder / "trial.yaml", scale=scale)))
         clear = around.start.to_scene(scene, around.start_times).smallest
         if clear is None or clear < 2.0 * MARGIN * scale:
@@ -113,7 +125,7 @@ def _first_that_fits(
     return None
 
 
-def _tables(motion: Motion, scale: float) -> Iterator[tuple[str, str]]:
+def _tables(motion: Motion, scale: float) -> Iterator[Obstacle]:
     """Tops that a hand goes through from above or from the side, lowest and farthest hands first."""
     depth = DEPTH * scale
     length, width, thick = (scale * size for size in TABLE)
@@ -124,20 +136,19 @@ def _tables(motion: Motion, scale: float) -> Iterator[tuple[str, str]]:
             pos = _numbers([*middle[:2], hand[2] + lift])
             if hand[2] + lift > thick:
                 turn = f"quat: {_numbers([np.cos(angle), 0.0, 0.0, np.sin(angle)])}"
-                yield (
-                    "table",
-                    f"shape: {{box: {{size: {_numbers([length, width, thick])}}}}}, at: {{pos: {pos}, {turn}}}",
-                )
+                text = f"shape: {{box: {{size: {_numbers([length, width, thick])}}}}}, at: {{pos: {pos}, {turn}}}"
+                yield Obstacle("table", text, _level(middle), _level(outwards), (length, width))
 
 
-def _posts(motion: Motion, scale: float) -> Iterator[tuple[str, str]]:
+def _posts(motion: Motion, scale: float) -> Iterator[Obstacle]:
     """Upright cylinders from the ground up to above a hand, farthest hands first."""
     radius = POST * scale
     for hand, outwards in _ways(motion, lowest=False):
         for way in (0.0, -2.0, 1.0):
-            x, y = (hand + way * radius * outwards)[:2]
+            x, y = _level(hand + way * radius * outwards)
             low, high = _numbers([x, y, 0.0]), _numbers([x, y, hand[2] + 5.0 * radius])
-            yield "post", f"shape: {{cylinder: {{from: {low}, to: {high}, radius: {radius:.4g}}}}}"
+            text = f"shape: {{cylinder: {{from: {low}, to: {high}, radius: {radius:.4g}}}}}"
+            yield Obstacle("post", text, (x, y), size=(radius, radius))
 
 
 def _ways(motion: Motion, *, lowest: bool) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -154,6 +165,10 @@ def _ways(motion: Motion, *, lowest: bool) -> Iterator[tuple[FloatArray, FloatAr
     for tick, side in order[:TRIES]:
         if reach[tick, side] > 0.0:
             yield hands[ticks[tick], side], away[tick, side] / reach[tick, side]
+
+
+def _level(point: FloatArray) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
 
 
 def _numbers(values: list[float]) -> str:

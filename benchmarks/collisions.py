@@ -28,13 +28,21 @@ FORMATS = (".amc", ".bvh", ".c3d")
 FREE, OBSTACLES = "free", "obstacles"
 HEADS = (
     "recording", "scene", "frames", "self mm", "> 1 mm", "scene mm", "> 1 mm", "gated %", "hands mm", "unhindered mm",
-    "path ratio", "jerk ratio", "switches/s", "stopped",
+    "path ratio", "jerk p95", "jerk ratio", "switches/s", "stopped",
 )  # fmt: skip
 
 
 def recordings(folder: Path) -> list[Path]:
     """Motion files of a folder and its folders."""
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in FORMATS)
+
+
+def skeleton_of(path: Path) -> Path | None:
+    """The ASF of an AMC where none is named for it: the only one beside it."""
+    if path.suffix.lower() != ".amc":
+        return None
+    beside = sorted(path.parent.glob("*.asf"))
+    return beside[0] if len(beside) == 1 else None
 
 
 def measured(name: str, frames: SensorFrames, options: RunOptions, scenes: Sequence[str]) -> Iterator[Numbers | str]:
@@ -69,7 +77,9 @@ def main() -> None:
     for path in chosen.files or recordings(chosen.mocap):
         name = f"{path.parent.name}/{path.name}"
         try:
-            for found in measured(name, open_source(path), options, chosen.scenes.split(",")):
+            for found in measured(
+                name, open_source(path, skeleton=skeleton_of(path)), options, chosen.scenes.split(",")
+            ):
                 if isinstance(found, Numbers):
                     rows.append(found)
                     print(" | ".join(row_of(found)), flush=True)
@@ -99,6 +109,7 @@ def row_of(row: Numbers) -> list[str]:
         _number(row.hands_mm, 1),
         _number(row.unhindered_mm, 2) + ("" if row.unhindered_share is None else f" ({row.unhindered_share:.0%})"),
         _number(row.path_ratio, 3),
+        _number(row.jerk_p95, 0),
         _number(row.jerk_ratio, 2),
         _number(row.switches, 1) + (f" {row.busiest}" if row.busiest else ""),
         row.stop or "",
@@ -138,6 +149,7 @@ def _worst_of(rows: list[Numbers], scene: str) -> Numbers:
         unhindered_mm=most("unhindered_mm"),
         unhindered_share=None,
         path_ratio=least("path_ratio"),
+        jerk_p95=most("jerk_p95"),
         jerk_ratio=most("jerk_ratio"),
         switches=most("switches"),
         busiest=None,

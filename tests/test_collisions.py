@@ -6,10 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.collision_numbers import Numbers, beyond_influence, numbers, unhindered
-from benchmarks.collision_placement import INFLUENCE, MARGIN, height_scale, place, surroundings, write_scene
+from benchmarks.collision_numbers import Numbers, beyond_influence, numbers, unhindered, whole_arms
+from benchmarks.collision_placement import (
+    APART,
+    INFLUENCE,
+    MARGIN,
+    Obstacle,
+    apart,
+    height_scale,
+    place,
+    surroundings,
+    write_scene,
+)
 from benchmarks.collision_runs import Motion, play, unobserving
-from benchmarks.collisions import HEADS, measured, recordings, row_of, worst
+from benchmarks.collisions import HEADS, measured, recordings, row_of, skeleton_of, worst
 from retarget.clip import Playback
 from retarget.options import RunOptions
 from retarget.priorities import load_priorities
@@ -53,6 +63,16 @@ def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Mo
     assert (-around.arms.scene_distances(scene, around.times).min(axis=0) > 0.01).all()
 
 
+def test_between_table_and_post_there_is_room_for_an_arm(free: Motion, tmp_path: Path) -> None:
+    table = Obstacle("table", "", middle=(1.0, 2.0), along=(0.0, 1.0), size=(0.1, 0.2))
+    assert apart(Obstacle("post", "", (1.1, 2.05)), table) == 0.0
+    assert apart(Obstacle("post", "", (1.0, 2.4)), table) == pytest.approx(0.3)
+    assert apart(Obstacle("post", "", (1.5, 2.5)), table) == pytest.approx(0.5)
+    placed = place(free, tmp_path)
+    if len(placed) == 2:
+        assert apart(placed[1], placed[0]) >= APART * height_scale(free)
+
+
 def test_hands_are_hindered_only_near_an_obstacle(free: Motion, scene: SceneState) -> None:
     ticks = np.arange(0, free.end - free.first, 10)
     far = beyond_influence(free, ticks, scene)
@@ -64,6 +84,12 @@ def test_hands_are_hindered_only_near_an_obstacle(free: Motion, scene: SceneStat
     off = replace(free, reached=free.asked + np.array([0.0, 0.0, 0.5]))
     on = replace(free, reached=free.asked + np.array([0.0, 0.3, 0.0]))
     assert unhindered(off, on, scene)[0] == pytest.approx(0.2)
+
+
+def test_an_arm_is_all_that_the_other_arm_does_not_share(free: Motion) -> None:
+    model = free.body.model
+    names = [[model.body(link).name for link in arm] for arm in whole_arms(free)]
+    assert names == [[f"{side}_{part}_link" for part in ("el", "sho_roll", "sho_pitch")] for side in ("l", "r")]
 
 
 def test_a_row_says_what_was_sent(free: Motion) -> None:
@@ -96,6 +122,16 @@ def test_the_worst_of_each_number_is_shown(free: Motion) -> None:
     (found,) = worst([a, b])
     assert (found.self_mm, found.self_deep, found.jerk_ratio, found.stop) == (-2.0, 3 + row.self_deep, 1.5, "1 runs")
     assert found.frames == 2 * row.frames
+
+
+def test_a_lonely_skeleton_is_that_of_the_motion(tmp_path: Path) -> None:
+    motion = tmp_path / "walking.amc"
+    assert skeleton_of(motion) is None
+    (tmp_path / "any.asf").touch()
+    assert skeleton_of(motion) == tmp_path / "any.asf"
+    assert skeleton_of(tmp_path / "walking.bvh") is None
+    (tmp_path / "other.asf").touch()
+    assert skeleton_of(motion) is None
 
 
 def test_recordings_are_motion_files(tmp_path: Path) -> None:
