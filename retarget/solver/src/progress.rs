@@ -50,6 +50,8 @@ pub enum Moment {
 pub struct Progress {
     levels: Vec<Level>,
     errors_before: Vec<f64>,
+    /// A part of the last step was taken back.
+    cut: bool,
     /// The level of lowest priority that counts.
     lowest: Option<usize>,
 }
@@ -57,7 +59,7 @@ pub struct Progress {
 impl Progress {
     pub fn new(counts: &[bool]) -> Self {
         let levels = counts.iter().map(|c| Level { counts: *c, ..Level::default() }).collect();
-        let mut progress = Self { levels, errors_before: vec![], lowest: counts.iter().rposition(|c| *c) };
+        let mut progress = Self { levels, errors_before: vec![], cut: false, lowest: counts.iter().rposition(|c| *c) };
         progress.reset();
         progress
     }
@@ -81,7 +83,8 @@ impl Progress {
         violation: &[f64],
         errors: &mut [f64],
     ) {
-        if moment != Moment::StepTakenBack {
+        self.cut = moment == Moment::StepTakenBack;
+        if !self.cut {
             self.errors_before.clear();
             self.errors_before.extend_from_slice(errors);
         }
@@ -136,12 +139,13 @@ impl Progress {
         }
     }
 
-    /// No error falls any more, and none has grown that may yet be taken back.
+    /// No error falls any more, none has grown that may yet be taken back, and none stands still only because it was told to or
+    /// because the step was cut.
     pub fn is_done(&self) -> bool {
-        self.levels.iter().enumerate().all(|(k, l)| {
+        !self.cut && self.levels.iter().enumerate().all(|(k, l)| {
             let falls = l.error < (1.0 - CHANGE) * l.before;
             let grew = l.error > (1.0 + CHANGE) * l.before && Some(k) != self.lowest;
-            l.error <= MET || !(falls || grew)
+            l.error <= MET || !(falls || grew || l.waits)
         })
     }
 

@@ -13,7 +13,7 @@ const MOST_CHANGES: u32 = 30;
 /// A step of less than this share of its way is none.
 const STILL: f64 = 1e-9;
 /// Rounds in which a damped level finds the ends of ranges that it runs into.
-const MOST_STOPS: u32 = 4;
+const MOST_STOPS: u32 = 8;
 
 pub fn solve(problem: &mut Problem, work: &mut Workspace, fma: bool) -> Outcome {
     #[cfg(target_arch = "x86_64")]
@@ -108,7 +108,8 @@ fn start_from_path(problem: &mut Problem, work: &Workspace) {
     }
 }
 
-/// Hold variables that `path` takes beyond the end of their range, and rows before `rows_end` that it crosses. False if there are none.
+/// Hold variables that `path` takes beyond the end of their range, and the first row before `rows_end` that it crosses. False if
+/// there are none.
 #[inline(always)]
 fn hold_what_stops<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_end: usize) -> bool {
     let mut met = false;
@@ -124,15 +125,30 @@ fn hold_what_stops<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_en
             met = true;
         }
     }
+    met | hold_first_row::<FMA>(problem, path, rows_end)
+}
+
+/// Hold the first row that is met on the way from standing still to the end of `path`: those behind it may never be met.
+#[inline(always)]
+fn hold_first_row<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_end: usize) -> bool {
+    let mut first: Option<(f64, usize, Side)> = None;
     for r in 0..rows_end {
-        if problem.present[r] && problem.row_side[r] == Side::Free {
-            if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), path)) {
-                problem.row_side[r] = side;
-                met = true;
+        if !problem.present[r] || problem.row_side[r] != Side::Free {
+            continue;
+        }
+        let (from, to) = (dot::<FMA>(problem.row(r), &problem.still), dot::<FMA>(problem.row(r), path));
+        if let Some(side) = problem.crossed(r, to) {
+            let limit = if side == Side::Upper { problem.upper[r] } else { problem.lower[r] };
+            let share = if to == from { 0.0 } else { ((limit - from) / (to - from)).max(0.0) };
+            if first.is_none_or(|(least, ..)| share < least) {
+                first = Some((share, r, side));
             }
         }
     }
-    met
+    first.is_some_and(|(_, r, side)| {
+        problem.row_side[r] = side;
+        true
+    })
 }
 
 /// The exact answer of the problem as it stands.

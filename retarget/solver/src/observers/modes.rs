@@ -36,6 +36,8 @@ pub struct Tally {
     pub switches: Vec<u64>,
     pub preventive: Vec<u64>,
     pub reactive: Vec<u64>,
+    /// No frame has ended since the start: what comes first is no change.
+    fresh: bool,
 }
 
 impl Tally {
@@ -46,6 +48,7 @@ impl Tally {
             switches: vec![0; observers],
             preventive: vec![0; observers],
             reactive: vec![0; observers],
+            fresh: true,
         }
     }
 
@@ -53,6 +56,7 @@ impl Tally {
     pub fn restart(&mut self) {
         self.last.fill(Mode::Free);
         self.now.fill(Mode::Free);
+        self.fresh = true;
     }
 
     pub fn note(&mut self, observer: usize, mode: Mode) {
@@ -62,11 +66,12 @@ impl Tally {
     pub fn end_frame(&mut self) {
         for k in 0..self.now.len() {
             let mode = self.now[k];
-            self.switches[k] += u64::from(mode != self.last[k]);
+            self.switches[k] += u64::from(mode != self.last[k] && !self.fresh);
             self.preventive[k] += u64::from(mode == Mode::Preventive);
             self.reactive[k] += u64::from(mode == Mode::Reactive);
             self.last[k] = mode;
             self.now[k] = Mode::Free;
         }
+        self.fresh = false;
     }
 }
