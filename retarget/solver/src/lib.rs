@@ -15,6 +15,7 @@ mod py_arrays;
 mod py_body;
 mod py_bounds;
 mod py_hierarchy;
+mod py_shapes;
 mod py_solver;
 pub mod rows;
 pub mod task;
@@ -29,5 +30,7 @@ fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<py_hierarchy::HierarchyResult>()?;
     m.add_function(wrap_pyfunction!(py_hierarchy::solve_hierarchy, m)?)?;
     m.add_function(wrap_pyfunction!(py_bounds::frame_bounds, m)?)?;
+    m.add_function(wrap_pyfunction!(py_shapes::shape_distances, m)?)?;
+    m.add_function(wrap_pyfunction!(py_shapes::shape_gaps_at_least, m)?)?;
     Ok(())
 }

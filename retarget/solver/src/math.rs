@@ -126,6 +126,22 @@ pub fn mat_vec(m: &Mat3, v: Vec3) -> Vec3 {
     [dot(m[0], v), dot(m[1], v), dot(m[2], v)]
 }
 
+/// Transposed matrix times `v`: into the frame of a rotation matrix.
+#[inline(always)]
+pub fn mat_t_vec(m: &Mat3, v: Vec3) -> Vec3 {
+    [
+        m[0][0] * v[0] + m[1][0] * v[1] + m[2][0] * v[2],
+        m[0][1] * v[0] + m[1][1] * v[1] + m[2][1] * v[2],
+        m[0][2] * v[0] + m[1][2] * v[1] + m[2][2] * v[2],
+    ]
+}
+
+/// `a + s b`
+#[inline(always)]
+pub fn add_scaled(a: Vec3, b: Vec3, s: f64) -> Vec3 {
+    [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
+}
+
 /// Column `c` of a rotation matrix.
 #[inline(always)]
 pub fn column(m: &Mat3, c: usize) -> Vec3 {

@@ -1,5 +1,28 @@
 //! Simple solids and the distance between two of them: what observers and obstacles are made of.
+//!
+//! Signed distance of A and B is, in every case, the largest over unit n of `n . c - h(n)`: c is A's centre seen from B's, h the
+//! support function of A and B turned about, which are symmetric. Apart, the largest is the gap and is found as a nearest pair;
+//! overlapping, it is minus the way out (`way_out.rs`).
 
+mod along;
+mod bulky;
+mod capsule_box;
+mod capsule_cylinder;
+mod capsules;
+mod climb;
+mod clip;
+mod contact;
+mod difference;
+mod face;
+mod gap;
+mod gjk;
+mod half_space;
+mod nearest;
+mod ridge;
 mod shape;
+mod simplex;
+mod way_out;
 
+pub use gap::gap_at_least;
+pub use nearest::{nearest, Nearest, Scratch};
 pub use shape::{Shape, Solid};

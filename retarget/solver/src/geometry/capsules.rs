@@ -1,0 +1,105 @@
+//! Two capsules (balls, lines): nearest points of two segments, in closed form.
+
+use super::{Nearest, Shape, Solid};
+use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, sub, Vec3};
+
+/// Squared sine of the angle below which two segments are parallel.
+const PARALLEL: f64 = 1e-20;
+/// Below this a distance (m) tells no direction.
+const TOUCHING: f64 = 1e-12;
+
+/// A segment about its centre: `axis` is unit.
+#[derive(Clone, Copy)]
+pub struct Segment {
+    pub centre: Vec3,
+    pub axis: Vec3,
+    pub half_length: f64,
+}
+
+impl Segment {
+    pub fn at(&self, t: f64) -> Vec3 {
+        add_scaled(self.centre, self.axis, t)
+    }
+
+    fn clamp(&self, t: f64) -> f64 {
+        t.clamp(-self.half_length, self.half_length)
+    }
+}
+
+/// Where two segments are nearest: signed lengths from their centres, distance, unit direction from b to a.
+pub struct Crossing {
+    pub s: f64,
+    pub t: f64,
+    pub distance: f64,
+    pub normal: Vec3,
+}
+
+/// Where parallel segments are nearest: the middle of the range that they share, or the ends that face each other.
+fn parallel(a: &Segment, b: &Segment, from: Vec3) -> Crossing {
+    let (sign, centre) = (dot(a.axis, b.axis).signum(), -dot(from, a.axis));
+    let low = (-a.half_length).max(centre - b.half_length);
+    let high = a.half_length.min(centre + b.half_length);
+    let middle = 0.5 * (low + high);
+    let (s, t) = (a.clamp(middle), b.clamp(sign * (middle - centre)));
+    // Side by side the direction is across; end to end on one line it is along.
+    let longer = if a.half_length >= b.half_length { a.axis } else { b.axis };
+    let fallback = match low < high || a.half_length + b.half_length == 0.0 {
+        true => perpendicular(longer),
+        false => scale(a.axis, if centre > 0.0 { -1.0 } else { 1.0 }),
+    };
+    apart(a, b, from, (s, t), fallback)
+}
+
+/// The distance at (s, t), directed by the difference, or by `fallback` where they touch.
+fn apart(a: &Segment, b: &Segment, from: Vec3, (s, t): (f64, f64), fallback: Vec3) -> Crossing {
+    let difference = add_scaled(add_scaled(from, a.axis, s), b.axis, -t);
+    let distance = norm(difference);
+    let normal = if distance > TOUCHING { scale(difference, 1.0 / distance) } else { fallback };
+    Crossing { s, t, distance, normal }
+}
+
+/// Nearest points of two segments.
+pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
+    let from = sub(a.centre, b.centre);
+    let n = cross(a.axis, b.axis);
+    let sine2 = dot(n, n);
+    if sine2 < PARALLEL {
+        return parallel(a, b, from);
+    }
+    // Through n, not through 1 - cos^2: exact to the last digits for small angles too.
+    let s = -dot(cross(from, b.axis), n) / sine2;
+    let t = -dot(cross(from, a.axis), n) / sine2;
+    let common = scale(n, 1.0 / sine2.sqrt());
+    if s.abs() <= a.half_length && t.abs() <= b.half_length {
+        let height = dot(from, common);
+        return Crossing { s, t, distance: height.abs(), normal: scale(common, 1f64.copysign(height)) };
+    }
+    // An end of one is nearest to the other (Ericson, "Real-Time Collision Detection", 5.1.9).
+    let cosine = dot(a.axis, b.axis);
+    let (along_a, along_b) = (dot(from, a.axis), dot(from, b.axis));
+    let mut s = a.clamp(s);
+    let free = along_b + s * cosine;
+    let t = b.clamp(free);
+    if t != free {
+        s = a.clamp(t * cosine - along_a);
+    }
+    apart(a, b, from, (s, t), common)
+}
+
+/// The core segment of a capsule, and its radius.
+pub fn core(solid: &Solid) -> (Segment, f64) {
+    match solid.shape {
+        Shape::Capsule { half_length, radius } | Shape::Cylinder { half_length, radius } => {
+            (Segment { centre: solid.position, axis: solid.axis(), half_length }, radius)
+        }
+        _ => (Segment { centre: solid.position, axis: solid.axis(), half_length: 0.0 }, 0.0),
+    }
+}
+
+pub fn capsules(a: &Solid, b: &Solid) -> Nearest {
+    let ((core_a, radius_a), (core_b, radius_b)) = (core(a), core(b));
+    let found = crossing(&core_a, &core_b);
+    let distance = found.distance - radius_a - radius_b;
+    let point = add_scaled(core_a.at(found.s), found.normal, -radius_a);
+    Nearest { distance, a: point, b: add_scaled(point, found.normal, -distance), normal: found.normal }
+}

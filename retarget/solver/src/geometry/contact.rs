@@ -1,0 +1,92 @@
+//! The nearest points, when the direction and the distance are known: the middle of the faces that meet.
+
+use super::capsules::{crossing, Segment};
+use super::face::{corners, rim, Disc, Face, Rectangle};
+use super::{Nearest, Scratch, Solid};
+use crate::math::{add_scaled, dot, norm, scale, sub, Vec3};
+
+/// Where `face` of one solid and `other` of the other meet, seen along their normal: a point of `face`, or None where `other` is the
+/// one to say.
+fn meeting(face: &Face, other: &Face, scratch: &mut Scratch) -> Option<Vec3> {
+    match (face, other) {
+        (Face::Point(p), _) => Some(*p),
+        (Face::Segment(s), Face::Segment(other)) => Some(s.at(crossing(s, other).s)),
+        (Face::Segment(s), Face::Rectangle(r)) => Some(s.at(over_rectangle(s, r))),
+        (Face::Segment(s), Face::Disc(d)) => Some(s.at(over_disc(s, d))),
+        (Face::Rectangle(subject), Face::Rectangle(r)) => Some(clipped(corners(subject), subject.centre, r, scratch)),
+        (Face::Disc(d), Face::Rectangle(r)) => Some(clipped(rim(d), d.centre, r, scratch)),
+        (Face::Disc(d), Face::Disc(other)) => Some(between_discs(d, other)),
+        _ => None,
+    }
+}
+
+/// Middle of the range [low, high] cut to [-half, half]; the end that is nearer where nothing is left.
+fn middle_of(low: f64, high: f64, half: f64) -> f64 {
+    let (low, high) = (low.max(-half), high.min(half));
+    (0.5 * (low + high)).clamp(-half, half)
+}
+
+fn over_rectangle(s: &Segment, r: &Rectangle) -> f64 {
+    let start = r.local(s.centre);
+    let (mut low, mut high) = (-s.half_length, s.half_length);
+    for k in 0..2 {
+        let step = dot(s.axis, r.axes[k]);
+        let (first, last) = ((-r.half[k] - start[k]) / step, (r.half[k] - start[k]) / step);
+        // A segment along one side is never cut by it; NaN is ignored by min and max.
+        if step != 0.0 {
+            low = low.max(first.min(last));
+            high = high.min(first.max(last));
+        }
+    }
+    middle_of(low, high, s.half_length)
+}
+
+fn over_disc(s: &Segment, d: &Disc) -> f64 {
+    let from = sub(s.centre, d.centre);
+    let flat = add_scaled(from, d.axes[2], -dot(from, d.axes[2]));
+    let nearest = -dot(flat, s.axis);
+    let half_chord = (d.radius * d.radius - dot(flat, flat) + nearest * nearest).max(0.0).sqrt();
+    middle_of(nearest - half_chord, nearest + half_chord, s.half_length)
+}
+
+fn between_discs(d: &Disc, other: &Disc) -> Vec3 {
+    let from = sub(other.centre, d.centre);
+    let flat = add_scaled(from, d.axes[2], -dot(from, d.axes[2]));
+    let apart = norm(flat);
+    if apart < 1e-12 {
+        return d.centre;
+    }
+    let along = middle_of(apart - other.radius, apart + other.radius, d.radius);
+    add_scaled(d.centre, flat, along / apart)
+}
+
+/// Middle of a face over a rectangle, in the plane of the face.
+fn clipped(subject: impl Iterator<Item = Vec3>, centre: Vec3, r: &Rectangle, scratch: &mut Scratch) -> Vec3 {
+    scratch.polygon.clear();
+    for point in subject {
+        scratch.polygon.push(r.local(point));
+    }
+    scratch.polygon.clip(r.half, &mut scratch.clipped);
+    let at = r.local(centre);
+    let middle =
+        scratch.polygon.middle().unwrap_or([at[0].clamp(-r.half[0], r.half[0]), at[1].clamp(-r.half[1], r.half[1])]);
+    add_scaled(add_scaled(centre, r.axes[0], middle[0] - at[0]), r.axes[1], middle[1] - at[1])
+}
+
+/// Nearest points for a known unit `normal` (b to a) and `distance`, and by how much (m) they miss the faces.
+pub fn meet(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scratch) -> (Nearest, f64) {
+    let (face_a, face_b) = (Face::of(a, scale(normal, -1.0)), Face::of(b, normal));
+    let found = |point_a: Vec3, point_b: Vec3| Nearest { distance, a: point_a, b: point_b, normal };
+    if let Some(point) = meeting(&face_a, &face_b, scratch) {
+        let opposite = add_scaled(point, normal, -distance);
+        return (found(point, opposite), norm(sub(opposite, face_b.nearest_to(opposite))));
+    }
+    let point = meeting(&face_b, &face_a, scratch).unwrap_or(b.position);
+    let opposite = add_scaled(point, normal, distance);
+    (found(opposite, point), norm(sub(opposite, face_a.nearest_to(opposite))))
+}
+
+/// Nearest points for a known unit `normal` (b to a) and `distance`.
+pub fn touching(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scratch) -> Nearest {
+    meet(a, b, normal, distance, scratch).0
+}

@@ -1,0 +1,118 @@
+//! The difference A - B of two cores, as a sum of segments and discs: every shape here is such a sum about its centre.
+
+use super::{Shape, Solid};
+use crate::math::{add_scaled, cross, dot, mat_t_vec, norm, scale, sub, Mat3, Vec3};
+
+#[derive(Clone, Copy, Default)]
+pub struct Edge {
+    /// Unit direction.
+    pub axis: Vec3,
+    pub half: f64,
+}
+
+#[derive(Clone, Copy, Default)]
+pub struct Disc {
+    /// Unit normal.
+    pub axis: Vec3,
+    pub radius: f64,
+}
+
+/// All points of A minus all of B, in the frame of one of them: exact zeros where its own axes are crossed.
+#[derive(Clone, Copy, Default)]
+pub struct Difference {
+    /// A's centre from B's.
+    pub centre: Vec3,
+    edges: [Edge; 6],
+    edge_count: usize,
+    discs: [Disc; 2],
+    disc_count: usize,
+    /// How many of the edges and discs are A's; they come first.
+    edges_of_a: usize,
+    discs_of_a: usize,
+}
+
+/// A point of the difference, and the offset from A's centre of the point of A behind it.
+#[derive(Clone, Copy, Default)]
+pub struct Vertex {
+    pub w: Vec3,
+    pub a: Vec3,
+}
+
+impl Difference {
+    /// In the frame `frame`; radii of capsules are left out.
+    pub fn new(a: &Solid, b: &Solid, frame: &Mat3) -> Self {
+        let mut m = Self { centre: mat_t_vec(frame, sub(a.position, b.position)), ..Self::default() };
+        m.put(a, frame);
+        (m.edges_of_a, m.discs_of_a) = (m.edge_count, m.disc_count);
+        m.put(b, frame);
+        m
+    }
+
+    fn put(&mut self, solid: &Solid, frame: &Mat3) {
+        let axis = |k: usize| {
+            if std::ptr::eq(&solid.rotation, frame) {
+                // Its own axes without rounding.
+                let mut unit = [0.0; 3];
+                unit[k] = 1.0;
+                unit
+            } else {
+                let r = &solid.rotation;
+                mat_t_vec(frame, [r[0][k], r[1][k], r[2][k]])
+            }
+        };
+        match solid.shape {
+            Shape::Box { half } => (0..3).for_each(|k| self.put_edge(axis(k), half[k])),
+            Shape::Capsule { half_length, .. } => self.put_edge(axis(2), half_length),
+            Shape::Cylinder { half_length, radius } => {
+                self.put_edge(axis(2), half_length);
+                self.discs[self.disc_count] = Disc { axis: axis(2), radius };
+                self.disc_count += 1;
+            }
+            Shape::HalfSpace => {}
+        }
+    }
+
+    fn put_edge(&mut self, axis: Vec3, half: f64) {
+        self.edges[self.edge_count] = Edge { axis, half };
+        self.edge_count += 1;
+    }
+
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges[..self.edge_count]
+    }
+
+    pub fn discs(&self) -> &[Disc] {
+        &self.discs[..self.disc_count]
+    }
+
+    /// Gap along the unit direction n: what the signed distance is the largest of.
+    #[inline]
+    pub fn gap(&self, n: Vec3) -> f64 {
+        let mut gap = dot(self.centre, n);
+        for edge in self.edges() {
+            gap -= edge.half * dot(edge.axis, n).abs();
+        }
+        for disc in self.discs() {
+            gap -= disc.radius * norm(cross(disc.axis, n));
+        }
+        gap
+    }
+
+    /// The lowest point in the direction n (of any length).
+    pub fn lowest(&self, n: Vec3) -> Vertex {
+        let (mut of_a, mut of_b) = ([0.0; 3], [0.0; 3]);
+        for (k, edge) in self.edges().iter().enumerate() {
+            let sum = if k < self.edges_of_a { &mut of_a } else { &mut of_b };
+            *sum = add_scaled(*sum, edge.axis, edge.half.copysign(dot(edge.axis, n)));
+        }
+        for (k, disc) in self.discs().iter().enumerate() {
+            let across = add_scaled(n, disc.axis, -dot(disc.axis, n));
+            let slope = norm(across);
+            if slope > 0.0 {
+                let sum = if k < self.discs_of_a { &mut of_a } else { &mut of_b };
+                *sum = add_scaled(*sum, across, disc.radius / slope);
+            }
+        }
+        Vertex { w: sub(sub(self.centre, of_a), of_b), a: scale(of_a, -1.0) }
+    }
+}
