@@ -1,7 +1,7 @@
 //! A capsule (ball, line) and a cylinder.
 
 use super::along::{Knots, Zero};
-use super::capsule_box::TOUCHING;
+use super::capsule_box::{NO_DIRECTION, TOUCHING};
 use super::contact::touching;
 use super::difference::Difference;
 
@@ -73,7 +73,7 @@ pub fn capsule_cylinder(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -
     let core_distance = norm(out);
     if core_distance < TOUCHING {
         let best = way_out(&Difference::new(capsule, solid, &solid.rotation));
-        if core_distance < 1e-12 || best.gap > core_distance - 1e-12 {
+        if core_distance < NO_DIRECTION || best.gap > core_distance - NO_DIRECTION {
             return touching(capsule, solid, mat_vec(&solid.rotation, best.normal), best.gap - radius, scratch);
         }
     }

@@ -6,7 +6,7 @@ use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, sub, Vec3}
 /// Squared sine of the angle below which two segments are parallel.
 const PARALLEL: f64 = 1e-20;
 /// Below this a distance (m) tells no direction.
-const TOUCHING: f64 = 1e-12;
+const TOUCHING: f64 = 1e-10;
 
 /// A segment about its centre: `axis` is unit.
 #[derive(Clone, Copy)]
@@ -43,9 +43,10 @@ fn parallel(a: &Segment, b: &Segment, from: Vec3) -> Crossing {
     let (s, t) = (a.clamp(middle), b.clamp(sign * (middle - centre)));
     // Side by side the direction is across; end to end on one line it is along.
     let longer = if a.half_length >= b.half_length { a.axis } else { b.axis };
-    let fallback = match low < high || a.half_length + b.half_length == 0.0 {
-        true => perpendicular(longer),
-        false => scale(a.axis, if centre > 0.0 { -1.0 } else { 1.0 }),
+    let end_on = low >= high && centre.abs() >= a.half_length + b.half_length && centre != 0.0;
+    let fallback = match end_on {
+        true => scale(a.axis, if centre > 0.0 { -1.0 } else { 1.0 }),
+        false => perpendicular(longer),
     };
     apart(a, b, from, (s, t), fallback)
 }
