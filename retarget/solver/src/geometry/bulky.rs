@@ -5,6 +5,7 @@ use super::climb::climb;
 use super::contact::{meet, touching, MISS};
 use super::difference::Difference;
 use super::gjk::{nearest_apart, Apart};
+use super::separating::separating;
 use super::way_out::{flat, way_out, Best};
 use super::{Nearest, Scratch, Solid};
 use crate::math::{across, add, add_scaled, dot, mat_vec, norm, scale, Vec3};
@@ -40,7 +41,7 @@ fn of_points(a: &Solid, found: &Apart) -> Nearest {
 
 /// Two boxes.
 fn boxes(a: &Solid, b: &Solid, m: &Difference, scratch: &mut Scratch) -> Nearest {
-    let facet = flat(m);
+    let facet = separating(m);
     let apart = if facet.gap > 0.0 { nearest_apart(m, facet.normal, EXACT) } else { None };
     match apart {
         // No face keeps them as far apart as they are: corners or edges are nearest.
@@ -70,8 +71,13 @@ fn round(a: &Solid, b: &Solid, m: &Difference, scratch: &mut Scratch) -> Nearest
     if miss <= MISS {
         return points;
     }
-    // Nearly parallel rims and sides, where a direction does not tell the points.
-    nearest_apart(m, facet.normal, EXACT).map_or(points, |found| of_points(a, &found))
+    // Nearly parallel rims and sides: the direction does not tell the points; the iteration may, unless they all but touch.
+    match nearest_apart(m, facet.normal, EXACT) {
+        Some(found) if norm(found.point) - m.gap(scale(found.point, 1.0 / norm(found.point))) < miss => {
+            of_points(a, &found)
+        }
+        _ => points,
+    }
 }
 
 pub fn bulky(a: &Solid, b: &Solid, scratch: &mut Scratch) -> Nearest {

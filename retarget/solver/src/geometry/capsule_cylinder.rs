@@ -11,7 +11,7 @@ use crate::math::{add, add_scaled, dot, mat_t_vec, mat_vec, norm, scale, sub, Ve
 
 /// How far the point p is out of a cylinder, as a vector.
 fn excess(p: Vec3, radius: f64, half_length: f64) -> Vec3 {
-    let across = p[0].hypot(p[1]);
+    let across = (p[0] * p[0] + p[1] * p[1]).sqrt();
     let over = if across > radius { 1.0 - radius / across } else { 0.0 };
     [p[0] * over, p[1] * over, p[2] - p[2].clamp(-half_length, half_length)]
 }

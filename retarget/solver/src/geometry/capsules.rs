@@ -26,10 +26,9 @@ impl Segment {
     }
 }
 
-/// Where two segments are nearest: signed lengths from their centres, distance, unit direction from b to a.
+/// Where two segments are nearest: signed length from the centre of a, distance, unit direction from b to a.
 pub struct Crossing {
     pub s: f64,
-    pub t: f64,
     pub distance: f64,
     pub normal: Vec3,
 }
@@ -56,7 +55,7 @@ fn apart(a: &Segment, b: &Segment, from: Vec3, (s, t): (f64, f64), fallback: Vec
     let difference = add_scaled(add_scaled(from, a.axis, s), b.axis, -t);
     let distance = norm(difference);
     let normal = if distance > TOUCHING { scale(difference, 1.0 / distance) } else { fallback };
-    Crossing { s, t, distance, normal }
+    Crossing { s, distance, normal }
 }
 
 /// Nearest points of two segments.
@@ -73,7 +72,7 @@ pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
     let common = scale(n, 1.0 / sine2.sqrt());
     if s.abs() <= a.half_length && t.abs() <= b.half_length {
         let height = dot(from, common);
-        return Crossing { s, t, distance: height.abs(), normal: scale(common, 1f64.copysign(height)) };
+        return Crossing { s, distance: height.abs(), normal: scale(common, 1f64.copysign(height)) };
     }
     // An end of one is nearest to the other (Ericson, "Real-Time Collision Detection", 5.1.9).
     let cosine = dot(a.axis, b.axis);

@@ -2,7 +2,7 @@
 
 use super::difference::Difference;
 use super::way_out::Best;
-use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, Vec3};
+use crate::math::{add, add_scaled, cross, dot, norm, perpendicular, scale, Vec3};
 
 const STEPS: usize = 30;
 const HALVINGS: usize = 12;
@@ -95,6 +95,14 @@ pub fn curved(m: &Difference, best: &mut Best) {
         }
     }
     for (_, n) in found {
+        best.consider(m, climb(m, n, None));
+    }
+    // Between the normals of discs that are nearly parallel there is little room, and no start.
+    let (first, second) = (m.discs()[0].axis, m.discs()[1].axis);
+    let second = scale(second, 1f64.copysign(dot(first, second)));
+    for share in [0.1, 0.3, 0.5, 0.7, 0.9] {
+        let n = add(scale(first, 1.0 - share), scale(second, share));
+        let n = scale(n, 1f64.copysign(dot(n, m.centre)) / norm(n));
         best.consider(m, climb(m, n, None));
     }
     best.consider(m, climb(m, best.normal, None));
