@@ -70,3 +70,95 @@ def random_solids(kind: int, n: int, rng: np.random.Generator) -> Solids:
     quat = rng.normal(size=(n, 4))
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
     return Solids(np.full(n, kind), size, np.zeros((n, 3)), quat)
+
+
+TURNS = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 0, 1, 0], [1, 0, 0, 1], [1, 1, 1, 1]]) * 1.0
+
+
+def random_pairs(kinds: tuple[int, int], manner: str, n: int, rng: np.random.Generator) -> tuple[Solids, Solids]:
+    """N pairs: `free`; `aligned` (quarter turns, often concentric or flush); `tilted` (parallel but for 1e-14 to 1e-2 rad)."""
+    a, b = (random_solids(kind, n, rng) for kind in kinds)
+    shift = rng.normal(size=(n, 3)) * rng.choice([0.1, 0.3, 0.6], (n, 1))
+    quat_a, quat_b = a.quat, b.quat
+    if manner == "aligned":
+        quat_a, quat_b = (TURNS[rng.integers(len(TURNS), size=n)] for _ in range(2))
+        shift = shift * rng.choice([0.0, 1.0], (n, 3))
+    if manner == "tilted":
+        quat_a = quat_b + rng.normal(size=(n, 4)) * 10.0 ** rng.uniform(-14.0, -2.0, (n, 1))
+    return Solids(a.kind, a.size, shift, quat_a), Solids(b.kind, b.size, b.pos, quat_b)
+
+
+def corners(solids: Solids) -> Array:
+    """World points (N, k, 3) that span the core of boxes (k = 8) or capsules (k = 2): one kind at a time."""
+    if solids.kind[0] == BOX:
+        signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(8, 3)
+        local = signs * solids.size[:, None, :]
+    else:
+        local = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]) * solids.size[:, None, 1:2]
+    return solids.pos[:, None, :] + np.einsum("nij,nkj->nki", solids.matrix, local)
+
+
+def edges(points: Array) -> tuple[Array, Array]:
+    """Ends (N, m, 3) of the edges between the corners of one kind: 12 of a box, 1 of a capsule."""
+    if points.shape[1] == 2:
+        return points[:, :1], points[:, 1:]
+    start, end = zip(*[(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit], strict=True)
+    return points[:, start], points[:, end]
+
+
+def segments_apart(p: Array, q: Array, r: Array, s: Array) -> Array:
+    """Distance of segments pq and rs (arrays (..., 3)): the smallest over their lines and over every end against the other segment."""
+
+    def end_apart(x: Array, p: Array, q: Array) -> Array:
+        along = q - p
+        length2 = np.sum(along * along, axis=-1)
+        share = np.sum((x - p) * along, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
+        return np.linalg.norm(x - p - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
+
+    best = np.min([end_apart(p, r, s), end_apart(q, r, s), end_apart(r, p, q), end_apart(s, p, q)], axis=0)
+    u, v, n = q - p, s - r, np.cross(q - p, s - r)
+    n2 = np.sum(n * n, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.sum(np.cross(r - p, v) * n, axis=-1) / n2
+        w = np.sum(np.cross(r - p, u) * n, axis=-1) / n2
+        inside = (n2 > 1e-24) & (t >= 0.0) & (t <= 1.0) & (w >= 0.0) & (w <= 1.0)
+        lines = np.abs(np.sum((r - p) * n, axis=-1)) / np.sqrt(n2)
+    return np.where(inside, lines, best)
+
+
+def cores_apart(a: Solids, b: Solids) -> Array:
+    """Distance (N,) of the cores of capsules and boxes that are apart: every edge against every edge, every corner against the other."""
+    points_a, points_b = corners(a), corners(b)
+    (p, q), (r, s) = edges(points_a), edges(points_b)
+    best = segments_apart(p[:, :, None], q[:, :, None], r[:, None], s[:, None]).min(axis=(1, 2))
+    for points, other in ((points_a, b), (points_b, a)):
+        core = Solids(
+            other.kind,
+            np.where((other.kind == CAPSULE)[:, None], other.size * [0.0, 1.0, 0.0], other.size),
+            other.pos,
+            other.quat,
+        )
+        for k in range(points.shape[1]):
+            best = np.minimum(best, np.maximum(depth(core, points[:, k]), 0.0))
+    return best
+
+
+def widest_gap(a: Solids, b: Solids, seeds: Array, rounds: int = 60) -> Array:
+    """Largest gap (N,) along any direction found by random search around many seeds (N, k, 3): what no way out may fall below."""
+    n, k, _ = seeds.shape
+    repeated = [Solids(*(np.repeat(getattr(x, f), k, axis=0) for f in ("kind", "size", "pos", "quat"))) for x in (a, b)]
+
+    def gap(direction: Array) -> Array:
+        return -support(repeated[0], -direction) - support(repeated[1], direction)
+
+    direction = seeds.reshape(-1, 3) / np.linalg.norm(seeds.reshape(-1, 3), axis=1, keepdims=True)
+    best, step = gap(direction), np.full(n * k, 0.3)
+    rng = np.random.default_rng(0)
+    for _ in range(rounds):
+        tried = direction + step[:, None] * rng.normal(size=direction.shape)
+        tried /= np.linalg.norm(tried, axis=1, keepdims=True)
+        value = gap(tried)
+        better = value > best
+        direction[better], best[better] = tried[better], value[better]
+        step *= np.where(better, 1.5, 0.8)
+    return best.reshape(n, k).max(axis=1)
