@@ -1,8 +1,10 @@
-"""Solids of the distance kernel, in arrays: random pairs, support functions, depth of points. Written from the definitions alone."""
+"""Solids in arrays, from their definitions alone: random pairs, support functions, depths, brute-force distances."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from oracles.problem import Array
@@ -15,16 +17,16 @@ NAMES = ("capsule", "cylinder", "box", "half-space")
 class Solids:
     """N solids: kind (N,), MuJoCo's size (N, 3) in m, position (N, 3) in m, quaternion wxyz (N, 4)."""
 
-    kind: Array
+    kind: NDArray[np.int64]
     size: Array
     pos: Array
     quat: Array
 
-    def __getitem__(self, index: Array | slice) -> "Solids":
+    def __getitem__(self, index: NDArray[Any] | slice) -> "Solids":
         return Solids(self.kind[index], self.size[index], self.pos[index], self.quat[index])
 
     @property
-    def arguments(self) -> tuple[Array, Array, Array, Array]:
+    def arguments(self) -> tuple[NDArray[np.int64], Array, Array, Array]:
         return self.kind, self.size, self.pos, self.quat
 
     @property
@@ -76,7 +78,7 @@ TURNS = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 0, 1, 0], [1, 0, 0, 1], [1, 1,
 
 
 def random_pairs(kinds: tuple[int, int], manner: str, n: int, rng: np.random.Generator) -> tuple[Solids, Solids]:
-    """N pairs: `free`; `aligned` (quarter turns, often concentric or flush); `tilted` (parallel but for 1e-14 to 1e-2 rad)."""
+    """N pairs: `free`; `aligned` (quarter turns, often concentric); `tilted` (parallel but for 1e-14 to 1e-2 rad)."""
     a, b = (random_solids(kind, n, rng) for kind in kinds)
     shift = rng.normal(size=(n, 3)) * rng.choice([0.1, 0.3, 0.6], (n, 1))
     quat_a, quat_b = a.quat, b.quat
@@ -107,7 +109,7 @@ def edges(points: Array) -> tuple[Array, Array]:
 
 
 def segments_apart(p: Array, q: Array, r: Array, s: Array) -> Array:
-    """Distance of segments pq and rs (arrays (..., 3)): the smallest over their lines and over every end against the other segment."""
+    """Distance of segments pq and rs, all (..., 3): the smallest over their lines, and every end against the other."""
 
     def end_apart(x: Array, p: Array, q: Array) -> Array:
         along = q - p
@@ -127,7 +129,7 @@ def segments_apart(p: Array, q: Array, r: Array, s: Array) -> Array:
 
 
 def cores_apart(a: Solids, b: Solids) -> Array:
-    """Distance (N,) of the cores of capsules and boxes that are apart: every edge against every edge, every corner against the other."""
+    """Distance (N,) of cores of capsules and boxes that are apart: all edges, and every corner against the other."""
     points_a, points_b = corners(a), corners(b)
     (p, q), (r, s) = edges(points_a), edges(points_b)
     best = segments_apart(p[:, :, None], q[:, :, None], r[:, None], s[:, None]).min(axis=(1, 2))
@@ -144,7 +146,7 @@ def cores_apart(a: Solids, b: Solids) -> Array:
 
 
 def widest_gap(a: Solids, b: Solids, seeds: Array, rounds: int = 60) -> Array:
-    """Largest gap (N,) along any direction found by random search around many seeds (N, k, 3): what no way out may fall below."""
+    """Largest gap (N,) along any direction, found by random search around seeds (N, k, 3)."""
     n, k, _ = seeds.shape
     repeated = [Solids(*(np.repeat(getattr(x, f), k, axis=0) for f in ("kind", "size", "pos", "quat"))) for x in (a, b)]
 
