@@ -24,8 +24,8 @@ from oracles.solids import (
     cores_apart,
     corners,
     depth,
+    nearest,
     random_pairs,
-    random_solids,
     support,
     together,
     widest_gap,
@@ -40,10 +40,6 @@ PER_KIND = 1700  # times 4 manners, times 15 pairs of kinds: 102,000
 each_pair = pytest.mark.parametrize("kinds", KINDS, ids=lambda kinds: f"{NAMES[kinds[0]]}-{NAMES[kinds[1]]}")
 
 
-def nearest(a: Solids, b: Solids) -> tuple[Array, Array, Array, Array]:
-    return _solver.shape_distances(*a.arguments, *b.arguments)
-
-
 def pairs(kinds: tuple[int, int], manner: str, n: int, seed: int = 0) -> tuple[Solids, Solids]:
     rng = np.random.default_rng([seed, *kinds, MANNERS.index(manner)])
     if manner != "touching":
@@ -52,20 +48,6 @@ def pairs(kinds: tuple[int, int], manner: str, n: int, seed: int = 0) -> tuple[S
     distance, _, _, normal = nearest(a, b)
     gap = rng.choice([-1.0, 0.0, 1.0], n) * 10.0 ** rng.uniform(-14.0, -3.0, n)
     return a.moved((gap - distance)[:, None] * normal), b
-
-
-def one(
-    kind: int, size: tuple[float, ...], pos: tuple[float, ...] = (0, 0, 0), turn: tuple[float, ...] = (0, 0, 0)
-) -> Solids:
-    """A single solid; `turn` is a rotation vector in degrees."""
-    quat = Rotation.from_rotvec(turn, degrees=True).as_quat(scalar_first=True)
-    rows = (np.array([values], dtype=float) for values in ((*size, 0.0, 0.0, 0.0)[:3], pos, quat))
-    return Solids(np.array([kind]), *rows)
-
-
-def meets(a: Solids, b: Solids) -> tuple[float, Array, Array, Array]:
-    distance, point_a, point_b, normal = nearest(a, b)
-    return float(distance[0]), point_a[0], point_b[0], normal[0]
 
 
 @pytest.mark.parametrize("manner", MANNERS)
@@ -170,7 +152,8 @@ def test_mujoco_measures_the_same(kinds: tuple[int, int]) -> None:
     if set(kinds) == {CAPSULE, BOX}:
         # MuJoCo stops looking for the way out of a capsule whose segment is in the box; the hull test covers those.
         radius = np.where(a.kind == CAPSULE, a.size[:, 0], b.size[:, 0])
-        a, b, distance = (x[distance > -radius] for x in (a, b, distance))
+        near = distance > -radius
+        a, b, distance = a[near], b[near], distance[near]
     assert len(distance) > 100
     assert np.abs(distance - mujoco_distances(a, b)).max() < 1e-9
 
@@ -238,130 +221,3 @@ def test_lower_bound_is_one() -> None:
     assert np.all(least <= distance + EXACT)
     flat = (a.kind == HALF_SPACE) | (b.kind == HALF_SPACE)
     assert least[flat] == pytest.approx(distance[flat], abs=1e-12)
-
-
-X_AXIS, Y_AXIS = (0.0, 90.0, 0.0), (-90.0, 0.0, 0.0)
-
-
-def test_concentric_balls() -> None:
-    distance, _, _, normal = meets(one(CAPSULE, (0.2, 0.0)), one(CAPSULE, (0.3, 0.0)))
-    assert distance == pytest.approx(-0.5)
-    assert np.linalg.norm(normal) == pytest.approx(1.0)
-
-
-def test_crossing_lines_take_their_common_perpendicular() -> None:
-    for height in (0.0, 1e-16, -1e-12, 1e-9):
-        distance, _, _, normal = meets(
-            one(CAPSULE, (0.0, 1.0), (0, 0, height), X_AXIS), one(CAPSULE, (0.0, 1.0), (0, 0, 0), Y_AXIS)
-        )
-        assert distance == pytest.approx(abs(height), abs=1e-15)
-        assert abs(normal[2]) == pytest.approx(1.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.3, 1.9])
-def test_coincident_lines_part_sideways(shift: float) -> None:
-    distance, _, _, normal = meets(one(CAPSULE, (0.1, 1.0), (0, 0, shift)), one(CAPSULE, (0.1, 1.0)))
-    assert (distance, normal[2]) == pytest.approx((-0.2, 0.0), abs=1e-12)
-
-
-def test_lines_end_to_end_part_along_themselves() -> None:
-    distance, _, _, normal = meets(one(CAPSULE, (0.0, 1.0), (0, 0, 1.5)), one(CAPSULE, (0.0, 0.5)))
-    assert distance == pytest.approx(0.0, abs=1e-12)
-    assert normal == pytest.approx([0, 0, 1])
-
-
-def test_a_point_on_a_face_takes_the_face() -> None:
-    for height in (0.3, 0.3 + 1e-13, 0.3 - 1e-13):
-        distance, _, _, normal = meets(one(CAPSULE, (0.0, 0.0), (0.1, 0.05, height)), one(BOX, (0.5, 0.4, 0.3)))
-        assert distance == pytest.approx(height - 0.3, abs=1e-15)
-        assert normal == pytest.approx([0, 0, 1], abs=1e-12)
-
-
-PARALLEL = {
-    "capsules": (one(CAPSULE, (0.1, 1.0), (0.5, 0, 0.4)), one(CAPSULE, (0.1, 1.0)), (0.4, 0, 0.2)),
-    "a capsule over a box": (one(CAPSULE, (0.1, 1.0), (0.4, 0, 0.5), X_AXIS), one(BOX, (1.0, 1.0, 0.1)), (0.2, 0, 0.4)),
-    "a capsule in a box": (
-        one(CAPSULE, (0.1, 1.0), (0.4, 0, 0.05), X_AXIS),
-        one(BOX, (1.0, 1.0, 0.1)),
-        (0.2, 0, -0.05),
-    ),
-    "a capsule by a cylinder": (one(CAPSULE, (0.1, 1.0), (0.5, 0, 0.4)), one(CYLINDER, (0.2, 1.0)), (0.4, 0, 0.2)),
-    "a capsule on a cylinder": (
-        one(CAPSULE, (0.1, 1.0), (0.4, 0, 0.5), X_AXIS),
-        one(CYLINDER, (0.5, 0.1)),
-        (0, 0, 0.4),
-    ),
-    "boxes": (one(BOX, (1.0, 1.0, 0.1), (0.4, -0.2, 0.5)), one(BOX, (1.0, 1.0, 0.1)), (0.2, -0.1, 0.4)),
-    "boxes, one in the other": (
-        one(BOX, (1.0, 1.0, 0.1), (0.4, -0.2, 0.15)),
-        one(BOX, (1.0, 1.0, 0.1)),
-        (0.2, -0.1, 0.05),
-    ),
-    "box edges": (one(BOX, (0.1, 0.1, 1.0), (0.5, 0.5, 0.4)), one(BOX, (0.1, 0.1, 1.0)), (0.4, 0.4, 0.2)),
-    "cylinders, side by side": (one(CYLINDER, (0.1, 1.0), (0.5, 0, 0.4)), one(CYLINDER, (0.1, 1.0)), (0.4, 0, 0.2)),
-    "cylinders, one on the other": (one(CYLINDER, (0.3, 0.1), (0.2, 0, 0.5)), one(CYLINDER, (0.3, 0.1)), (0.1, 0, 0.4)),
-    "a cylinder on a box": (one(CYLINDER, (0.3, 0.1), (0.2, 0.1, 0.5)), one(BOX, (1.0, 1.0, 0.1)), (0.2, 0.1, 0.4)),
-    "a cylinder along a box": (
-        one(CYLINDER, (0.1, 1.0), (0.4, 0, 0.5), X_AXIS),
-        one(BOX, (1.0, 1.0, 0.1)),
-        (0.2, 0, 0.4),
-    ),
-    "a box over a half-space": (one(BOX, (1.0, 0.5, 0.1), (0.4, 0, 0.5)), one(HALF_SPACE, ()), (0.4, 0, 0.4)),
-    "a cylinder over a half-space": (one(CYLINDER, (0.3, 0.1), (0.4, 0, 0.5)), one(HALF_SPACE, ()), (0.4, 0, 0.4)),
-}
-
-
-@pytest.mark.parametrize("case", PARALLEL)
-def test_parallel_sides_meet_in_their_middle(case: str) -> None:
-    a, b, middle = PARALLEL[case]
-    assert meets(a, b)[1] == pytest.approx(middle, abs=1e-6)
-    assert meets(b, a)[2] == pytest.approx(middle, abs=1e-6)
-
-
-@each_pair
-def test_points_lines_and_plates_have_finite_distances(kinds: tuple[int, int]) -> None:
-    a, b = (random_solids(kind, 500, np.random.default_rng([14, kind])) for kind in kinds)
-    nothing = [
-        Solids(x.kind, x.size * np.random.default_rng(15).choice([0.0, 1.0, 1e-300, 1e6], x.size.shape), x.pos, x.quat)
-        for x in (a, b)
-    ]
-    for far in (0.0, 1e-300, 1e-20, 1e-9, 1e6):
-        found = nearest(nothing[0].moved(np.full(3, far)), nothing[1])
-        assert all(np.isfinite(values).all() for values in found)
-        assert np.linalg.norm(found[3], axis=1) == pytest.approx(1.0, abs=1e-12)
-
-
-BAD = [
-    (0, np.array([4]), "kind 4"),
-    (1, np.array([[0.1, -0.1, 0.0]]), "negative"),
-    (1, np.array([[np.nan, 0.1, 0.0]]), "finite"),
-    (2, np.array([[0.0, np.inf, 0.0]]), "finite"),
-    (2, np.zeros((1, 2)), "shape"),
-    (3, np.zeros((1, 4)), "zero"),
-    (0, np.array([0, 0]), "shape"),
-]
-
-
-@pytest.mark.parametrize("side", [0, 4])
-@pytest.mark.parametrize(("field", "value", "message"), BAD)
-@pytest.mark.parametrize("function", [_solver.shape_distances, _solver.shape_gaps_at_least])
-def test_bad_solids_are_refused(function, side: int, field: int, value: Array, message: str) -> None:  # type: ignore[no-untyped-def]
-    ball = one(CAPSULE, (0.1, 0.1))
-    arguments = [*ball.arguments, *ball.arguments]
-    arguments[side + field] = value
-    with pytest.raises(ValueError, match=message):
-        function(*arguments)
-
-
-def test_column_major_arrays_are_refused() -> None:
-    balls = together([one(CAPSULE, (0.1, 0.1))] * 2)
-    with pytest.raises(ValueError, match="pos_a must be C-contiguous"):
-        nearest(Solids(balls.kind, balls.size, np.asfortranarray(balls.pos), balls.quat), balls)
-
-
-def test_two_half_spaces_and_unequal_numbers_are_refused() -> None:
-    plane, ball = one(HALF_SPACE, ()), one(CAPSULE, (0.1, 0.1))
-    with pytest.raises(ValueError, match="two half-spaces"):
-        nearest(plane, plane)
-    with pytest.raises(ValueError, match="kinds_b 1"):
-        nearest(together([ball, ball]), ball)

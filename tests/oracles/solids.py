@@ -1,4 +1,4 @@
-"""Solids in arrays, from their definitions alone: random pairs, support functions, depths, brute-force distances."""
+"""Solids in arrays; from their definitions alone: support functions, depths of points, brute-force distances."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from oracles.problem import Array
+from retarget import _solver
 
 CAPSULE, CYLINDER, BOX, HALF_SPACE = range(4)
 NAMES = ("capsule", "cylinder", "box", "half-space")
@@ -32,10 +33,25 @@ class Solids:
     @property
     def matrix(self) -> Array:
         """(N, 3, 3), from the frame of a solid to the world."""
-        return Rotation.from_quat(self.quat, scalar_first=True).as_matrix()
+        found: Array = Rotation.from_quat(self.quat, scalar_first=True).as_matrix()
+        return found
 
     def moved(self, shift: Array) -> "Solids":
         return Solids(self.kind, self.size, np.ascontiguousarray(self.pos + shift), self.quat)
+
+
+def one(
+    kind: int, size: tuple[float, ...], pos: tuple[float, ...] = (0, 0, 0), turn: tuple[float, ...] = (0, 0, 0)
+) -> Solids:
+    """A single solid; `turn` is a rotation vector in degrees."""
+    quat = Rotation.from_rotvec(turn, degrees=True).as_quat(scalar_first=True)
+    rows = (np.array([values], dtype=float) for values in ((*size, 0.0, 0.0, 0.0)[:3], pos, quat))
+    return Solids(np.array([kind]), *rows)
+
+
+def nearest(a: Solids, b: Solids) -> tuple[Array, Array, Array, Array]:
+    """What is tested: distance (N,), points of a and of b, and normal, each (N, 3)."""
+    return _solver.shape_distances(*a.arguments, *b.arguments)
 
 
 def together(parts: list[Solids]) -> Solids:
@@ -48,7 +64,8 @@ def support(solids: Solids, n: Array) -> Array:
     r, h = solids.size[:, 0], solids.size[:, 1]
     along, across = np.abs(local[:, 2]), np.hypot(local[:, 0], local[:, 1])
     kinds = [r + h * along, r * across + h * along, np.sum(solids.size * np.abs(local), axis=1), np.zeros(len(n))]
-    return np.einsum("ni,ni->n", solids.pos, n) + np.choose(solids.kind, kinds)
+    found: Array = np.einsum("ni,ni->n", solids.pos, n) + np.choose(solids.kind, kinds)
+    return found
 
 
 def depth(solids: Solids, points: Array) -> Array:
@@ -97,7 +114,8 @@ def corners(solids: Solids) -> Array:
         local = signs * solids.size[:, None, :]
     else:
         local = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]) * solids.size[:, None, 1:2]
-    return solids.pos[:, None, :] + np.einsum("nij,nkj->nki", solids.matrix, local)
+    found: Array = solids.pos[:, None, :] + np.einsum("nij,nkj->nki", solids.matrix, local)
+    return found
 
 
 def edges(points: Array) -> tuple[Array, Array]:
@@ -115,7 +133,8 @@ def segments_apart(p: Array, q: Array, r: Array, s: Array) -> Array:
         along = q - p
         length2 = np.sum(along * along, axis=-1)
         share = np.sum((x - p) * along, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
-        return np.linalg.norm(x - p - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
+        found: Array = np.linalg.norm(x - p - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
+        return found
 
     best = np.min([end_apart(p, r, s), end_apart(q, r, s), end_apart(r, p, q), end_apart(s, p, q)], axis=0)
     u, v, n = q - p, s - r, np.cross(q - p, s - r)
@@ -125,7 +144,8 @@ def segments_apart(p: Array, q: Array, r: Array, s: Array) -> Array:
         w = np.sum(np.cross(r - p, u) * n, axis=-1) / n2
         inside = (n2 > 1e-24) & (t >= 0.0) & (t <= 1.0) & (w >= 0.0) & (w <= 1.0)
         lines = np.abs(np.sum((r - p) * n, axis=-1)) / np.sqrt(n2)
-    return np.where(inside, lines, best)
+    found: Array = np.where(inside, lines, best)
+    return found
 
 
 def cores_apart(a: Solids, b: Solids) -> Array:
@@ -142,7 +162,8 @@ def cores_apart(a: Solids, b: Solids) -> Array:
         )
         for k in range(points.shape[1]):
             best = np.minimum(best, np.maximum(depth(core, points[:, k]), 0.0))
-    return best
+    found: Array = best
+    return found
 
 
 def widest_gap(a: Solids, b: Solids, seeds: Array, rounds: int = 60) -> Array:
@@ -163,4 +184,5 @@ def widest_gap(a: Solids, b: Solids, seeds: Array, rounds: int = 60) -> Array:
         better = value > best
         direction[better], best[better] = tried[better], value[better]
         step *= np.where(better, 1.5, 0.8)
-    return best.reshape(n, k).max(axis=1)
+    found: Array = best.reshape(n, k).max(axis=1)
+    return found
