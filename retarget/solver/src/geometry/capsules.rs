@@ -17,10 +17,12 @@ pub struct Segment {
 }
 
 impl Segment {
+    #[inline(always)]
     pub fn at(&self, t: f64) -> Vec3 {
         add_scaled(self.centre, self.axis, t)
     }
 
+    #[inline(always)]
     fn clamp(&self, t: f64) -> f64 {
         t.clamp(-self.half_length, self.half_length)
     }
@@ -34,6 +36,8 @@ pub struct Crossing {
 }
 
 /// Where parallel segments are nearest: the middle of the range that they share, or the ends that face each other.
+#[cold]
+#[inline(never)]
 fn parallel(a: &Segment, b: &Segment, from: Vec3) -> Crossing {
     let (sign, centre) = (dot(a.axis, b.axis).signum(), -dot(from, a.axis));
     let low = (-a.half_length).max(centre - b.half_length);
@@ -51,6 +55,7 @@ fn parallel(a: &Segment, b: &Segment, from: Vec3) -> Crossing {
 }
 
 /// The distance at (s, t), directed by the difference, or by `fallback` where they touch.
+#[inline(always)]
 fn apart(a: &Segment, b: &Segment, from: Vec3, (s, t): (f64, f64), fallback: Vec3) -> Crossing {
     let difference = add_scaled(add_scaled(from, a.axis, s), b.axis, -t);
     let distance = norm(difference);
@@ -59,6 +64,7 @@ fn apart(a: &Segment, b: &Segment, from: Vec3, (s, t): (f64, f64), fallback: Vec
 }
 
 /// Nearest points of two segments.
+#[inline(always)]
 pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
     let from = sub(a.centre, b.centre);
     let n = cross(a.axis, b.axis);
@@ -87,6 +93,7 @@ pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
 }
 
 /// The core segment of a capsule, and its radius.
+#[inline(always)]
 pub fn core(solid: &Solid) -> (Segment, f64) {
     match solid.shape {
         Shape::Capsule { half_length, radius } | Shape::Cylinder { half_length, radius } => {
