@@ -226,9 +226,9 @@ def shape_distances(
     """Signed distance (N,) in m of N pairs of solids, nearest world points a and b (N, 3), unit normal (N, 3) from b to
     a: a - b = distance * normal. A negative distance is the depth along the shortest way out.
 
-    Kinds (N,): 0 capsule (size: radius, half length, 0), 1 cylinder (the same), 2 box (half sizes), 3 half-space (all of
-    z <= 0; size ignored). Sizes (N, 3) in m, as MuJoCo orders them; a radius or a length may be 0. Positions (N, 3) in
-    m, quaternions (N, 4) wxyz, of any length but 0. Two half-spaces have no distance.
+    Kinds (N,): 0 capsule (size: radius, half length, 0), 1 cylinder (the same), 2 box (half sizes), 3 half-space (all
+    of z <= 0; size ignored). Sizes (N, 3) in m, as MuJoCo orders them; a radius or a length may be 0. Positions (N, 3)
+    in m, quaternions (N, 4) wxyz, of any length but 0. Two half-spaces have no distance.
     """
 
 def shape_gaps_at_least(
@@ -241,4 +241,4 @@ def shape_gaps_at_least(
     pos_b: Floats,
     quat_b: Floats,
 ) -> Floats:
-    """A bound (N,) in m that the signed distance never falls below, at a fraction of its cost; for the same arguments."""
+    """A bound (N,) in m that the signed distance is never below, at a fraction of its cost. Arguments are the same."""

@@ -8,11 +8,13 @@ use crate::math::{across, add_scaled, column, dot, norm, scale, sub, Vec3};
 pub const PARALLEL: f64 = 1e-9;
 
 /// -1 to 1: the sign of `sine`, and what is between where the face is parallel.
+#[inline(always)]
 fn side(sine: f64) -> f64 {
     (sine / PARALLEL).clamp(-1.0, 1.0)
 }
 
 /// Height of `a`'s extreme point over its centre in the unit world direction `n`, and that point: the middle of a parallel face.
+#[inline(always)]
 pub fn extreme(a: &Solid, n: Vec3) -> (f64, Vec3) {
     match a.shape {
         Shape::Capsule { half_length, radius } => {
