@@ -6,7 +6,7 @@ numbered from 0, the world. Arrays are float64 and C-contiguous; bad shapes, NaN
 ValueError. The GIL is released while solving.
 """
 
-from typing import TypeAlias, final
+from typing import Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,9 +123,60 @@ class Task:
     ) -> Task:
         """An axis of a link, from a point of it, aims at a world point. Target 3. Two rows."""
     @staticmethod
+    def reactive(
+        *, of: list[int] | None = None, against: Literal["all", "self", "scene"] = "all", speed: float = 0.1
+    ) -> Task:
+        """Observers (all, or those of these numbers) that touch push their part out at `speed` m/s. No target beside
+        the leading weight: on or off."""
+    @staticmethod
+    def preventive(
+        *,
+        of: list[int] | None = None,
+        against: Literal["all", "self", "scene"] = "all",
+        speed: float = 0.5,
+        group: int = 0,
+    ) -> Task:
+        """Observers within influence damp the approach of their part. `speed` (m/s): where all act, the approach
+        permitted where influence begins. `group`: where they act by rank, tasks of a group take the closest, the
+        next, and so on. No target beside the leading weight."""
+    @staticmethod
     def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:
         """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per
         coordinate."""
+
+@final
+class Observers:
+    """Shapes on the links of a body that look at each other and at obstacles.
+
+    n observers: links (n,), kinds (n,) and sizes (n, 3) as in `shape_distances`, positions (n, 3) m and quats (n, 4)
+    wxyz of the shapes' frames on their links, influence and margin (n,) m. pairs (p, 2): observers that look at each
+    other. Every observer looks at every one of k obstacles: obstacle_kinds (k,), obstacle_sizes (k, 3),
+    obstacle_influence and obstacle_margin (k,) m. Of two that meet, the larger influence and the larger margin act.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        *,
+        links: NDArray[np.int64],
+        kinds: NDArray[np.int64],
+        sizes: Floats,
+        positions: Floats,
+        quats: Floats,
+        influence: Floats,
+        margin: Floats,
+        pairs: NDArray[np.int64],
+        obstacle_kinds: NDArray[np.int64],
+        obstacle_sizes: Floats,
+        obstacle_influence: Floats,
+        obstacle_margin: Floats,
+    ) -> None: ...
+    @property
+    def count(self) -> int:
+        """Number of observers."""
+    @property
+    def obstacles(self) -> int:
+        """Number of obstacles."""
 
 @final
 class Solver:
@@ -151,6 +202,8 @@ class Solver:
         max_step: float = 0.3,
         damping: float = 1.0,
         early_stop: bool = True,
+        observers: Observers | None = None,
+        activation: Literal["closest", "ranked", "all"] = "closest",
     ) -> None: ...
     @property
     def target_size(self) -> int: ...
@@ -162,6 +215,27 @@ class Solver:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
     def clip(self, targets: Floats, dt: float) -> Floats:
         """Many frames: targets (T, target_size) -> postures (T, nq)."""
+    def set_obstacles(
+        self,
+        position: Floats,
+        quat: Floats,
+        linear: Floats | None = None,
+        angular: Floats | None = None,
+        present: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Where the k obstacles are at the start of the next frame: position (k, 3) m and quat (k, 4) wxyz of their
+        shapes' frames, linear (k, 3) m/s and angular (k, 3) rad/s velocity, world. They go on at these velocities
+        from frame to frame. present (k,): the others are not there. Before the first call none is there."""
+    @property
+    def observer_modes(self) -> NDArray[np.uint8]:
+        """What each observer (n,) did in the last frame: 0 free, 1 preventive, 2 reactive."""
+    @property
+    def observer_counts(self) -> NDArray[np.uint64]:
+        """Since construction, per observer (n, 3): changes of mode, frames preventive, frames reactive."""
+    @property
+    def clearance(self) -> tuple[float, float]:
+        """Smallest distance (m) between observers, and of one to an obstacle, after the last frame; infinite where none
+        is within influence."""
     @property
     def q(self) -> Floats: ...
     @property

@@ -19,7 +19,7 @@ from retarget.rotations import FloatArray
 if TYPE_CHECKING:
     from retarget import _solver
 
-__all__ = ["BodyModel", "Frame", "JointType", "load_body", "load_body_text"]
+__all__ = ["BodyModel", "Frame", "Geom", "JointType", "load_body", "load_body_text"]
 
 IntArray = NDArray[np.int64]
 
@@ -54,6 +54,21 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
+class Geom:
+    """A shape of the file on a body: `kind` and `size` (3,) as MuJoCo has them, `position` (3,) m and `quat` (4,) wxyz.
+
+    Capsules and cylinders: radius, half length. Boxes: half sizes. Spheres: radius.
+    """
+
+    name: str
+    body: int
+    kind: str
+    size: FloatArray
+    position: FloatArray
+    quat: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class BodyModel:
     """A kinematic tree of nb bodies (0 the world) and nj joints, with nq positions and nv velocities.
 
@@ -69,6 +84,7 @@ class BodyModel:
     joint_names: tuple[str, ...]
     dof_names: tuple[str, ...]
     frames: tuple[Frame, ...]
+    geoms: tuple[Geom, ...]
     parent: IntArray
     body_pos: FloatArray
     body_quat: FloatArray
@@ -178,6 +194,7 @@ def body_from_file(file: BodyFile) -> BodyModel:
             for suffix in _VELOCITY_SUFFIXES[JointType(kind)]
         ),
         frames=tuple(_frame(model, i) for i in range(model.nsite)),
+        geoms=tuple(_geom(model, i) for i in range(model.ngeom)),
         parent=_ints(model.body_parentid),
         body_pos=_floats(model.body_pos),
         body_quat=_floats(model.body_quat),
@@ -202,6 +219,19 @@ def _frame(model: Any, index: int) -> Frame:
         body=int(model.site_bodyid[index]),
         position=_floats(model.site_pos[index]),
         quat=_floats(model.site_quat[index]),
+    )
+
+
+def _geom(model: Any, index: int) -> Geom:
+    import mujoco
+
+    return Geom(
+        name=model.geom(index).name,
+        body=int(model.geom_bodyid[index]),
+        kind=mujoco.mjtGeom(int(model.geom_type[index])).name.removeprefix("mjGEOM_").lower(),
+        size=_floats(model.geom_size[index]),
+        position=_floats(model.geom_pos[index]),
+        quat=_floats(model.geom_quat[index]),
     )
 
 

@@ -31,11 +31,20 @@ class Kind(StrEnum):
     ROBOT = "robots"
     PRIORITIES = "priorities"
     PERFORMER = "performers"
+    SCENE = "scenes"
 
     @property
     def label(self) -> str:
         """One of them, in a message."""
-        return {Kind.ROBOT: "robot", Kind.PRIORITIES: "priority file", Kind.PERFORMER: "performer"}[self]
+        return _LABELS[self]
+
+
+_LABELS = {
+    Kind.ROBOT: "robot",
+    Kind.PRIORITIES: "priority file",
+    Kind.PERFORMER: "performer",
+    Kind.SCENE: "scene",
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.hierarchy import Hierarchy, JointLimits
+from retarget.hierarchy import Hierarchy
+from retarget.joint_limits import JointLimits
 from retarget.landmarks import AskedLandmarks
 from retarget.pursuit import Pace, Pursuit
 from retarget.robot_body import RobotBody

@@ -13,7 +13,7 @@ import numpy as np
 
 from retarget._solver import Solver, Task
 from retarget.body import BodyModel, Frame
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat, product, rotated, turn
 

@@ -8,17 +8,22 @@ import numpy as np
 from retarget.chase import TRUNK, Chase
 from retarget.envelope import Envelope, measure_envelope
 from retarget.following_limits import following_limits
-from retarget.hierarchy import Hierarchy, JointLimits
+from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
+from retarget.joint_limits import JointLimits
 from retarget.landmarks import AskedLandmarks, LandmarkMap
+from retarget.observers import robot_observers
 from retarget.planted_root import plant_root
 from retarget.priorities import CentreOfMassTask, Priorities
 from retarget.pursuit import braking_displacement
+from retarget.record import ModeArray
 from retarget.robot_body import RobotBody
 from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
 from retarget.rotations import FloatArray
+from retarget.scene_motion import SceneState
 from retarget.stance import Stance, plant
 from retarget.stopping import Stopping
+from retarget.surroundings import Surroundings
 
 if TYPE_CHECKING:
     from retarget.human_posture import HumanPosture
@@ -45,6 +50,7 @@ class RobotPosture:
     q (nq,): root_position (3,) m, root_quaternion (4,) wxyz (fixed robots: where the body file has it) and joints.
     joint_positions (n,): rad, servo order. landmarks_asked, landmarks_reached (k, 3): m, in order of landmark_names.
     centre_of_mass (3,) m; support_distance: m inside the support polygon of the soles, infinite without soles.
+    observer_modes (o,): 0 free, 1 preventive, 2 reactive, in the order of the profile.
     """
 
     q: FloatArray
@@ -56,6 +62,7 @@ class RobotPosture:
     landmarks_reached: FloatArray
     centre_of_mass: FloatArray
     support_distance: float
+    observer_modes: ModeArray
 
 
 class Follower:
@@ -69,10 +76,12 @@ class Follower:
         *,
         parts: Parts = "whole",
         iterations: int | None = None,
+        scene: SceneState | None = None,
     ) -> None:
         """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: instead of the file's.
 
-        Raises ConfigError: the priorities name what the robot does not have.
+        scene: what is around the robot, in its own world. Raises ConfigError: the priorities name what the robot does
+        not have.
         """
         self._robot, self._body = robot, robot.body.solver_body()
         self.stance = plant(robot, robot.profile.postures.stand)
@@ -84,6 +93,8 @@ class Follower:
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, edges) if legs_move else None
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
+        self._around = Surroundings(scene)
+        self.observers = robot_observers(robot)
         self.hierarchy = Hierarchy.build(
             priorities,
             robot.body,
@@ -92,6 +103,8 @@ class Follower:
             limits=self._limits,
             locked=np.zeros(robot.body.nv, dtype=bool) if parts == "whole" else standing_dofs(robot),
             iterations=iterations,
+            observers=self.observers,
+            scene=self._around.shapes,
         )
         self._targets = self.hierarchy.blank()
         for sole in stance.soles:
@@ -112,6 +125,7 @@ class Follower:
         self.landmark_map.restart()
         self._chase.restart()
         self._since_start = 0.0
+        self._around.restart()
         self._q = self.stance.q
         self.hierarchy.solver.reset(self._q)
         if self._stopping is not None:
@@ -131,6 +145,7 @@ class Follower:
             before = self._q
             way.append(self.step(human, dt))
             resting = resting + 1 if float(np.abs(self._q - before).max()) < RESTING_SPEED * dt else 0
+        self._around.begin()
         return way
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
@@ -143,12 +158,14 @@ class Follower:
         if self._edges:
             hierarchy.set_support(targets, braked_edges(self._edges, self._reached.centre_of_mass, dt))
         hierarchy.set_previous(targets, self._q, dt)
+        self._around.tick(hierarchy, dt)
         self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
         self._reached = self._reader.read(self._q)
         return self._posture(asked)
 
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
+        self._around.tick(None, dt)
         step = None if self._stopping is None else self._stopping.follow(dt)
         if step is None:
             return None
@@ -196,6 +213,7 @@ class Follower:
             landmarks_reached=reached.points,
             centre_of_mass=reached.centre_of_mass,
             support_distance=_inside(self._outline, reached.centre_of_mass),
+            observer_modes=self.hierarchy.solver.observer_modes,
         )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.stance import Stance

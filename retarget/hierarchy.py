@@ -15,21 +15,18 @@ from retarget import _solver
 from retarget.body import BodyModel, Frame, IntArray
 from retarget.errors import ConfigError, suggest
 from retarget.frames import BoolArray
-from retarget.priorities import Priorities
+from retarget.joint_limits import JointLimits
+from retarget.observers import NO_SCENE, Observers
+from retarget.priorities import PreventiveTask, Priorities
 from retarget.rotations import FloatArray
-from retarget.task_slots import Slot, SlotKind, compile_task
+from retarget.scene_motion import ObstaclePoses
+from retarget.scene_shapes import SceneShapes
+from retarget.task_slots import Slot, SlotKind, compile_task, preventive
 
-__all__ = ["Hierarchy", "JointLimits", "body_frames"]
+__all__ = ["Hierarchy", "body_frames"]
 
-
-@dataclass(frozen=True, eq=False)
-class JointLimits:
-    """Limits per DoF, each (nv,): position (rad or m), velocity per s, acceleration per s^2; infinite for no limit."""
-
-    lower: FloatArray
-    upper: FloatArray
-    max_velocity: FloatArray
-    max_acceleration: FloatArray
+RANKS = 4
+"""Levels of observers that act by rank: the closest of each obstacle, the next, the one after it, and all others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +48,8 @@ class Hierarchy:
         self.slots = tuple(slot for level in levels for slot in level)
         """What each entry of `solver.task_errors` is the error of."""
         self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
+        self.observer_names: tuple[str, ...] = ()
+        """Of what looks at obstacles and at itself, in the order of `solver.observer_modes`."""
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
         for level, slots in enumerate(levels):
@@ -80,25 +79,19 @@ class Hierarchy:
         iterations: int | None = None,
         early_stop: bool = True,
         damping: float = 1.0,
+        observers: Observers | None = None,
+        scene: SceneShapes = NO_SCENE,
     ) -> "Hierarchy":
         """Compile a priority file.
 
         frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. locked
-        (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. Raises
-        ConfigError: a name that the body lacks.
+        (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. observers: what
+        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body lacks.
         """
-        last = len(priorities.levels) - 1
-        levels: list[list[Slot]] = []
-        for index, level in enumerate(priorities.levels):
-            is_soft = index == last and any(task.type == "posture" for task in level.tasks)
-            levels.append(
-                [
-                    slot
-                    for task in level.tasks
-                    for slot in compile_task(task, body, frames, fed=frames if fed is None else fed, is_soft=is_soft)
-                ]
-            )
+        worn = None if observers is None else observers.with_margin(priorities.observers.margin)
+        names = () if worn is None else worn.names
+        levels = _compile(priorities, body, frames, fed=frames if fed is None else fed, observers=names)
         solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],
@@ -110,8 +103,12 @@ class Hierarchy:
             n_ik=priorities.iterations if iterations is None else iterations,
             early_stop=early_stop,
             damping=damping,
+            observers=None if worn is None else worn.for_solver(body, scene.with_margin(priorities.observers.margin)),
+            activation=priorities.activation,
         )
-        return cls(solver, levels, postures)
+        made = cls(solver, levels, postures)
+        made.observer_names = names
+        return made
 
     def blank(self) -> FloatArray:
         """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""
@@ -167,6 +164,11 @@ class Hierarchy:
             strength = weight if place.slot.kind is SlotKind.HEADING else 1.0
             targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
 
+    def set_obstacles(self, poses: ObstaclePoses) -> None:
+        """Where the obstacles are at the start of the next frame. Moving ones go on by themselves until told
+        otherwise."""
+        self.solver.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
+
     def set_posture(self, targets: FloatArray, q: FloatArray) -> None:
         """Another posture (nq,) to be drawn to, for this tick."""
         for place in self._places[SlotKind.POSTURE]:
@@ -189,8 +191,9 @@ class Hierarchy:
 
     def _make_blank(self, postures: Mapping[str, FloatArray]) -> FloatArray:
         blank = np.zeros(self.solver.target_size)
-        for place in self._places[SlotKind.OVER_ROOT]:
-            blank[place.start] = 1.0
+        for kind in (SlotKind.OVER_ROOT, SlotKind.REACTIVE, SlotKind.PREVENTIVE):
+            for place in self._places[kind]:
+                blank[place.start] = 1.0
         for place in self._places[SlotKind.AXIS]:
             if place.slot.direction is not None and place.slot.direction[:2] == (0.0, 0.0):
                 blank[place.start : place.stop] = (1.0, *place.slot.direction)
@@ -201,6 +204,33 @@ class Hierarchy:
             blank[place.start] = 1.0
             blank[place.start + 1 : place.stop] = postures[name]
         return blank
+
+
+def _compile(
+    priorities: Priorities,
+    body: BodyModel,
+    frames: Mapping[str, Frame],
+    *,
+    fed: Container[str],
+    observers: tuple[str, ...],
+) -> list[list[Slot]]:
+    """The slots of every level. Observers that act by rank get levels of their own below the closest."""
+    levels: list[list[Slot]] = []
+    group = 0
+    for index, level in enumerate(priorities.levels):
+        is_soft = index == len(priorities.levels) - 1 and any(task.type == "posture" for task in level.tasks)
+        slots: list[Slot] = []
+        ranked: list[list[Slot]] = []
+        for task in level.tasks:
+            if observers and isinstance(task, PreventiveTask) and priorities.activation == "ranked" and not is_soft:
+                group += 1
+                first, *others = [preventive(task, observers, group=group) for _ in range(RANKS)]
+                slots.append(first)
+                ranked += [[other] for other in others]
+            else:
+                slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, observers=observers)
+        levels += [slots, *ranked]
+    return levels
 
 
 def body_frames(body: BodyModel) -> dict[str, Frame]:

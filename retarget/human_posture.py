@@ -1,17 +1,22 @@
 """What a reconstruction yields each tick: a posture of the virtual human, and where its parts are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from retarget.human import Human
 from retarget.human_dimensions import POINTS
+from retarget.record import ModeArray
 from retarget.rotations import FloatArray
 
 __all__ = ["ORIENTED", "HumanPosture", "PostureReader"]
 
 ORIENTED: tuple[str, ...] = ("pelvis", "chest", "head")
 """Parts whose orientation is told."""
+
+
+def _no_modes() -> ModeArray:
+    return np.zeros(0, dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -21,7 +26,8 @@ class HumanPosture:
     q (nq,): as the solver has it. joint_names: m canonical names; joints (m, 3): their centres, m. orientations (3, 4):
     wxyz of ORIENTED; the identity stands upright and faces x. centre_of_mass (3,) m. sensor_error (k,) m: distance of
     each worn sensor's joint from where it was last measured, NaN where it is missing. balance_error: distance of the
-    centre of mass from its goal, m; NaN where there is none. heading: unit vector on the ground.
+    centre of mass from its goal, m; NaN where there is none. heading: unit vector on the ground. observer_modes (o,):
+    0 free, 1 preventive, 2 reactive.
     """
 
     q: FloatArray
@@ -32,6 +38,7 @@ class HumanPosture:
     sensor_error: FloatArray
     balance_error: float
     heading: tuple[float, float]
+    observer_modes: ModeArray = field(default_factory=_no_modes)
 
     def joint(self, name: str) -> FloatArray:
         """Centre (3,) m of one joint."""

@@ -7,7 +7,7 @@ that really happened, and a limit would only make the virtual human lag behind i
 import numpy as np
 
 from retarget.body import BodyModel
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.joint_weights import joint_weights
 
 __all__ = ["human_limits"]

@@ -18,7 +18,8 @@ class RunOptions:
     """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
 
     priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
-    the priority files say.
+    the priority files say. scene: what is around the last stage's body. allow_contact: also where it touches at the
+    start.
     """
 
     robot: str
@@ -28,6 +29,8 @@ class RunOptions:
     iterations: int | None = None
     parts: Parts = "whole"
     gate: bool = True
+    scene: str | None = None
+    allow_contact: bool = False
     playback: Playback = field(default_factory=Playback)
 
     def __post_init__(self) -> None:

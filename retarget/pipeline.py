@@ -84,7 +84,9 @@ class Pipeline:
         self._record = Record(
             np.asarray((np.arange(rows) - approach) * clip.dt, dtype=np.float64),
             np.full(rows, Phase.FOLLOW, dtype=np.int8),
-            HumanRecord.empty(rows, nq=human.q.size, joint_names=tuple(human.joint_names)),
+            HumanRecord.empty(
+                rows, nq=human.q.size, joint_names=tuple(human.joint_names), observers=human.observer_modes.size
+            ),
             None if robot is None else robot.new_record(rows),
             Timing.empty(rows),
         )
@@ -153,6 +155,7 @@ class Pipeline:
         kept = self._record.human
         kept.q[row] = self._human.q
         kept.joints[row] = self._human.joints
+        kept.observer_modes[row] = self._human.observer_modes
         if error:
             kept.balance_error[row] = self._human.balance_error
 

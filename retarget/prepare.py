@@ -25,6 +25,8 @@ from retarget.reconstruct import Reconstructor
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
 from retarget.run_result import RunResult
+from retarget.scene import load_scene
+from retarget.scene_motion import SceneState
 from retarget.stages import ReconstructingStage
 
 __all__ = ["MakeBus", "Prepared", "prepare"]
@@ -47,6 +49,8 @@ class Prepared:
     priorities: tuple[Priorities, ...]
     has_bus: bool
     notes: tuple[str, ...]
+    scene: SceneState | None = None
+    observer_names: tuple[str, ...] = ()
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
@@ -65,6 +69,8 @@ class Prepared:
             has_bus=self.has_bus,
             notes=self.notes,
             stop=None if self.side is None else self.side.guard.stop_reason,
+            scene=self.scene,
+            observer_names=self.observer_names,
         )
 
 
@@ -83,18 +89,25 @@ def prepare(
     rate = None if robot is None else robot.profile.safety.rate_hz
     clip = lay_on_ticks(frames, performer=performer, playback=options.playback, rate_hz=rate)
     human = build_human(calibrate(frames.mirror() if options.playback.mirror else frames))
-    reconstructor = Reconstructor(human, for_human, performer, iterations=options.iterations)
+    scene = None if options.scene is None else SceneState(load_scene(options.scene))
+    reconstructor = Reconstructor(
+        human, for_human, performer, iterations=options.iterations, scene=scene if robot is None else None
+    )
     notes = (*frames.notes, *(() if robot is None else robot.body.notes))
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
-        yield Prepared(clip, human, performer, reconstructor, None, stages, False, notes)
+        names = reconstructor.hierarchy.observer_names
+        yield Prepared(clip, human, performer, reconstructor, None, stages, False, notes, scene, names)
         return
     bus = make_bus(options.bus, robot, clock)
-    side = _robot_side(robot, for_robot, human, options, bus=bus, clock=clock, dt=clip.dt)
+    follower = _follower(robot, for_robot, human, options, scene)
+    side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=clip.dt)
+    names = follower.hierarchy.observer_names
     bus.open()
     failed = True
     try:
-        yield Prepared(clip, human, performer, reconstructor, side, stages, options.bus != "none", notes)
+        has_bus = options.bus != "none"
+        yield Prepared(clip, human, performer, reconstructor, side, stages, has_bus, notes, scene, names)
         failed = side.guard.stop_reason is not None
     finally:
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
@@ -112,18 +125,18 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
     return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
 
 
-def _robot_side(
-    robot: RobotBody,
-    priorities: Priorities,
-    human: Human,
-    options: RunOptions,
-    *,
-    bus: ServoBus,
-    clock: Clock,
-    dt: float,
-) -> RobotSide:
+def _follower(
+    robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None
+) -> Follower:
     with naming_file(options.priorities or robot.profile.retarget, robot=robot.profile.name):
-        follower = Follower(robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations)
+        return Follower(
+            robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
+        )
+
+
+def _robot_side(
+    robot: RobotBody, follower: Follower, options: RunOptions, *, bus: ServoBus, clock: Clock, dt: float
+) -> RobotSide:
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     goals: GoalFilter = (
         Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach))

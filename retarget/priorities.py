@@ -36,6 +36,7 @@ __all__ = [
     "HeadingTask",
     "Level",
     "LookAtTask",
+    "ObserverSettings",
     "OrientationTask",
     "PositionTask",
     "PostureTask",
@@ -72,6 +73,7 @@ RowWeights = Annotated[
 """Weights of the x, y and z rows, or one number for all three; a row of weight 0 is not there."""
 Direction = Annotated[Vector3, AfterValidator(_not_all_zero)]
 """A direction; its length does not matter."""
+Against = Literal["self", "scene", "all"]
 Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_length=1, max_length=64)]
 
 
@@ -162,18 +164,28 @@ class PostureTask(_Weighed):
 
 
 class ReactiveTask(Schema):
-    """Observers that touch push their part out, at `speed` m/s at most. of: names of observers; absent: all."""
+    """Observers that touch push their part out, at `speed` m/s at most. of: names of observers; absent: all.
+
+    against: each other, what the scene holds, or both.
+    """
 
     type: Literal["reactive"]
     of: Names | None = None
+    against: Against = "all"
     speed: Positive = 0.1
 
 
 class PreventiveTask(Schema):
-    """Observers inside their influence damp the approach of their part. of: names of observers; absent: all."""
+    """Observers inside influence damp the approach of their part. of: names of observers; absent: all.
+
+    against: each other, what the scene holds, or both. speed: where all of them act, the approach in m/s permitted
+    where influence begins; it falls to nothing at the margin.
+    """
 
     type: Literal["preventive"]
     of: Names | None = None
+    against: Against = "all"
+    speed: Positive = 0.5
 
 
 Task = Annotated[
@@ -190,6 +202,17 @@ Task = Annotated[
 ]
 
 
+class ObserverSettings(Schema):
+    """What this file asks of observers. human: which a human wears: lines along the limbs, those and a ball for the
+    head, or its own capsules on every segment; a robot brings its own. influence: of those of the human, m. margin:
+    of all observers and obstacles, m; absent: each its own.
+    """
+
+    human: Literal["none", "lines", "lines_and_head", "capsules"] = "none"
+    influence: Positive = 0.08
+    margin: NotNegative | None = None
+
+
 class Level(Schema):
     """Tasks of equal rank. A level without tasks keeps its place and asks nothing."""
 
@@ -201,13 +224,15 @@ class Priorities(Schema):
     """Levels, highest first. iterations: most per frame (the paper's N_IK).
 
     activation: which preventive observers put up their row: the closest per obstacle (paper), one after the other by
-    distance, or all. heading: how the heading of a performer is told from the sensors.
+    distance, or all (a damper throughout influence). observers: which they are. heading: how the heading of a
+    performer is told from the sensors.
     """
 
     name: Name
     description: Text
     iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
     activation: Literal["closest", "ranked", "all"] = "closest"
+    observers: ObserverSettings = ObserverSettings()
     heading: HeadingSettings = HeadingSettings()
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
 

@@ -13,6 +13,7 @@ from retarget.heading import Heading
 from retarget.hierarchy import Hierarchy, body_frames
 from retarget.human import Human
 from retarget.human_dimensions import POINTS
+from retarget.human_observers import Worn, human_observers
 from retarget.human_posture import HumanPosture, PostureReader
 from retarget.human_postures import POSTURES
 from retarget.human_speeds import human_limits
@@ -20,7 +21,9 @@ from retarget.performer import Performer
 from retarget.priorities import CentreOfMassTask, PostureTask, Priorities
 from retarget.reach import Reach
 from retarget.rotations import FloatArray
+from retarget.scene_motion import SceneState
 from retarget.sensor_intake import SensorIntake
+from retarget.surroundings import Surroundings
 from retarget.task_slots import SlotKind
 from retarget.virtual_feet import VirtualFeet
 from retarget.worn_sensors import SensorTurn, WornSensors
@@ -49,15 +52,20 @@ class Reconstructor:
         *,
         rest: FloatArray | None = None,
         iterations: int | None = None,
+        observed: Worn | None = None,
+        scene: SceneState | None = None,
     ) -> None:
         """rest (18, 4): see `calibration.rest_orientations`; only sensors with an orientation need it. iterations:
-        instead of the file's. Raises ConfigError: the priorities name what a human does not have."""
+        instead of the file's. observed: which observers, instead of the file's choice. scene: what is around the human,
+        in the performer's world. Raises ConfigError: the priorities name what a human does not have."""
         self._human = human
         self._worn = WornSensors(performer, human, rest)
         self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
         names = self._worn.names + (() if self._feet is None else _FEET)
         self._names = names
         worn = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
+        self._around = Surroundings(scene)
+        self.observers = human_observers(human, priorities.observers, observed)
         self._hierarchy = Hierarchy.build(
             priorities,
             human.body,
@@ -67,6 +75,8 @@ class Reconstructor:
             fed=names,
             locked=human.locked,
             iterations=iterations,
+            observers=self.observers,
+            scene=self._around.shapes,
         )
         self._reader = PostureReader(human)
         self._heading = Heading(priorities.heading)
@@ -109,6 +119,7 @@ class Reconstructor:
         self._reach.clamp(self._intake.position, self._intake.present)
         if self._balance is not None:
             self._balance.start()
+        self._around.restart()
         self._q = self._placed()
         points = self._present()
         for _ in range(_SETTLING_FRAMES):
@@ -118,6 +129,7 @@ class Reconstructor:
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
         self._hierarchy.solver.reset(self._q)
+        self._around.begin()
         return self._posture()
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
@@ -153,6 +165,7 @@ class Reconstructor:
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
         hierarchy.set_previous(targets, self._q, dt)
+        self._around.tick(hierarchy, dt)
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _posture(self) -> HumanPosture:
@@ -173,6 +186,7 @@ class Reconstructor:
             sensor_error=distance,
             balance_error=float(task_errors[self._balance_errors[0]]) if self._balance_errors else float("nan"),
             heading=self._heading.forward,
+            observer_modes=self._hierarchy.solver.observer_modes,
         )
 
     def _placed(self) -> FloatArray:

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
 
-__all__ = ["HumanRecord", "Phase", "Record", "RobotRecord", "Timing"]
+__all__ = ["HumanRecord", "ModeArray", "Phase", "Record", "RobotRecord", "Timing"]
 
 IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.int8]
+ModeArray = NDArray[np.uint8]
+"""What observers do: 0 free, 1 preventive, 2 reactive."""
 
 
 class Phase(IntEnum):
@@ -31,19 +33,25 @@ class HumanRecord:
     """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
 
     balance_error (T,) m: of the centre of mass from its goal. Outside of following the human stands still, and only the
-    error is NaN.
+    error is NaN. observer_modes (T, o).
     """
 
     joint_names: tuple[str, ...]
     q: FloatArray
     joints: FloatArray
     balance_error: FloatArray
+    observer_modes: ModeArray
 
     @classmethod
-    def empty(cls, ticks: int, *, nq: int, joint_names: tuple[str, ...]) -> "HumanRecord":
+    def empty(cls, ticks: int, *, nq: int, joint_names: tuple[str, ...], observers: int = 0) -> "HumanRecord":
         """Room for so many ticks."""
-        joints = np.full((ticks, len(joint_names), 3), np.nan)
-        return cls(joint_names, np.full((ticks, nq), np.nan), joints, np.full(ticks, np.nan))
+        return cls(
+            joint_names=joint_names,
+            q=np.full((ticks, nq), np.nan),
+            joints=np.full((ticks, len(joint_names), 3), np.nan),
+            balance_error=np.full(ticks, np.nan),
+            observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +62,8 @@ class RobotRecord:
     with the root that the robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is
     read at the start of the tick. gated (T,): the gate sent something else than was asked. unled (T,): nobody knew a
     goal, and the filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,):
-    servos that were silent or alarmed. start (n,) rad: where the robot stood before the first tick.
+    servos that were silent or alarmed. observer_modes (T, o): of the stage that asked. start (n,) rad: where the
+    robot stood before the first tick.
     """
 
     landmark_names: tuple[str, ...]
@@ -66,10 +75,13 @@ class RobotRecord:
     unled: BoolArray
     bus_time: FloatArray
     faults: IntArray
+    observer_modes: ModeArray
     start: FloatArray
 
     @classmethod
-    def empty(cls, ticks: int, *, nq: int, start: FloatArray, landmark_names: tuple[str, ...]) -> "RobotRecord":
+    def empty(
+        cls, ticks: int, *, nq: int, start: FloatArray, landmark_names: tuple[str, ...], observers: int = 0
+    ) -> "RobotRecord":
         """Room for so many ticks of a robot that stands at `start` (n,) rad, servo order."""
         servos = start.size
         return cls(
@@ -82,6 +94,7 @@ class RobotRecord:
             unled=np.zeros(ticks, dtype=np.bool_),
             bus_time=np.full(ticks, np.nan),
             faults=np.zeros(ticks, dtype=np.int64),
+            observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
             start=np.array(start, dtype=np.float64),
         )
 

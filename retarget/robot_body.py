@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hardware.joint_map import JointMap
 from retarget.body import BodyModel, Frame, load_body
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.profile import RobotProfile, load_profile
 from retarget.rotations import FloatArray, multiply
 

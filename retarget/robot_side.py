@@ -15,7 +15,7 @@ from retarget.approach import approach, slower_in_line
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
 from retarget.planted_root import plant_root
-from retarget.record import Phase, RobotRecord
+from retarget.record import ModeArray, Phase, RobotRecord
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.stages import FollowingStage
@@ -53,6 +53,7 @@ class RobotSide:
         # Of the tick that runs: what is asked, whether its root is known, and whether just that was sent.
         self._goal: FloatArray | None = None
         self._asked: FloatArray | None = None
+        self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
 
     @property
@@ -91,14 +92,16 @@ class RobotSide:
     def new_record(self, rows: int) -> RobotRecord:
         """Room for so many ticks of this run, after `begin`."""
         names = self._first.landmark_names
-        return RobotRecord.empty(rows, nq=self.robot.body.nq, start=self._start, landmark_names=names)
+        modes = self._first.observer_modes.size
+        nq = self.robot.body.nq
+        return RobotRecord.empty(rows, nq=nq, start=self._start, landmark_names=names, observers=modes)
 
     def follow(self, human: HumanPosture) -> FloatArray:
         """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self._started = True
         self.phase = Phase.FOLLOW
-        self._asked = posture.landmarks_asked
+        self._asked, self._modes = posture.landmarks_asked, posture.observer_modes
         return self._take(posture.q, posture.joint_positions)
 
     def act(self, think: Think) -> bool:
@@ -154,6 +157,7 @@ class RobotSide:
         record.q[row] = self._q
         if self.phase is Phase.FOLLOW and self._asked is not None:
             record.landmarks_asked[row] = self._asked
+            record.observer_modes[row] = self._modes
         record.gated[row] = self._goal is not None and not self._passed
         record.unled[row] = self._goal is None
         if self.guard.sent is not None:

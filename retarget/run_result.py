@@ -6,14 +6,15 @@ import numpy as np
 
 from hardware.guard_state import Stop
 from retarget.clip import Clip
-from retarget.hierarchy import JointLimits
 from retarget.human import Human
+from retarget.joint_limits import JointLimits
 from retarget.performer import Performer
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
 from retarget.record import Record
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
+from retarget.scene_motion import SceneState
 
 __all__ = ["RunResult"]
 
@@ -24,7 +25,7 @@ class RunResult:
 
     human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the
     stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
-    stop: the guard's, None without one.
+    stop: the guard's, None without one. scene: what was around the last stage's body; observer_names: of that body.
     """
 
     record: Record
@@ -40,6 +41,8 @@ class RunResult:
     has_bus: bool
     notes: tuple[str, ...] = field(default=())
     stop: Stop | None = None
+    scene: SceneState | None = None
+    observer_names: tuple[str, ...] = ()
 
     @property
     def ticks_followed(self) -> int:

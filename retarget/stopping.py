@@ -14,7 +14,7 @@ import numpy as np
 from retarget._solver import Solver, Task
 from retarget.body import BodyModel
 from retarget.frames import BoolArray
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
 from retarget.support import support_distance

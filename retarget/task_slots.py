@@ -1,6 +1,6 @@
 """From one task of a priority file to tasks of the solver, each with the name under which its target is set."""
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -25,7 +25,7 @@ from retarget.priorities import (
 )
 from retarget.rotations import FloatArray
 
-__all__ = ["SUPPORT_EDGES", "Slot", "SlotKind", "compile_task"]
+__all__ = ["SUPPORT_EDGES", "Slot", "SlotKind", "compile_task", "preventive"]
 
 SUPPORT_EDGES = 16
 """Most edges of a support polygon: the convex hull of two feet of eight corners each."""
@@ -47,6 +47,8 @@ class SlotKind(Enum):
     SUPPORT = "support"
     POSTURE = "posture"
     PREVIOUS = "previous"
+    REACTIVE = "reactive"
+    PREVENTIVE = "preventive"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +66,28 @@ class Slot:
 
 
 def compile_task(
-    task: Task, body: BodyModel, frames: Mapping[str, Frame], *, fed: Container[str], is_soft: bool
+    task: Task,
+    body: BodyModel,
+    frames: Mapping[str, Frame],
+    *,
+    fed: Container[str],
+    is_soft: bool,
+    observers: Sequence[str] = (),
 ) -> list[Slot]:
-    """Slots of one task; none for observers.
+    """Slots of one task; none for observers on a body without any.
 
-    fed: names whose targets will ever be set; a task on another one is left out. is_soft: in a last level with a
-    posture, where `weight` is a stiffness.
+    observers: their names, in order. fed: names whose targets will ever be set; a task on another one is left out.
+    is_soft: in a last level with a posture, where `weight` is a stiffness.
 
-    Raises ConfigError: a name that the body does not have, in a task that is not optional.
+    Raises ConfigError: a name that the body does not have, in a task that is not optional; observers beside a posture
+    in the last level.
     """
     if isinstance(task, PostureTask):
         return _posture(task, body)
     if isinstance(task, CentreOfMassTask):
         return [_centre_of_mass(task, body, is_soft=is_soft)]
     if isinstance(task, ReactiveTask | PreventiveTask):
-        return []
+        return _observing(task, observers, is_soft=is_soft)
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
     return [
         _placed(task, name, frame, is_soft=is_soft)
@@ -141,6 +150,41 @@ def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, *, is_soft: bool) -
     root = int(body.joint_body[0]) if over_root else None
     made = SolverTask.centre_of_mass(weight=rows, over=root, gain=task.gain, max_error=cap)
     return Slot(SlotKind.OVER_ROOT if over_root else SlotKind.OVER_FEET, task.mode, made)
+
+
+def preventive(task: PreventiveTask, observers: Sequence[str], *, group: int) -> Slot:
+    """A preventive task; those of one group share pairs by nearness, the first of them the closest."""
+    of = _observers_of(task, observers)
+    made = SolverTask.preventive(of=of, against=task.against, speed=task.speed, group=group)
+    return Slot(SlotKind.PREVENTIVE, task.against, made)
+
+
+def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *, is_soft: bool) -> list[Slot]:
+    if not observers:
+        return []
+    if is_soft:
+        raise ConfigError(
+            f"a {task.type} task stands beside a posture in the last level",
+            allowed="a level of its own above it, where it is a limit",
+        )
+    if isinstance(task, PreventiveTask):
+        return [preventive(task, observers, group=0)]
+    made = SolverTask.reactive(of=_observers_of(task, observers), against=task.against, speed=task.speed)
+    return [Slot(SlotKind.REACTIVE, task.against, made)]
+
+
+def _observers_of(task: ReactiveTask | PreventiveTask, observers: Sequence[str]) -> list[int] | None:
+    """Numbers of the observers that a task names; None: all."""
+    if task.of is None:
+        return None
+    missing = [name for name in task.of if name not in observers]
+    if missing:
+        raise ConfigError(
+            f"a {task.type} task names an observer that the body does not have",
+            found=", ".join(missing),
+            next_step=suggest(missing[0], list(observers)),
+        )
+    return [observers.index(name) for name in task.of]
 
 
 def _posture(task: PostureTask, body: BodyModel) -> list[Slot]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from retarget.approach import approach
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.metrics.motion import limit_violations
 from retarget.robot_body import load_robot
 

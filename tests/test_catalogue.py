@@ -36,6 +36,7 @@ def test_user_folder_follows_the_xdg_standard() -> None:
 def test_names_of_all_kinds(own: Path) -> None:
     assert find(Kind.ROBOT, "op3") == shipped_folder() / "robots" / "op3" / "robot.yaml"
     assert find(Kind.PERFORMER, "five") == shipped_folder() / "performers" / "five.yaml"
+    assert find(Kind.SCENE, "table") == shipped_folder() / "scenes" / "table.yaml"
     assert all(entry.shipped for kind in Kind for entry in entries(kind))
 
 
@@ -62,6 +63,8 @@ def test_paths(own: Path, tmp_path: Path) -> None:
         (Kind.ROBOT, "humn", r"allowed: op3, or human, which only reconstructs.*Did you mean human\?"),
         (Kind.PERFORMER, "sixx", r"unknown performer; .*Did you mean six\?"),
         (Kind.PERFORMER, "", "unknown performer"),
+        (Kind.SCENE, "tabel", r"unknown scene; found 'tabel'; .*Did you mean table\?"),
+        (Kind.SCENE, "gone.yaml", "gone.yaml: there is no such scene"),
         (Kind.ROBOT, "some/where", "some/where: there is no such robot"),
         (Kind.PERFORMER, "gone.yaml", "gone.yaml: there is no such performer"),
         (Kind.PERFORMER, "/", "there is no such performer"),
@@ -93,4 +96,5 @@ def test_what_is_no_configuration_is_not_listed(own: Path) -> None:
 def test_kind_by_folder(tmp_path: Path) -> None:
     assert kind_of(tmp_path / "priorities" / "a.yaml") is Kind.PRIORITIES
     assert kind_of(tmp_path / "robots" / "r" / "robot.yaml") is Kind.ROBOT
+    assert kind_of(tmp_path / "scenes" / "a.yaml") is Kind.SCENE
     assert kind_of(tmp_path / "a.yaml") is None

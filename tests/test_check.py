@@ -51,6 +51,15 @@ def test_every_shipped_file_is_good(capsys: pytest.CaptureFixture[str]) -> None:
     assert out.count(": good (") == len(files)
 
 
+def test_a_scene_says_what_is_in_it(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capsys, "check", "gantry", "wall", "crossing_ball")
+    assert (code, err) == (0, "")
+    assert "scene gantry: good" in out
+    assert "beam:   box in the stand; influence 0.06 m, margin 0.01 m" in out
+    assert "wall:  half_space in the world; influence 0.08 m" in out
+    assert "ball:  sphere in the world, 5 poses in 8 s, again and again; influence 0.12 m, margin 0.02 m" in out
+
+
 def test_one_bad_file_does_not_hide_the_others(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bad = copy_of_op3(tmp_path / "bad", ("{id: 2,", "{id: 1,"), ("root: free", "root: fre"))
     code, out, err = run(capsys, "check", bad, "five")
@@ -76,6 +85,7 @@ def test_priorities_that_a_profile_names_must_exist(capsys: pytest.CaptureFixtur
         ("", "an empty file"),
         ("levels: []\nname: x\n", "description: missing key"),
         ("sensors: {hed: {joint: head}}\n", "sensors.hed: unknown sensor; found 'hed'"),
+        ("obstacles: {b: {shape: {bal: {radius: 1}}}}\n", "obstacles.b.shape.bal: unknown key; found 'bal'"),
         ("a: [\n", "not valid YAML"),
     ],
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.metrics import standing, tracking
 from retarget.metrics.clearance import self_clearance
 from retarget.metrics.measure import measure

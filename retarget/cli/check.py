@@ -1,4 +1,4 @@
-"""`retarget check FILE...`: validate robot profiles, priority files and performers; say what is in them."""
+"""`retarget check FILE...`: validate robot profiles, priority files, performers and scenes; say what is in them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +12,8 @@ from retarget.errors import ConfigError, Problem, RefusedError, UsageError, sugg
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
 from retarget.profile import RobotProfile, load_profile
+from retarget.scene import Scene, load_scene
+from retarget.scene_parts import Obstacle
 from retarget.schema import Schema
 from retarget.schema_errors import unknown_name
 from retarget.strict_yaml import Document, read_text, scan
@@ -20,6 +22,7 @@ TELLING_KEYS: dict[Kind, frozenset[str]] = {
     Kind.ROBOT: frozenset(RobotProfile.model_fields) - {"name"},
     Kind.PRIORITIES: frozenset(Priorities.model_fields) - {"name", "description"},
     Kind.PERFORMER: frozenset(Performer.model_fields) - {"name", "description"},
+    Kind.SCENE: frozenset(Scene.model_fields) - {"name", "description"},
 }
 """Keys by which a file tells its kind."""
 
@@ -35,7 +38,7 @@ ELSEWHERE = {
 def check(
     files: Annotated[list[str], typer.Argument(help="Files, folders of robots, or names of shipped or own ones.")],
 ) -> None:
-    """Validate robot profiles, priority files and performers; all errors of a file are shown at once."""
+    """Validate robot profiles, priority files, performers and scenes; all errors of a file are shown at once."""
     refused = False
     for name in files:
         try:
@@ -64,7 +67,7 @@ def _targets(name: str) -> list[_Target]:
         raise UsageError(
             "check takes configurations in YAML",
             where=name[:200],
-            allowed="a robot profile (robot.yaml) or its folder, a priority file, a performer",
+            allowed="a robot profile (robot.yaml) or its folder, a priority file, a performer, a scene",
             next_step=ELSEWHERE[path.suffix.lower()],
         )
     try:
@@ -91,7 +94,8 @@ def _kind(path: Path) -> Kind:
             "this is no configuration that can be checked",
             where=str(path),
             found="keys " + (", ".join(map(str, list(keys)[:10])) or "none"),
-            allowed="a robot profile (servos, frames, ...), a priority file (levels), a performer (sensors)",
+            allowed="a robot profile (servos, frames, ...), a priority file (levels), a performer (sensors), "
+            "a scene (obstacles)",
         )
     return kind
 
@@ -159,10 +163,28 @@ def _performer(path: Path) -> str:
     return _paragraph("performer", performer, path, {"about": performer.description, "sensors": ", ".join(sensors)})
 
 
+def _scene(path: Path) -> str:
+    scene = load_scene(path)
+    obstacles = {name: _obstacle(obstacle) for name, obstacle in scene.obstacles.items()}
+    return _paragraph("scene", scene, path, {"about": scene.description} | obstacles)
+
+
+def _obstacle(obstacle: Obstacle) -> str:
+    path = obstacle.path
+    if path is not None:
+        last = path[-1].time
+        moves = f", {len(path)} poses in {last - path[0].time:g} s" + (", again and again" if obstacle.loop else "")
+    else:
+        moves = "" if obstacle.velocity is None and obstacle.angular_velocity is None else ", at constant velocity"
+    place = f"{obstacle.shape.label} in the {obstacle.frame}{moves}"
+    return f"{place}; influence {obstacle.influence:g} m, margin {obstacle.margin:g} m"
+
+
 _REPORTS: dict[Kind, Callable[[Path], str]] = {
     Kind.ROBOT: _robot,
     Kind.PRIORITIES: _priorities,
     Kind.PERFORMER: _performer,
+    Kind.SCENE: _scene,
 }
 
 

@@ -26,6 +26,12 @@ def run(
     priorities: Annotated[
         str | None, typer.Option(help="Priority file of the robot (of 'human': its own).", metavar="NAME|FILE")
     ] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="What is around the body: table, wall, ..., or a file.", metavar="NAME|FILE")
+    ] = None,
+    allow_contact: Annotated[
+        bool, typer.Option("--allow-contact", help="Also where the body touches the scene at the start.")
+    ] = False,
     n_ik: Annotated[
         int | None, typer.Option("--n-ik", help="Iterations per frame at most, both stages.", metavar="N")
     ] = None,
@@ -64,6 +70,8 @@ def run(
         iterations=n_ik,
         parts=cast(Parts, parts),  # RunOptions refuses any other
         gate=not no_gate,
+        scene=scene,
+        allow_contact=allow_contact,
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
     outputs = Outputs.checked(report=report, save=save, plots=plots)

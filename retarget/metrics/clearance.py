@@ -1,4 +1,7 @@
-"""How close a body came to itself, on the geoms of its own file: an independent look at what was sent."""
+"""How close a body came to itself and to a scene, on the geoms of its own file: an independent look at what was sent.
+
+Distances are MuJoCo's own between two geoms (exact, inside too), not those of its contacts, which a margin makes rough.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,120 +9,150 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from retarget.body_file import Root, compile_body
+from retarget.body_file import Root, compile_body, compile_body_text
+from retarget.metrics.closest_pairs import Closest, Distances, closest_pairs
+from retarget.metrics.geom_distance import geom_distances
+from retarget.metrics.link_pairs import LeftOut, compared_pairs
+from retarget.metrics.moving_geoms import MovingGeoms, moving_geoms, travelled
+from retarget.metrics.scene_model import ObstacleTracks, obstacle_tracks, scene_model
 from retarget.rotations import FloatArray
+from retarget.scene_motion import SceneState
 
-__all__ = ["Clearance", "self_clearance"]
+__all__ = ["DEEP_M", "TOUCH_M", "Clearance", "PlacedBody", "place_body", "scene_clearance", "self_clearance"]
 
-LOOKS = ((0.01, 1), (0.05, 1), (1.0, 20))
-"""How far is looked, m, and in one posture of how many; further only when nothing came so near."""
 TOUCH_M = 1e-6
 """Deeper than this, m, counts as penetration."""
+DEEP_M = 1e-3
+"""Deeper than this, m, is more than a touch."""
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """smallest: distance, m, negative inside; None: no pair to compare. penetrating: number of postures.
+    """smallest: distance, m, negative inside; None: nothing to compare. penetrating: number of postures.
 
-    pair: the two links that came closest.
+    pair: the two links, or the link and the obstacle, that came closest; row: in which posture. deep: how many of the
+    penetrating postures are deeper than 1 mm. left_out: pairs of links that were not compared.
     """
 
     smallest: float | None
     penetrating: int
     pair: tuple[str, str] | None
+    row: int | None = None
+    deep: int = 0
+    left_out: tuple[LeftOut, ...] = ()
+
+    @property
+    def deepest(self) -> float:
+        """Depth of the deepest penetration, m; 0 without one."""
+        return max(0.0, -(self.smallest or 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBody:
+    """A body in T postures, to be looked at in more than one way. rows (T,): their numbers among those given."""
+
+    model: Any
+    geoms: MovingGeoms
+    rows: IntArray
+
+    def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
+        """See `self_clearance`."""
+        geoms = self.geoms
+        pairs, left_out = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
+        if not len(self.rows) or not len(pairs):
+            return Clearance(None, 0, None, left_out=left_out)
+        seen = geoms.within(0)
+        way = travelled(seen.position, seen.matrix, seen.radius)
+        measure = geom_distances(
+            self.model, geoms.geoms[pairs], geoms=geoms.geoms, position=geoms.position, matrix=geoms.matrix
+        )
+        found = closest_pairs(measure, way[:, pairs[:, 0]] + way[:, pairs[:, 1]], tolerances=(TOUCH_M, DEEP_M))
+        first, second = (self._name(geom) for geom in pairs[found.pair])
+        return _clearance(found, (first, second), self.rows, left_out)
+
+    def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
+        """See `scene_clearance`; times: one for every posture that was given."""
+        geoms, names = self.geoms, scene.shapes.names
+        if not len(self.rows) or not len(names) or not len(geoms.geoms):
+            return Clearance(None, 0, None)
+        obstacles = obstacle_tracks(scene, times[self.rows])
+        pairs, measure = self._with(obstacles, scene)
+        way = travelled(geoms.position, geoms.matrix, geoms.radius)[:, pairs[:, 0]]
+        way += travelled(obstacles.position, obstacles.matrix, obstacles.radius)[:, pairs[:, 1]]
+        found = closest_pairs(measure, way, tolerances=(TOUCH_M, DEEP_M))
+        link, obstacle = pairs[found.pair]
+        return _clearance(found, (self._name(link), names[obstacle]), self.rows, ())
+
+    def scene_distances(self, scene: SceneState, times: FloatArray) -> FloatArray:
+        """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
+        count, obstacles = len(self.rows), obstacle_tracks(scene, times[self.rows])
+        pairs, measure = self._with(obstacles, scene)
+        rows, which = np.indices((count, len(pairs))).reshape(2, -1)
+        distances = measure(rows, which).reshape(count, len(self.geoms.geoms), len(scene.shapes.names))
+        return np.asarray(distances.min(axis=1))
+
+    def part(self, rows: IntArray, which: IntArray) -> "PlacedBody":
+        """Some of the geoms in some of the postures, by number; the postures are numbered anew."""
+        return PlacedBody(self.model, self.geoms.chosen(rows, which), np.arange(len(rows)))
+
+    def _with(self, obstacles: ObstacleTracks, scene: SceneState) -> tuple[IntArray, Distances]:
+        """Pairs (g k, 2) of geom and obstacle, one geom after the other, and how their distances are measured."""
+        geoms = self.geoms
+        both = scene_model(self.model, geoms.geoms, scene.shapes)
+        position, matrix = both.placed(geoms)
+        pairs = np.indices((len(geoms.geoms), len(scene.shapes.names))).reshape(2, -1).T
+        return pairs, geom_distances(
+            both.model,
+            np.column_stack([both.body[pairs[:, 0]], both.obstacles[pairs[:, 1]]]),
+            geoms=np.concatenate([both.body, both.obstacles]),
+            position=np.concatenate([position, obstacles.position], axis=1),
+            matrix=np.concatenate([matrix, obstacles.matrix], axis=1),
+        )
+
+    def _name(self, geom: int) -> str:
+        """Of the geom's link."""
+        return str(self.model.body(int(self.geoms.links[geom])).name)
+
+
+def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:
+    """The body of a file, or of MJCF text, in postures (T, nq); those that are not finite take no part.
+
+    root: as in `compile_body`. Raises InputError.
+    """
+    if isinstance(body, Path):
+        model = compile_body(body, root=root).model
+    else:
+        model = compile_body_text(body, source="the body", root=root).model
+    rows = np.flatnonzero(np.isfinite(postures).all(axis=1))
+    return PlacedBody(model, moving_geoms(model, postures[rows]), rows)
 
 
 def self_clearance(
-    path: Path,
+    body: Path | str,
     postures: FloatArray,
     *,
-    root: Root,
+    root: Root | None = None,
     neutral: FloatArray,
     ignored: Iterable[tuple[str, str]] = (),
 ) -> Clearance:
-    """Look at every posture (T, nq) of the body file at `path`.
+    """Look at every posture (T, nq) of a body: a file, or MJCF text.
 
     Not compared: geoms of one link, of a link and its parent, of `ignored` pairs of links, of pairs that the file
     excludes, and of pairs that already touch in the posture `neutral` (nq,).
     """
-    import mujoco
-
-    model = compile_body(path, root=root).model
-    data = mujoco.MjData(model)
-    # Every geom of the body may meet every other, whatever the file says of contacts, and none the world's.
-    model.geom_contype[:] = model.geom_conaffinity[:] = np.asarray(model.geom_bodyid) > 0
-    # MuJoCo's own filter for parents lets the children of a base that is fixed to the world through.
-    parents = {_pair(link, parent) for link, parent in enumerate(model.body_parentid)}
-    skipped = parents | _skipped(model, ignored) | _touching(mujoco, model, data, neutral)
-    look = _Look(mujoco, model, data, skipped)
-    if not look.has_pairs():
-        return Clearance(None, 0, None)
-    for distance, every in LOOKS:
-        found = look.at(postures[::every], distance)
-        if found.smallest is not None:
-            return found
-    return Clearance(None, 0, None)
+    return place_body(body, postures, root=root).to_itself(neutral=neutral, ignored=ignored)
 
 
-class _Look:
-    """MuJoCo's collision detection over postures, without the pairs (sorted link numbers) that are skipped."""
-
-    def __init__(self, mujoco: Any, model: Any, data: Any, skipped: set[tuple[int, int]]) -> None:
-        self._mujoco = mujoco
-        self._model = model
-        self._data = data
-        self._link = np.asarray(model.geom_bodyid)
-        self._skip = np.zeros((model.nbody, model.nbody), dtype=np.bool_)
-        for first, second in skipped:
-            self._skip[first, second] = self._skip[second, first] = True
-
-    def has_pairs(self) -> bool:
-        """Whether any two geoms are ever compared."""
-        links = np.unique(self._link[self._link > 0])
-        return bool(np.triu(~self._skip[np.ix_(links, links)], 1).any())
-
-    def at(self, postures: FloatArray, distance: float) -> Clearance:
-        """The smallest distance up to `distance` m over postures (T, nq)."""
-        self._model.geom_margin[:] = (
-            distance / 2.0
-        )  # MuJoCo adds the margins of both geoms (before 4.0 it took the larger)
-        smallest, pair, penetrating = np.inf, None, 0
-        for q in postures:
-            self._data.qpos[:] = q
-            self._mujoco.mj_kinematics(self._model, self._data)
-            self._mujoco.mj_collision(self._model, self._data)
-            if not self._data.ncon:
-                continue
-            contact = self._data.contact
-            links = self._link[contact.geom]  # (contacts, 2)
-            depth = np.where(self._skip[links[:, 0], links[:, 1]], np.inf, contact.dist)
-            closest = int(np.argmin(depth))
-            penetrating += bool(depth[closest] < -TOUCH_M)
-            if depth[closest] < smallest:
-                smallest, pair = float(depth[closest]), links[closest]
-        if pair is None:
-            return Clearance(None, 0, None)
-        return Clearance(smallest, penetrating, (self._name(pair[0]), self._name(pair[1])))
-
-    def _name(self, link: int) -> str:
-        return str(self._model.body(int(link)).name)
+def scene_clearance(
+    body: Path | str, postures: FloatArray, *, root: Root | None = None, scene: SceneState, times: FloatArray
+) -> Clearance:
+    """The same between every geom of a body and every obstacle of a scene, at times (T,) s on the scene's clock."""
+    return place_body(body, postures, root=root).to_scene(scene, times)
 
 
-def _skipped(model: Any, ignored: Iterable[tuple[str, str]]) -> set[tuple[int, int]]:
-    """Sorted link numbers of pairs that are given by name."""
-    return {_pair(model.body(first).id, model.body(second).id) for first, second in ignored}
-
-
-def _touching(mujoco: Any, model: Any, data: Any, q: FloatArray) -> set[tuple[int, int]]:
-    """Sorted link numbers of pairs that touch in a posture (nq,)."""
-    model.geom_margin[:] = 0.0
-    data.qpos[:] = q
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_collision(model, data)
-    links = np.asarray(model.geom_bodyid)
-    return {_pair(*links[geoms]) for geoms in data.contact.geom}
-
-
-def _pair(first: int, second: int) -> tuple[int, int]:
-    return (int(min(first, second)), int(max(first, second)))
+def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray, left_out: tuple[LeftOut, ...]) -> Clearance:
+    penetrating, deep = found.deeper
+    return Clearance(found.smallest, penetrating, pair, int(rows[found.row]), deep, left_out)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.hierarchy import JointLimits
 from retarget.human_posture import ORIENTED, PostureReader
+from retarget.joint_limits import JointLimits
 from retarget.metrics import bus, standing, tracking
 from retarget.metrics.asked_arms import Performance
 from retarget.metrics.clearance import Clearance, self_clearance

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.hierarchy import JointLimits
+from retarget.joint_limits import JointLimits
 from retarget.rotations import FloatArray
 
 __all__ = ["TOLERANCE", "LimitViolations", "jerk_p95", "limit_violations"]

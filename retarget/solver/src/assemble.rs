@@ -3,6 +3,7 @@
 use crate::bounds::iteration_bounds;
 use crate::frame::FrameSolver;
 use crate::hierarchy::Problem;
+use crate::layout::Placed;
 use crate::rows::{Columns, RowWriter};
 use crate::task::TaskKind;
 use std::ops::Range;
@@ -46,7 +47,8 @@ impl FrameSolver {
     }
 
     pub(crate) fn write_rows(&mut self, targets: &[f64]) {
-        for p in self.placed.iter().filter(|p| !p.metric) {
+        let has_rows = |p: &&Placed| !p.metric && !matches!(p.task.kind, TaskKind::Observers(_));
+        for p in self.placed.iter().filter(has_rows) {
             let target = &targets[p.target.clone()];
             let rows = p.first_row..p.first_row + p.task.row_count();
             if !p.task.is_present(target) {

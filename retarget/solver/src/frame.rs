@@ -1,14 +1,16 @@
 //! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2).
 
 use crate::allocations::allocations;
+use crate::avoid::{reserve_rows, watch};
 use crate::body::Body;
 use crate::bounds::{frame_bounds, iteration_bounds, FrameBox, Limit};
-use crate::hierarchy::{solve, Problem, Side, Workspace};
+use crate::hierarchy::{Problem, Side, Workspace};
 use crate::kinematics::Pose;
 use crate::layout::{Layout, Placed};
+use crate::observers::{Activation, ObserverSet, Watch};
 use crate::progress::{Moment, Progress};
 use crate::rows::Columns;
-use crate::task::Task;
+use crate::task::{Task, TaskKind};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -56,6 +58,8 @@ pub struct FrameSolver {
     pub task_errors: Vec<f64>,
     pub(crate) placed: Vec<Placed>,
     pub(crate) progress: Progress,
+    /// Observers, where there are any.
+    pub watch: Option<Watch>,
     pub(crate) damping_length: f64,
     /// Share of their error that soft tasks ask for.
     pub(crate) soft_share: f64,
@@ -76,18 +80,25 @@ pub struct FrameSolver {
     /// Weight of a typical joint in the last level.
     pub(crate) soft_scale: f64,
     pub(crate) posture_error: Vec<f64>,
+    /// Limits of rows before a trial.
+    pub(crate) asked: (Vec<f64>, Vec<f64>),
 }
 
 impl FrameSolver {
     pub fn new(
         body: Arc<Body>,
-        levels: Vec<Vec<Task>>,
+        mut levels: Vec<Vec<Task>>,
         limits: Vec<Limit>,
         locked: &[bool],
+        observers: Option<(Arc<ObserverSet>, Activation)>,
         settings: Settings,
     ) -> Self {
         let columns = Columns::new(&body, locked);
-        let layout = Layout::new(&body, levels, locked, columns.all.len());
+        if let Some((set, _)) = &observers {
+            reserve_rows(&mut levels, set);
+        }
+        let mut layout = Layout::new(&body, levels, locked, columns.all.len());
+        let watch = observers.map(|(set, activation)| watch(&body, &columns, &mut layout.placed, set, activation));
         let progress = Progress::new(&layout.levels_with_errors());
         let problem = Problem::new(layout.variables.max(1), &layout.level_rows);
         let first_sides = (problem.variable_side.clone(), problem.row_side.clone());
@@ -104,6 +115,7 @@ impl FrameSolver {
             task_errors: vec![0.0; layout.placed.len()],
             placed: layout.placed,
             progress,
+            watch,
             soft_share: 1.0,
             damping_length: settings.damping * body.size(),
             columns,
@@ -120,6 +132,7 @@ impl FrameSolver {
             reference: vec![0.0; body.nv],
             soft_scale: 1.0,
             posture_error: vec![0.0; body.nv],
+            asked: Default::default(),
             limits,
             settings,
             body,
@@ -141,6 +154,9 @@ impl FrameSolver {
         self.first_sides.1.fill(Side::Free);
         self.problem.z.fill(0.0);
         self.progress.reset();
+        if let Some(watch) = &mut self.watch {
+            watch.reset();
+        }
     }
 
     /// One frame of `dt` seconds towards `targets`; the posture reached is in `q`.
@@ -150,10 +166,10 @@ impl FrameSolver {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
             self.done[i] = 0.0;
         }
-        self.look(targets, Moment::Start);
+        self.look(targets, Moment::Start, 0, dt);
         for iteration in 0..self.settings.n_ik {
             if iteration > 0 {
-                if self.settings.early_stop && self.may_stay() && self.progress.is_done() {
+                if self.settings.early_stop && self.may_stay() && self.progress.is_done() && self.none_comes() {
                     break;
                 }
                 self.progress.decide_who_waits(iteration + REPAIRS >= self.settings.n_ik);
@@ -162,31 +178,54 @@ impl FrameSolver {
                 self.problem.variable_side.clone_from(&self.first_sides.0);
                 self.problem.row_side.clone_from(&self.first_sides.1);
             }
-            self.iterate(targets);
+            self.iterate(targets, iteration == 0);
             if iteration == 0 {
                 self.first_sides.0.clone_from(&self.problem.variable_side);
                 self.first_sides.1.clone_from(&self.problem.row_side);
             }
-            self.look(targets, Moment::Step);
-            self.take_back(targets);
+            self.look(targets, Moment::Step, iteration + 1, dt);
+            self.take_back(targets, iteration + 1, dt);
             self.stats.iterations += 1;
         }
         for i in 0..self.body.nv {
             self.velocity[i] = self.done[i] / dt;
         }
+        if let Some(watch) = &mut self.watch {
+            watch.finish(&self.done);
+        }
         self.stats.frames += 1;
         self.stats.allocations += allocations() - allocated;
     }
 
-    /// Kinematics and errors of the posture as it is.
-    fn look(&mut self, targets: &[f64], moment: Moment) {
+    /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
+    fn look(&mut self, targets: &[f64], moment: Moment, done: usize, dt: f64) {
         self.body.forward(&self.q, &mut self.pose);
         self.body.mass_properties(&mut self.pose);
-        self.progress.look(&self.body, &self.pose, &self.placed, targets, moment, &mut self.task_errors);
+        let mut violation: &[f64] = &[];
+        if let Some(watch) = &mut self.watch {
+            match moment {
+                Moment::Start => {
+                    for p in &self.placed {
+                        if let TaskKind::Observers(task) = &p.task.kind {
+                            watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
+                        }
+                    }
+                    watch.begin(&self.pose, dt, self.settings.n_ik, &self.frame_box);
+                }
+                _ => watch.look(&self.pose, done),
+            }
+            violation = &watch.violation;
+        }
+        self.progress.look(&self.body, &self.pose, &self.placed, targets, moment, violation, &mut self.task_errors);
+    }
+
+    /// No obstacle comes nearer in the iterations that are left.
+    fn none_comes(&self) -> bool {
+        self.watch.as_ref().is_none_or(|w| !w.needs_every_iteration())
     }
 
     /// Halve the last step again and again, while it was too large and the box of the frame allows it.
-    fn take_back(&mut self, targets: &[f64]) {
+    fn take_back(&mut self, targets: &[f64], done: usize, dt: f64) {
         let mut share = -0.5;
         for _ in 0..HALVINGS {
             if !self.progress.went_too_far() {
@@ -202,7 +241,7 @@ impl FrameSolver {
                 *done += step;
             }
             self.body.integrate(&mut self.q, &self.step);
-            self.look(targets, Moment::StepTakenBack);
+            self.look(targets, Moment::StepTakenBack, done, dt);
         }
     }
 
@@ -230,15 +269,12 @@ impl FrameSolver {
         self.q_address[dof].map_or(0.0, |a| self.q[a])
     }
 
-    fn iterate(&mut self, targets: &[f64]) {
+    fn iterate(&mut self, targets: &[f64], first: bool) {
         self.damp();
         self.metric(targets);
         self.write_rows(targets);
         self.write_box();
-        let outcome = solve(&mut self.problem, &mut self.work);
-        self.stats.factorizations += u64::from(outcome.factorizations);
-        self.stats.fallbacks += u64::from(outcome.fallback);
-        self.stats.capped += u64::from(outcome.capped);
+        self.solve_observed(first);
         self.step.fill(0.0);
         for &(dof, c) in &self.columns.all {
             let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);

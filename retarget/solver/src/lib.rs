@@ -2,6 +2,7 @@
 
 mod allocations;
 mod assemble;
+mod avoid;
 pub mod body;
 pub mod bounds;
 pub mod frame;
@@ -10,13 +11,16 @@ pub mod hierarchy;
 pub mod kinematics;
 mod layout;
 pub mod math;
+pub mod observers;
 mod progress;
 mod py_arrays;
 mod py_body;
 mod py_bounds;
 mod py_hierarchy;
+mod py_observers;
 mod py_shapes;
 mod py_solver;
+mod py_task;
 pub mod rows;
 pub mod task;
 
@@ -25,7 +29,8 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<py_body::PyBody>()?;
-    m.add_class::<py_solver::PyTask>()?;
+    m.add_class::<py_task::PyTask>()?;
+    m.add_class::<py_observers::PyObservers>()?;
     m.add_class::<py_solver::PySolver>()?;
     m.add_class::<py_hierarchy::HierarchyResult>()?;
     m.add_function(wrap_pyfunction!(py_hierarchy::solve_hierarchy, m)?)?;

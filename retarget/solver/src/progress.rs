@@ -3,6 +3,7 @@
 use crate::body::Body;
 use crate::kinematics::Pose;
 use crate::layout::Placed;
+use crate::task::TaskKind;
 
 /// Errors of a level (m, as it weighs them) below this are met.
 const MET: f64 = 1e-6;
@@ -68,7 +69,8 @@ impl Progress {
         }
     }
 
-    /// Look at the posture. Writes every present task's error norm.
+    /// Look at the posture. Writes every present task's error norm. `violation`: of each task of observers.
+    #[allow(clippy::too_many_arguments)]
     pub fn look(
         &mut self,
         body: &Body,
@@ -76,6 +78,7 @@ impl Progress {
         placed: &[Placed],
         targets: &[f64],
         moment: Moment,
+        violation: &[f64],
         errors: &mut [f64],
     ) {
         if moment != Moment::StepTakenBack {
@@ -101,9 +104,15 @@ impl Progress {
                 *error = f64::NAN;
                 continue;
             }
+            let level = &mut self.levels[p.level];
+            if let TaskKind::Observers(task) = &p.task.kind {
+                // What they ask for in a frame is bounded already: they are never damped.
+                *error = violation[task.index];
+                level.error = level.error.hypot(*error);
+                continue;
+            }
             let (norm, energy) = p.task.error_size(body, pose, target);
             *error = norm;
-            let level = &mut self.levels[p.level];
             if !level.counts {
                 continue;
             }

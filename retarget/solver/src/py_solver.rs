@@ -1,81 +1,17 @@
-//! `Task` and `Solver` for Python.
+//! `Solver` for Python.
 
 use crate::frame::{FrameSolver, Settings};
 use crate::math::quat_unit;
-use crate::py_arrays::{bad, finite};
+use crate::observers::ObstaclePose;
+use crate::py_arrays::{bad, finite, triple};
 use crate::py_body::PyBody;
 use crate::py_bounds::limits;
+use crate::py_observers::{activation_named, check_observed, obstacle_rows, PyObservers};
+use crate::py_task::PyTask;
 use crate::task::{Task, TaskKind};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::collections::HashMap;
-
-/// What is asked of the body; see `retarget/_solver.pyi`.
-#[pyclass(name = "Task", module = "retarget._solver", frozen)]
-pub struct PyTask {
-    task: Task,
-    link: Option<usize>,
-}
-
-fn make(kind: TaskKind, weight: Vec<f64>, gain: f64, max_error: f64, link: Option<usize>) -> PyResult<PyTask> {
-    if weight.iter().any(|w| !w.is_finite() || *w < 0.0) {
-        return Err(bad("a task's weights must be finite and not negative".into()));
-    }
-    if !(gain > 0.0 && gain <= 1.0 && max_error > 0.0) {
-        return Err(bad(format!("gain {gain} must be in (0, 1], max_error {max_error} positive")));
-    }
-    Ok(PyTask { task: Task { kind, weight, gain, max_error }, link })
-}
-
-#[pymethods]
-impl PyTask {
-    #[staticmethod]
-    #[pyo3(signature = (body, point=[0.0; 3], *, weight=[1.0; 3], gain=1.0, max_error=0.05))]
-    fn position(body: usize, point: [f64; 3], weight: [f64; 3], gain: f64, max_error: f64) -> PyResult<Self> {
-        make(TaskKind::Position { link: body, point }, weight.to_vec(), gain, max_error, Some(body))
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (body, quat=[1.0, 0.0, 0.0, 0.0], *, weight=[1.0; 3], gain=1.0, max_error=0.2))]
-    fn orientation(body: usize, quat: [f64; 4], weight: [f64; 3], gain: f64, max_error: f64) -> PyResult<Self> {
-        make(TaskKind::Orientation { link: body, quat: quat_unit(quat) }, weight.to_vec(), gain, max_error, Some(body))
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (body, axis, *, weight=1.0, gain=1.0, max_error=0.2))]
-    fn axis(body: usize, axis: [f64; 3], weight: f64, gain: f64, max_error: f64) -> PyResult<Self> {
-        let axis = crate::math::unit_or(axis, [1.0, 0.0, 0.0]);
-        make(TaskKind::Axis { link: body, axis }, vec![weight; 2], gain, max_error, Some(body))
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (*, weight=[1.0; 3], over=None, gain=1.0, max_error=0.05))]
-    fn centre_of_mass(weight: [f64; 3], over: Option<usize>, gain: f64, max_error: f64) -> PyResult<Self> {
-        make(TaskKind::CentreOfMass { over }, weight.to_vec(), gain, max_error, over)
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (max_edges, *, max_error=0.05))]
-    fn support(max_edges: usize, max_error: f64) -> PyResult<Self> {
-        if max_edges == 0 || max_edges > 32 {
-            return Err(bad(format!("max_edges is {max_edges}, expected 1 to 32")));
-        }
-        make(TaskKind::Support { max_edges }, vec![], 1.0, max_error, None)
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (body, point, axis, *, weight=1.0, gain=1.0, max_error=0.2))]
-    fn look_at(body: usize, point: [f64; 3], axis: [f64; 3], weight: f64, gain: f64, max_error: f64) -> PyResult<Self> {
-        let axis = crate::math::unit_or(axis, [1.0, 0.0, 0.0]);
-        make(TaskKind::LookAt { link: body, point, axis }, vec![weight; 2], gain, max_error, Some(body))
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (weight, *, gain=1.0, max_error=0.3))]
-    fn posture(weight: PyReadonlyArray1<'_, f64>, gain: f64, max_error: f64) -> PyResult<Self> {
-        make(TaskKind::Posture, weight.as_slice()?.to_vec(), gain, max_error, None)
-    }
-}
 
 /// A body, its levels and limits, and the state of the convergence loop; see `retarget/_solver.pyi`.
 #[pyclass(name = "Solver", module = "retarget._solver")]
@@ -89,7 +25,7 @@ pub struct PySolver {
 impl PySolver {
     #[new]
     #[pyo3(signature = (body, levels, *, lower, upper, max_velocity, max_acceleration, locked, n_ik=5, max_step=0.3,
-                        damping=1.0, early_stop=true))]
+                        damping=1.0, early_stop=true, observers=None, activation="closest"))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,
@@ -103,6 +39,8 @@ impl PySolver {
         max_step: f64,
         damping: f64,
         early_stop: bool,
+        observers: Option<PyRef<'_, PyObservers>>,
+        activation: &str,
     ) -> PyResult<Self> {
         let nv = body.body.nv;
         let limits =
@@ -127,9 +65,15 @@ impl PySolver {
                 }
             }
         }
-        let levels = levels.into_iter().map(|l| l.iter().map(|t| t.task.clone()).collect()).collect();
+        let mut levels: Vec<Vec<Task>> =
+            levels.into_iter().map(|l| l.iter().map(|t| t.task.clone()).collect()).collect();
+        check_observed(&mut levels, observers.as_deref())?;
+        let watched = match observers {
+            Some(observers) => Some((observers.set.clone(), activation_named(activation)?)),
+            None => None,
+        };
         let settings = Settings { n_ik, max_step, damping, early_stop };
-        let solver = FrameSolver::new(body.body.clone(), levels, limits, locked, settings);
+        let solver = FrameSolver::new(body.body.clone(), levels, limits, locked, watched, settings);
         let places = solver.slices().map(|(level, r)| (level, r.start, r.end)).collect();
         Ok(Self { solver, places })
     }
@@ -205,6 +149,72 @@ impl PySolver {
             out
         });
         PyArray1::from_vec(py, out).reshape([frames, nq])
+    }
+
+    /// Where obstacles are at the start of the next frame, and how they move.
+    #[pyo3(signature = (position, quat, linear=None, angular=None, present=None))]
+    fn set_obstacles(
+        &mut self,
+        position: PyReadonlyArray2<'_, f64>,
+        quat: PyReadonlyArray2<'_, f64>,
+        linear: Option<PyReadonlyArray2<'_, f64>>,
+        angular: Option<PyReadonlyArray2<'_, f64>>,
+        present: Option<PyReadonlyArray1<'_, bool>>,
+    ) -> PyResult<()> {
+        let Some(watch) = &mut self.solver.watch else { return Err(bad("this solver has no observers".into())) };
+        let k = watch.obstacles.len();
+        let (position, quat) = (obstacle_rows(&position, k, 3, "position")?, obstacle_rows(&quat, k, 4, "quat")?);
+        let still = vec![0.0; 3 * k];
+        let linear = match &linear {
+            Some(rows) => obstacle_rows(rows, k, 3, "linear")?,
+            None => &still,
+        };
+        let angular = match &angular {
+            Some(rows) => obstacle_rows(rows, k, 3, "angular")?,
+            None => &still,
+        };
+        if let Some(present) = &present {
+            let present = present.as_slice()?;
+            if present.len() != k {
+                return Err(bad(format!("present has {} entries, expected {k}", present.len())));
+            }
+            watch.present.copy_from_slice(present);
+        } else {
+            watch.present.fill(true);
+        }
+        for (i, obstacle) in watch.obstacles.iter_mut().enumerate() {
+            *obstacle = ObstaclePose {
+                position: triple(&position[3 * i..]),
+                quat: quat_unit([quat[4 * i], quat[4 * i + 1], quat[4 * i + 2], quat[4 * i + 3]]),
+                linear: triple(&linear[3 * i..]),
+                angular: triple(&angular[3 * i..]),
+            };
+        }
+        Ok(())
+    }
+
+    /// What each observer did in the last frame: 0 free, 1 preventive, 2 reactive.
+    #[getter]
+    fn observer_modes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+        let modes = self.solver.watch.as_ref().map_or(vec![], |w| w.tally.last.iter().map(|m| *m as u8).collect());
+        PyArray1::from_vec(py, modes)
+    }
+
+    /// Per observer since construction (n, 3): changes of mode, frames preventive, frames reactive.
+    #[getter]
+    fn observer_counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u64>>> {
+        let counts = self.solver.watch.as_ref().map_or(vec![], |w| {
+            let t = &w.tally;
+            (0..t.last.len()).flat_map(|k| [t.switches[k], t.preventive[k], t.reactive[k]]).collect()
+        });
+        let n = counts.len() / 3;
+        PyArray1::from_vec(py, counts).reshape([n, 3])
+    }
+
+    /// Smallest distance (m) between observers, and to an obstacle; infinite where nothing is within influence.
+    #[getter]
+    fn clearance(&self) -> (f64, f64) {
+        self.solver.watch.as_ref().map_or((f64::INFINITY, f64::INFINITY), |w| w.clearance())
     }
 
     #[getter]

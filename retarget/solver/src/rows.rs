@@ -89,6 +89,7 @@ impl RowWriter<'_> {
             }
             TaskKind::Support { max_edges } => self.support_rows(task, target, *max_edges, first),
             TaskKind::Posture => self.posture_rows(task, first, strength),
+            TaskKind::Observers(_) => {} // they write their own
         }
     }
 

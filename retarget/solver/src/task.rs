@@ -3,6 +3,7 @@
 use crate::body::Body;
 use crate::kinematics::Pose;
 use crate::math::*;
+use crate::observers::ObserverTask;
 
 #[derive(Clone, Debug)]
 pub enum TaskKind {
@@ -20,6 +21,8 @@ pub enum TaskKind {
     LookAt { link: usize, point: Vec3, axis: Vec3 },
     /// Every coordinate goes to that of a posture.
     Posture,
+    /// Observers keep their parts off obstacles and off each other.
+    Observers(ObserverTask),
 }
 
 #[derive(Clone, Debug)]
@@ -40,6 +43,7 @@ impl Task {
             TaskKind::Orientation { .. } => 4,
             TaskKind::Support { max_edges } => 3 * max_edges,
             TaskKind::Posture => body.nq,
+            TaskKind::Observers(_) => 0,
             _ => 3,
         }
     }
@@ -48,6 +52,7 @@ impl Task {
     pub fn row_count(&self) -> usize {
         match self.kind {
             TaskKind::Support { max_edges } => max_edges,
+            TaskKind::Observers(ref task) => task.rows,
             _ => self.weight.iter().filter(|w| **w > 0.0).count(),
         }
     }
@@ -97,7 +102,7 @@ impl Task {
                 let now = mat_vec(&pose.rotation[*link], *axis);
                 turn_error(now, unit_or(sub(goal, eye), now))
             }
-            TaskKind::Support { .. } | TaskKind::Posture => [0.0; 3],
+            TaskKind::Support { .. } | TaskKind::Posture | TaskKind::Observers(_) => [0.0; 3],
         }
     }
 
@@ -110,7 +115,7 @@ impl Task {
                 let deepest = depth.fold(0.0, f64::max);
                 (deepest, deepest * deepest)
             }
-            TaskKind::Posture => (0.0, 0.0),
+            TaskKind::Posture | TaskKind::Observers(_) => (0.0, 0.0),
             TaskKind::Axis { .. } | TaskKind::LookAt { .. } => {
                 let angle = norm(self.error(body, pose, target));
                 (angle, (angle * self.weight[0] * target[0]).powi(2))

@@ -1,0 +1,160 @@
+"""A table and a post where the hands of a run go: through their way, and clear of the body at the start.
+
+Both are sized by the body: they are those of a robot half a metre high. Only the arms meet them; a table that the
+trunk or a leg of the free run goes through asks for another motion, not for an evasion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.bodies import Floats
+from benchmarks.collision_runs import Motion
+from retarget.metrics.clearance import PlacedBody
+from retarget.rotations import FloatArray
+from retarget.scene import load_scene
+from retarget.scene_motion import SceneState
+
+DEPTH = 0.03
+"""So deep, m, the hands of the free run enter, of a robot half a metre high."""
+TABLE = (0.1, 0.15, 0.008)
+POST = 0.02
+"""Half sizes of the table's top, and radius of the post, m."""
+INFLUENCE, MARGIN = 0.06, 0.01
+STANDARD = 0.45
+"""Height of that robot, m."""
+TRIES = 150
+"""Places that are tried, spread over the motion."""
+REST_OF_BODY = 0.0
+"""Nearest that the rest of the body comes in the free run, m."""
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A line of a scene file, and what the arms of the free run do to it: depth, m."""
+
+    name: str
+    text: str
+    depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What a body must not meet where: `start` in all its geoms, `rest` in all but the forearms, over the whole run."""
+
+    start: PlacedBody
+    start_times: Floats
+    rest: PlacedBody
+    arms: PlacedBody
+    times: Floats
+
+
+def place(motion: Motion, folder: Path) -> tuple[Obstacle, ...]:
+    """The table and the post, as far as there is a place for them. Writes trial scenes to a folder."""
+    scale = height_scale(motion)
+    around = surroundings(motion)
+    return tuple(
+        found
+        for kind in (_tables, _posts)
+        for found in [_first_that_fits(kind(motion, scale), around, scale, folder)]
+        if found is not None
+    )
+
+
+def height_scale(motion: Motion) -> float:
+    """Height of the body at the start, by the middles of its geoms, over that of the standard robot."""
+    return float(np.ptp(motion.body.geoms.position[0, :, 2])) / STANDARD
+
+
+def surroundings(motion: Motion) -> Surroundings:
+    """The parts of a motion that a placement looks at."""
+    body, every = motion.body, np.arange(len(motion.body.geoms.links))
+    forearms = [body.model.body(link).id for side in motion.arms for link in side]
+    of_arm = np.isin(body.geoms.links, forearms)
+    start = np.arange(motion.beginning)
+    rows = np.arange(motion.first, motion.end)
+    return Surroundings(
+        start=body.part(start, every),
+        start_times=motion.time[start],
+        rest=body.part(rows, every[~of_arm]),
+        arms=body.part(rows, every[of_arm]),
+        times=motion.time[rows],
+    )
+
+
+def write_scene(obstacles: tuple[Obstacle, ...], path: Path, *, scale: float = 1.0) -> Path:
+    """A scene file of some obstacles."""
+    zone = f"influence: {INFLUENCE * scale:.4g}, margin: {MARGIN * scale:.4g}"
+    lines = [f"  {obstacle.name}: {{{obstacle.text}, {zone}}}" for obstacle in obstacles]
+    head = ["name: placed", "description: In reach of the hands of one recording", "obstacles:"]
+    path.write_text("\n".join([*head, *lines, ""]), encoding="utf-8")
+    return path
+
+
+def _first_that_fits(
+    candidates: Iterator[tuple[str, str]], around: Surroundings, scale: float, folder: Path
+) -> Obstacle | None:
+    for name, text in candidates:
+        obstacle = Obstacle(name, text, 0.0)
+        scene = SceneState(load_scene(write_scene((obstacle,), folder / "trial.yaml", scale=scale)))
+        clear = around.start.to_scene(scene, around.start_times).smallest
+        if clear is None or clear < 2.0 * MARGIN * scale:
+            continue
+        arms = around.arms.to_scene(scene, around.times)
+        if arms.deepest < 0.5 * DEPTH * scale:
+            continue
+        rest = around.rest.to_scene(scene, around.times).smallest
+        if rest is not None and rest >= REST_OF_BODY:
+            return replace(obstacle, depth=arms.deepest)
+    return None
+
+
+def _tables(motion: Motion, scale: float) -> Iterator[tuple[str, str]]:
+    """Tops that a hand goes through from above or from the side, lowest and farthest hands first."""
+    depth = DEPTH * scale
+    length, width, thick = (scale * size for size in TABLE)
+    for hand, outwards in _ways(motion, lowest=True):
+        middle = hand + outwards * (length - depth)
+        angle = 0.5 * np.arctan2(outwards[1], outwards[0])
+        for lift in (depth - thick, 0.0):
+            pos = _numbers([*middle[:2], hand[2] + lift])
+            if hand[2] + lift > thick:
+                turn = f"quat: {_numbers([np.cos(angle), 0.0, 0.0, np.sin(angle)])}"
+                yield (
+                    "table",
+                    f"shape: {{box: {{size: {_numbers([length, width, thick])}}}}}, at: {{pos: {pos}, {turn}}}",
+                )
+
+
+def _posts(motion: Motion, scale: float) -> Iterator[tuple[str, str]]:
+    """Upright cylinders from the ground up to above a hand, farthest hands first."""
+    radius = POST * scale
+    for hand, outwards in _ways(motion, lowest=False):
+        for way in (0.0, -2.0, 1.0):
+            x, y = (hand + way * radius * outwards)[:2]
+            low, high = _numbers([x, y, 0.0]), _numbers([x, y, hand[2] + 5.0 * radius])
+            yield "post", f"shape: {{cylinder: {{from: {low}, to: {high}, radius: {radius:.4g}}}}}"
+
+
+def _ways(motion: Motion, *, lowest: bool) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Places (3,) of the hands, most telling first, and the level direction (3,) away from the body there."""
+    hands = motion.reached
+    ticks = np.linspace(0, len(hands) - 1, min(len(hands), TRIES // 2), dtype=np.int64)
+    trunk = motion.body.geoms.position[motion.first + ticks, 0]
+    away = hands[ticks] - trunk[:, None]
+    away[..., 2] = 0.0
+    reach = np.linalg.norm(away, axis=-1)
+    moved = np.linalg.norm(hands[ticks] - hands[:1], axis=-1)
+    score = moved + (reach - hands[ticks][..., 2] if lowest else reach)
+    order = np.dstack(np.unravel_index(np.argsort(-score, axis=None), score.shape))[0]
+    for tick, side in order[:TRIES]:
+        if reach[tick, side] > 0.0:
+            yield hands[ticks[tick], side], away[tick, side] / reach[tick, side]
+
+
+def _numbers(values: list[float]) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

@@ -1,0 +1,51 @@
+"""`retarget fit-observers ROBOT`: propose collision observers and pairs to ignore from a robot's body."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from retarget.cli.progress import progress_bar
+from retarget.errors import UsageError
+from retarget.fitting.fit import DEFAULT_SAMPLES, Fit, Subject, find_subject, fit
+from retarget.fitting.proposals import Zones
+from retarget.outputs import check_place, write_atomic
+
+STEPS = 1000
+
+
+def fit_observers(
+    robot: Annotated[str, typer.Argument(help="A robot's name, its profile, or its body: MJCF or URDF.")],
+    out: Annotated[Path | None, typer.Option(help="Write it here instead of printing it.", metavar="FILE.yaml")] = None,
+    samples: Annotated[int, typer.Option(help="Postures that are looked at.", metavar="N")] = DEFAULT_SAMPLES,
+    seed: Annotated[int, typer.Option(help="Of the postures: the same seed, the same proposal.", metavar="S")] = 0,
+    influence: Annotated[float, typer.Option(help="Distance at which an observer acts, m.", metavar="M")] = 0.03,
+    margin: Annotated[float, typer.Option(help="Distance that it keeps, m.", metavar="M")] = 0.005,
+) -> None:
+    """Propose observers (the smallest capsule around each link) and pairs to ignore, as a part of a profile in YAML."""
+    zones = Zones(influence, margin)
+    subject = find_subject(robot)
+    if out is not None:
+        _check_out(out, subject)
+    with progress_bar("looking at postures", STEPS) as show:
+        found = fit(subject, zones, samples=samples, seed=seed, progress=lambda share: show(int(STEPS * share)))
+    if out is None:
+        typer.echo(found.text, nl=False)
+        return
+    write_atomic(out, found.text.encode(), option="--out")
+    typer.echo(f"{out}: {_summary(found)}")
+
+
+def _check_out(out: Path, subject: Subject) -> None:
+    """A file of our own may be written anew, as everywhere; one that the proposal was made from may not."""
+    check_place(out, option="--out")
+    if any(out.exists() and out.samefile(path) for path in subject.inputs):
+        raise UsageError(
+            "this file is what the proposal is made from", where="--out", found=str(out), next_step="Give another name"
+        )
+
+
+def _summary(found: Fit) -> str:
+    kinds = [verdict.kind for verdict in found.ignored]
+    told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
+    return f"{len(found.observers)} observers; {len(kinds)} of {len(found.records)} pairs to ignore ({told})"

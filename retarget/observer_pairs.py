@@ -1,0 +1,111 @@
+"""Which observers are looked at together: not those of one link or of neighbours, not what the profile ignores, and
+not what touches at rest (paper, "Handling self collisions")."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from retarget import _solver, rotations
+from retarget.body import BodyModel, IntArray
+from retarget.errors import ConfigError, Problem
+from retarget.rotations import FloatArray
+
+if TYPE_CHECKING:
+    from retarget.observers import Observers
+
+__all__ = ["DroppedPair", "PairRules", "checked_pairs", "placed"]
+
+NEAR_LINKS = 2
+"""Links that are so many steps apart along the body may touch at rest and are then never looked at; what is farther
+apart and touches is a fault of the neutral posture or of the shapes."""
+
+
+@dataclass(frozen=True)
+class DroppedPair:
+    """Two observers, by name, that are not looked at together, and why."""
+
+    first: str
+    second: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class PairRules:
+    """neutral: posture (nq,) in which pairs that touch are dropped. ignored: links, and why. where: for messages."""
+
+    neutral: FloatArray
+    ignored: tuple[tuple[int, int, str], ...] = field(default=())
+    where: str = ""
+
+
+def checked_pairs(
+    body: BodyModel, observers: "Observers", rules: PairRules
+) -> tuple[IntArray, tuple[DroppedPair, ...]]:
+    """Pairs (p, 2) that are looked at, and those that are not. Raises ConfigError: far along the body, and touching
+    at rest."""
+    ignored = {frozenset(pair[:2]): pair[2] for pair in rules.ignored}
+    checked, dropped = [], []
+    for first, second in zip(*np.triu_indices(len(observers.names), 1), strict=True):
+        links = int(observers.links[first]), int(observers.links[second])
+        steps = _steps(body, *links)
+        if steps == 0:
+            continue
+        reason = "neighbours along the body" if steps == 1 else ignored.get(frozenset(links))
+        if reason is None:
+            checked.append((first, second))
+        else:
+            dropped.append(DroppedPair(observers.names[first], observers.names[second], reason))
+    pairs = np.array(checked, dtype=np.int64).reshape(-1, 2)
+    distance = _distances(body, observers, pairs, rules.neutral)
+    touching = distance <= 0.0
+    problems = []
+    for (first, second), depth in zip(pairs[touching], -distance[touching], strict=True):
+        names = observers.names[first], observers.names[second]
+        steps = _steps(body, int(observers.links[first]), int(observers.links[second]))
+        if steps > NEAR_LINKS:
+            problems.append(_far_apart(names, steps, depth, rules.where))
+        dropped.append(DroppedPair(*names, f"touch by {1e3 * depth:.1f} mm in the neutral posture"))
+    if problems:
+        raise ConfigError.from_problems(problems)
+    return np.ascontiguousarray(pairs[~touching]), tuple(dropped)
+
+
+def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """World positions (n, 3) and orientations (n, 4) wxyz of the observers' frames in a posture (nq,)."""
+    position, quat = body.solver_body().forward(q)
+    links = quat[observers.links]
+    return (
+        position[observers.links] + rotations.rotate(links, observers.positions),
+        rotations.multiply(links, observers.quats),
+    )
+
+
+def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: FloatArray) -> FloatArray:
+    """Signed distance (p,) m of each pair in a posture (nq,)."""
+    position, quat = placed(body, observers, q)
+    sides = [(observers.kinds[k], observers.sizes[k], position[k], quat[k]) for k in (pairs[:, 0], pairs[:, 1])]
+    return _solver.shape_distances(*(np.ascontiguousarray(part) for side in sides for part in side))[0]
+
+
+def _steps(body: BodyModel, first: int, second: int) -> int:
+    """Steps from link to link along the body. Links that no joint parts are one."""
+    joints = set(body.joint_body.tolist())
+    ways = []
+    for link in (first, second):
+        way = [link]
+        while way[-1] > 0:
+            way.append(int(body.parent[way[-1]]))
+        ways.append(way)
+    shared = next(link for link in ways[0] if link in set(ways[1]))
+    return sum(link in joints for way in ways for link in way[: way.index(shared)])
+
+
+def _far_apart(names: tuple[str, str], steps: int, depth: float, where: str) -> Problem:
+    return Problem(
+        "parts that are far apart along the body touch in the neutral posture",
+        where=where,
+        found=f"{names[0]} and {names[1]}, {steps} joints apart, {1e3 * depth:.1f} mm deep",
+        allowed=f"a touch of parts at most {NEAR_LINKS} joints apart",
+        next_step="Move the neutral posture, draw the shapes tighter, or ignore the pair with a reason",
+    )

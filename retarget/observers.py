@@ -1,0 +1,139 @@
+"""The collision observers of a body: shapes on its links, and which of them are looked at together."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from retarget import _solver
+from retarget.body import BodyModel, Geom, IntArray
+from retarget.errors import ConfigError, Problem
+from retarget.observer_pairs import DroppedPair, PairRules, checked_pairs
+from retarget.profile_parts import Observer
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+from retarget.scene_shapes import SceneShapes, ShapeKind, canonical
+
+__all__ = ["NO_SCENE", "Observers", "ShapeRow", "assemble", "geom_shape", "robot_observers"]
+
+NO_SCENE = SceneShapes((), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+"""Nothing around the body."""
+
+ShapeRow = tuple[ShapeKind, tuple[float, float, float], FloatArray, FloatArray]
+"""Code, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape's canonical frame on its link."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observers:
+    """n observers of a body and the p pairs of them that are looked at.
+
+    links (n,); kinds (n,) and sizes (n, 3) as in `scene_shapes`; positions (n, 3) m and quats (n, 4) wxyz of the
+    canonical frames on the links; influence, margin (n,) m. pairs (p, 2): numbers of observers. dropped: pairs that
+    are not looked at.
+    """
+
+    names: tuple[str, ...]
+    links: IntArray
+    kinds: IntArray
+    sizes: FloatArray
+    positions: FloatArray
+    quats: FloatArray
+    influence: FloatArray
+    margin: FloatArray
+    pairs: IntArray
+    dropped: tuple[DroppedPair, ...]
+
+    def with_margin(self, margin: float | None) -> "Observers":
+        """The same, all with another margin, m; None: each its own."""
+        return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
+
+    def for_solver(self, body: BodyModel, scene: SceneShapes = NO_SCENE) -> _solver.Observers:
+        """The same for the compiled solver, which looks at the obstacles of a scene too."""
+        return _solver.Observers(
+            body.solver_body(),
+            links=self.links,
+            kinds=self.kinds,
+            sizes=self.sizes,
+            positions=self.positions,
+            quats=self.quats,
+            influence=self.influence,
+            margin=self.margin,
+            pairs=self.pairs,
+            obstacle_kinds=scene.kinds,
+            obstacle_sizes=scene.sizes,
+            obstacle_influence=scene.influence,
+            obstacle_margin=scene.margin,
+        )
+
+
+def robot_observers(robot: RobotBody) -> Observers:
+    """The observers of a robot's profile. Raises ConfigError: parts far apart along the body touch in the neutral
+    posture."""
+    profile, body = robot.profile, robot.body
+    links = {name: body.body_index(entry.link) for name, entry in profile.observers.items()}
+    rows = {name: _shape(body, entry) for name, entry in profile.observers.items()}
+    zones = {name: (entry.influence, entry.margin) for name, entry in profile.observers.items()}
+    ignored = [
+        (body.body_index(entry.pair[0]), body.body_index(entry.pair[1]), entry.reason) for entry in profile.ignore_pairs
+    ]
+    rules = PairRules(neutral=robot.posture(profile.postures.neutral), ignored=tuple(ignored), where=str(profile.path))
+    return assemble(body, links, rows, zones, rules)
+
+
+def assemble(
+    body: BodyModel,
+    links: dict[str, int],
+    rows: dict[str, ShapeRow],
+    zones: dict[str, tuple[float, float]],
+    rules: PairRules,
+) -> Observers:
+    """Observers from a link, a shape, and influence and margin (m) for each name."""
+    none = Observers(
+        names=tuple(rows),
+        links=np.array([links[name] for name in rows], dtype=np.int64),
+        kinds=np.array([row[0] for row in rows.values()], dtype=np.int64),
+        sizes=np.array([row[1] for row in rows.values()], dtype=float).reshape(-1, 3),
+        positions=np.array([row[2] for row in rows.values()], dtype=float).reshape(-1, 3),
+        quats=np.array([row[3] for row in rows.values()], dtype=float).reshape(-1, 4),
+        influence=np.array([zones[name][0] for name in rows], dtype=float),
+        margin=np.array([zones[name][1] for name in rows], dtype=float),
+        pairs=np.zeros((0, 2), dtype=np.int64),
+        dropped=(),
+    )
+    pairs, dropped = checked_pairs(body, none, rules)
+    return replace(none, pairs=pairs, dropped=dropped)
+
+
+def geom_shape(geom: Geom) -> ShapeRow | None:
+    """The shape of a geom of the body file; None for kinds that no observer has (meshes, ellipsoids)."""
+    size = tuple(float(value) for value in geom.size)
+    first, second, third = size
+    known = {
+        "capsule": (ShapeKind.CAPSULE, (first, second, 0.0)),
+        "sphere": (ShapeKind.CAPSULE, (first, 0.0, 0.0)),
+        "cylinder": (ShapeKind.CYLINDER, (first, second, 0.0)),
+        "box": (ShapeKind.BOX, (first, second, third)),
+    }.get(geom.kind)
+    return None if known is None else (*known, geom.position, geom.quat)
+
+
+def _shape(body: BodyModel, observer: Observer) -> ShapeRow:
+    if observer.shape.geom is None:
+        kind, sizes, pose = canonical(observer.shape)
+        return kind, sizes, np.array(pose.position), np.array(pose.quat)
+    geom = next(geom for geom in body.geoms if geom.name == observer.shape.geom)
+    row = geom_shape(geom)
+    if row is None:
+        raise ConfigError(
+            "a geom that no observer can take over",
+            where=body.source,
+            found=f"{geom.name}, a {geom.kind}",
+            allowed="capsule, sphere, cylinder, box",
+            next_step="Give the observer a shape of its own (retarget fit-observers proposes one)",
+        )
+    return row
+
+
+def unknown_observers(names: Iterable[str], known: tuple[str, ...]) -> list[Problem]:
+    """A problem for each name that is no observer."""
+    return [Problem("unknown observer", found=name, allowed=", ".join(known)) for name in names if name not in known]

@@ -1,0 +1,34 @@
+"""A scene file: what stands or moves around the robot. `configs/scenes/*.yaml`.
+
+Frames. `world` is the world of the run: for a robot its own, with the origin on the ground between its soles at the
+start, x forward, y left, z up; for the virtual human the performer's. `stand` is fixed to what the robot stands or
+hangs on: the mount of its base for a fixed or suspended root; for a free one the point on the ground between the soles
+at the start, x forward. Time 0 is when the clip begins; before it, every obstacle is where it begins.
+"""
+
+from pathlib import Path
+
+from retarget.catalogue import Kind, find
+from retarget.scene_checks import check_obstacles
+from retarget.scene_parts import Obstacles
+from retarget.schema import Name, Schema, Text, read_model
+
+__all__ = ["Scene", "load_scene"]
+
+
+class Scene(Schema):
+    """Obstacles, by name."""
+
+    name: Name
+    description: Text
+    obstacles: Obstacles
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """A scene by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    scene, _ = read_model(
+        Scene,
+        find(Kind.SCENE, name_or_path),
+        check=lambda scene, document: check_obstacles(scene.obstacles, document),
+    )
+    return scene

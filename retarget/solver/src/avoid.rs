@@ -1,0 +1,82 @@
+//! Observers inside the convergence loop: their rows in the problem of one iteration, and the second solve that a trial asks for.
+
+use crate::body::Body;
+use crate::frame::FrameSolver;
+use crate::hierarchy::solve;
+use crate::layout::Placed;
+use crate::observers::{Activation, ObserverSet, Shift, Watch};
+use crate::rows::Columns;
+use crate::task::{Task, TaskKind};
+use std::sync::Arc;
+
+/// Most rows of one task: where more pairs are within influence, the closest get them.
+const MOST_ROWS: usize = 128;
+
+/// Give every task of observers room for the pairs that it looks at.
+pub(crate) fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
+    for task in levels.iter_mut().flatten() {
+        if let TaskKind::Observers(task) = &mut task.kind {
+            task.rows = set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_ROWS);
+            task.used = Vec::with_capacity(task.rows);
+        }
+    }
+}
+
+/// The observers at work, with the rows that the layout gave their tasks.
+pub(crate) fn watch(
+    body: &Body,
+    columns: &Columns,
+    placed: &mut [Placed],
+    set: Arc<ObserverSet>,
+    activation: Activation,
+) -> Watch {
+    let mut tasks = vec![];
+    for p in placed {
+        if let TaskKind::Observers(task) = &mut p.task.kind {
+            (task.index, task.first_row) = (tasks.len(), p.first_row);
+            tasks.push(task.clone());
+        }
+    }
+    let mut column = vec![None; body.nv];
+    for &(dof, c) in &columns.all {
+        column[dof] = Some(c);
+    }
+    Watch::new(set, tasks, activation, &column)
+}
+
+impl FrameSolver {
+    /// Solve the iteration's problem with the rows of the observers. Where only the closest act, first without them.
+    pub(crate) fn solve_observed(&mut self, first: bool) {
+        let Some(watch) = &mut self.watch else {
+            self.solve_once();
+            return;
+        };
+        let shift = Shift { reference: &self.reference, scale: &self.scale };
+        let is_trial = watch.write_rows(&self.body, &self.pose, &mut self.problem, &shift, first);
+        if is_trial {
+            // Damping lowers targets where it solves.
+            self.asked.0.clone_from(&self.problem.lower);
+            self.asked.1.clone_from(&self.problem.upper);
+        }
+        self.solve_once();
+        if is_trial {
+            for r in 0..self.problem.row_count() {
+                self.problem.lower[r] = self.asked.0[r];
+                self.problem.upper[r] = self.asked.1[r];
+            }
+            if self.watch.as_mut().is_some_and(|watch| watch.choose(&mut self.problem)) {
+                self.solve_once();
+            }
+        }
+        if let Some(watch) = &mut self.watch {
+            watch.keep_sides(&self.problem, first);
+        }
+    }
+
+    fn solve_once(&mut self) {
+        let outcome = solve(&mut self.problem, &mut self.work);
+        self.stats.factorizations += u64::from(outcome.factorizations);
+        self.stats.fallbacks += u64::from(outcome.fallback);
+        self.stats.capped += u64::from(outcome.capped);
+    }
+}

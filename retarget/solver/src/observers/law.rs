@@ -1,0 +1,25 @@
+//! How near a pair may come: the damping of the paper, its integral over a frame, and the way out of contact.
+
+/// Share of an approach that stays (paper, "Preventive observer activation"): 1 where influence begins, 0 at the margin.
+pub fn damping_share(distance: f64, influence: f64, margin: f64) -> f64 {
+    ((distance - margin) / (influence - margin)).clamp(0.0, 1.0)
+}
+
+/// Least distance at the end of a frame of `dt` s that began at `distance`, for a part that may approach at `speed` (m/s) where
+/// influence begins and ever slower towards the margin.
+///
+/// It is the velocity damper d' >= -speed (d - margin) / (influence - margin) integrated over the frame, so that no frame is too
+/// long for it. Inside the margin it asks to get out at the same law.
+pub fn damped_floor(distance: f64, influence: f64, margin: f64, speed: f64, dt: f64) -> f64 {
+    let room = influence - margin;
+    if distance > influence {
+        // Free until influence begins, and for the rest of the frame as from there.
+        return margin + room * (-speed * dt / room).exp();
+    }
+    margin + (distance - margin) * (-speed * dt / room).exp()
+}
+
+/// Least distance at the end of a frame for a part that touches: out at `speed` (m/s), up to the margin and no farther.
+pub fn way_out(distance: f64, margin: f64, speed: f64, dt: f64) -> f64 {
+    (distance + speed * dt).min(margin.max(distance))
+}

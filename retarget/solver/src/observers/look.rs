@@ -1,0 +1,321 @@
+//! The observers of one solver: where everything is, how near pairs are, and how near they may come.
+
+use super::law::{damped_floor, damping_share, way_out};
+use super::modes::{Mode, Tally};
+use super::rows::ObserverTask;
+use super::set::{Mover, ObserverSet, Other};
+use super::trial::{Activation, Approach};
+use crate::bounds::FrameBox;
+use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
+use crate::hierarchy::Side;
+use crate::kinematics::Pose;
+use crate::math::*;
+use std::sync::Arc;
+
+/// Pairs as near as this many times their influence are looked at exactly: so their mode is known.
+const LOOKED_AT: f64 = 1.1;
+
+/// Where an obstacle is at the start of a frame, and how it moves.
+#[derive(Clone, Copy, Debug)]
+pub struct ObstaclePose {
+    pub position: Vec3,
+    pub quat: Quat,
+    pub linear: Vec3,
+    /// World frame, rad/s.
+    pub angular: Vec3,
+}
+
+impl ObstaclePose {
+    pub fn moves(&self) -> bool {
+        self.linear != [0.0; 3] || self.angular != [0.0; 3]
+    }
+
+    /// The same, `time` s later.
+    pub fn after(&self, time: f64) -> Self {
+        if !self.moves() {
+            return *self;
+        }
+        let position = add(self.position, scale(self.linear, time));
+        Self { position, quat: quat_unit(quat_mul(quat_exp(scale(self.angular, time)), self.quat)), ..*self }
+    }
+}
+
+/// A pair as it is now.
+#[derive(Clone, Copy, Debug)]
+pub struct PairState {
+    pub mode: Mode,
+    pub nearest: Nearest,
+    /// Distance that it shall have at the end of the frame (of the iteration, where only the closest act).
+    pub floor: f64,
+    /// Bounds of the distance, from when it was last looked at.
+    pub at_least: f64,
+    pub at_most: f64,
+    /// Nobody needs to look at it in this frame.
+    pub sleeps: bool,
+    /// Its distance was looked at, and not only bounded.
+    pub is_exact: bool,
+    /// Side of its row in the last solve, and in that of the first iteration of the last frame.
+    pub side: Side,
+    pub first_side: Side,
+}
+
+/// Observers at work. Nothing is allocated after it is made.
+pub struct Watch {
+    pub set: Arc<ObserverSet>,
+    pub activation: Activation,
+    pub tasks: Vec<ObserverTask>,
+    /// Tasks that a pair's rows belong to, before contact and in contact.
+    pub task_of: Vec<(Option<usize>, Option<usize>)>,
+    /// Movers of each pair that are not locked, and their columns.
+    pub movers: Vec<Vec<(Mover, usize)>>,
+    pub obstacles: Vec<ObstaclePose>,
+    pub present: Vec<bool>,
+    pub pairs: Vec<PairState>,
+    /// Pairs within influence in the posture looked at last.
+    pub near: Vec<usize>,
+    pub tally: Tally,
+    /// Violation of each task's rows, m.
+    pub violation: Vec<f64>,
+    pub(super) dt: f64,
+    /// Share of a frame that one iteration is.
+    pub(super) iteration: f64,
+    pub(super) approaching: Vec<Approach>,
+    solids: Vec<Solid>,
+    fixtures: Vec<Solid>,
+    scratch: Scratch,
+}
+
+impl Watch {
+    pub fn new(
+        set: Arc<ObserverSet>,
+        tasks: Vec<ObserverTask>,
+        activation: Activation,
+        columns: &[Option<usize>],
+    ) -> Self {
+        let task_of = set.pairs.iter().map(|p| ObserverTask::of_pair(&tasks, p)).collect();
+        let movers = set
+            .pairs
+            .iter()
+            .map(|p| p.movers.iter().filter_map(|m| columns[m.dof].map(|c| (*m, c))).collect())
+            .collect();
+        let far = Nearest { distance: f64::INFINITY, a: [0.0; 3], b: [0.0; 3], normal: [0.0, 0.0, 1.0] };
+        let pair = PairState {
+            mode: Mode::Free,
+            nearest: far,
+            floor: 0.0,
+            at_least: f64::NEG_INFINITY,
+            at_most: f64::INFINITY,
+            sleeps: false,
+            is_exact: false,
+            side: Side::Free,
+            first_side: Side::Free,
+        };
+        let still =
+            ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
+        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let fixture = |shape| Solid { shape, position: [0.0; 3], rotation: identity };
+        Self {
+            activation,
+            task_of,
+            movers,
+            obstacles: vec![still; set.obstacles.len()],
+            present: vec![false; set.obstacles.len()],
+            pairs: vec![pair; set.pairs.len()],
+            near: Vec::with_capacity(set.pairs.len()),
+            tally: Tally::new(set.observers.len()),
+            violation: vec![0.0; tasks.len()],
+            dt: 0.0,
+            iteration: 1.0,
+            approaching: Vec::with_capacity(set.pairs.len()),
+            solids: set.new_solids(),
+            fixtures: set.obstacles.iter().map(|o| fixture(o.shape)).collect(),
+            scratch: Scratch::default(),
+            tasks,
+            set,
+        }
+    }
+
+    /// Nothing is known of the posture.
+    pub fn reset(&mut self) {
+        for pair in &mut self.pairs {
+            (pair.mode, pair.side, pair.first_side) = (Mode::Free, Side::Free, Side::Free);
+            (pair.at_least, pair.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
+        }
+        self.tally.restart();
+    }
+
+    /// A frame of `dt` s in `n_ik` iterations begins in this posture. `boxes`: how far coordinates may go in it.
+    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize, boxes: &[FrameBox]) {
+        (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
+        if self.activation == Activation::All {
+            self.settle_sleep(boxes);
+        }
+        self.measure(pose, 0.0);
+        if self.activation == Activation::All {
+            self.settle_modes();
+            for state in &mut self.pairs {
+                if !state.sleeps {
+                    // What is far is only known to be so far at least.
+                    state.at_least = state.nearest.distance;
+                    state.at_most = if state.is_exact { state.nearest.distance } else { f64::INFINITY };
+                }
+            }
+            for k in 0..self.pairs.len() {
+                self.pairs[k].floor = self.floor(k, dt);
+            }
+            if self.obstacles.iter().zip(&self.present).any(|(o, there)| *there && o.moves()) {
+                self.measure(pose, 1.0);
+            }
+        } else {
+            self.settle_modes();
+        }
+        self.judge();
+    }
+
+    /// After an iteration, of which `done` of `n_ik` are.
+    pub fn look(&mut self, pose: &Pose, done: usize) {
+        if self.activation == Activation::All {
+            self.measure(pose, 1.0);
+        } else {
+            self.measure(pose, done as f64 * self.iteration);
+            self.settle_modes();
+        }
+        self.judge();
+    }
+
+    /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
+    pub fn finish(&mut self, done: &[f64]) {
+        self.drift_apart(done);
+        for obstacle in &mut self.obstacles {
+            *obstacle = obstacle.after(self.dt);
+        }
+        self.tally.end_frame();
+    }
+
+    /// An obstacle comes nearer iteration by iteration, so that none may be left out.
+    pub fn needs_every_iteration(&self) -> bool {
+        let moves = |k: &usize| matches!(self.set.pairs[*k].other, Other::Obstacle(o) if self.obstacles[o].moves());
+        self.activation != Activation::All && self.near.iter().any(moves)
+    }
+
+    /// Smallest distance between observers, and of one to an obstacle; infinite beyond influence.
+    pub fn clearance(&self) -> (f64, f64) {
+        let mut least = (f64::INFINITY, f64::INFINITY);
+        for &k in &self.near {
+            let side = if k < self.set.self_pairs { &mut least.0 } else { &mut least.1 };
+            *side = side.min(self.pairs[k].nearest.distance);
+        }
+        least
+    }
+
+    /// Distances of all pairs that may be near, with obstacles as they are after `share` of the frame.
+    fn measure(&mut self, pose: &Pose, share: f64) {
+        self.set.place(pose, &mut self.solids);
+        for (solid, obstacle) in self.fixtures.iter_mut().zip(&self.obstacles) {
+            let there = obstacle.after(share * self.dt);
+            (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
+        }
+        self.near.clear();
+        for (k, pair) in self.set.pairs.iter().enumerate() {
+            if self.pairs[k].sleeps {
+                continue;
+            }
+            let a = &self.solids[pair.observer];
+            let b = match pair.other {
+                Other::Observer(o) => &self.solids[o],
+                Other::Obstacle(o) if self.present[o] => &self.fixtures[o],
+                Other::Obstacle(_) => {
+                    self.pairs[k].nearest.distance = f64::INFINITY;
+                    continue;
+                }
+            };
+            let state = &mut self.pairs[k];
+            let gap = gap_at_least(a, b);
+            state.nearest.distance = gap;
+            state.is_exact = gap < LOOKED_AT * pair.influence;
+            if state.is_exact {
+                state.nearest = nearest(a, b, &mut self.scratch);
+                if state.nearest.distance < pair.influence {
+                    self.near.push(k);
+                }
+            }
+        }
+    }
+
+    fn settle_modes(&mut self) {
+        for k in 0..self.pairs.len() {
+            let influence = self.set.pairs[k].influence;
+            let state = &mut self.pairs[k];
+            let distance = if state.sleeps { state.at_least } else { state.nearest.distance };
+            let mut mode = state.mode.next(distance, influence);
+            if mode == Mode::Reactive && self.task_of[k].1.is_none() {
+                mode = Mode::Preventive;
+            }
+            state.mode = mode;
+            // Where only the closest act, a pair prevents when its row is put up.
+            if mode == Mode::Reactive || (mode == Mode::Preventive && self.activation == Activation::All) {
+                self.note(k, mode);
+            }
+        }
+    }
+
+    /// Both observers of a pair are in this mode.
+    pub(super) fn note(&mut self, pair: usize, mode: Mode) {
+        self.tally.note(self.set.pairs[pair].observer, mode);
+        if let Other::Observer(other) = self.set.pairs[pair].other {
+            self.tally.note(other, mode);
+        }
+    }
+
+    /// Least distance of a pair after `dt` s.
+    pub(super) fn floor(&self, k: usize, dt: f64) -> f64 {
+        self.floor_from(k, self.pairs[k].nearest.distance, dt)
+    }
+
+    /// The same, if its distance were this.
+    pub(super) fn floor_from(&self, k: usize, distance: f64, dt: f64) -> f64 {
+        let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
+        match (state.mode, self.task_of[k]) {
+            (Mode::Reactive, (_, Some(task))) => way_out(distance, pair.margin, self.tasks[task].speed, dt),
+            (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
+            _ => f64::NEG_INFINITY,
+        }
+    }
+
+    /// How far pairs are below what was asked of them.
+    fn judge(&mut self) {
+        self.violation.fill(0.0);
+        for &k in &self.near {
+            let state = &self.pairs[k];
+            let (prevents, reacts) = self.task_of[k];
+            let (task, depth) = match state.mode {
+                Mode::Reactive if self.activation != Activation::All => (reacts, -state.nearest.distance),
+                Mode::Reactive => (reacts, state.floor - state.nearest.distance),
+                _ if self.activation == Activation::All => (prevents, state.floor - state.nearest.distance),
+                _ => continue,
+            };
+            if let Some(task) = task.filter(|t| depth > 0.0 && self.tasks[*t].on) {
+                self.violation[task] = self.violation[task].hypot(depth);
+            }
+        }
+    }
+
+    /// Share of its approach that a pair may keep (paper).
+    pub(super) fn share(&self, k: usize) -> f64 {
+        let pair = &self.set.pairs[k];
+        damping_share(self.pairs[k].nearest.distance, pair.influence, pair.margin)
+    }
+
+    /// How an obstacle's surface moves away from the observer of a pair in the iteration to come, along the normal, m.
+    pub(super) fn drift(&self, k: usize) -> f64 {
+        let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
+        let Other::Obstacle(o) = pair.other else { return 0.0 };
+        if self.activation == Activation::All || !self.obstacles[o].moves() {
+            return 0.0;
+        }
+        let obstacle = &self.obstacles[o];
+        let arm = sub(state.nearest.b, self.fixtures[o].position);
+        let velocity = add(obstacle.linear, cross(obstacle.angular, arm));
+        dot(state.nearest.normal, velocity) * self.dt * self.iteration
+    }
+}

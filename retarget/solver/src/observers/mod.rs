@@ -1,0 +1,24 @@
+//! Observers (paper, "Collision avoidance through the observer paradigm"): shapes on links that look at obstacles and at each
+//! other, and put up inequality rows before and after contact.
+//!
+//! * `set`: which observers, obstacles and pairs there are.
+//! * `law`: how near a pair may come in one frame, as plain functions.
+//! * `look`: distances of pairs in a posture.
+//! * `sleep`: pairs that cannot come too near in a frame, which nobody needs to look at.
+//! * `modes`: free, preventive or reactive, and how often that changes.
+//! * `rows`: inequality rows of pairs, written into a hierarchy problem.
+//! * `trial`: of those influenced by one obstacle, only the closest that approaches (paper).
+
+pub mod law;
+mod look;
+mod modes;
+mod rows;
+mod set;
+mod sleep;
+mod trial;
+
+pub use look::{ObstaclePose, Watch};
+pub use modes::Mode;
+pub use rows::{ObserverTask, Shift};
+pub use set::{Mover, Observer, ObserverSet, Obstacle, Other, Pair};
+pub use trial::Activation;

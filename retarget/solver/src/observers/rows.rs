@@ -1,0 +1,161 @@
+//! Inequality rows of pairs, n . J dq >= what is left of the approach, written into a hierarchy problem.
+
+use super::look::Watch;
+use super::modes::Mode;
+use super::set::{Mover, Other, Pair};
+use super::trial::Activation;
+use crate::body::Body;
+use crate::hierarchy::{Problem, Side};
+use crate::kinematics::Pose;
+use crate::math::*;
+
+/// A task of a level that is made of observers.
+#[derive(Clone, Debug, Default)]
+pub struct ObserverTask {
+    pub reactive: bool,
+    /// It names its observers; otherwise all take part.
+    pub named: bool,
+    /// Observers that take part.
+    pub of: Vec<bool>,
+    pub with_self: bool,
+    pub with_scene: bool,
+    /// Approach permitted where influence begins, or speed of the way out of contact, m/s.
+    pub speed: f64,
+    /// Tasks of one group share pairs by nearness, the first of them the closest.
+    pub group: usize,
+    /// It takes part in this frame.
+    pub on: bool,
+    /// Place among the tasks of observers.
+    pub index: usize,
+    pub first_row: usize,
+    pub rows: usize,
+    /// Pairs that its rows stand for, in this iteration.
+    pub used: Vec<usize>,
+}
+
+impl ObserverTask {
+    pub fn looks_at(&self, pair: &Pair) -> bool {
+        match pair.other {
+            Other::Observer(other) => self.with_self && (self.of[pair.observer] || self.of[other]),
+            Other::Obstacle(_) => self.with_scene && self.of[pair.observer],
+        }
+    }
+
+    /// The first tasks that look at a pair before contact and in contact.
+    pub fn of_pair(tasks: &[Self], pair: &Pair) -> (Option<usize>, Option<usize>) {
+        let first = |reactive| tasks.iter().position(|t| t.reactive == reactive && t.looks_at(pair));
+        (first(false), first(true))
+    }
+}
+
+impl Watch {
+    /// Rows of all pairs that act, in the variables of the hierarchy. Returns whether rows wait for a trial.
+    pub fn write_rows(
+        &mut self,
+        body: &Body,
+        pose: &Pose,
+        problem: &mut Problem,
+        shift: &Shift<'_>,
+        first: bool,
+    ) -> bool {
+        self.clear_rows(problem);
+        let mut waiting = false;
+        for index in 0..self.near.len() {
+            let k = self.near[index];
+            let waits = self.activation != Activation::All && self.pairs[k].mode != Mode::Reactive;
+            let (prevents, reacts) = self.task_of[k];
+            let task = if self.pairs[k].mode == Mode::Reactive { reacts } else { prevents };
+            let Some(t) = task else { continue };
+            let task = &mut self.tasks[t];
+            if !task.on || task.used.len() == task.rows {
+                continue;
+            }
+            let r = task.first_row + task.used.len();
+            task.used.push(k);
+            let asked = if waits { 0.0 } else { self.asked(k) };
+            self.write_row(k, r, asked, body, pose, problem, shift);
+            let state = &self.pairs[k];
+            problem.row_side[r] = if first { state.first_side } else { state.side };
+            problem.present[r] = !waits && may_be_crossed(problem, r);
+            waiting |= waits;
+        }
+        waiting
+    }
+
+    fn clear_rows(&mut self, problem: &mut Problem) {
+        for task in &mut self.tasks {
+            problem.present[task.first_row..task.first_row + task.used.len()].fill(false);
+            task.used.clear();
+        }
+    }
+
+    /// Least n . J dq of a pair.
+    fn asked(&self, k: usize) -> f64 {
+        let state = &self.pairs[k];
+        let all = self.activation == Activation::All;
+        let floor = if all { state.floor } else { self.floor(k, self.dt * self.iteration) };
+        floor - state.nearest.distance + self.drift(k)
+    }
+
+    /// The row n . J dq >= asked of a pair.
+    #[allow(clippy::too_many_arguments)]
+    fn write_row(
+        &self,
+        k: usize,
+        r: usize,
+        asked: f64,
+        body: &Body,
+        pose: &Pose,
+        problem: &mut Problem,
+        shift: &Shift<'_>,
+    ) {
+        let state = &self.pairs[k];
+        let (n, a, b) = (state.nearest.normal, state.nearest.a, state.nearest.b);
+        let row = problem.row_mut(r);
+        row.fill(0.0);
+        let mut moved = 0.0;
+        for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
+            let value = sign * dot(n, body.point_column(pose, dof, if sign > 0.0 { a } else { b }));
+            moved += value * shift.reference[dof];
+            row[c] = value * shift.scale[dof];
+        }
+        problem.lower[r] = asked - moved;
+        problem.upper[r] = f64::INFINITY;
+    }
+
+    /// Remember which rows held.
+    pub fn keep_sides(&mut self, problem: &Problem, first: bool) {
+        for &k in &self.near {
+            self.pairs[k].side = Side::Free;
+        }
+        for task in &self.tasks {
+            for (index, &k) in task.used.iter().enumerate() {
+                let r = task.first_row + index;
+                self.pairs[k].side = if problem.present[r] { problem.row_side[r] } else { Side::Free };
+            }
+        }
+        if first {
+            for pair in &mut self.pairs {
+                pair.first_side = pair.side;
+            }
+        }
+    }
+}
+
+/// From dq to the hierarchy's variables z: dq = reference + scale z.
+pub struct Shift<'a> {
+    pub reference: &'a [f64],
+    pub scale: &'a [f64],
+}
+
+/// Whether any point of the box lies below the row's lower limit; if none does, the row asks for nothing.
+fn may_be_crossed(problem: &Problem, r: usize) -> bool {
+    let row = problem.row(r);
+    let mut least = 0.0;
+    for i in 0..problem.n {
+        if row[i] != 0.0 {
+            least += (row[i] * problem.lo[i]).min(row[i] * problem.hi[i]);
+        }
+    }
+    !(least >= problem.lower[r])
+}

@@ -1,0 +1,148 @@
+//! Which observers and obstacles there are, and which of them are looked at together.
+
+use crate::body::{Body, JointKind};
+use crate::geometry::{Shape, Solid};
+use crate::kinematics::Pose;
+use crate::math::*;
+
+/// A shape on a link. `influence`: distance from which it acts; `margin`: distance that it keeps, m.
+#[derive(Clone, Debug)]
+pub struct Observer {
+    pub link: usize,
+    pub shape: Shape,
+    pub position: Vec3,
+    pub rotation: Mat3,
+    pub influence: f64,
+    pub margin: f64,
+}
+
+/// A fixture or a moving thing; where it is belongs to whoever looks.
+#[derive(Clone, Debug)]
+pub struct Obstacle {
+    pub shape: Shape,
+    pub influence: f64,
+    pub margin: f64,
+}
+
+/// What an observer looks at.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Other {
+    Observer(usize),
+    Obstacle(usize),
+}
+
+/// An observer and what it looks at. The larger influence and the larger margin of the two act.
+#[derive(Clone, Debug)]
+pub struct Pair {
+    pub observer: usize,
+    pub other: Other,
+    pub influence: f64,
+    pub margin: f64,
+    /// Coordinates that move one side and not the other. What moves both cannot part them.
+    pub movers: Vec<Mover>,
+}
+
+/// A coordinate that moves one side of a pair.
+#[derive(Clone, Copy, Debug)]
+pub struct Mover {
+    pub dof: usize,
+    /// 1: it moves the observer; -1: what the observer looks at.
+    pub sign: f64,
+    /// Farthest that the side's shape ever gets from the coordinate's axis, m; 1 of a slide; infinite where that is not known.
+    pub lever: f64,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct ObserverSet {
+    pub observers: Vec<Observer>,
+    pub obstacles: Vec<Obstacle>,
+    /// Observers with each other first, then with obstacles.
+    pub pairs: Vec<Pair>,
+    /// Number of pairs of observers.
+    pub self_pairs: usize,
+}
+
+impl ObserverSet {
+    /// `checked`: pairs of observers that are looked at; every observer looks at every obstacle.
+    pub fn new(
+        body: &Body,
+        observers: Vec<Observer>,
+        obstacles: Vec<Obstacle>,
+        checked: &[(usize, usize)],
+    ) -> Result<Self, String> {
+        if let Some(o) = observers.iter().find(|o| o.link >= body.links.len() || o.shape == Shape::HalfSpace) {
+            return Err(format!("an observer needs a link of the body and a bounded shape; found link {}", o.link));
+        }
+        let chain = |observer: usize| body.links[observers[observer].link].chain.as_slice();
+        let movers = |moved: usize, sign: f64, other: &[usize]| {
+            let own = chain(moved).iter().filter(|dof| !other.contains(dof));
+            own.map(|&dof| Mover { dof, sign, lever: lever(body, &observers[moved], dof) }).collect::<Vec<_>>()
+        };
+        let mut pairs = vec![];
+        for &(a, b) in checked {
+            if a >= observers.len() || b >= observers.len() || a == b {
+                return Err(format!("pair ({a}, {b}) is not of two of the {} observers", observers.len()));
+            }
+            let (first, second) = (&observers[a], &observers[b]);
+            let mut both = movers(a, 1.0, chain(b));
+            both.extend(movers(b, -1.0, chain(a)));
+            pairs.push(Pair {
+                observer: a,
+                other: Other::Observer(b),
+                influence: first.influence.max(second.influence),
+                margin: first.margin.max(second.margin),
+                movers: both,
+            });
+        }
+        let self_pairs = pairs.len();
+        for (k, obstacle) in obstacles.iter().enumerate() {
+            for (a, observer) in observers.iter().enumerate() {
+                pairs.push(Pair {
+                    observer: a,
+                    other: Other::Obstacle(k),
+                    influence: obstacle.influence.max(observer.influence),
+                    margin: obstacle.margin.max(observer.margin),
+                    movers: movers(a, 1.0, &[]),
+                });
+            }
+        }
+        Ok(Self { observers, obstacles, pairs, self_pairs })
+    }
+
+    /// Where the observers are in a posture.
+    pub fn place(&self, pose: &Pose, solids: &mut [Solid]) {
+        for (solid, observer) in solids.iter_mut().zip(&self.observers) {
+            let link = &pose.rotation[observer.link];
+            solid.position = add(pose.position[observer.link], mat_vec(link, observer.position));
+            solid.rotation = mat_mul(link, &observer.rotation);
+        }
+    }
+
+    /// Solids of the observers, somewhere.
+    pub fn new_solids(&self) -> Vec<Solid> {
+        let solid = |o: &Observer| Solid { shape: o.shape, position: o.position, rotation: o.rotation };
+        self.observers.iter().map(solid).collect()
+    }
+}
+
+/// Farthest that an observer's shape ever gets from the axis of a coordinate in its chain.
+fn lever(body: &Body, observer: &Observer, dof: usize) -> f64 {
+    if body.dof_linear[dof] {
+        return 1.0;
+    }
+    let mut length = norm(observer.position) + observer.shape.reach();
+    let mut link = observer.link;
+    loop {
+        let joints = &body.joints[body.links[link].joints.0..body.links[link].joints.1];
+        // A joint off the link's origin carries the origin about.
+        length += 2.0 * joints.iter().map(|joint| norm(joint.pos)).sum::<f64>();
+        if link == body.dof_link[dof] {
+            return length;
+        }
+        if joints.iter().any(|joint| joint.kind == JointKind::Slide) {
+            return f64::INFINITY;
+        }
+        length += norm(body.links[link].pos);
+        link = body.links[link].parent;
+    }
+}

@@ -1,0 +1,111 @@
+//! Of the observers that one obstacle influences, the closest that approaches damps its motion (paper, "observer prioritization").
+
+use super::look::Watch;
+use super::modes::Mode;
+use super::set::{Other, Pair};
+use crate::hierarchy::Problem;
+
+/// Which of the observers within influence put up their row.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Activation {
+    /// The closest to each obstacle (paper).
+    Closest,
+    /// One after the other by distance, on levels of their own.
+    Ranked,
+    /// All of them, throughout influence.
+    All,
+}
+
+impl Watch {
+    /// After a solve without them, put up the rows of pairs that approach in it. Returns whether there are any.
+    pub fn choose(&mut self, problem: &mut Problem) -> bool {
+        self.approaching.clear();
+        for (t, task) in self.tasks.iter().enumerate().filter(|(_, task)| !task.reactive) {
+            for (index, &k) in task.used.iter().enumerate() {
+                let r = task.first_row + index;
+                // Until now the row's limit is what the reference moves, so that this is n . J dq.
+                let moved = dot(problem.row(r), &problem.z) - problem.lower[r];
+                if moved - self.drift(k) < 0.0 {
+                    self.approaching.push(Approach { pair: k, task: t, row: r, moved });
+                }
+            }
+        }
+        let mut any = false;
+        for index in 0..self.approaching.len() {
+            let rank = self.rank(&self.approaching[index]);
+            if rank == 0 || self.activation == Activation::Ranked {
+                any |= self.put_up(index, rank, problem);
+            }
+        }
+        any
+    }
+
+    /// How many approaching pairs come before this one: of those that share its obstacle, or either of its two observers, each of
+    /// which is an obstacle to the other.
+    fn rank(&self, approach: &Approach) -> usize {
+        let pair = &self.set.pairs[approach.pair];
+        let nearer = |other: &&Approach| {
+            let distance = |a: &Approach| self.pairs[a.pair].nearest.distance;
+            (distance(other), other.pair) < (distance(approach), approach.pair)
+        };
+        let before = |obstacle: Other| {
+            let shares = |other: &&Approach| {
+                let p = &self.set.pairs[other.pair];
+                match obstacle {
+                    Other::Obstacle(_) => p.other == obstacle,
+                    Other::Observer(o) => p.other == obstacle || is_self(p) && p.observer == o,
+                }
+            };
+            self.approaching.iter().filter(shares).filter(nearer).count()
+        };
+        match pair.other {
+            Other::Obstacle(_) => before(pair.other),
+            Other::Observer(_) => before(pair.other).min(before(Other::Observer(pair.observer))),
+        }
+    }
+
+    /// The row of an approach, on the level of its rank: n . (J dq - Do) >= share * n . (J dq_trial - Do).
+    fn put_up(&mut self, index: usize, rank: usize, problem: &mut Problem) -> bool {
+        let Approach { pair, task, mut row, moved } = self.approaching[index];
+        let (share, drift) = (self.share(pair), self.drift(pair));
+        let lower = problem.lower[row] + share * moved + (1.0 - share) * drift;
+        let group = self.tasks[task].group;
+        let mut places = (0..self.tasks.len()).filter(|t| !self.tasks[*t].reactive && self.tasks[*t].group == group);
+        let last = places.clone().count() - 1;
+        if let Some(place) = places.nth(rank.min(last)).filter(|place| *place != task) {
+            let ranked = &mut self.tasks[place];
+            if ranked.used.len() == ranked.rows {
+                return false;
+            }
+            let to = ranked.first_row + ranked.used.len();
+            ranked.used.push(pair);
+            let stride = problem.stride;
+            problem.rows.copy_within(row * stride..(row + 1) * stride, to * stride);
+            row = to;
+        }
+        problem.lower[row] = lower;
+        problem.upper[row] = f64::INFINITY;
+        problem.present[row] = true;
+        problem.row_side[row] = self.pairs[pair].side;
+        self.note(pair, Mode::Preventive);
+        true
+    }
+}
+
+/// A pair that came nearer in the trial.
+#[derive(Clone, Copy, Debug)]
+pub struct Approach {
+    pair: usize,
+    task: usize,
+    row: usize,
+    /// n . J dq of the trial, m.
+    moved: f64,
+}
+
+fn is_self(pair: &Pair) -> bool {
+    matches!(pair.other, Other::Observer(_))
+}
+
+fn dot(row: &[f64], z: &[f64]) -> f64 {
+    row.iter().zip(z).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,156 @@
+//! `Observers` for Python: which shapes of a body look at each other and at which obstacles.
+
+use crate::geometry::Shape;
+use crate::math::{quat_to_mat, quat_unit, Mat3};
+use crate::observers::{Activation, Observer, ObserverSet, Obstacle};
+use crate::py_arrays::{bad, finite, table, triple};
+use crate::py_body::PyBody;
+use crate::task::{Task, TaskKind};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use std::sync::Arc;
+
+/// See `retarget/_solver.pyi`.
+#[pyclass(name = "Observers", module = "retarget._solver", frozen)]
+pub struct PyObservers {
+    pub set: Arc<ObserverSet>,
+}
+
+#[pymethods]
+impl PyObservers {
+    #[new]
+    #[pyo3(signature = (body, *, links, kinds, sizes, positions, quats, influence, margin, pairs, obstacle_kinds,
+                        obstacle_sizes, obstacle_influence, obstacle_margin))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        body: &PyBody,
+        links: PyReadonlyArray1<'_, i64>,
+        kinds: PyReadonlyArray1<'_, i64>,
+        sizes: PyReadonlyArray2<'_, f64>,
+        positions: PyReadonlyArray2<'_, f64>,
+        quats: PyReadonlyArray2<'_, f64>,
+        influence: PyReadonlyArray1<'_, f64>,
+        margin: PyReadonlyArray1<'_, f64>,
+        pairs: PyReadonlyArray2<'_, i64>,
+        obstacle_kinds: PyReadonlyArray1<'_, i64>,
+        obstacle_sizes: PyReadonlyArray2<'_, f64>,
+        obstacle_influence: PyReadonlyArray1<'_, f64>,
+        obstacle_margin: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let links = links.as_slice()?;
+        let n = links.len();
+        let shapes = shapes(kinds.as_slice()?, table(&sizes, n, 3, "sizes")?)?;
+        let (at, quat) = (table(&positions, n, 3, "positions")?, table(&quats, n, 4, "quats")?);
+        let zones = zones(influence.as_slice()?, margin.as_slice()?, n)?;
+        let observers = (0..n)
+            .map(|k| Observer {
+                link: usize::try_from(links[k]).unwrap_or(usize::MAX),
+                shape: shapes[k],
+                position: triple(&at[3 * k..]),
+                rotation: rotation(&quat[4 * k..]),
+                influence: zones[k].0,
+                margin: zones[k].1,
+            })
+            .collect();
+        let kinds = obstacle_kinds.as_slice()?;
+        let fixtures = self::shapes(kinds, table(&obstacle_sizes, kinds.len(), 3, "obstacle_sizes")?)?;
+        let zones = self::zones(obstacle_influence.as_slice()?, obstacle_margin.as_slice()?, kinds.len())?;
+        let obstacles = fixtures
+            .iter()
+            .zip(zones)
+            .map(|(shape, (influence, margin))| Obstacle { shape: *shape, influence, margin })
+            .collect();
+        if pairs.shape()[1] != 2 {
+            return Err(bad(format!("pairs have {} columns, expected 2", pairs.shape()[1])));
+        }
+        let index = |k: i64| usize::try_from(k).unwrap_or(usize::MAX);
+        let checked: Vec<(usize, usize)> =
+            pairs.as_slice()?.chunks_exact(2).map(|p| (index(p[0]), index(p[1]))).collect();
+        let set = ObserverSet::new(&body.body, observers, obstacles, &checked).map_err(bad)?;
+        Ok(Self { set: Arc::new(set) })
+    }
+
+    /// Number of observers.
+    #[getter]
+    fn count(&self) -> usize {
+        self.set.observers.len()
+    }
+
+    /// Number of obstacles.
+    #[getter]
+    fn obstacles(&self) -> usize {
+        self.set.obstacles.len()
+    }
+}
+
+fn shapes(kinds: &[i64], sizes: &[f64]) -> PyResult<Vec<Shape>> {
+    let shape = |(kind, size): (&i64, &[f64])| {
+        if !size.iter().all(|s| s.is_finite() && *s >= 0.0) {
+            return Err(bad(format!("a shape has sizes {size:?}, expected finite ones, not negative")));
+        }
+        match kind {
+            0 => Ok(Shape::Capsule { radius: size[0], half_length: size[1] }),
+            1 => Ok(Shape::Cylinder { radius: size[0], half_length: size[1] }),
+            2 => Ok(Shape::Box { half: [size[0], size[1], size[2]] }),
+            3 => Ok(Shape::HalfSpace),
+            _ => Err(bad(format!("shape kind {kind}; 0 capsule, 1 cylinder, 2 box, 3 half-space"))),
+        }
+    };
+    kinds.iter().zip(sizes.chunks_exact(3)).map(shape).collect()
+}
+
+fn zones(influence: &[f64], margin: &[f64], n: usize) -> PyResult<Vec<(f64, f64)>> {
+    if influence.len() != n || margin.len() != n {
+        return Err(bad(format!("influence has {} entries, margin {}, expected {n}", influence.len(), margin.len())));
+    }
+    for (d, m) in influence.iter().zip(margin) {
+        if !(d.is_finite() && *m >= 0.0 && d > m) {
+            return Err(bad(format!("influence {d} must be above margin {m}, which must not be negative")));
+        }
+    }
+    Ok(influence.iter().copied().zip(margin.iter().copied()).collect())
+}
+
+fn rotation(quat: &[f64]) -> Mat3 {
+    quat_to_mat(quat_unit([quat[0], quat[1], quat[2], quat[3]]))
+}
+
+pub fn activation_named(name: &str) -> PyResult<Activation> {
+    match name {
+        "closest" => Ok(Activation::Closest),
+        "ranked" => Ok(Activation::Ranked),
+        "all" => Ok(Activation::All),
+        _ => Err(bad(format!("activation is {name:?}, expected closest, ranked or all"))),
+    }
+}
+
+/// Fill in the observers of tasks that name none; refuse tasks whose observers there are not, or which stand beside a posture in
+/// the last level, where a row is no limit.
+pub fn check_observed(levels: &mut [Vec<Task>], observers: Option<&PyObservers>) -> PyResult<()> {
+    let count = observers.map_or(0, |o| o.set.observers.len());
+    let last = levels.len().saturating_sub(1);
+    for (k, level) in levels.iter_mut().enumerate() {
+        let soft = k == last && level.iter().any(|t| matches!(t.kind, TaskKind::Posture));
+        for task in level {
+            let TaskKind::Observers(task) = &mut task.kind else { continue };
+            if soft {
+                return Err(bad("observers cannot share the last level with a posture".into()));
+            }
+            if task.of.len() > count && task.named {
+                return Err(bad(format!("a task is of an observer that is not among the {count}")));
+            }
+            if !task.named {
+                task.of = vec![true; count];
+            }
+            task.of.resize(count, false);
+        }
+    }
+    Ok(())
+}
+
+/// Row-wise triples and quaternions of `k` obstacles, checked.
+pub fn obstacle_rows<'a>(values: &'a PyReadonlyArray2<'_, f64>, k: usize, n: usize, name: &str) -> PyResult<&'a [f64]> {
+    let rows = table(values, k, n, name)?;
+    finite(rows, name)?;
+    Ok(rows)
+}

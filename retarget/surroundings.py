@@ -1,0 +1,41 @@
+"""What is around a body while it moves: the scene over time, handed to the hierarchy tick by tick."""
+
+from retarget.hierarchy import Hierarchy
+from retarget.observers import NO_SCENE
+from retarget.scene_motion import SceneState
+from retarget.scene_shapes import SceneShapes
+
+__all__ = ["Surroundings"]
+
+
+class Surroundings:
+    """The obstacles that one hierarchy sees. Until `begin` they stand where they are at time 0; time is s of the
+    scene."""
+
+    def __init__(self, scene: SceneState | None) -> None:
+        self.scene = scene
+        self.time = 0.0
+        """Of the tick that comes next."""
+        self._runs = False
+
+    @property
+    def shapes(self) -> SceneShapes:
+        """What the hierarchy is built with."""
+        return NO_SCENE if self.scene is None else self.scene.shapes
+
+    def restart(self) -> None:
+        """Back to time 0, at rest."""
+        self.time, self._runs = 0.0, False
+
+    def begin(self) -> None:
+        """From now on they move."""
+        self.time, self._runs = 0.0, True
+
+    def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:
+        """Tell the hierarchy (None: nobody) where they are at the start of a tick of `dt` s, and let time go on."""
+        if self.scene is None:
+            return
+        if hierarchy is not None:
+            hierarchy.set_obstacles(self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time))
+        if self._runs:
+            self.time += dt
