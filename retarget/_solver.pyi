@@ -297,4 +297,22 @@ def shape_distances(
     pos_b: Floats,
     quat_b: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """stub"""
+    """Signed distance (N,) in m of N pairs of solids, nearest world points a and b (N, 3), unit normal (N, 3) from b to
+    a: a - b = distance * normal. A negative distance is the depth along the shortest way out.
+
+    Kinds (N,): 0 capsule (size: radius, half length, 0), 1 cylinder (the same), 2 box (half sizes), 3 half-space (all
+    of z <= 0; size ignored). Sizes (N, 3) in m, as MuJoCo orders them; a radius or a length may be 0. Positions (N, 3)
+    in m, quaternions (N, 4) wxyz, of any length but 0. Two half-spaces have no distance.
+    """
+
+def shape_gaps_at_least(
+    kinds_a: NDArray[np.int64],
+    sizes_a: Floats,
+    pos_a: Floats,
+    quat_a: Floats,
+    kinds_b: NDArray[np.int64],
+    sizes_b: Floats,
+    pos_b: Floats,
+    quat_b: Floats,
+) -> Floats:
+    """A bound (N,) in m that the signed distance is never below, at a fraction of its cost. Arguments are the same."""

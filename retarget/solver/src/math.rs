@@ -46,6 +46,12 @@ pub fn unit_or(a: Vec3, fallback: Vec3) -> Vec3 {
     }
 }
 
+/// The part of `a` that is across the unit vector `axis`; exact to the last digits when it is small, too.
+#[inline(always)]
+pub fn across(a: Vec3, axis: Vec3) -> Vec3 {
+    cross(cross(axis, a), axis)
+}
+
 /// Any unit vector perpendicular to the unit vector `a`.
 #[inline]
 pub fn perpendicular(a: Vec3) -> Vec3 {

@@ -17,6 +17,10 @@ pub fn table<'a>(a: &'a PyReadonlyArray2<'_, f64>, rows: usize, columns: usize, 
     if a.shape() != [rows, columns] {
         return Err(bad(format!("{what} has shape {:?}, expected ({rows}, {columns})", a.shape())));
     }
+    // `as_slice` also takes column-major arrays, in the order of their memory.
+    if !a.is_c_contiguous() {
+        return Err(bad(format!("{what} must be C-contiguous")));
+    }
     let slice = a.as_slice()?;
     finite(slice, what)?;
     Ok(slice)

@@ -9,6 +9,8 @@ use crate::math::{add, add_scaled, dot, mat_t_vec, mat_vec, norm, scale, sub, Ve
 
 /// Below this (m) the direction is taken from faces and edges, not from a difference of points.
 pub const TOUCHING: f64 = 1e-8;
+/// Below this (m) a difference of points tells no direction.
+pub const NO_DIRECTION: f64 = 1e-10;
 
 /// How far the point p is out of the box, along each axis.
 fn excess(p: Vec3, half: Vec3) -> Vec3 {
@@ -47,7 +49,7 @@ pub fn capsule_box(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -> Nea
     if core_distance < TOUCHING {
         let best = flat(&Difference::new(capsule, solid, &solid.rotation));
         // A corner or an edge that is all but touched is no facet: its direction is the difference, while there is one.
-        if core_distance < 1e-12 || best.gap > core_distance - 1e-12 {
+        if core_distance < NO_DIRECTION || best.gap > core_distance - NO_DIRECTION {
             return touching(capsule, solid, mat_vec(&solid.rotation, best.normal), best.gap - radius, scratch);
         }
     }

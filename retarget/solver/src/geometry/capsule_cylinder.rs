@@ -1,7 +1,7 @@
 //! A capsule (ball, line) and a cylinder.
 
 use super::along::{Knots, Zero};
-use super::capsule_box::TOUCHING;
+use super::capsule_box::{NO_DIRECTION, TOUCHING};
 use super::contact::touching;
 use super::difference::Difference;
 
@@ -11,7 +11,7 @@ use crate::math::{add, add_scaled, dot, mat_t_vec, mat_vec, norm, scale, sub, Ve
 
 /// How far the point p is out of a cylinder, as a vector.
 fn excess(p: Vec3, radius: f64, half_length: f64) -> Vec3 {
-    let across = p[0].hypot(p[1]);
+    let across = (p[0] * p[0] + p[1] * p[1]).sqrt();
     let over = if across > radius { 1.0 - radius / across } else { 0.0 };
     [p[0] * over, p[1] * over, p[2] - p[2].clamp(-half_length, half_length)]
 }
@@ -73,7 +73,7 @@ pub fn capsule_cylinder(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -
     let core_distance = norm(out);
     if core_distance < TOUCHING {
         let best = way_out(&Difference::new(capsule, solid, &solid.rotation));
-        if core_distance < 1e-12 || best.gap > core_distance - 1e-12 {
+        if core_distance < NO_DIRECTION || best.gap > core_distance - NO_DIRECTION {
             return touching(capsule, solid, mat_vec(&solid.rotation, best.normal), best.gap - radius, scratch);
         }
     }

@@ -6,7 +6,7 @@ use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, sub, Vec3}
 /// Squared sine of the angle below which two segments are parallel.
 const PARALLEL: f64 = 1e-20;
 /// Below this a distance (m) tells no direction.
-const TOUCHING: f64 = 1e-12;
+const TOUCHING: f64 = 1e-10;
 
 /// A segment about its centre: `axis` is unit.
 #[derive(Clone, Copy)]
@@ -17,24 +17,27 @@ pub struct Segment {
 }
 
 impl Segment {
+    #[inline(always)]
     pub fn at(&self, t: f64) -> Vec3 {
         add_scaled(self.centre, self.axis, t)
     }
 
+    #[inline(always)]
     fn clamp(&self, t: f64) -> f64 {
         t.clamp(-self.half_length, self.half_length)
     }
 }
 
-/// Where two segments are nearest: signed lengths from their centres, distance, unit direction from b to a.
+/// Where two segments are nearest: signed length from the centre of a, distance, unit direction from b to a.
 pub struct Crossing {
     pub s: f64,
-    pub t: f64,
     pub distance: f64,
     pub normal: Vec3,
 }
 
 /// Where parallel segments are nearest: the middle of the range that they share, or the ends that face each other.
+#[cold]
+#[inline(never)]
 fn parallel(a: &Segment, b: &Segment, from: Vec3) -> Crossing {
     let (sign, centre) = (dot(a.axis, b.axis).signum(), -dot(from, a.axis));
     let low = (-a.half_length).max(centre - b.half_length);
@@ -43,22 +46,25 @@ fn parallel(a: &Segment, b: &Segment, from: Vec3) -> Crossing {
     let (s, t) = (a.clamp(middle), b.clamp(sign * (middle - centre)));
     // Side by side the direction is across; end to end on one line it is along.
     let longer = if a.half_length >= b.half_length { a.axis } else { b.axis };
-    let fallback = match low < high || a.half_length + b.half_length == 0.0 {
-        true => perpendicular(longer),
-        false => scale(a.axis, if centre > 0.0 { -1.0 } else { 1.0 }),
+    let end_on = low >= high && centre.abs() >= a.half_length + b.half_length && centre != 0.0;
+    let fallback = match end_on {
+        true => scale(a.axis, if centre > 0.0 { -1.0 } else { 1.0 }),
+        false => perpendicular(longer),
     };
     apart(a, b, from, (s, t), fallback)
 }
 
 /// The distance at (s, t), directed by the difference, or by `fallback` where they touch.
+#[inline(always)]
 fn apart(a: &Segment, b: &Segment, from: Vec3, (s, t): (f64, f64), fallback: Vec3) -> Crossing {
     let difference = add_scaled(add_scaled(from, a.axis, s), b.axis, -t);
     let distance = norm(difference);
     let normal = if distance > TOUCHING { scale(difference, 1.0 / distance) } else { fallback };
-    Crossing { s, t, distance, normal }
+    Crossing { s, distance, normal }
 }
 
 /// Nearest points of two segments.
+#[inline(always)]
 pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
     let from = sub(a.centre, b.centre);
     let n = cross(a.axis, b.axis);
@@ -72,7 +78,7 @@ pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
     let common = scale(n, 1.0 / sine2.sqrt());
     if s.abs() <= a.half_length && t.abs() <= b.half_length {
         let height = dot(from, common);
-        return Crossing { s, t, distance: height.abs(), normal: scale(common, 1f64.copysign(height)) };
+        return Crossing { s, distance: height.abs(), normal: scale(common, 1f64.copysign(height)) };
     }
     // An end of one is nearest to the other (Ericson, "Real-Time Collision Detection", 5.1.9).
     let cosine = dot(a.axis, b.axis);
@@ -87,6 +93,7 @@ pub fn crossing(a: &Segment, b: &Segment) -> Crossing {
 }
 
 /// The core segment of a capsule, and its radius.
+#[inline(always)]
 pub fn core(solid: &Solid) -> (Segment, f64) {
     match solid.shape {
         Shape::Capsule { half_length, radius } | Shape::Cylinder { half_length, radius } => {

@@ -2,10 +2,12 @@
 
 use super::difference::Difference;
 use super::way_out::Best;
-use crate::math::{add_scaled, cross, dot, norm, perpendicular, scale, Vec3};
+use crate::math::{add, add_scaled, cross, dot, norm, perpendicular, scale, Vec3};
 
 const STEPS: usize = 30;
 const HALVINGS: usize = 12;
+/// A step (rad) after which Newton's method has converged.
+const CLOSE: f64 = 1e-6;
 /// Directions tried for a way out between two discs, and how many of the best are followed.
 const STARTS: usize = 64;
 const FOLLOWED: usize = 4;
@@ -23,6 +25,10 @@ fn step(m: &Difference, n: Vec3, gap: f64, basis: [Vec3; 2]) -> [f64; 2] {
         let (x, y) = (dot(across, basis[0]), dot(across, basis[1]));
         h = [h[0] + k * x * x, h[1] + k * x * y, h[2] + k * y * y];
     }
+    if basis[1] == [0.0; 3] {
+        let x = slope[0] / if h[0] > 0.0 { h[0] } else { h[0].abs() + 1e-300 };
+        return [x / (1.0 + 2.0 * x.abs()), 0.0];
+    }
     let determinant = h[0] * h[2] - h[1] * h[1];
     let (x, y) = if h[0] > 0.0 && determinant > 0.0 {
         ((h[2] * slope[0] - h[1] * slope[1]) / determinant, (h[0] * slope[1] - h[1] * slope[0]) / determinant)
@@ -34,17 +40,27 @@ fn step(m: &Difference, n: Vec3, gap: f64, basis: [Vec3; 2]) -> [f64; 2] {
     [x * shrink, y * shrink]
 }
 
-/// The unit direction near n from which no small step enlarges the gap.
-pub fn climb(m: &Difference, mut n: Vec3) -> Vec3 {
+fn moved(n: Vec3, basis: [Vec3; 2], x: f64, y: f64) -> Vec3 {
+    let there = add_scaled(add_scaled(n, basis[0], x), basis[1], y);
+    scale(there, 1.0 / norm(there))
+}
+
+/// The unit direction near n from which no small step enlarges the gap; with `edge`, of those across it.
+pub fn climb(m: &Difference, mut n: Vec3, edge: Option<Vec3>) -> Vec3 {
     let mut gap = m.gap(n);
     for _ in 0..STEPS {
-        let first = perpendicular(n);
-        let basis = [first, cross(n, first)];
+        let basis = match edge {
+            Some(axis) => [cross(axis, n), [0.0; 3]],
+            None => [perpendicular(n), cross(n, perpendicular(n))],
+        };
         let [mut x, mut y] = step(m, n, gap, basis);
+        if x.hypot(y) < CLOSE {
+            // Newton's last step gains less than rounding loses.
+            return moved(n, basis, x, y);
+        }
         let mut better = None;
         for _ in 0..HALVINGS {
-            let tried = add_scaled(add_scaled(n, basis[0], x), basis[1], y);
-            let tried = scale(tried, 1.0 / norm(tried));
+            let tried = moved(n, basis, x, y);
             let value = m.gap(tried);
             if value > gap {
                 better = Some((tried, value));
@@ -54,9 +70,6 @@ pub fn climb(m: &Difference, mut n: Vec3) -> Vec3 {
         }
         let Some((tried, value)) = better else { break };
         (n, gap) = (tried, value);
-        if x.hypot(y) < 1e-12 {
-            break;
-        }
     }
     n
 }
@@ -82,7 +95,15 @@ pub fn curved(m: &Difference, best: &mut Best) {
         }
     }
     for (_, n) in found {
-        best.consider(m, climb(m, n));
+        best.consider(m, climb(m, n, None));
     }
-    best.consider(m, climb(m, best.normal));
+    // Between the normals of discs that are nearly parallel there is little room, and no start.
+    let (first, second) = (m.discs()[0].axis, m.discs()[1].axis);
+    let second = scale(second, 1f64.copysign(dot(first, second)));
+    for share in [0.1, 0.3, 0.5, 0.7, 0.9] {
+        let n = add(scale(first, 1.0 - share), scale(second, share));
+        let n = scale(n, 1f64.copysign(dot(n, m.centre)) / norm(n));
+        best.consider(m, climb(m, n, None));
+    }
+    best.consider(m, climb(m, best.normal, None));
 }

@@ -73,17 +73,43 @@ fn clipped(subject: impl Iterator<Item = Vec3>, centre: Vec3, r: &Rectangle, scr
     add_scaled(add_scaled(centre, r.axes[0], middle[0] - at[0]), r.axes[1], middle[1] - at[1])
 }
 
-/// Nearest points for a known unit `normal` (b to a) and `distance`, and by how much (m) they miss the faces.
-pub fn meet(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scratch) -> (Nearest, f64) {
-    let (face_a, face_b) = (Face::of(a, scale(normal, -1.0)), Face::of(b, normal));
-    let found = |point_a: Vec3, point_b: Vec3| Nearest { distance, a: point_a, b: point_b, normal };
+/// Sines below which sides count as parallel, tried in turn: where sides are nearly so, an end of one may lie off the other.
+const PARALLEL: [f64; 4] = [1e-9, 1e-7, 1e-5, 1e-3];
+/// By how much (m) nearest points may miss the faces.
+pub const MISS: f64 = 1e-10;
+
+/// Nearest points on the faces that are extreme along the `normal`, and by how much (m) they miss the faces.
+fn on_faces(
+    a: &Solid,
+    b: &Solid,
+    (normal, distance): (Vec3, f64),
+    parallel: f64,
+    scratch: &mut Scratch,
+) -> (Nearest, f64) {
+    let (face_a, face_b) = (Face::of(a, scale(normal, -1.0), parallel), Face::of(b, normal, parallel));
     if let Some(point) = meeting(&face_a, &face_b, scratch) {
         let opposite = add_scaled(point, normal, -distance);
-        return (found(point, opposite), norm(sub(opposite, face_b.nearest_to(opposite))));
+        let miss = norm(sub(opposite, face_b.nearest_to(opposite)));
+        return (Nearest { distance, a: point, b: opposite, normal }, miss);
     }
     let point = meeting(&face_b, &face_a, scratch).unwrap_or(b.position);
     let opposite = add_scaled(point, normal, distance);
-    (found(opposite, point), norm(sub(opposite, face_a.nearest_to(opposite))))
+    (Nearest { distance, a: opposite, b: point, normal }, norm(sub(opposite, face_a.nearest_to(opposite))))
+}
+
+/// Nearest points for a known unit `normal` (b to a) and `distance`, and by how much (m) they miss the solids.
+pub fn meet(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scratch) -> (Nearest, f64) {
+    let mut best = on_faces(a, b, (normal, distance), PARALLEL[0], scratch);
+    for &parallel in &PARALLEL[1..] {
+        if best.1 <= MISS {
+            break;
+        }
+        let found = on_faces(a, b, (normal, distance), parallel, scratch);
+        if found.1 < best.1 {
+            best = found;
+        }
+    }
+    best
 }
 
 /// Nearest points for a known unit `normal` (b to a) and `distance`.

@@ -1,7 +1,7 @@
 //! The difference A - B of two cores, as a sum of segments and discs: every shape here is such a sum about its centre.
 
 use super::{Shape, Solid};
-use crate::math::{add_scaled, cross, dot, mat_t_vec, norm, scale, sub, Mat3, Vec3};
+use crate::math::{across, add_scaled, cross, dot, mat_t_vec, norm, scale, sub, Mat3, Vec3};
 
 #[derive(Clone, Copy, Default)]
 pub struct Edge {
@@ -106,11 +106,11 @@ impl Difference {
             *sum = add_scaled(*sum, edge.axis, edge.half.copysign(dot(edge.axis, n)));
         }
         for (k, disc) in self.discs().iter().enumerate() {
-            let across = add_scaled(n, disc.axis, -dot(disc.axis, n));
-            let slope = norm(across);
+            let radial = across(n, disc.axis);
+            let slope = norm(radial);
             if slope > 0.0 {
                 let sum = if k < self.discs_of_a { &mut of_a } else { &mut of_b };
-                *sum = add_scaled(*sum, across, disc.radius / slope);
+                *sum = add_scaled(*sum, radial, disc.radius / slope);
             }
         }
         Vertex { w: sub(sub(self.centre, of_a), of_b), a: scale(of_a, -1.0) }

@@ -1,9 +1,8 @@
 //! The part of a solid that is extreme in one direction: a point, a segment, a rectangle or a disc.
 
 use super::capsules::Segment;
-use super::half_space::PARALLEL;
 use super::{Shape, Solid};
-use crate::math::{add_scaled, column, dot, norm, scale, sub, Mat3, Vec3};
+use crate::math::{across, add_scaled, column, dot, norm, scale, sub, Vec3};
 
 /// A rectangle: two unit axes and the half sizes along them.
 #[derive(Clone, Copy)]
@@ -56,14 +55,14 @@ pub enum Face {
 }
 
 impl Face {
-    /// What of `solid` is extreme in the unit world direction n.
-    pub fn of(solid: &Solid, n: Vec3) -> Self {
+    /// What of `solid` is extreme in the unit world direction n; a side is parallel below the sine `parallel`.
+    pub fn of(solid: &Solid, n: Vec3, parallel: f64) -> Self {
         match solid.shape {
             Shape::Capsule { half_length, radius } => {
-                round_side(solid.axis(), add_scaled(solid.position, n, radius), half_length, n)
+                round_side(solid.axis(), add_scaled(solid.position, n, radius), half_length, n, parallel)
             }
-            Shape::Cylinder { half_length, radius } => cylinder(solid, half_length, radius, n),
-            Shape::Box { half } => brick(solid.position, &solid.rotation, half, n),
+            Shape::Cylinder { half_length, radius } => cylinder(solid, half_length, radius, n, parallel),
+            Shape::Box { half } => brick(solid, half, n, parallel),
             Shape::HalfSpace => Self::Point(solid.position),
         }
     }
@@ -82,33 +81,34 @@ impl Face {
 }
 
 /// A segment where it is across n, else its end.
-fn round_side(axis: Vec3, centre: Vec3, half_length: f64, n: Vec3) -> Face {
+fn round_side(axis: Vec3, centre: Vec3, half_length: f64, n: Vec3, parallel: f64) -> Face {
     let sine = dot(axis, n);
-    if sine.abs() > PARALLEL {
+    if sine.abs() > parallel {
         Face::Point(add_scaled(centre, axis, half_length.copysign(sine)))
     } else {
         Face::Segment(Segment { centre, axis, half_length })
     }
 }
 
-fn cylinder(solid: &Solid, half_length: f64, radius: f64, n: Vec3) -> Face {
+fn cylinder(solid: &Solid, half_length: f64, radius: f64, n: Vec3, parallel: f64) -> Face {
     let axis = solid.axis();
     let sine = dot(axis, n);
-    let across = add_scaled(n, axis, -sine);
-    let slope = norm(across);
-    if slope > PARALLEL {
-        return round_side(axis, add_scaled(solid.position, across, radius / slope), half_length, n);
+    let radial = across(n, axis);
+    let slope = norm(radial);
+    if slope > parallel {
+        return round_side(axis, add_scaled(solid.position, radial, radius / slope), half_length, n, parallel);
     }
     let centre = add_scaled(solid.position, axis, half_length.copysign(sine));
     Face::Disc(Disc { centre, axes: [column(&solid.rotation, 0), column(&solid.rotation, 1), axis], radius })
 }
 
-fn brick(position: Vec3, rotation: &Mat3, half: Vec3, n: Vec3) -> Face {
-    let (mut centre, mut free, mut count) = (position, [0; 3], 0);
+fn brick(solid: &Solid, half: Vec3, n: Vec3, parallel: f64) -> Face {
+    let rotation = &solid.rotation;
+    let (mut centre, mut free, mut count) = (solid.position, [0; 3], 0);
     for k in 0..3 {
         let axis = column(rotation, k);
         let sine = dot(axis, n);
-        if sine.abs() > PARALLEL {
+        if sine.abs() > parallel {
             centre = add_scaled(centre, axis, half[k].copysign(sine));
         } else {
             free[count] = k;

@@ -18,7 +18,7 @@ pub fn point_gap(solid: &Solid, p: Vec3) -> f64 {
             let along = dot(from, solid.axis());
             let beyond = (along.abs() - half_length).max(0.0);
             let across = norm(sub(from, scale(solid.axis(), along)));
-            beyond.hypot(across) - radius
+            (beyond * beyond + across * across).sqrt() - radius
         }
         Shape::Cylinder { half_length, radius } => {
             let along = dot(from, solid.axis());

@@ -6,11 +6,15 @@ use crate::math::{dot, norm, sub, Vec3};
 
 /// Above it, rounding alone keeps the iteration going; a polytope takes about five.
 const ITERATIONS: usize = 100;
-/// The distance is known to this, as a share of itself.
-const EXACT: f64 = 1e-14;
 
-/// The nearest point of the difference and the offset of A's point behind it from A's centre; None where the cores meet.
-pub fn nearest_apart(m: &Difference, start: Vec3) -> Option<(Vec3, Vec3)> {
+/// The nearest point of a difference, and the offset from A's centre of A's point behind it.
+pub struct Apart {
+    pub point: Vec3,
+    pub of_a: Vec3,
+}
+
+/// To `tolerance`, a share of the distance; None where the cores meet.
+pub fn nearest_apart(m: &Difference, start: Vec3, tolerance: f64) -> Option<Apart> {
     let mut simplex = Simplex::default();
     simplex.push(m.lowest(start));
     simplex = simplex.nearest()?;
@@ -22,7 +26,7 @@ pub fn nearest_apart(m: &Difference, start: Vec3) -> Option<(Vec3, Vec3)> {
         }
         let next = m.lowest(v);
         let known = simplex.corners[..simplex.count].iter().any(|corner| norm(sub(corner.w, next.w)) == 0.0);
-        if known || squared - dot(v, next.w) <= EXACT * squared {
+        if known || squared - dot(v, next.w) <= tolerance * squared {
             break;
         }
         let mut larger = simplex;
@@ -33,5 +37,5 @@ pub fn nearest_apart(m: &Difference, start: Vec3) -> Option<(Vec3, Vec3)> {
         }
         simplex = found;
     }
-    Some((simplex.point, simplex.point_of_a()))
+    Some(Apart { point: simplex.point, of_a: simplex.point_of_a() })
 }

@@ -1,18 +1,20 @@
 //! Any solid over a half-space.
 
 use super::{Nearest, Shape, Solid};
-use crate::math::{add_scaled, column, dot, norm, scale, sub, Vec3};
+use crate::math::{across, add_scaled, column, dot, norm, scale, sub, Vec3};
 
 /// Sine of an angle below which a face counts as parallel; within it a point slides over from one end of the face to the other, so
 /// that it does not jump. The face is off by a quarter of this times its half size.
 pub const PARALLEL: f64 = 1e-9;
 
 /// -1 to 1: the sign of `sine`, and what is between where the face is parallel.
+#[inline(always)]
 fn side(sine: f64) -> f64 {
     (sine / PARALLEL).clamp(-1.0, 1.0)
 }
 
 /// Height of `a`'s extreme point over its centre in the unit world direction `n`, and that point: the middle of a parallel face.
+#[inline(always)]
 pub fn extreme(a: &Solid, n: Vec3) -> (f64, Vec3) {
     match a.shape {
         Shape::Capsule { half_length, radius } => {
@@ -23,10 +25,10 @@ pub fn extreme(a: &Solid, n: Vec3) -> (f64, Vec3) {
         Shape::Cylinder { half_length, radius } => {
             let axis = a.axis();
             let sine = dot(n, axis);
-            let across = add_scaled(n, axis, -sine);
-            let slope = norm(across);
+            let radial = across(n, axis);
+            let slope = norm(radial);
             let point = add_scaled(a.position, axis, side(sine) * half_length);
-            (half_length * sine.abs() + radius * slope, add_scaled(point, across, radius / slope.max(PARALLEL)))
+            (half_length * sine.abs() + radius * slope, add_scaled(point, radial, radius / slope.max(PARALLEL)))
         }
         Shape::Box { half } => {
             let (mut height, mut point) = (0.0, a.position);

@@ -19,6 +19,7 @@ mod gjk;
 mod half_space;
 mod nearest;
 mod ridge;
+mod separating;
 mod shape;
 mod simplex;
 mod way_out;

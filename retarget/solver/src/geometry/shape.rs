@@ -18,10 +18,11 @@ pub enum Shape {
 
 impl Shape {
     /// Radius of the smallest ball about the frame's origin that holds the shape, m; infinite for a half-space.
+    #[inline]
     pub fn reach(&self) -> f64 {
         match *self {
             Self::Capsule { half_length, radius } => half_length + radius,
-            Self::Cylinder { half_length, radius } => half_length.hypot(radius),
+            Self::Cylinder { half_length, radius } => (half_length * half_length + radius * radius).sqrt(),
             Self::Box { half } => norm(half),
             Self::HalfSpace => f64::INFINITY,
         }
@@ -39,16 +40,19 @@ pub struct Solid {
 
 impl Solid {
     /// World point of a point (3,) in the shape's frame.
+    #[inline]
     pub fn point(&self, local: Vec3) -> Vec3 {
         add(self.position, mat_vec(&self.rotation, local))
     }
 
     /// World direction of the shape's own z.
+    #[inline]
     pub fn axis(&self) -> Vec3 {
         column(&self.rotation, 2)
     }
 
     /// End of the axis of a capsule or cylinder, `side` -1 or 1.
+    #[inline]
     pub fn end(&self, half_length: f64, side: f64) -> Vec3 {
         add(self.position, scale(self.axis(), side * half_length))
     }
