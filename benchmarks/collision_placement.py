@@ -1,7 +1,7 @@
 """A table and a post where the hands of a run go: through their way, and clear of the body at the start.
 
-Both are sized by the body: they are those of a robot half a metre high. Only the arms meet them; a table that the
-trunk or a leg of the free run goes through asks for another motion, not for an evasion.
+Both are sized by the body: they are those of a robot half a metre high. Only forearms and hands meet them; a table that
+the trunk or a leg of the free run goes through asks for another motion, not for an evasion.
 """
 
 from __future__ import annotations
@@ -26,13 +26,11 @@ POST = 0.02
 """Half sizes of the table's top, and radius of the post, m."""
 INFLUENCE, MARGIN = 0.06, 0.01
 STANDARD = 0.45
-"""Height of that robot, m."""
+"""Height of that robot, by the middles of its geoms, m."""
 TRIES = 150
 """Places that are tried, spread over the motion."""
 APART = 0.12
 """Between table and post, m: room for an arm that is in the influence of neither."""
-REST_OF_BODY = 0.0
-"""Nearest that the rest of the body comes in the free run, m."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +62,9 @@ class Surroundings:
 def place(motion: Motion, folder: Path) -> tuple[Obstacle, ...]:
     """The table and the post, as far as there is a place for them. Writes trial scenes to a folder."""
     scale, around = height_scale(motion), surroundings(motion)
-    table = _first_that_fits(_tables(motion, scale), around, scale, folder)
+    table = _best_that_fits(_tables(motion, scale), around, scale, folder)
     posts = (post for post in _posts(motion, scale) if table is None or apart(post, table) >= APART * scale)
-    post = _first_that_fits(posts, around, scale, folder)
+    post = _best_that_fits(posts, around, scale, folder)
     return tuple(found for found in (table, post) if found is not None)
 
 
@@ -108,21 +106,25 @@ def write_scene(obstacles: tuple[Obstacle, ...], path: Path, *, scale: float = 1
     return path
 
 
-def _first_that_fits(
+def _best_that_fits(
     candidates: Iterator[Obstacle], around: Surroundings, scale: float, folder: Path
 ) -> Obstacle | None:
+    """The first that is met deep enough, or else the one that is met deepest, if by half of that."""
+    best: Obstacle | None = None
     for obstacle in candidates:
         scene = SceneState(load_scene(write_scene((obstacle,), folder / "trial.yaml", scale=scale)))
         clear = around.start.to_scene(scene, around.start_times).smallest
         if clear is None or clear < 2.0 * MARGIN * scale:
             continue
-        arms = around.arms.to_scene(scene, around.times)
-        if arms.deepest < 0.5 * DEPTH * scale:
+        depth = around.arms.to_scene(scene, around.times).deepest
+        if depth < max(0.5 * DEPTH * scale, 0.0 if best is None else best.depth):
             continue
         rest = around.rest.to_scene(scene, around.times).smallest
-        if rest is not None and rest >= REST_OF_BODY:
-            return replace(obstacle, depth=arms.deepest)
-    return None
+        if rest is not None and rest >= MARGIN * scale:
+            best = replace(obstacle, depth=depth)
+            if depth >= DEPTH * scale:
+                break
+    return best
 
 
 def _tables(motion: Motion, scale: float) -> Iterator[Obstacle]:

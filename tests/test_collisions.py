@@ -59,7 +59,7 @@ def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Mo
     start = around.start.to_scene(scene, around.start_times).smallest
     rest = around.rest.to_scene(scene, around.times).smallest
     assert start is not None and start >= 2.0 * MARGIN * scale
-    assert rest is not None and rest >= 0.0
+    assert rest is not None and rest >= MARGIN * scale
     assert (-around.arms.scene_distances(scene, around.times).min(axis=0) > 0.01).all()
 
 
