@@ -31,11 +31,14 @@ _RADII: dict[str, float] = {
     "shoulder": 0.026,
     "elbow": 0.021,
     "wrist": 0.019,
-    "hip": 0.042,
-    "knee": 0.028,
+    "hip": 0.034,
+    "knee": 0.023,
     "ankle": 0.020,
 }
-"""Radius of each link's capsule as a share of stature."""
+"""Radius of each link's capsule as a share of stature.
+
+Thighs and shanks taper: their capsules are as thick as the knee and as the middle of the shank, so that legs which
+pass each other as people's do need not part for it."""
 
 _HEAD_RADIUS = 0.062
 """Radius of the head's sphere as a share of stature: from the ear canal (0.936) to the vertex."""

@@ -93,13 +93,13 @@ impl FrameSolver {
 
     pub(crate) fn write_box(&mut self) {
         for &(dof, c) in &self.columns.all {
-            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.trust);
+            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);
             let (x, s) = (self.reference[dof], 1.0 / self.scale[dof]);
             self.problem.lo[c] = (lo - x) * s;
             self.problem.hi[c] = (hi - x) * s;
             self.problem.still[c] = -x * s;
-            self.problem.lo_is_stop[c] = self.frame_box[dof].lo_is_stop && lo > -self.trust;
-            self.problem.hi_is_stop[c] = self.frame_box[dof].hi_is_stop && hi < self.trust;
+            self.problem.lo_is_stop[c] = self.frame_box[dof].lo_is_stop && lo > -self.settings.max_step;
+            self.problem.hi_is_stop[c] = self.frame_box[dof].hi_is_stop && hi < self.settings.max_step;
         }
     }
 }

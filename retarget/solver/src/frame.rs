@@ -21,9 +21,6 @@ const SOFT_SLOWING: f64 = 0.8;
 const SOFT_SLOW: f64 = 0.15;
 /// How often a step is halved.
 const HALVINGS: usize = 3;
-/// Trust in the linear model grows so much by a step that was not too large, and never falls below this (rad, m).
-const TRUST_GROWS: f64 = 2.0;
-const LEAST_TRUST: f64 = 1e-3;
 
 /// Settings of the convergence loop.
 #[derive(Clone, Debug)]
@@ -64,8 +61,6 @@ pub struct FrameSolver {
     /// Observers, where there are any.
     pub watch: Option<Watch>,
     pub(crate) damping_length: f64,
-    /// How far the linear model is trusted: largest change of one coordinate in the next iteration.
-    pub(crate) trust: f64,
     /// Share of their error that soft tasks ask for.
     pub(crate) soft_share: f64,
     pub(crate) columns: Columns,
@@ -122,7 +117,6 @@ impl FrameSolver {
             progress,
             watch,
             soft_share: 1.0,
-            trust: settings.max_step,
             damping_length: settings.damping * body.size(),
             columns,
             q_address,
@@ -160,7 +154,6 @@ impl FrameSolver {
         self.first_sides.1.fill(Side::Free);
         self.problem.z.fill(0.0);
         self.progress.reset();
-        self.trust = self.settings.max_step;
         if let Some(watch) = &mut self.watch {
             watch.reset();
         }
@@ -173,7 +166,6 @@ impl FrameSolver {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
             self.done[i] = 0.0;
         }
-        self.trust = self.settings.max_step;
         self.look(targets, Moment::Start, 0, dt);
         for iteration in 0..self.settings.n_ik {
             if iteration > 0 {
@@ -232,20 +224,11 @@ impl FrameSolver {
         self.watch.as_ref().is_none_or(|w| !w.needs_every_iteration())
     }
 
-    /// Halve the last step again and again, while it was too large and the box of the frame allows it. So far the linear model is
-    /// trusted in the next iteration, and farther after every step that was not too large.
+    /// Halve the last step again and again, while it was too large and the box of the frame allows it.
     fn take_back(&mut self, targets: &[f64], done: usize, dt: f64) {
         let mut share = -0.5;
-        for halving in 0..=HALVINGS {
+        for _ in 0..HALVINGS {
             if !self.progress.went_too_far() {
-                if halving == 0 {
-                    self.trust = (TRUST_GROWS * self.trust).min(self.settings.max_step);
-                }
-                return;
-            }
-            let length = self.step.iter().fold(0.0, |a: f64, s| a.max(s.abs()));
-            self.trust = (0.5 * length).clamp(LEAST_TRUST, self.settings.max_step);
-            if halving == HALVINGS {
                 return;
             }
             self.step.iter_mut().for_each(|s| *s *= share);
@@ -294,7 +277,7 @@ impl FrameSolver {
         self.solve_observed(first);
         self.step.fill(0.0);
         for &(dof, c) in &self.columns.all {
-            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.trust);
+            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);
             let x = self.reference[dof] + self.problem.z[c] * self.scale[dof];
             self.step[dof] = x.max(lo).min(hi);
         }

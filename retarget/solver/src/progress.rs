@@ -142,11 +142,12 @@ impl Progress {
     /// No error falls any more, none has grown that may yet be taken back, and none stands still only because it was told to or
     /// because the step was cut.
     pub fn is_done(&self) -> bool {
-        !self.cut && self.levels.iter().enumerate().all(|(k, l)| {
-            let falls = l.error < (1.0 - CHANGE) * l.before;
-            let grew = l.error > (1.0 + CHANGE) * l.before && Some(k) != self.lowest;
-            l.error <= MET || !(falls || grew || l.waits)
-        })
+        !self.cut
+            && self.levels.iter().enumerate().all(|(k, l)| {
+                let falls = l.error < (1.0 - CHANGE) * l.before;
+                let grew = l.error > (1.0 + CHANGE) * l.before && Some(k) != self.lowest;
+                l.error <= MET || !(falls || grew || l.waits)
+            })
     }
 
     /// Damping (m/rad) of a level: its square is `length` (m) times what the last step left. So a level that is met is not
