@@ -30,7 +30,7 @@ STANDARD = 0.45
 TRIES = 150
 """Places that are tried, spread over the motion."""
 APART = 0.12
-"""Between table and post, m: room for an arm that is in the influence of neither."""
+"""Between table and post, m: room for an arm that is in the influence of neither, where there is such a place."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,9 @@ def place(motion: Motion, folder: Path) -> tuple[Obstacle, ...]:
     scale, around = height_scale(motion), surroundings(motion)
     table = _best_that_fits(_tables(motion, scale), around, scale, folder)
     posts = (post for post in _posts(motion, scale) if table is None or apart(post, table) >= APART * scale)
-    post = _best_that_fits(posts, around, scale, folder)
+    post = _best_that_fits(posts, around, scale, folder) or _best_that_fits(
+        _posts(motion, scale), around, scale, folder
+    )
     return tuple(found for found in (table, post) if found is not None)
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from benchmarks.collision_numbers import Numbers, beyond_influence, numbers, unhindered, whole_arms
 from benchmarks.collision_placement import (
-    APART,
     INFLUENCE,
     MARGIN,
     Obstacle,
@@ -63,14 +62,11 @@ def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Mo
     assert (-around.arms.scene_distances(scene, around.times).min(axis=0) > 0.01).all()
 
 
-def test_between_table_and_post_there_is_room_for_an_arm(free: Motion, tmp_path: Path) -> None:
+def test_how_far_a_post_is_from_a_table() -> None:
     table = Obstacle("table", "", middle=(1.0, 2.0), along=(0.0, 1.0), size=(0.1, 0.2))
     assert apart(Obstacle("post", "", (1.1, 2.05)), table) == 0.0
     assert apart(Obstacle("post", "", (1.0, 2.4)), table) == pytest.approx(0.3)
     assert apart(Obstacle("post", "", (1.5, 2.5)), table) == pytest.approx(0.5)
-    placed = place(free, tmp_path)
-    if len(placed) == 2:
-        assert apart(placed[1], placed[0]) >= APART * height_scale(free)
 
 
 def test_hands_are_hindered_only_near_an_obstacle(free: Motion, scene: SceneState) -> None:
