@@ -84,8 +84,11 @@ def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[Floa
 def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: FloatArray) -> FloatArray:
     """Signed distance (p,) m of each pair in a posture (nq,)."""
     position, quat = placed(body, observers, q)
-    sides = [(observers.kinds[k], observers.sizes[k], position[k], quat[k]) for k in (pairs[:, 0], pairs[:, 1])]
-    return _solver.shape_distances(*(np.ascontiguousarray(part) for side in sides for part in side))[0]
+    kinds, sizes = observers.kinds, observers.sizes
+    a, b = (np.ascontiguousarray(column) for column in pairs.T)
+    return _solver.shape_distances(kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b])[
+        0
+    ]
 
 
 def _steps(body: BodyModel, first: int, second: int) -> int:

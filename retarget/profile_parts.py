@@ -19,6 +19,7 @@ from retarget.schema import (
     Text,
     Vector3,
 )
+from retarget.solid_shapes import SolidShape
 
 ServoId = Annotated[Integer, Field(ge=0, le=252)]
 Point2 = tuple[Number, Number]
@@ -87,42 +88,9 @@ class Bus(Schema):
     ids: Annotated[tuple[ServoId, ...], Field(min_length=1, max_length=253)]
 
 
-class Segment(Schema):
-    """A line without thickness between two points of the link, m."""
-
-    start: Vector3 = Field(alias="from")
-    end: Vector3 = Field(alias="to")
-
-
-class Round(Segment):
-    """A segment with a radius, m: a capsule or a cylinder."""
-
-    radius: Positive
-
-
-class Sphere(Schema):
-    """A ball: centre on the link and radius, m."""
-
-    at: Vector3
-    radius: Positive
-
-
-class Box(Schema):
-    """A box: centre (3,) m and quat wxyz in the link's frame, half sizes (3,) m."""
-
-    pos: Vector3
-    quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    size: tuple[Positive, Positive, Positive]
-
-
-class Shape(Schema):
+class Shape(SolidShape):
     """Exactly one of the shapes; `geom` takes over the named geom of the body file."""
 
-    segment: Segment | None = None
-    capsule: Round | None = None
-    cylinder: Round | None = None
-    sphere: Sphere | None = None
-    box: Box | None = None
     geom: Name | None = None
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import hypot, inf, isfinite
 
 from retarget.scalar_rotations import Vector, inverse, minus, product, rotation_vector
-from retarget.scene_parts import MAX_COORDINATE
 from retarget.scene_poses import STILL, MovingPose, Pose, unit
+from retarget.solid_shapes import MAX_COORDINATE
 
 __all__ = ["LIVE_SPEED", "LIVE_TURN", "VELOCITY_HOLDS", "LivePose"]
 

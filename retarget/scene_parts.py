@@ -9,25 +9,19 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from retarget.schema import Name, Quaternion, Schema, Switch
+from retarget.solid_shapes import Distance, Keys, Point, Size, SolidShape
 
 __all__ = [
-    "MAX_COORDINATE",
     "MAX_SPEED",
     "MAX_TURN",
-    "Ball",
-    "Box",
     "HalfSpace",
-    "Line",
     "Obstacle",
     "ObstacleShape",
     "Obstacles",
     "PathPoint",
     "Place",
-    "Rod",
 ]
 
-MAX_COORDINATE = 1000.0
-"""Largest coordinate and size, m: far beyond any room, so that no distance ever overflows."""
 MAX_SPEED = 100.0
 """Fastest obstacle of a file, m/s."""
 MAX_TURN = 100.0
@@ -35,19 +29,9 @@ MAX_TURN = 100.0
 MIN_NORMAL = 1e-6
 """Shortest vector that still has a direction."""
 
-Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
-Size = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=MAX_COORDINATE)]
-Distance = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_COORDINATE)]
 Speed = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_SPEED, le=MAX_SPEED)]
 Turn = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_TURN, le=MAX_TURN)]
 Instant = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)]
-Point = tuple[Coordinate, Coordinate, Coordinate]
-
-
-def _mapping(value: Any) -> Any:
-    if not isinstance(value, dict):
-        raise PydanticCustomError("mapping", "keys are missing", {"allowed": "a mapping of keys"})
-    return value
 
 
 def _shape_mapping(value: Any) -> Any:
@@ -71,35 +55,6 @@ def _timed(value: Any) -> Any:
 
 
 Direction = Annotated[Point, AfterValidator(_direction)]
-Keys = BeforeValidator(_mapping)
-
-
-class Line(Schema):
-    """A line without thickness between two points, m."""
-
-    start: Point = Field(alias="from")
-    end: Point = Field(alias="to")
-
-
-class Rod(Line):
-    """A line with a radius, m: a capsule (round ends) or a cylinder (flat ends)."""
-
-    radius: Size
-
-
-class Ball(Schema):
-    """A ball: centre and radius, m."""
-
-    at: Point = (0.0, 0.0, 0.0)
-    radius: Size
-
-
-class Box(Schema):
-    """A box: centre (3,) m, quat wxyz, half sizes (3,) m along its own x, y, z."""
-
-    pos: Point = (0.0, 0.0, 0.0)
-    quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    size: tuple[Size, Size, Size]
 
 
 class HalfSpace(Schema):
@@ -109,20 +64,10 @@ class HalfSpace(Schema):
     normal: Direction
 
 
-class ObstacleShape(Schema):
+class ObstacleShape(SolidShape):
     """Exactly one of the shapes: those of a profile's observers, and the half-space."""
 
-    segment: Annotated[Line, Keys] | None = None
-    capsule: Annotated[Rod, Keys] | None = None
-    cylinder: Annotated[Rod, Keys] | None = None
-    sphere: Annotated[Ball, Keys] | None = None
-    box: Annotated[Box, Keys] | None = None
     half_space: Annotated[HalfSpace, Keys] | None = None
-
-    @property
-    def label(self) -> str:
-        """Its name in a file."""
-        return next(iter(self.model_fields_set))
 
 
 def _one_shape(shape: ObstacleShape) -> ObstacleShape:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat, Vector, arc, minus, plus, product
 from retarget.scene import Scene
-from retarget.scene_parts import Line, ObstacleShape
+from retarget.scene_parts import ObstacleShape
 from retarget.scene_poses import Pose, unit
+from retarget.solid_shapes import Line, SolidShape
 
 __all__ = ["SceneShapes", "ShapeKind", "canonical", "scene_shapes"]
 
@@ -61,8 +62,9 @@ def scene_shapes(scene: Scene) -> SceneShapes:
     )
 
 
-def canonical(shape: ObstacleShape) -> tuple[ShapeKind, Vector, Pose]:
-    """Code, sizes (3,) and T_obstacle_shape: where the shape's canonical frame is in the obstacle's own."""
+def canonical(shape: SolidShape) -> tuple[ShapeKind, Vector, Pose]:
+    """Code, sizes (3,) and T_obstacle_shape: where the shape's canonical frame is in the obstacle's own, or on its
+    link."""
     if shape.segment is not None:
         return ShapeKind.CAPSULE, (0.0, _half(shape.segment), 0.0), _along(shape.segment)
     if shape.capsule is not None:
@@ -73,7 +75,7 @@ def canonical(shape: ObstacleShape) -> tuple[ShapeKind, Vector, Pose]:
         return ShapeKind.CAPSULE, (shape.sphere.radius, 0.0, 0.0), Pose(shape.sphere.at)
     if shape.box is not None:
         return ShapeKind.BOX, shape.box.size, Pose(shape.box.pos, unit(shape.box.quat))
-    if shape.half_space is not None:
+    if isinstance(shape, ObstacleShape) and shape.half_space is not None:
         return ShapeKind.HALF_SPACE, (0.0, 0.0, 0.0), Pose(shape.half_space.point, _turn_to(shape.half_space.normal))
     raise AssertionError("the reader lets no obstacle without a shape through")
 

@@ -51,7 +51,8 @@ def test_a_process_of_its_own_makes_haste_and_one_that_is_shared_is_left_alone()
 
 @pytest.mark.parametrize("name", list(cli.COMMANDS))
 def test_every_command_is_documented(name: str) -> None:
-    function = getattr(importlib.import_module(f"retarget.cli.{name}"), name)
+    word = name.replace("-", "_")
+    function = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
     assert inspect.getdoc(function)
 
 

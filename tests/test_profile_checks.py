@@ -115,7 +115,7 @@ WRONG = {
         "a shape needs exactly one of",
     ),
     "margin": (
-        ("influence: 0.03, margin: 0.005", "influence: 0.03, margin: 0.03"),
+        ("influence: 0.05, margin: 0.004", "influence: 0.03, margin: 0.03"),
         "observers.torso.margin: the margin must be smaller",
     ),
     "unknown link in a pair": (

@@ -1,4 +1,4 @@
-"""The command line: one file per command, each with a function of the command's name.
+"""The command line: one file per command, each with a function of the command's name (_ for -).
 
 Only the command that is asked for is imported, so that `--help` and `--version` answer at once. Nothing of weight is
 imported before `main`, so that Ctrl-C at any moment is one line.
@@ -16,8 +16,10 @@ COMMANDS = {
     "demo": "See it work: no data and no hardware needed.",
     "run": "Let a robot follow a recorded performer.",
     "inspect": "Say what is in a motion file.",
-    "check": "Validate profiles, priorities and performers.",
+    "check": "Validate profiles, priorities, performers and scenes.",
     "robots": "List the robots known by name.",
+    "fit-observers": "Propose collision observers from a robot's body.",
+    "experiments": "Repeat the paper's experiments and figures.",
 }
 """Every command and its line in the list of commands."""
 

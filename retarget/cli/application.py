@@ -11,9 +11,6 @@ from retarget.cli import COMMANDS
 
 __all__ = ["application"]
 
-HYPHENATED = {"fit-observers": "Propose collision observers from a robot's body."}
-"""Commands of two words and their lines; their files and functions have an underscore in place of the hyphen."""
-
 EPILOG = (
     "Exit codes: 0 done, 1 stopped by the guard or by Ctrl-C while something moved, or a file not written afterwards, "
     "2 refused before anything moved, 3 a defect of ours, 130 Ctrl-C before anything moved."
@@ -26,7 +23,7 @@ def application(chosen: str | None) -> typer.Typer:
         add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EPILOG
     )
     known.callback(invoke_without_command=True)(_options)
-    for name, summary in (COMMANDS | HYPHENATED).items():
+    for name, summary in COMMANDS.items():
         if name == chosen:
             known.command(name)(_load(name))
         else:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from retarget.metrics.moving_geoms import MovingGeoms
 from retarget.rotations import FloatArray, to_matrix
 from retarget.scene_motion import SceneState
-from retarget.scene_parts import MAX_COORDINATE
 from retarget.scene_shapes import SceneShapes, ShapeKind
+from retarget.solid_shapes import MAX_COORDINATE
 
 __all__ = ["ObstacleTracks", "SceneModel", "obstacle_tracks", "scene_model"]
 

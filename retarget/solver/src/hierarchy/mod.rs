@@ -12,6 +12,7 @@
 //! * `problem`: rows, levels, box, and the active set.
 //! * `factor`: the equality-only hierarchy for a given active set (orthogonal row basis, level after level).
 //! * `damping`: near-singular levels, once per solve.
+//! * `lowered`: what damped levels may ask for.
 //! * `multipliers`: who is held by a limit rightly, level by level.
 //! * `active_set`: guess, verify, move, add, release (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
 //! * `cascade`: level by level with a classical active set, behind it when it cycles.
@@ -22,6 +23,7 @@ mod damping;
 mod factor;
 mod kernels;
 mod least_squares;
+mod lowered;
 mod multipliers;
 mod problem;
 

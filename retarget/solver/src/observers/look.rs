@@ -2,6 +2,7 @@
 
 use super::law::{damped_floor, damping_share, way_out};
 use super::modes::{Mode, Tally};
+use super::obstacle::ObstaclePose;
 use super::rows::ObserverTask;
 use super::set::{Mover, ObserverSet, Other};
 use super::trial::{Activation, Approach};
@@ -14,31 +15,6 @@ use std::sync::Arc;
 
 /// Pairs as near as this many times their influence are looked at exactly: so their mode is known.
 const LOOKED_AT: f64 = 1.1;
-
-/// Where an obstacle is at the start of a frame, and how it moves.
-#[derive(Clone, Copy, Debug)]
-pub struct ObstaclePose {
-    pub position: Vec3,
-    pub quat: Quat,
-    pub linear: Vec3,
-    /// World frame, rad/s.
-    pub angular: Vec3,
-}
-
-impl ObstaclePose {
-    pub fn moves(&self) -> bool {
-        self.linear != [0.0; 3] || self.angular != [0.0; 3]
-    }
-
-    /// The same, `time` s later.
-    pub fn after(&self, time: f64) -> Self {
-        if !self.moves() {
-            return *self;
-        }
-        let position = add(self.position, scale(self.linear, time));
-        Self { position, quat: quat_unit(quat_mul(quat_exp(scale(self.angular, time)), self.quat)), ..*self }
-    }
-}
 
 /// A pair as it is now.
 #[derive(Clone, Copy, Debug)]

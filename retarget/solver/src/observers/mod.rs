@@ -12,13 +12,15 @@
 pub mod law;
 mod look;
 mod modes;
+mod obstacle;
 mod rows;
 mod set;
 mod sleep;
 mod trial;
 
-pub use look::{ObstaclePose, Watch};
+pub use look::Watch;
 pub use modes::Mode;
+pub use obstacle::ObstaclePose;
 pub use rows::{ObserverTask, Shift};
 pub use set::{Mover, Observer, ObserverSet, Obstacle, Other, Pair};
 pub use trial::Activation;
