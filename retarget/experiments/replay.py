@@ -1,0 +1,123 @@
+"""A motion through the reconstruction, frame by frame: postures, what observers did, and what each frame cost."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardware.clock import Clock, thread_cpu
+from retarget.calibration import calibrate, rest_orientations
+from retarget.frames import SensorFrames, SensorSample
+from retarget.human import Human, build_human
+from retarget.human_dimensions import POINTS
+from retarget.human_observers import Worn
+from retarget.human_posture import PostureReader
+from retarget.observers import Observers
+from retarget.performer import load_performer
+from retarget.priorities import Priorities
+from retarget.reconstruct import Reconstructor
+from retarget.record import ModeArray
+from retarget.rotations import FloatArray
+from retarget.scene import Scene
+from retarget.scene_motion import SceneState
+
+__all__ = ["PERFORMER", "Replay", "human_of", "replay"]
+
+PERFORMER = "five"
+"""Head, wrists and ankles, as in the paper."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """T reconstructed postures.
+
+    q (T, nq); joints (T, m, 3) m of `POINTS`; sensor_errors (T, k) m of `sensors`; modes (T, n): 0 free, 1 preventive,
+    2 reactive, of each observer; switches (n,): changes of mode; cpu_s (T,): thread CPU time of each frame; wall_s: of
+    all of them together; the first frame is many, because it settles. dt: s per frame.
+    """
+
+    human: Human
+    sensors: tuple[str, ...]
+    observers: Observers | None
+    q: FloatArray
+    joints: FloatArray
+    sensor_errors: FloatArray
+    modes: ModeArray
+    switches: FloatArray
+    cpu_s: FloatArray
+    wall_s: float
+    dt: float
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames per second of wall time."""
+        return len(self.q) / self.wall_s
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the motion, s."""
+        return len(self.q) * self.dt
+
+    @property
+    def left(self) -> FloatArray:
+        """Unit vector (3,), level, to the performer's left at the start: as the sensed ankles and wrists lie."""
+        first = dict(zip(POINTS, self.joints[0], strict=True))
+        across = first["l_ankle"] - first["r_ankle"] + first["l_wrist"] - first["r_wrist"]
+        across[2] = 0.0
+        return np.asarray(across / max(float(np.linalg.norm(across)), 1e-9))
+
+
+def human_of(frames: SensorFrames) -> Human:
+    """The virtual human of a performer's size."""
+    return build_human(calibrate(frames))
+
+
+def replay(
+    frames: SensorFrames,
+    priorities: Priorities,
+    *,
+    clock: Clock,
+    observed: Worn = "none",
+    scene: Scene | None = None,
+    iterations: int | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Replay:
+    """Reconstruct every frame. observed: which observers; iterations: N_IK instead of the file's."""
+    human, performer = human_of(frames), load_performer(PERFORMER)
+    worn = frames.select(tuple(performer.sensors))
+    reconstructor = Reconstructor(
+        human,
+        priorities,
+        performer,
+        rest=None if frames.skeleton is None else rest_orientations(frames.skeleton),
+        iterations=iterations,
+        observed=observed,
+        scene=None if scene is None else SceneState(scene),
+    )
+    steps = np.diff(worn.time).tolist()
+    samples = [SensorSample(worn.names, *row) for row in zip(worn.position, worn.orientation, worn.valid, strict=True)]
+    postures, cpu = [], np.zeros(len(samples))
+    begun = clock.now()
+    for k, sample in enumerate(samples):
+        before = thread_cpu()
+        postures.append(reconstructor.step(sample, steps[k - 1]) if k else reconstructor.start(sample))
+        cpu[k] = thread_cpu() - before
+        if k % 50 == 0:
+            progress(k)
+    wall = clock.now() - begun
+    q = np.array([posture.q for posture in postures])
+    observers = reconstructor.observers
+    counts = reconstructor.hierarchy.solver.observer_counts
+    return Replay(
+        human=human,
+        sensors=reconstructor.sensors,
+        observers=observers,
+        q=q,
+        joints=PostureReader(human).joints(q),
+        sensor_errors=np.array([posture.sensor_error for posture in postures]),
+        modes=np.array([posture.observer_modes for posture in postures]),
+        switches=counts[:, 0].astype(float) if observers is not None else np.zeros(0),
+        cpu_s=cpu,
+        wall_s=wall,
+        dt=1.0 / frames.rate_hz,
+    )

@@ -1,0 +1,144 @@
+"""All experiments and figures, one after the other: pictures and numbers in a folder."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hardware.clock import Clock
+from retarget.experiments.body_pictures import figure_3, figure_7, figure_9, figure_10
+from retarget.experiments.chain_runs import ONE, TWO, reaching_chain, yielding_chain
+from retarget.experiments.crouching import Outcome, crouching
+from retarget.experiments.damping_law import damped_points
+from retarget.experiments.plane_pictures import figure_4, figure_5, figure_6
+from retarget.experiments.replay import replay
+from retarget.experiments.table import as_data
+from retarget.frames import SensorFrames
+from retarget.human_dimensions import POINTS
+from retarget.plots.style import save_figure
+from retarget.priorities import load_priorities
+
+__all__ = ["NAMES", "Motions", "Results", "run_experiments"]
+
+NAMES = ("crouching", "jog", "jump", "figure4", "figure5", "figure6")
+"""What `--only` takes: experiments 1 to 3 together, and one by one the figures of the paper's other sections."""
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """What the experiments are made with."""
+
+    crouch: SensorFrames
+    jog: SensorFrames
+    jump: SensorFrames
+
+
+@dataclass
+class Results:
+    """What came of them. outcomes: of experiments 1 to 3; data: for JSON; pictures: where they are."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+    data: dict[str, Any] = field(default_factory=dict)
+    pictures: list[Path] = field(default_factory=list)
+
+
+def run_experiments(
+    motions: Motions,
+    folder: Path,
+    *,
+    clock: Clock,
+    only: Sequence[str] = NAMES,
+    iterations: int | None = None,
+    progress: Progress = lambda done: None,
+) -> Results:
+    """Run what `only` names, and write a picture for each figure. Raises InputError, OSError."""
+    results = Results()
+    for name in only:
+        if name == "crouching":
+            _crouching(motions.crouch, folder, results, clock=clock, iterations=iterations, progress=progress)
+        elif name in ("jog", "jump"):
+            frames = motions.jog if name == "jog" else motions.jump
+            _moving(name, frames, folder, results, clock=clock, iterations=iterations)
+        else:
+            _in_a_plane(name, folder, results)
+    return results
+
+
+def _crouching(
+    frames: SensorFrames,
+    folder: Path,
+    results: Results,
+    *,
+    clock: Clock,
+    iterations: int | None,
+    progress: Progress,
+) -> None:
+    results.outcomes = list(crouching(frames, clock=clock, iterations=iterations, progress=progress))
+    results.data["crouching"] = {"source": frames.source, "runs": [as_data(outcome) for outcome in results.outcomes]}
+    free = results.outcomes[0].free.joints
+    drawn = {outcome.experiment.number: outcome for outcome in results.outcomes if outcome.priorities == "paper"}
+    for name, figure in (
+        ("experiment_1", figure_7(frames, drawn[1])),
+        ("experiment_2", figure_9(frames, drawn[2], free)),
+        ("experiment_3", figure_10(frames, drawn[3], free)),
+    ):
+        _save(results, figure, folder / f"{name}.png")
+
+
+def _moving(
+    name: str, frames: SensorFrames, folder: Path, results: Results, *, clock: Clock, iterations: int | None
+) -> None:
+    """Jog or jump without obstacles, as in Figure 3."""
+    done = replay(frames, load_priorities("paper"), clock=clock, iterations=iterations)
+    head = done.joints[:, POINTS.index("head"), 2]
+    middle = int(np.argmax(head)) if name == "jump" else len(head) // 2
+    half = min(round(0.7 / done.dt), len(head) // 2)
+    first = min(max(middle - half, 0), len(head) - 2 * half)
+    shown = np.linspace(first, first + 2 * half - 1, 8).round().astype(int).tolist()
+    errors = 1e3 * done.sensor_errors
+    results.data[name] = {
+        "source": frames.source,
+        "frames": len(done.q),
+        "frames_per_s": done.frames_per_s,
+        "tracking_mm": {
+            sensor: {"mean": float(np.nanmean(errors[:, k])), "max": float(np.nanmax(errors[:, k]))}
+            for k, sensor in enumerate(done.sensors)
+        },
+    }
+    title = {"jog": "A jog", "jump": "A vertical jump"}[name]
+    _save(results, figure_3(title, frames, done, shown), folder / f"{name}.png")
+
+
+def _in_a_plane(name: str, folder: Path, results: Results) -> None:
+    if name == "figure4":
+        points = damped_points()
+        figure = figure_4(points)
+        results.data[name] = {
+            point.name: {"share": point.share, "asked": point.asked.tolist(), "got": point.got.tolist()}
+            for point in points
+        }
+    elif name == "figure5":
+        run = yielding_chain()
+        figure = figure_5(run)
+        results.data[name] = {"min_clearance_mm": 1e3 * float(run.clearance.min())}
+    else:
+        one, two = reaching_chain(ONE), reaching_chain(TWO)
+        figure = figure_6(one, two)
+        results.data[name] = {
+            label: {
+                "min_clearance_mm": 1e3 * float(chain.clearance.min()),
+                "most_links_within_influence": int(chain.within.any(axis=2).sum(axis=1).max()),
+                "most_links_acting": int((chain.modes == 1).sum(axis=1).max()),
+            }
+            for label, chain in (("one_obstacle", one), ("two_obstacles", two))
+        }
+    _save(results, figure, folder / f"{name}.png")
+
+
+def _save(results: Results, figure: Any, path: Path) -> None:
+    save_figure(figure, path)
+    results.pictures.append(path)

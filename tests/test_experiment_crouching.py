@@ -1,0 +1,111 @@
+"""Experiments 1 to 3 on a shortened synthetic performer, and on the recording of the paper where there is one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.clock import MonotonicClock
+from retarget.errors import InputError
+from retarget.experiments.crouching import CONFIGURATIONS, PENETRATION, Outcome, crouching
+from retarget.experiments.observed_distances import observed_distances
+from retarget.experiments.placement import HINDERED, START_CLEAR, clear_cylinder, hindering_sphere
+from retarget.experiments.replay import replay
+from retarget.experiments.table import as_data, as_table
+from retarget.experiments.trials import CROUCH, read_trial
+from retarget.frames import SensorFrames
+from retarget.human_observers import human_observers
+from retarget.priorities import ObserverSettings, load_priorities
+from sim.performer import synthetic_performer
+
+Outcomes = dict[tuple[int, str], Outcome]
+
+
+def run(frames: SensorFrames) -> Outcomes:
+    outcomes = crouching(frames, clock=MonotonicClock())
+    return {(outcome.experiment.number, outcome.priorities): outcome for outcome in outcomes}
+
+
+@pytest.fixture(scope="module")
+def short() -> SensorFrames:
+    """Two cycles and a half at 60 Hz."""
+    frames = synthetic_performer()
+    return frames.resample(frames.time[:840:2])
+
+
+@pytest.fixture(scope="module")
+def made(short: SensorFrames) -> Outcomes:
+    return run(short)
+
+
+def check_placement(outcomes: Outcomes) -> None:
+    """Without observers 5 cm deep in two cycles or more, and the start clear of the whole body."""
+    for number in (2, 3):
+        outcome = outcomes[number, "paper"]
+        assert outcome.cycles >= 2
+        assert outcome.free_distances.min() <= -HINDERED
+        capsules = human_observers(outcome.free.human, ObserverSettings(), "capsules")
+        assert capsules is not None
+        scene = outcome.experiment.scene
+        start = observed_distances(outcome.free.human.body, capsules, outcome.free.q[:1], scene).least_scene
+        assert start[0] >= START_CLEAR - 1e-9
+
+
+def test_six_outcomes_in_the_order_of_the_paper(made: Outcomes) -> None:
+    assert list(made) == [(number, name) for number in (1, 2, 3) for name in CONFIGURATIONS]
+    assert [len(made[number, "paper"].replay.switches) for number in (1, 2, 3)] == [8, 8, 9]
+    assert all(len(made[number, "human"].replay.switches) > 15 for number in (1, 2, 3))
+
+
+def test_obstacles_hinder_what_they_should(made: Outcomes) -> None:
+    check_placement(made)
+
+
+def test_observers_keep_clear(made: Outcomes) -> None:
+    for outcome in made.values():
+        assert outcome.on_observers.scene_frames == 0 and outcome.on_observers.own_frames == 0
+        if outcome.experiment.scene is not None:
+            assert outcome.free_on_observers.scene_frames > 5
+            assert (outcome.replay.modes > 0).any()
+    for number in (1, 2, 3):
+        assert made[number, "human"].on_capsules.own_frames == 0
+
+
+def test_sensors_are_followed_where_nothing_hinders(made: Outcomes) -> None:
+    for outcome in made.values():
+        errors = outcome.replay.sensor_errors
+        assert np.nanmean(errors[:, outcome.replay.sensors.index("l_ankle")]) < 1e-3
+    assert np.nanmax(made[1, "paper"].replay.sensor_errors) < 1e-3
+    np.testing.assert_array_less(
+        made[2, "paper"].replay.sensor_errors[:20], 1e-3, err_msg="the start is out of every influence"
+    )
+
+
+def test_table_and_data(made: Outcomes) -> None:
+    table = as_table(list(made.values()))
+    assert len(table.columns) == 7 and table.row_count > 15
+    data = as_data(made[3, "paper"])
+    assert data["paper_frames_per_s"] == 40.6 and data["on_observers"]["penetrating_frames"]["scene"] == 0
+    assert data["cycles_hindered_without_observers"] >= 2
+    assert as_data(made[1, "paper"])["scene"] is None
+
+
+def test_who_never_crouches_is_refused(short: SensorFrames) -> None:
+    still = replay(short.cut(0.0, 0.3), load_priorities("paper"), clock=MonotonicClock())
+    for place in (clear_cylinder, hindering_sphere):
+        with pytest.raises(InputError, match="no place for an obstacle"):
+            place(still)
+
+
+def test_the_recording_of_the_paper(shared: Path) -> None:
+    frames = read_trial(shared / "mocap", CROUCH)
+    assert frames is not None and len(frames) == 2235
+    outcomes = run(frames)
+    check_placement(outcomes)
+    for (number, name), outcome in outcomes.items():
+        assert outcome.on_observers.scene_frames == 0, f"experiment {number}, {name}"
+        assert outcome.on_observers.own_frames == 0, f"experiment {number}, {name}"
+        assert outcome.replay.frames_per_s > outcome.experiment.paper_fps
+        if name == "human":
+            assert outcome.on_capsules.own_clearance > -PENETRATION
+            assert outcome.on_capsules.scene_clearance > -PENETRATION
