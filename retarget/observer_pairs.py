@@ -23,11 +23,12 @@ apart and touches is a fault of the neutral posture or of the shapes."""
 
 @dataclass(frozen=True)
 class DroppedPair:
-    """Two observers, by name, that are not looked at together, and why."""
+    """Two observers, by name, that are not looked at together, and why. neighbours: on links that one joint parts."""
 
     first: str
     second: str
     reason: str
+    neighbours: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def checked_pairs(
         if reason is None:
             checked.append((first, second))
         else:
-            dropped.append(DroppedPair(observers.names[first], observers.names[second], reason))
+            dropped.append(DroppedPair(observers.names[first], observers.names[second], reason, steps == 1))
     pairs = np.array(checked, dtype=np.int64).reshape(-1, 2)
     distance = _distances(body, observers, pairs, rules.neutral)
     touching = distance <= 0.0

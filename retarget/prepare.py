@@ -15,6 +15,7 @@ from retarget.frames import SensorFrames
 from retarget.gate import Gate
 from retarget.human import Human, build_human
 from retarget.human_speeds import human_limits
+from retarget.observers import Observers
 from retarget.open_gate import OpenGate
 from retarget.options import RunOptions
 from retarget.performer import Performer, load_performer
@@ -50,7 +51,7 @@ class Prepared:
     has_bus: bool
     notes: tuple[str, ...]
     scene: SceneState | None = None
-    observer_names: tuple[str, ...] = ()
+    observers: Observers | None = None
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
@@ -70,7 +71,7 @@ class Prepared:
             notes=self.notes,
             stop=None if self.side is None else self.side.guard.stop_reason,
             scene=self.scene,
-            observer_names=self.observer_names,
+            observers=self.observers,
         )
 
 
@@ -96,18 +97,17 @@ def prepare(
     notes = (*frames.notes, *(() if robot is None else robot.body.notes))
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
-        names = reconstructor.hierarchy.observer_names
-        yield Prepared(clip, human, performer, reconstructor, None, stages, False, notes, scene, names)
+        worn = reconstructor.observers
+        yield Prepared(clip, human, performer, reconstructor, None, stages, False, notes, scene, worn)
         return
     bus = make_bus(options.bus, robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
     side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=clip.dt)
-    names = follower.hierarchy.observer_names
     bus.open()
     failed = True
     try:
         has_bus = options.bus != "none"
-        yield Prepared(clip, human, performer, reconstructor, side, stages, has_bus, notes, scene, names)
+        yield Prepared(clip, human, performer, reconstructor, side, stages, has_bus, notes, scene, follower.observers)
         failed = side.guard.stop_reason is not None
     finally:
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.

@@ -8,6 +8,7 @@ from typing import Any
 
 from retarget.errors import UsageError
 from retarget.metrics.motion import LimitViolations
+from retarget.metrics.observer_activity import ModeSwitches
 from retarget.outputs import check_path, check_place, write_atomic
 
 __all__ = [
@@ -90,7 +91,11 @@ class Report:
     reconstruct_us, retarget_us: thread CPU per tick. tracking_mm: of a robot, landmark sent against landmark asked at
     the same tick, lag included; of a human, joint against sensor. lag_s: of the same. unsensed_mm: joints without
     sensor, against the recorded body. priority_violation_max: largest error of a task of the highest level, mm or mrad.
-    limit_violations: values beyond a limit by more than `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
+    min_clearance_mm: on the body's own geoms; penetrating_frames: ticks in which they are in each other or in the
+    scene, by anything; deep_frames: by more than 1 mm. closest_links, closest_obstacle: what came closest.
+    observer_clearance_mm: the same on the observers' shapes. mode_switches_per_s: of observers, mean and worst.
+    observer_activations: how often one became active. reactive_share: of the ticks, those in which one was in
+    contact. limit_violations: values beyond a limit by more than `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
     servo_error_deg: how far each servo stood from the goal of the tick before. unled_frames: ticks in which nobody knew
@@ -121,7 +126,7 @@ class Report:
     foot_slide_mm: float | None
     jerk_p95: float | None
     fallen: bool | None
-    mode_switches_per_s: dict[str, float] | None
+    mode_switches_per_s: ModeSwitches | None
     bus: BusReport | None
     stop: StopReport
     sensors_mm: dict[str, Spread]
@@ -133,6 +138,11 @@ class Report:
     com_margin_mm: float | None
     soles: Soles | None
     closest_links: tuple[str, str] | None
+    closest_obstacle: tuple[str, str] | None
+    deep_frames: int | None
+    observer_clearance_mm: Clearances
+    observer_activations: int | None
+    reactive_share: float | None
     robot: str
     source: str
     performer: str

@@ -8,6 +8,7 @@ from hardware.guard_state import Stop
 from retarget.clip import Clip
 from retarget.human import Human
 from retarget.joint_limits import JointLimits
+from retarget.observers import Observers
 from retarget.performer import Performer
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
@@ -25,7 +26,7 @@ class RunResult:
 
     human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the
     stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
-    stop: the guard's, None without one. scene: what was around the last stage's body; observer_names: of that body.
+    stop: the guard's, None without one. scene: what was around the last stage's body; observers: of that body.
     """
 
     record: Record
@@ -42,7 +43,12 @@ class RunResult:
     notes: tuple[str, ...] = field(default=())
     stop: Stop | None = None
     scene: SceneState | None = None
-    observer_names: tuple[str, ...] = ()
+    observers: Observers | None = None
+
+    @property
+    def observer_names(self) -> tuple[str, ...]:
+        """Of the last stage's body, in the order of the recorded modes."""
+        return () if self.observers is None else self.observers.names
 
     @property
     def ticks_followed(self) -> int:

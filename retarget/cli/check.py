@@ -9,9 +9,11 @@ import typer
 
 from retarget.catalogue import Kind, entries, find, kind_of
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
+from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
 from retarget.profile import RobotProfile, load_profile
+from retarget.robot_body import load_robot
 from retarget.scene import Scene, load_scene
 from retarget.scene_parts import Obstacle
 from retarget.schema import Schema
@@ -113,6 +115,7 @@ def _robot(path: Path) -> str:
         problems = [*error.problems, *problems]
     if problems:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
+    observers = robot_observers(load_robot(path))
     models = [servo.model for servo in profile.servos.values()]
     buses = (f"{name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids)" for name, bus in profile.buses.items())
     return _paragraph(
@@ -125,7 +128,11 @@ def _robot(path: Path) -> str:
             "buses": "; ".join(buses),
             "frames": f"{len(profile.frames)}",
             "landmarks": ", ".join(profile.landmarks),
-            "observers": f"{len(profile.observers)}, {len(profile.ignore_pairs)} pairs ignored",
+            "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them looked at",
+            "not looked at": "; ".join(
+                f"{pair.first} and {pair.second}: {pair.reason}" for pair in observers.dropped if not pair.neighbours
+            )
+            or "only neighbours along the body",
             "feet": ", ".join(profile.feet) or "none",
             "tick": f"{profile.safety.rate_hz:g} Hz",
             "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}",

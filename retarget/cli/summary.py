@@ -60,7 +60,6 @@ def _facts_table(report: Report) -> Table:
 
 def _facts(report: Report) -> Iterable[tuple[str, str]]:
     limits = report.limit_violations
-    clear = report.min_clearance_mm.self
     yield "hands within reach", _hands(report)
     yield "servos", _servos(report)
     yield "lag", _number(report.lag_s and 1e3 * report.lag_s, "ms")
@@ -74,7 +73,10 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3)
     yield "centre of mass", _standing(report)
     yield "soles", _soles(report)
-    yield "self clearance", _clearance(report, clear)
+    yield "self clearance", _between(report.min_clearance_mm.self, report.closest_links)
+    yield "scene clearance", _between(report.min_clearance_mm.scene, report.closest_obstacle)
+    yield "penetration", _penetration(report)
+    yield "observers", _observers(report)
     yield "gate", _gate(report)
     yield "cost per tick", _cost(report)
     yield (
@@ -133,12 +135,23 @@ def _soles(report: Report) -> str:
     return f"at most {soles.height_mm:.2f} mm off the ground, {soles.tilt_deg:.2f} degrees tilted, {slide:.2f} mm slid"
 
 
-def _clearance(report: Report, clear: float | None) -> str:
-    if clear is None:
+def _between(clear: float | None, pair: tuple[str, str] | None) -> str:
+    return "" if clear is None else f"{clear:.1f} mm" + (f" ({' and '.join(pair)})" if pair else "")
+
+
+def _penetration(report: Report) -> str:
+    if not report.penetrating_frames:
         return ""
-    between = f" ({' and '.join(report.closest_links)})" if report.closest_links else ""
-    through = f", inside itself in {report.penetrating_frames} ticks" if report.penetrating_frames else ""
-    return f"{clear:.1f} mm{between}{through}"
+    return f"in {report.penetrating_frames} ticks, by more than 1 mm in {report.deep_frames}"
+
+
+def _observers(report: Report) -> str:
+    switches = report.mode_switches_per_s
+    if switches is None:
+        return ""
+    worst = f", {switches.worst:.1f} of {switches.name}" if switches.name else ""
+    contact = f"; in contact in {report.reactive_share:.1%} of ticks" if report.reactive_share else ""
+    return f"{switches.mean:.1f} changes of mode a second on average{worst}{contact}"
 
 
 def _cost(report: Report) -> str:

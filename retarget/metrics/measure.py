@@ -3,16 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from retarget.human_posture import ORIENTED, PostureReader
 from retarget.joint_limits import JointLimits
 from retarget.metrics import bus, standing, tracking
 from retarget.metrics.asked_arms import Performance
-from retarget.metrics.clearance import Clearance, self_clearance
+from retarget.metrics.clearances import clearances
 from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
+from retarget.metrics.observer_activity import observer_activity
 from retarget.metrics.priority import top_level_error
 from retarget.metrics.reach import reachable_hands
-from retarget.report import BusReport, Clearances, Percentiles, Report, Soles, Spread, StopReport
+from retarget.report import BusReport, Percentiles, Report, Soles, Spread, StopReport
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
@@ -30,7 +32,8 @@ def measure(run: RunResult) -> Report:
     names, asked, reached = run.followed
     heights, played = _pelvis_heights(run), clip.frames_played(run.ticks_followed)
     reconstruct, retarget = record.timing.reconstruct, record.timing.retarget
-    clearance, stand, hands = _clearance(run), _standing(run), _hands(run, reached)
+    clear, stand, hands = clearances(run), _standing(run), _hands(run, reached)
+    activity = observer_activity(*_modes(run))
     return Report(
         frames=min(played, clip.source_frames),
         ticks=len(record),
@@ -45,8 +48,8 @@ def measure(run: RunResult) -> Report:
         hand_path_ratio=_hand_path_ratio(names, asked, reached),
         pelvis_excursion_ratio=None if heights is None else tracking.excursion_ratio(*heights),
         unsensed_mm=_unsensed(run),
-        min_clearance_mm=Clearances(None if clearance is None else _mm(clearance.smallest), None),
-        penetrating_frames=None if clearance is None else clearance.penetrating,
+        min_clearance_mm=clear.geoms,
+        penetrating_frames=clear.penetrating,
         gated_frames=None if robot is None else int(np.count_nonzero(robot.gated)),
         limit_violations=_limit_violations(run),
         priority_violation_max=_mm(top_level_error(run)),
@@ -54,7 +57,7 @@ def measure(run: RunResult) -> Report:
         foot_slide_mm=_mm(stand.slide),
         jerk_p95=jerk_p95(_joint_positions(run)[record.following], clip.dt),
         fallen=None,
-        mode_switches_per_s=None,
+        mode_switches_per_s=None if activity is None else activity.switches,
         bus=_bus(run),
         stop=StopReport(run.state, run.reason),
         sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
@@ -65,7 +68,12 @@ def measure(run: RunResult) -> Report:
         reachable_share=hands.shares,
         com_margin_mm=_mm(stand.margin),
         soles=stand.soles,
-        closest_links=None if clearance is None else clearance.pair,
+        closest_links=clear.closest,
+        closest_obstacle=clear.closest_obstacle,
+        deep_frames=clear.deep,
+        observer_clearance_mm=clear.observers,
+        observer_activations=None if activity is None else activity.activations,
+        reactive_share=None if activity is None else activity.reactive,
         robot="human" if run.robot is None else run.robot.profile.name,
         source=clip.frames.source,
         performer=run.performer.name,
@@ -167,18 +175,12 @@ def _limit_violations(run: RunResult) -> LimitViolations:
     return limit_violations(positions, limits, run.clip.motion_dt, from_rest=False)
 
 
-def _clearance(run: RunResult) -> Clearance | None:
-    """Self clearance of the postures that were sent."""
-    robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or not len(sent.q):
-        return None
-    return self_clearance(
-        robot.profile.body_path,
-        sent.q,
-        root=robot.profile.root,
-        neutral=robot.posture(robot.profile.postures.neutral),
-        ignored=[ignored.pair for ignored in robot.profile.ignore_pairs],
-    )
+def _modes(run: RunResult) -> tuple[NDArray[np.uint8], tuple[str, ...], float]:
+    """Modes of the last stage's observers in the ticks that followed, their names, and the length of a tick, s."""
+    sent = run.record.robot
+    modes = run.record.human.observer_modes if sent is None else sent.observer_modes
+    dt = run.clip.motion_dt if sent is None else run.clip.dt
+    return modes[run.record.following], run.observer_names, dt
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,72 @@
+"""How near a body's observers came to each other and to a scene: on their own shapes, by the solver's own distances."""
+
+import numpy as np
+
+from retarget import _solver, rotations
+from retarget.body import BodyModel, IntArray
+from retarget.observers import Observers
+from retarget.rotations import FloatArray
+from retarget.scene_motion import SceneState
+
+__all__ = ["observer_clearance"]
+
+Side = tuple[IntArray, FloatArray, FloatArray, FloatArray]
+"""kinds (n,), sizes (n, 3), positions (n, 3) m and orientations (n, 4) wxyz of canonical frames."""
+
+
+def observer_clearance(
+    body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
+) -> tuple[float | None, float | None]:
+    """Smallest distance (m, negative inside) in postures q (T, nq) at `times` (T,): of pairs that are looked at, and to
+    any obstacle. None: nothing to look at."""
+    if not len(q):
+        return None, None
+    solver, links = body.solver_body(), observers.links.tolist()
+    rows = np.ascontiguousarray(q)
+    position = solver.points(rows, links, np.ascontiguousarray(observers.positions))  # (T, n, 3)
+    quat = rotations.multiply(solver.orientations(rows, links), observers.quats)  # (T, n, 4)
+    first, second = observers.pairs.T
+    own = _least(_side(observers, position, quat, first), _side(observers, position, quat, second))
+    if scene is None or not scene.shapes.names:
+        return own, None
+    poses = [scene.at(max(float(time), 0.0)) for time in times]
+    there = np.stack([pose.position for pose in poses]), np.stack([pose.quat for pose in poses])  # (T, k, ...)
+    who, what = np.indices((len(links), len(scene.shapes.names))).reshape(2, -1)
+    shapes = scene.shapes
+    obstacles = _rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
+    return own, _least(_side(observers, position, quat, who), obstacles)
+
+
+def _side(observers: Observers, position: FloatArray, quat: FloatArray, which: IntArray) -> Side:
+    return _rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
+
+
+def _rows(kinds: IntArray, sizes: FloatArray, position: FloatArray, quat: FloatArray) -> Side:
+    """One row for each shape (n,) of each posture (T,)."""
+    postures = len(position)
+    return (
+        np.tile(kinds, postures),
+        np.tile(sizes, (postures, 1)),
+        np.ascontiguousarray(position).reshape(-1, 3),
+        np.ascontiguousarray(quat).reshape(-1, 4),
+    )
+
+
+def _least(a: Side, b: Side) -> float | None:
+    """The smallest distance of rows of a and b: looked at exactly only where a lower bound leaves it open."""
+    if not len(a[0]):
+        return None
+    bound = _solver.shape_gaps_at_least(*a, *b)
+    order = np.argsort(bound)
+    least, at = np.inf, 0
+    while at < len(order) and bound[order[at]] < least:
+        chosen = order[at : at + 4096]
+        near, far = _chosen(a, chosen), _chosen(b, chosen)
+        distance = _solver.shape_distances(*near, *far)[0]
+        least, at = min(least, float(distance.min())), at + 4096
+    return least
+
+
+def _chosen(side: Side, rows: IntArray) -> Side:
+    kinds, sizes, position, quat = side
+    return kinds[rows], sizes[rows], position[rows], quat[rows]
