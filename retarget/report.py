@@ -14,6 +14,7 @@ from retarget.outputs import check_path, check_place, write_atomic
 __all__ = [
     "BusReport",
     "Clearances",
+    "ObserversReport",
     "Percentiles",
     "Report",
     "Soles",
@@ -76,6 +77,18 @@ class StopReport:
 
 
 @dataclass(frozen=True)
+class ObserversReport:
+    """clearance_mm: smallest distances of the observers' own shapes. activations: how often one became active.
+
+    reactive_share: of the ticks that followed, those in which one was in contact.
+    """
+
+    clearance_mm: Clearances
+    activations: int
+    reactive_share: float
+
+
+@dataclass(frozen=True)
 class Soles:
     """Worst of all soles over the run. height_mm: distance from the ground; tilt_deg: from being flat."""
 
@@ -93,9 +106,8 @@ class Report:
     sensor, against the recorded body. priority_violation_max: largest error of a task of the highest level, mm or mrad.
     min_clearance_mm: on the body's own geoms; penetrating_frames: ticks in which they are in each other or in the
     scene, by anything; deep_frames: by more than 1 mm. closest_links, closest_obstacle: what came closest.
-    observer_clearance_mm: the same on the observers' shapes. mode_switches_per_s: of observers, mean and worst.
-    observer_activations: how often one became active. reactive_share: of the ticks, those in which one was in
-    contact. limit_violations: values beyond a limit by more than `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
+    mode_switches_per_s: of observers, mean and worst. limit_violations: values beyond a limit by more than
+    `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
     servo_error_deg: how far each servo stood from the goal of the tick before. unled_frames: ticks in which nobody knew
@@ -140,9 +152,7 @@ class Report:
     closest_links: tuple[str, str] | None
     closest_obstacle: tuple[str, str] | None
     deep_frames: int | None
-    observer_clearance_mm: Clearances
-    observer_activations: int | None
-    reactive_share: float | None
+    observers: ObserversReport | None
     robot: str
     source: str
     performer: str

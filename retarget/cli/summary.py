@@ -150,7 +150,8 @@ def _observers(report: Report) -> str:
     if switches is None:
         return ""
     worst = f", {switches.worst:.1f} of {switches.name}" if switches.name else ""
-    contact = f"; in contact in {report.reactive_share:.1%} of ticks" if report.reactive_share else ""
+    share = report.observers.reactive_share if report.observers else 0.0
+    contact = f"; in contact in {share:.1%} of ticks" if share else ""
     return f"{switches.mean:.1f} changes of mode a second on average{worst}{contact}"
 
 

@@ -14,7 +14,7 @@ from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
 from retarget.metrics.observer_activity import observer_activity
 from retarget.metrics.priority import top_level_error
 from retarget.metrics.reach import reachable_hands
-from retarget.report import BusReport, Percentiles, Report, Soles, Spread, StopReport
+from retarget.report import BusReport, ObserversReport, Percentiles, Report, Soles, Spread, StopReport
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
@@ -57,7 +57,7 @@ def measure(run: RunResult) -> Report:
         foot_slide_mm=_mm(stand.slide),
         jerk_p95=jerk_p95(_joint_positions(run)[record.following], clip.dt),
         fallen=None,
-        mode_switches_per_s=None if activity is None else activity.switches,
+        mode_switches_per_s=activity and activity.switches,
         bus=_bus(run),
         stop=StopReport(run.state, run.reason),
         sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
@@ -71,9 +71,7 @@ def measure(run: RunResult) -> Report:
         closest_links=clear.closest,
         closest_obstacle=clear.closest_obstacle,
         deep_frames=clear.deep,
-        observer_clearance_mm=clear.observers,
-        observer_activations=None if activity is None else activity.activations,
-        reactive_share=None if activity is None else activity.reactive,
+        observers=activity and ObserversReport(clear.observers, activity.activations, activity.reactive),
         robot="human" if run.robot is None else run.robot.profile.name,
         source=clip.frames.source,
         performer=run.performer.name,
