@@ -1,5 +1,6 @@
 """Experiments 1 to 3 on a shortened synthetic performer, and on the recording of the paper where there is one."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,8 @@ from sim.performer import synthetic_performer
 Outcomes = dict[tuple[int, str], Outcome]
 
 
-def run(frames: SensorFrames) -> Outcomes:
-    outcomes = crouching(frames, clock=MonotonicClock())
+def run(frames: SensorFrames, configurations: Sequence[str] = CONFIGURATIONS) -> Outcomes:
+    outcomes = crouching(frames, clock=MonotonicClock(), configurations=configurations)
     return {(outcome.experiment.number, outcome.priorities): outcome for outcome in outcomes}
 
 
@@ -97,10 +98,13 @@ def test_who_never_crouches_is_refused(short: SensorFrames) -> None:
             place(still)
 
 
-def test_the_recording_of_the_paper(shared: Path) -> None:
+@pytest.mark.parametrize(
+    "configurations", [CONFIGURATIONS[:1], pytest.param(CONFIGURATIONS, marks=pytest.mark.long)], ids=["paper", "all"]
+)
+def test_the_recording_of_the_paper(shared: Path, configurations: Sequence[str]) -> None:
     frames = read_trial(shared / "mocap", CROUCH)
     assert frames is not None and len(frames) == 2235
-    outcomes = run(frames)
+    outcomes = run(frames, configurations)
     check_placement(outcomes)
     for (number, name), outcome in outcomes.items():
         assert outcome.on_observers.scene_frames == 0, f"experiment {number}, {name}"

@@ -4,7 +4,7 @@ Each runs with Table 1 and lines (`paper`), and with our own levels and capsules
 came to is measured on the postures, outside of the solver: on the observers that were worn, and on the capsules.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,22 +94,26 @@ def crouching(
     frames: SensorFrames,
     *,
     clock: Clock,
+    configurations: Sequence[str] = CONFIGURATIONS,
     iterations: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Iterator[Outcome]:
-    """The outcomes, experiment by experiment, `paper` before `human`. Raises InputError: no place for an obstacle."""
+    """The outcomes, experiment by experiment, with the paper's configuration and those that follow it.
+
+    Raises InputError: no place for an obstacle.
+    """
     free = {
         name: replay(frames, load_priorities(name), clock=clock, iterations=iterations, progress=progress)
-        for name in CONFIGURATIONS
+        for name in configurations
     }
-    motion = free[CONFIGURATIONS[0]]
+    motion = free[configurations[0]]
     experiments = (
         Experiment(1, None, None, "lines"),
         Experiment(2, clear_cylinder(motion), FOREARM, "lines"),
         Experiment(3, hindering_sphere(motion), HEAD, "lines_and_head"),
     )
     for experiment in experiments:
-        for name in CONFIGURATIONS:
+        for name in configurations:
             worn: Worn = experiment.worn if name == CONFIGURATIONS[0] else "capsules"
             replayed = replay(
                 frames,
