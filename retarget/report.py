@@ -14,6 +14,7 @@ from retarget.outputs import check_path, check_place, write_atomic
 __all__ = [
     "BusReport",
     "Clearances",
+    "DeepReport",
     "ObserversReport",
     "Percentiles",
     "Report",
@@ -77,6 +78,15 @@ class StopReport:
 
 
 @dataclass(frozen=True)
+class DeepReport:
+    """frames: ticks of `penetrating_frames` that go deeper than 1 mm. obstacle: the link and the obstacle of the scene
+    clearance."""
+
+    frames: int | None
+    obstacle: tuple[str, str] | None
+
+
+@dataclass(frozen=True)
 class ObserversReport:
     """clearance_mm: smallest distances of the observers' own shapes. activations: how often one became active.
 
@@ -105,7 +115,7 @@ class Report:
     the same tick, lag included; of a human, joint against sensor. lag_s: of the same. unsensed_mm: joints without
     sensor, against the recorded body. priority_violation_max: largest error of a task of the highest level, mm or mrad.
     min_clearance_mm: on the body's own geoms; penetrating_frames: ticks in which they are in each other or in the
-    scene, by anything; deep_frames: by more than 1 mm. closest_links, closest_obstacle: what came closest.
+    scene, by anything. closest_links: what came closest.
     mode_switches_per_s: of observers, mean and worst. limit_violations: values beyond a limit by more than
     `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
 
@@ -150,8 +160,7 @@ class Report:
     com_margin_mm: float | None
     soles: Soles | None
     closest_links: tuple[str, str] | None
-    closest_obstacle: tuple[str, str] | None
-    deep_frames: int | None
+    deep: DeepReport
     observers: ObserversReport | None
     robot: str
     source: str

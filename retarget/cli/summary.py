@@ -74,7 +74,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "centre of mass", _standing(report)
     yield "soles", _soles(report)
     yield "self clearance", _between(report.min_clearance_mm.self, report.closest_links)
-    yield "scene clearance", _between(report.min_clearance_mm.scene, report.closest_obstacle)
+    yield "scene clearance", _between(report.min_clearance_mm.scene, report.deep.obstacle)
     yield "penetration", _penetration(report)
     yield "observers", _observers(report)
     yield "gate", _gate(report)
@@ -142,7 +142,7 @@ def _between(clear: float | None, pair: tuple[str, str] | None) -> str:
 def _penetration(report: Report) -> str:
     if not report.penetrating_frames:
         return ""
-    return f"in {report.penetrating_frames} ticks, by more than 1 mm in {report.deep_frames}"
+    return f"in {report.penetrating_frames} ticks, by more than 1 mm in {report.deep.frames}"
 
 
 def _observers(report: Report) -> str:

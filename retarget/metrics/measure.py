@@ -3,18 +3,17 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget.human_posture import ORIENTED, PostureReader
 from retarget.joint_limits import JointLimits
 from retarget.metrics import bus, standing, tracking
 from retarget.metrics.asked_arms import Performance
-from retarget.metrics.clearances import clearances
+from retarget.metrics.clearances import RunClearances, clearances
 from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
-from retarget.metrics.observer_activity import observer_activity
+from retarget.metrics.observer_activity import ModeSwitches, observer_activity
 from retarget.metrics.priority import top_level_error
 from retarget.metrics.reach import reachable_hands
-from retarget.report import BusReport, ObserversReport, Percentiles, Report, Soles, Spread, StopReport
+from retarget.report import BusReport, DeepReport, ObserversReport, Percentiles, Report, Soles, Spread, StopReport
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
@@ -28,21 +27,20 @@ MM = 1e3
 
 def measure(run: RunResult) -> Report:
     """The report of a run."""
-    record, clip, robot = run.record, run.clip, run.record.robot
+    record, clip, robot, timing = run.record, run.clip, run.record.robot, run.record.timing
     names, asked, reached = run.followed
-    heights, played = _pelvis_heights(run), clip.frames_played(run.ticks_followed)
-    reconstruct, retarget = record.timing.reconstruct, record.timing.retarget
+    played, heights = clip.frames_played(run.ticks_followed), _pelvis_heights(run)
     clear, stand, hands = clearances(run), _standing(run), _hands(run, reached)
-    activity = observer_activity(*_modes(run))
+    switches, observers = _observers(run, clear)
     return Report(
         frames=min(played, clip.source_frames),
         ticks=len(record),
         duration_s=max(float(record.time[-1]), 0.0) if len(record) else 0.0,
         rate_hz=clip.rate_hz,
         frames_per_s=played / max(run.wall_s, 1e-9),
-        solve_us=_percentiles(reconstruct + retarget, 1e6),
-        reconstruct_us=_percentiles(reconstruct, 1e6),
-        retarget_us=None if robot is None else _percentiles(retarget, 1e6),
+        solve_us=_percentiles(timing.reconstruct + timing.retarget, 1e6),
+        reconstruct_us=_percentiles(timing.reconstruct, 1e6),
+        retarget_us=None if robot is None else _percentiles(timing.retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, clip.dt),
         hand_path_ratio=_hand_path_ratio(names, asked, reached),
@@ -57,7 +55,7 @@ def measure(run: RunResult) -> Report:
         foot_slide_mm=_mm(stand.slide),
         jerk_p95=jerk_p95(_joint_positions(run)[record.following], clip.dt),
         fallen=None,
-        mode_switches_per_s=activity and activity.switches,
+        mode_switches_per_s=switches,
         bus=_bus(run),
         stop=StopReport(run.state, run.reason),
         sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
@@ -69,9 +67,8 @@ def measure(run: RunResult) -> Report:
         com_margin_mm=_mm(stand.margin),
         soles=stand.soles,
         closest_links=clear.closest,
-        closest_obstacle=clear.closest_obstacle,
-        deep_frames=clear.deep,
-        observers=activity and ObserversReport(clear.observers, activity.activations, activity.reactive),
+        deep=DeepReport(clear.deep, clear.closest_obstacle),
+        observers=observers,
         robot="human" if run.robot is None else run.robot.profile.name,
         source=clip.frames.source,
         performer=run.performer.name,
@@ -173,12 +170,15 @@ def _limit_violations(run: RunResult) -> LimitViolations:
     return limit_violations(positions, limits, run.clip.motion_dt, from_rest=False)
 
 
-def _modes(run: RunResult) -> tuple[NDArray[np.uint8], tuple[str, ...], float]:
-    """Modes of the last stage's observers in the ticks that followed, their names, and the length of a tick, s."""
+def _observers(run: RunResult, clear: RunClearances) -> tuple[ModeSwitches | None, ObserversReport | None]:
+    """What the last stage's observers did in the ticks that followed."""
     sent = run.record.robot
     modes = run.record.human.observer_modes if sent is None else sent.observer_modes
     dt = run.clip.motion_dt if sent is None else run.clip.dt
-    return modes[run.record.following], run.observer_names, dt
+    seen = observer_activity(modes[run.record.following], run.observer_names, dt)
+    if seen is None:
+        return None, None
+    return seen.switches, ObserversReport(clear.observers, seen.activations, seen.reactive)
 
 
 @dataclass(frozen=True)
