@@ -17,6 +17,7 @@ from retarget.human import Human, build_human
 from retarget.human_speeds import human_limits
 from retarget.open_gate import OpenGate
 from retarget.options import RunOptions
+from retarget.path_clearance import PathClearance
 from retarget.performer import Performer, load_performer
 from retarget.pipeline import Pipeline, Watch
 from retarget.priorities import Priorities, load_priorities
@@ -138,11 +139,20 @@ def _robot_side(
     robot: RobotBody, follower: Follower, options: RunOptions, *, bus: ServoBus, clock: Clock, dt: float
 ) -> RobotSide:
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
+    clearance = _clearance(robot, follower, dt) if options.gate else None
     goals: GoalFilter = (
-        Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach))
+        Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach), path_is_clear=clearance)
         if options.gate
         else OpenGate(servos.max_acceleration, dt=dt)
     )
     limits = robot.profile.guard_limits()
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
-    return RobotSide(robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt)
+    return RobotSide(
+        robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt, clearance=clearance
+    )
+
+
+def _clearance(robot: RobotBody, follower: Follower, dt: float) -> PathClearance | None:
+    """The gate's look at collision; None for a robot without observers."""
+    observers = follower.hierarchy.observers
+    return None if observers is None else PathClearance(robot, observers, follower.surroundings, dt=dt)

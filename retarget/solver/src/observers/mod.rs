@@ -6,17 +6,23 @@
 //! * `look`: distances of pairs in a posture.
 //! * `modes`: free, preventive or reactive, and how often that changes.
 //! * `rows`: inequality rows of pairs, written into a hierarchy problem.
+//! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage`, `way`, `arms` are its parts.
 //! * `trial`: of those influenced by one obstacle, only the closest that approaches (paper).
 
+mod arms;
 pub mod law;
 mod look;
 mod modes;
+mod path;
 mod rows;
 mod set;
+mod stage;
 mod trial;
+mod way;
 
 pub use look::{ObstaclePose, Watch};
 pub use modes::Mode;
+pub use path::PathChecker;
 pub use rows::{ObserverTask, Shift};
 pub use set::{Observer, ObserverSet, Obstacle, Other, Pair};
 pub use trial::Activation;
