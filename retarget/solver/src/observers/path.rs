@@ -1,35 +1,36 @@
 //! Whether a path of postures keeps every pair apart, between its rows too.
 //!
-//! Distance changes by no more than points move: with distances d0 and d1 at the ends of a stretch on which the two sides move by
-//! at most s against each other, nothing on it is nearer than (d0 + d1 - s) / 2. What that does not prove is halved.
+//! Two convex solids are at least as far apart as along any one direction. Held in the frame that both sides hang on, that
+//! separation is, for every pair of their points, a smooth function of the joints: between the ends of a stretch it is below both
+//! of its ends by no more than the stretch bends (`Stretch::bend`). What that does not prove is halved.
 
-use super::arms::{arms, Arm};
-use super::set::{Observer, ObserverSet, Other};
+use super::arms::{Arm, Arms};
+use super::set::ObserverSet;
 use super::stage::Stage;
-use super::way::Way;
+use super::way::{Stretch, Way};
 use crate::body::Body;
-use crate::geometry::Shape;
 use crate::math::{Quat, Vec3};
 use std::sync::Arc;
 
 /// Between rows a pair may be nearer by this (m) than at rows: what is sent keeps so much more than what is promised, so that a
 /// path along the limit can still be proven by stretches of finite length.
-pub const BETWEEN: f64 = 2e-4;
+pub const BETWEEN: f64 = 1e-4;
 /// A pair that is nearer than it ought to be may come nearer by this (m) in all, not per path: solvers and encoders round.
 pub const LET_OUT: f64 = 1e-4;
 /// Stretches shorter than 2^-HALVINGS of a row are not halved, and no path is looked at in more than LOOKS postures: what is not
 /// proven by then is not clear.
 const HALVINGS: i32 = 8;
-const LOOKS: u64 = 200;
+const LOOKS: u64 = 100;
 
-/// A pair on a stretch of the path. floor: least distance at rows, m; first, last: distances at its ends, m.
+/// A pair on a stretch of the path. floor: least distance at rows, m. At either end: how far it is parted, m, and along which
+/// direction in its base.
 #[derive(Clone, Copy)]
 struct Doubt {
     pair: usize,
     floor: f64,
     speed: f64,
-    first: f64,
-    last: f64,
+    first: (f64, Vec3),
+    last: (f64, Vec3),
 }
 
 /// Nothing is allocated once it has seen a path of the length at hand.
@@ -37,19 +38,18 @@ pub struct PathChecker {
     pub stage: Stage,
     /// What pairs shall keep, m.
     keep: Vec<f64>,
-    /// Arms of pairs of observers; of observers with obstacles, for each sole that may be planted.
-    among: Vec<Vec<Arm>>,
-    around: Vec<Vec<Vec<Arm>>>,
-    /// Longest arm of each joint, to see at once that a pair is far away.
-    longest: Vec<f64>,
-    slides: Vec<(usize, f64)>,
+    arms: Arms,
+    /// Direction that last opened each pair.
+    directions: Vec<Vec3>,
     /// The farthest that a pair which is too near has been since it is; -infinity: it is not.
     held: Vec<f64>,
     excused: Vec<bool>,
     doubts: Vec<Doubt>,
     way: Way,
     instead: Way,
-    stretch: f64,
+    stretch: Stretch,
+    /// How far slides are drawn out at most, m.
+    drawn: f64,
     looks_before: u64,
 }
 
@@ -64,38 +64,18 @@ impl PathChecker {
         soles: Vec<(usize, Vec3)>,
         share: f64,
     ) -> Self {
-        let stands = if soles.is_empty() { vec![0] } else { soles.iter().map(|s| s.0).collect() };
-        let among: Vec<Vec<Arm>> = set.pairs[..set.self_pairs]
-            .iter()
-            .map(|p| pair_arms(&body, &set, movers, p.observer, p.other, 0))
-            .collect();
-        let around: Vec<Vec<Vec<Arm>>> = stands
-            .iter()
-            .map(|&foot| {
-                let with = |o: usize| pair_arms(&body, &set, movers, o, Other::Obstacle(0), foot);
-                (0..set.observers.len()).map(with).collect()
-            })
-            .collect();
-        let mut longest = vec![0.0; movers.len()];
-        for arm in among.iter().chain(around.iter().flatten()).flatten() {
-            longest[arm.mover] = f64::max(longest[arm.mover], arm.length);
-        }
-        let rest = |dof: usize| body.joints.iter().find(|j| j.v_address == dof).map_or(0.0, |j| j.q_rest);
-        let slides =
-            movers.iter().enumerate().filter(|(_, d)| body.dof_linear[**d]).map(|(k, d)| (k, rest(*d).abs())).collect();
         Self {
             keep: set.pairs.iter().map(|p| share * p.margin).collect(),
-            longest,
-            slides,
+            arms: Arms::new(&body, &set, movers, &soles),
             held: vec![f64::NEG_INFINITY; set.pairs.len()],
             excused: vec![false; set.pairs.len()],
             doubts: Vec::with_capacity(32 * set.pairs.len()),
             way: Way::default(),
             instead: Way::default(),
-            stretch: 0.0,
+            stretch: Stretch::default(),
+            drawn: 0.0,
+            directions: vec![[0.0; 3]; set.pairs.len()],
             looks_before: 0,
-            among,
-            around,
             stage: Stage::new(body, set, columns, soles),
         }
     }
@@ -117,22 +97,19 @@ impl PathChecker {
         self.instead.load(instead.unwrap_or(path), n);
         self.stage.dt = dt;
         self.stage.stand(q);
-        self.stretch = self.slides.iter().map(|(k, r)| r + self.way.largest(*k).max(self.instead.largest(*k))).sum();
+        self.drawn = self.arms.slides.iter().map(|(k, r)| r + self.way.largest(*k).max(self.instead.largest(*k))).sum();
         self.looks_before = self.stage.looks;
-        let may_flee = instead.is_some();
+        let end = self.way.end as f64;
+        if end == 0.0 {
+            return true; // it stands
+        }
         self.doubts.clear();
-        self.collect(remember);
-        let (end, count) = (self.way.end as f64, self.doubts.len());
-        if count == 0 {
-            return true;
+        self.excused.fill(false);
+        self.collect(end, remember);
+        self.doubts.is_empty() || {
+            let may_flee = instead.is_some();
+            self.look(end, remember, may_flee) && self.halved(0, self.doubts.len(), 0.0, end, may_flee)
         }
-        self.stage.place(&self.way, end);
-        for k in 0..count {
-            let pair = self.doubts[k].pair;
-            self.doubts[k].last = self.stage.distance(pair);
-            self.excused[pair] = false;
-        }
-        self.holds(0, count, 0.0, end, may_flee)
     }
 
     /// Root position and orientation with which the planted sole of `q` stays, when the joints take these values.
@@ -143,47 +120,99 @@ impl PathChecker {
     }
 
     fn arms(&self, pair: usize) -> &[Arm] {
-        let set = &self.stage.set;
-        match pair < set.self_pairs {
-            true => &self.among[pair],
-            false => &self.around[self.stage.planted][set.pairs[pair].observer],
-        }
+        self.arms.of(&self.stage.set, pair, self.stage.planted)
     }
 
-    /// Pairs that the first row and the length of the path do not clear.
-    fn collect(&mut self, remember: bool) {
+    /// Pairs that neither their distance at the first row nor the direction that parted them last clears.
+    fn collect(&mut self, end: f64, remember: bool) {
         self.stage.place(&self.way, 0.0);
-        let end = self.way.end as f64;
-        let time = end * self.stage.dt;
-        let most: f64 =
-            self.longest.iter().enumerate().map(|(k, arm)| (arm + self.stretch) * self.way.gone(k, end)).sum();
+        self.stretch.load(&self.way, 0.0, end, self.stage.dt);
+        let longest = self.arms.longest.iter().enumerate();
+        let most: f64 = longest.map(|(k, arm)| (arm + self.drawn) * self.way.gone(k, end)).sum();
         for pair in 0..self.keep.len() {
             let floor = self.keep[pair] + BETWEEN;
             let gap = self.stage.gap(pair);
-            let speed = self.stage.obstacle_speed(pair, most, time);
-            if gap - most - speed * time > floor {
-                self.held[pair] = f64::NEG_INFINITY;
+            let speed = self.stage.obstacle_speed(pair, most, self.stretch.time);
+            let far = |motion: f64| gap - motion - speed * self.stretch.time > floor;
+            if far(most) || far(self.stretch.motion(self.arms(pair), self.drawn)) {
+                self.forget(pair, remember);
                 continue;
             }
-            let motion = self.way.motion(self.arms(pair), self.stretch, 0.0, end) + speed * time;
-            if gap - motion > floor {
-                self.held[pair] = f64::NEG_INFINITY;
+            let first = (self.stage.parted(pair, self.directions[pair]), self.directions[pair]);
+            self.doubts.push(Doubt { pair, floor, speed, first, last: first });
+        }
+        if self.doubts.is_empty() {
+            return;
+        }
+        self.stage.place(&self.way, end);
+        let mut left = 0;
+        for k in 0..self.doubts.len() {
+            let doubt = self.doubts[k];
+            let last = self.stage.parted(doubt.pair, doubt.first.1);
+            if self.proven(&doubt, doubt.first.0, last, doubt.floor) {
+                self.forget(doubt.pair, remember);
+            } else {
+                self.doubts[left] = doubt;
+                left += 1;
+            }
+        }
+        self.doubts.truncate(left);
+    }
+
+    /// Look at the pairs in doubt at both ends of the path. Returns false where one of them refuses it.
+    fn look(&mut self, end: f64, remember: bool, may_flee: bool) -> bool {
+        if self.doubts.is_empty() {
+            return true;
+        }
+        self.stage.place(&self.way, 0.0);
+        for k in 0..self.doubts.len() {
+            let mut doubt = self.doubts[k];
+            doubt.first = self.stage.nearest(doubt.pair);
+            doubt.floor = self.least(doubt.pair, doubt.first.0, doubt.floor, remember);
+            self.directions[doubt.pair] = doubt.first.1;
+            self.doubts[k] = doubt;
+        }
+        let mut left = 0;
+        self.stage.place(&self.way, end);
+        for k in 0..self.doubts.len() {
+            let mut doubt = self.doubts[k];
+            let across = self.stage.parted(doubt.pair, doubt.first.1);
+            let whole = if end > 1.0 { doubt.floor } else { doubt.floor - BETWEEN };
+            if across >= doubt.floor && self.proven(&doubt, doubt.first.0, across, whole) {
                 continue;
             }
-            let first = self.stage.distance(pair);
-            let floor = self.least(pair, first, floor, remember);
-            if first - motion < floor {
-                self.doubts.push(Doubt { pair, floor, speed, first, last: first });
+            doubt.last = self.stage.nearest(doubt.pair);
+            if doubt.last.0 < doubt.floor {
+                if !self.excuse(doubt.pair, may_flee) {
+                    return false;
+                }
+                self.stage.place(&self.way, end);
+                continue;
             }
+            self.doubts[left] = doubt;
+            left += 1;
+        }
+        self.doubts.truncate(left);
+        true
+    }
+
+    /// Whether a pair keeps `floor` on the stretch at hand, at whose ends one and the same direction parts it so far.
+    fn proven(&self, doubt: &Doubt, first: f64, last: f64, floor: f64) -> bool {
+        let bend = self.stretch.bend(self.arms(doubt.pair), self.drawn) + 0.5 * doubt.speed * self.stretch.time;
+        first.min(last) - bend >= floor
+    }
+
+    /// A pair is far enough apart.
+    fn forget(&mut self, pair: usize, remember: bool) {
+        if remember {
+            self.held[pair] = f64::NEG_INFINITY;
         }
     }
 
     /// What a pair that is `first` m apart at the first row must keep at rows: `floor`, or what is left of it.
     fn least(&mut self, pair: usize, first: f64, floor: f64, remember: bool) -> f64 {
         if first >= floor {
-            if remember {
-                self.held[pair] = f64::NEG_INFINITY;
-            }
+            self.forget(pair, remember);
             return floor;
         }
         if !remember {
@@ -196,51 +225,63 @@ impl PathChecker {
     }
 
     /// Whether doubts [start, stop) are clear between two times in rows, at both of which they are known.
-    fn holds(&mut self, start: usize, stop: usize, from: f64, to: f64, may_flee: bool) -> bool {
-        let (whole, steps) = (to - from > 1.0, to - from);
-        let top = self.doubts.len();
-        for k in start..stop {
-            let doubt = self.doubts[k];
-            let between = if whole { doubt.floor } else { doubt.floor - BETWEEN };
-            if self.excused[doubt.pair] {
-                continue;
-            }
-            let least = |time: f64| if time.fract() == 0.0 { doubt.floor } else { doubt.floor - BETWEEN };
-            if doubt.first < least(from) || doubt.last < least(to) {
-                if !self.excuse(doubt.pair, may_flee) {
-                    return false;
-                }
-                continue;
-            }
-            let motion =
-                self.way.motion(self.arms(doubt.pair), self.stretch, from, to) + doubt.speed * steps * self.stage.dt;
-            if 0.5 * (doubt.first + doubt.last - motion) < between {
-                self.doubts.push(doubt);
-            }
-        }
-        let end = self.doubts.len();
-        let clear = end == top || self.halved(top, end, from, to, may_flee);
-        self.doubts.truncate(top);
-        clear
-    }
-
-    /// The same of both halves.
     fn halved(&mut self, start: usize, stop: usize, from: f64, to: f64, may_flee: bool) -> bool {
-        let tired = self.stage.looks - self.looks_before > LOOKS || to - from < 0.5f64.powi(HALVINGS);
-        if tired {
+        if start == stop {
+            return true;
+        }
+        if self.stage.looks - self.looks_before > LOOKS || to - from < 0.5f64.powi(HALVINGS) {
             return (start..stop).all(|k| self.excuse(self.doubts[k].pair, may_flee));
         }
         let middle = if to - from > 1.0 { (0.5 * (from + to)).floor() } else { 0.5 * (from + to) };
         self.stage.place(&self.way, middle);
+        let base = self.doubts.len();
         for k in start..stop {
             let mut doubt = self.doubts[k];
-            let there = self.stage.distance(doubt.pair);
-            self.doubts.push(Doubt { first: there, ..doubt });
-            doubt.last = there;
-            self.doubts[k] = doubt;
+            doubt.last = self.stage.nearest(doubt.pair);
+            let least = if middle.fract() == 0.0 { doubt.floor } else { doubt.floor - BETWEEN };
+            if doubt.last.0 < least {
+                if !self.excuse(doubt.pair, may_flee) {
+                    return false;
+                }
+                self.stage.place(&self.way, middle);
+            }
+            self.doubts.push(doubt); // up to the middle
         }
-        let later = stop..self.doubts.len();
-        self.holds(start, stop, from, middle, may_flee) && self.holds(later.start, later.end, middle, to, may_flee)
+        for k in start..stop {
+            let doubt = Doubt { first: self.doubts[base + k - start].last, ..self.doubts[k] };
+            self.doubts.push(doubt); // from there on
+        }
+        let (split, end) = (base + stop - start, self.doubts.len());
+        let first = self.open(base, split, from, middle, |s, d| (d.first.0, s.parted(d.pair, d.first.1)));
+        let second = self.open(split, end, middle, to, |s, d| (s.parted(d.pair, d.last.1), d.last.0));
+        let clear =
+            self.halved(base, first, from, middle, may_flee) && self.halved(split, second, middle, to, may_flee);
+        self.doubts.truncate(base);
+        clear
+    }
+
+    /// Move those of doubts [start, stop) that are not proven on a stretch to the front; returns where they end. `parted`: how far
+    /// at either end along the direction of the end that is not at hand, while everything stands where it does at the other.
+    fn open(
+        &mut self,
+        start: usize,
+        stop: usize,
+        from: f64,
+        to: f64,
+        parted: impl Fn(&Stage, &Doubt) -> (f64, f64),
+    ) -> usize {
+        self.stretch.load(&self.way, from, to, self.stage.dt);
+        let mut left = start;
+        for k in start..stop {
+            let doubt = self.doubts[k];
+            let floor = if to - from > 1.0 { doubt.floor } else { doubt.floor - BETWEEN };
+            let (first, last) = parted(&self.stage, &doubt);
+            if !self.excused[doubt.pair] && !self.proven(&doubt, first, last, floor) {
+                self.doubts[left] = doubt;
+                left += 1;
+            }
+        }
+        left
     }
 
     /// Whether an obstacle that comes at the robot is the only one to blame: nowhere nearer than on the path followed instead.
@@ -255,29 +296,13 @@ impl PathChecker {
         self.looks_before += 2 * rows as u64; // these count for nobody
         for row in 1..rows {
             self.stage.place(&self.way, row as f64);
-            let ours = self.stage.distance(pair);
+            let ours = self.stage.nearest(pair).0;
             self.stage.place(&self.instead, row as f64);
-            if ours < self.stage.distance(pair) {
+            if ours < self.stage.nearest(pair).0 {
                 return false;
             }
         }
         self.excused[pair] = true;
         true
-    }
-}
-
-/// Arms of a pair; an obstacle stands on the ground, and so does `foot`.
-fn pair_arms(body: &Body, set: &ObserverSet, movers: &[usize], observer: usize, other: Other, foot: usize) -> Vec<Arm> {
-    let first = &set.observers[observer];
-    match other {
-        Other::Obstacle(_) => arms(body, movers, first.link, foot, |_| first.clone()),
-        Other::Observer(o) => {
-            let second = &set.observers[o];
-            arms(body, movers, first.link, second.link, |side| {
-                let seen = if side == first.link { first } else { second };
-                debug_assert!(seen.shape != Shape::HalfSpace);
-                Observer::clone(seen)
-            })
-        }
     }
 }

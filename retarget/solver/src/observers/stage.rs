@@ -7,7 +7,7 @@ use super::look::ObstaclePose;
 use super::set::{ObserverSet, Other};
 use super::way::Way;
 use crate::body::Body;
-use crate::geometry::{gap_at_least, nearest, Scratch, Solid};
+use crate::geometry::{extreme, gap_at_least, nearest, Scratch, Shape, Solid};
 use crate::kinematics::Pose;
 use crate::math::*;
 use std::sync::Arc;
@@ -31,6 +31,8 @@ pub struct Stage {
     pose: Pose,
     solids: Vec<Solid>,
     fixtures: Vec<Solid>,
+    /// Of each pair of observers, the last link that both hang on; an obstacle's is the ground.
+    bases: Vec<Option<usize>>,
     scratch: Scratch,
 }
 
@@ -50,6 +52,7 @@ impl Stage {
             pose: body.new_pose(),
             solids: set.new_solids(),
             fixtures: set.obstacles.iter().map(|o| fixture(o.shape)).collect(),
+            bases: set.pairs.iter().map(|p| base_of(&body, &set, p.observer, p.other)).collect(),
             scratch: Scratch::default(),
             body,
             set,
@@ -115,14 +118,38 @@ impl Stage {
         gap_at_least(a, b)
     }
 
-    /// Signed distance of a pair, m.
-    pub fn distance(&mut self, pair: usize) -> f64 {
+    /// Signed distance of a pair, m, and the direction that opens it, in the pair's base.
+    pub fn nearest(&mut self, pair: usize) -> (f64, Vec3) {
         let p = &self.set.pairs[pair];
         let b = match p.other {
             Other::Observer(o) => &self.solids[o],
             Other::Obstacle(o) => &self.fixtures[o],
         };
-        nearest(&self.solids[p.observer], b, &mut self.scratch).distance
+        let found = nearest(&self.solids[p.observer], b, &mut self.scratch);
+        (found.distance, mat_t_vec(&self.pose.rotation[self.base(pair)], found.normal))
+    }
+
+    /// How far a pair is parted along a direction in its base, m: never more than its distance.
+    pub fn parted(&self, pair: usize, direction: Vec3) -> f64 {
+        let (a, b) = self.both(pair);
+        if b.shape == Shape::HalfSpace {
+            return gap_at_least(a, b); // the distance itself
+        }
+        let n = mat_vec(&self.pose.rotation[self.base(pair)], direction);
+        let length = norm(n);
+        if length < 0.5 {
+            return f64::NEG_INFINITY; // no direction is known
+        }
+        let n = scale(n, 1.0 / length);
+        dot(n, sub(a.position, b.position)) - extreme(a, scale(n, -1.0)).0 - extreme(b, n).0
+    }
+
+    /// The link in which directions of a pair stay: what both sides hang on.
+    fn base(&self, pair: usize) -> usize {
+        match self.bases[pair] {
+            Some(link) => link,
+            None => self.soles.get(self.planted).map_or(0, |sole| sole.0),
+        }
     }
 
     /// The obstacle of a pair, if it has one that moves.
@@ -155,4 +182,14 @@ impl Stage {
 
 fn transpose(m: &Mat3) -> Mat3 {
     [column(m, 0), column(m, 1), column(m, 2)]
+}
+
+fn base_of(body: &Body, set: &ObserverSet, observer: usize, other: Other) -> Option<usize> {
+    let Other::Observer(o) = other else { return None };
+    let (mut a, mut b) = (set.observers[observer].link, set.observers[o].link);
+    while a != b {
+        let lower = if a > b { &mut a } else { &mut b };
+        *lower = body.links[*lower].parent;
+    }
+    Some(a)
 }

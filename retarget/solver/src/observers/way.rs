@@ -51,16 +51,6 @@ impl Way {
         before + share * (after - before)
     }
 
-    /// Most that the joints of these arms move one side against the other between two times in rows, m; arms that turn are
-    /// longer by `stretch`.
-    pub fn motion(&self, arms: &[Arm], stretch: f64, from: f64, to: f64) -> f64 {
-        let moved = |arm: &Arm| {
-            let length = if arm.turns { arm.length + stretch } else { arm.length };
-            length * (self.gone(arm.mover, to) - self.gone(arm.mover, from))
-        };
-        arms.iter().map(moved).sum()
-    }
-
     /// Largest size that a joint's value has on the way.
     pub fn largest(&self, mover: usize) -> f64 {
         self.values.iter().skip(mover).step_by(self.movers).fold(0.0, |a: f64, v| a.max(v.abs()))
@@ -73,5 +63,58 @@ impl Way {
 
     fn next(&self, row: usize) -> usize {
         (row + 1).min(self.rows - 1)
+    }
+}
+
+/// What the joints do on a stretch of a path. Nothing here needs the posture.
+#[derive(Default)]
+pub struct Stretch {
+    /// How far each joint goes.
+    gone: Vec<f64>,
+    /// Most that each is off the straight line in joint space from one end to the other.
+    off: Vec<f64>,
+    /// s from one end to the other.
+    pub time: f64,
+}
+
+impl Stretch {
+    /// Between two times in rows, `dt` s each.
+    pub fn load(&mut self, way: &Way, from: f64, to: f64, dt: f64) {
+        self.time = (to - from) * dt;
+        self.gone.clear();
+        self.gone.extend((0..way.movers).map(|k| way.gone(k, to) - way.gone(k, from)));
+        self.off.clear();
+        self.off.resize(way.movers, 0.0);
+        let all: f64 = self.gone.iter().sum();
+        if to - from <= 1.0 || all == 0.0 {
+            return;
+        }
+        let (first, last) = (from as usize * way.movers, to as usize * way.movers);
+        for row in (from as usize + 1)..to as usize {
+            let k = row * way.movers;
+            let gone: f64 = (0..way.movers).map(|m| way.gone[k + m] - way.gone[first + m]).sum();
+            for (m, off) in self.off.iter_mut().enumerate() {
+                let (a, b) = (way.values[first + m], way.values[last + m]);
+                *off = off.max((way.values[k + m] - a - gone / all * (b - a)).abs());
+            }
+        }
+    }
+
+    /// Most that the joints of these arms move one side against the other, m. Arms that turn are longer by `stretch`.
+    pub fn motion(&self, arms: &[Arm], stretch: f64) -> f64 {
+        arms.iter().map(|arm| arm.at_most(stretch) * self.gone[arm.mover]).sum()
+    }
+
+    /// Most by which a point is off its straight line on the stretch, m: the acceleration of points is at most 2 S s where joints
+    /// turn by S in all and points move by s, and so is eight times the bend of a straight line in joint space.
+    pub fn bend(&self, arms: &[Arm], stretch: f64) -> f64 {
+        let (mut turned, mut moved, mut off) = (0.0, 0.0, 0.0);
+        for arm in arms {
+            let length = arm.at_most(stretch);
+            turned += if arm.turns { self.gone[arm.mover] } else { 0.0 };
+            moved += length * self.gone[arm.mover];
+            off += length * self.off[arm.mover];
+        }
+        0.25 * turned * moved + off
     }
 }
