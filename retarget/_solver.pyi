@@ -184,7 +184,7 @@ class PathChecker:
 
     Rows of a path (k, n) are values of n hinges and slides, which stand at `columns (n,)` of a posture; between rows
     they go straight. With soles (links, and points (s, 3) m of them) the root follows from the lower one, which stays
-    where it is; without, the root stays. `share`: of each pair's margin that is kept.
+    where it is; without, the root stays.
     """
 
     def __init__(
@@ -195,16 +195,23 @@ class PathChecker:
         columns: NDArray[np.int64],
         sole_links: list[int],
         sole_points: Floats,
-        share: float,
     ) -> None: ...
     def set_obstacles(self, position: Floats, quat: Floats, linear: Floats, angular: Floats) -> None:
         """Where the k obstacles are at the first row, and how they go on; see `Solver.set_obstacles`."""
     def restart(self) -> None:
         """Forget which pairs were too near."""
     def is_clear(
-        self, standing: Floats, path: Floats, *, dt: float, instead: Floats | None = None, remember: bool = True
+        self,
+        standing: Floats,
+        path: Floats,
+        *,
+        dt: float,
+        share: float,
+        instead: Floats | None = None,
+        remember: bool = True,
     ) -> bool:
-        """Whether a path (k, n), dt s from row to row, is clear for a robot that stands as in `standing (nq,)`.
+        """Whether every pair keeps a share of its margin on a path (k, n), dt s from row to row, of a robot that stands
+        as in `standing (nq,)`.
 
         A pair that is too near at the first row is only let out. instead (k, n): the path followed after a refusal;
         one on which a moving obstacle is at no row nearer than on that one is clear of it. remember: the first row is

@@ -8,11 +8,14 @@ from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.surroundings import Surroundings
 
-__all__ = ["KEPT_SHARE", "PathClearance"]
+__all__ = ["KEPT_SHARE", "SERVOS_SHARE", "PathClearance"]
 
 KEPT_SHARE = 0.5
 """Of each pair's margin, what the gate insists on. The observers keep the whole margin and do the work; if the gate
 asked for as much, every rounding of theirs would be a refusal. It is the proof, not the control."""
+SERVOS_SHARE = 0.25
+"""The same for where servos are measured. The straight line from there to the goal cuts the corners of the way that
+they go, and the room that the gate keeps is there for just that."""
 
 
 class PathClearance:
@@ -39,7 +42,6 @@ class PathClearance:
             columns=robot.servo_columns,
             sole_links=[foot.body for foot in feet],
             sole_points=np.array([foot.position for foot in feet]).reshape(-1, 3),
-            share=KEPT_SHARE,
         )
         self._around = surroundings
         self._dt = dt
@@ -70,7 +72,7 @@ class PathClearance:
         poses = self._around.now
         if poses is not None:
             self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
-        if not self._checker.is_clear(self._standing, path, dt=self._dt, instead=instead):
+        if not self._checker.is_clear(self._standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead):
             return False
         return self._measured is None or self._servos_are_clear(path, instead, self._measured)
 
@@ -79,4 +81,6 @@ class PathClearance:
         rows = len(path) if off.any() else 2  # without, the rest of the way is the one that is clear already
         way, other = path[:rows] + off, instead[:rows] + off
         way[0] = other[0] = measured
-        return self._checker.is_clear(self._standing, way, dt=self._dt, instead=other, remember=False)
+        return self._checker.is_clear(
+            self._standing, way, dt=self._dt, share=SERVOS_SHARE, instead=other, remember=False
+        )

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock
@@ -10,6 +12,7 @@ from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from retarget.calibration import calibrate
 from retarget.clip import Clip, lay_on_ticks
+from retarget.contact_at_start import contacts, refuse_contact
 from retarget.follow import Follower
 from retarget.frames import SensorFrames
 from retarget.gate import Gate
@@ -91,9 +94,12 @@ def prepare(
     clip = lay_on_ticks(frames, performer=performer, playback=options.playback, rate_hz=rate)
     human = build_human(calibrate(frames.mirror() if options.playback.mirror else frames))
     scene = None if options.scene is None else SceneState(load_scene(options.scene))
-    reconstructor = Reconstructor(
-        human, for_human, performer, iterations=options.iterations, scene=scene if robot is None else None
-    )
+    around_human = scene if robot is None else None
+    reconstructor = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
+    if around_human is not None and not options.allow_contact:
+        # Of its own, so that the run begins as if nobody had looked.
+        first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
+        _refuse_swallowed(first, around_human, clip, human)
     notes = (*frames.notes, *(() if robot is None else robot.body.notes))
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
@@ -102,6 +108,9 @@ def prepare(
         return
     bus = make_bus(options.bus, robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
+    if not options.allow_contact:
+        touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
+        refuse_contact(touching, where=f"{robot.profile.name}, standing")
     side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=clip.dt)
     names = follower.hierarchy.observer_names
     bus.open()
@@ -124,6 +133,13 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
         check_for_human(for_human, name)
         return for_human, None
     return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
+
+
+def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, clip: Clip, human: Human) -> None:
+    """Raise UsageError where an obstacle touches the human even after it has got out of its way as well as it can."""
+    start = reconstructor.start(clip.sample(0)).q
+    beside_itself = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
+    refuse_contact(contacts(human.body, beside_itself, scene, start), where="human, first posture")
 
 
 def _follower(

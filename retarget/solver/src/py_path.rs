@@ -3,7 +3,7 @@
 use crate::allocations::allocations;
 use crate::body::JointKind;
 use crate::math::quat_unit;
-use crate::observers::{ObstaclePose, PathChecker};
+use crate::observers::{Ask, ObstaclePose, PathChecker};
 use crate::py_arrays::{bad, finite, table, triple};
 use crate::py_body::PyBody;
 use crate::py_observers::PyObservers;
@@ -21,22 +21,18 @@ pub struct PyPathChecker {
 #[pymethods]
 impl PyPathChecker {
     #[new]
-    #[pyo3(signature = (body, observers, *, columns, sole_links, sole_points, share))]
+    #[pyo3(signature = (body, observers, *, columns, sole_links, sole_points))]
     fn new(
         body: &PyBody,
         observers: &PyObservers,
         columns: PyReadonlyArray1<'_, i64>,
         sole_links: Vec<usize>,
         sole_points: PyReadonlyArray2<'_, f64>,
-        share: f64,
     ) -> PyResult<Self> {
         let body = &body.body;
         let points = table(&sole_points, sole_links.len(), 3, "sole_points")?;
         if let Some(link) = sole_links.iter().find(|link| **link >= body.links.len()) {
             return Err(bad(format!("a sole sits on link {link}, which the body does not have")));
-        }
-        if !(0.0..=1.0).contains(&share) {
-            return Err(bad(format!("share is {share}, expected 0 to 1")));
         }
         let columns: Vec<usize> =
             columns.as_slice()?.iter().map(|c| usize::try_from(*c).unwrap_or(usize::MAX)).collect();
@@ -49,7 +45,7 @@ impl PyPathChecker {
             return Err(bad("a path needs a joint that moves".into()));
         }
         let soles = sole_links.iter().zip(points.chunks_exact(3)).map(|(link, p)| (*link, triple(p))).collect();
-        let checker = PathChecker::new(body.clone(), observers.set.clone(), &movers, columns, soles, share);
+        let checker = PathChecker::new(body.clone(), observers.set.clone(), &movers, columns, soles);
         Ok(Self { checker, allocations: 0 })
     }
 
@@ -79,12 +75,13 @@ impl PyPathChecker {
         self.checker.restart();
     }
 
-    #[pyo3(signature = (standing, path, *, dt, instead=None, remember=true))]
+    #[pyo3(signature = (standing, path, *, dt, share, instead=None, remember=true))]
     fn is_clear(
         &mut self,
         standing: PyReadonlyArray1<'_, f64>,
         path: PyReadonlyArray2<'_, f64>,
         dt: f64,
+        share: f64,
         instead: Option<PyReadonlyArray2<'_, f64>>,
         remember: bool,
     ) -> PyResult<bool> {
@@ -97,8 +94,12 @@ impl PyPathChecker {
         if !(dt > 0.0) || !dt.is_finite() {
             return Err(bad(format!("dt is {dt}, expected a positive time in seconds")));
         }
+        if !(0.0..=1.0).contains(&share) {
+            return Err(bad(format!("share is {share}, expected 0 to 1")));
+        }
+        let ask = Ask { share, remember };
         let before = allocations();
-        let clear = self.checker.is_clear(standing, path, instead, dt, remember);
+        let clear = self.checker.is_clear(standing, path, instead, dt, ask);
         self.allocations += allocations() - before;
         Ok(clear)
     }
@@ -121,7 +122,7 @@ impl PyPathChecker {
         }
         let free = self.checker.stage.body.joints.iter().find(|j| j.kind == JointKind::Free);
         if let Some((link, address)) = free.map(|j| (j.body, j.q_address)) {
-            let (position, quat) = self.checker.planted(standing, values, link);
+            let (position, quat) = self.checker.stage.root(standing, values, link);
             q[address..address + 3].copy_from_slice(&position);
             q[address + 3..address + 7].copy_from_slice(&quat);
         }

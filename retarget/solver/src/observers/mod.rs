@@ -22,7 +22,7 @@ mod way;
 
 pub use look::{ObstaclePose, Watch};
 pub use modes::Mode;
-pub use path::PathChecker;
+pub use path::{Ask, PathChecker};
 pub use rows::{ObserverTask, Shift};
 pub use set::{Observer, ObserverSet, Obstacle, Other, Pair};
 pub use trial::Activation;

@@ -9,7 +9,7 @@ use super::set::ObserverSet;
 use super::stage::Stage;
 use super::way::{Stretch, Way};
 use crate::body::Body;
-use crate::math::{Quat, Vec3};
+use crate::math::Vec3;
 use std::sync::Arc;
 
 /// Between rows a pair may be nearer by this (m) than at rows: what is sent keeps so much more than what is promised, so that a
@@ -33,11 +33,19 @@ struct Doubt {
     last: (f64, Vec3),
 }
 
+/// share: of each pair's margin, what it shall keep. remember: the first row is where the robot was sent, so that what is let out
+/// is measured from there.
+#[derive(Clone, Copy)]
+pub struct Ask {
+    pub share: f64,
+    pub remember: bool,
+}
+
 /// Nothing is allocated once it has seen a path of the length at hand.
 pub struct PathChecker {
     pub stage: Stage,
-    /// What pairs shall keep, m.
-    keep: Vec<f64>,
+    /// Of its margin, what a pair shall keep.
+    share: f64,
     arms: Arms,
     /// Direction that last opened each pair.
     directions: Vec<Vec3>,
@@ -54,18 +62,16 @@ pub struct PathChecker {
 }
 
 impl PathChecker {
-    /// movers: velocity coordinates, and columns of a posture, of the joints that a path moves. share: of each pair's margin that
-    /// is kept.
+    /// movers: velocity coordinates, and columns of a posture, of the joints that a path moves.
     pub fn new(
         body: Arc<Body>,
         set: Arc<ObserverSet>,
         movers: &[usize],
         columns: Vec<usize>,
         soles: Vec<(usize, Vec3)>,
-        share: f64,
     ) -> Self {
         Self {
-            keep: set.pairs.iter().map(|p| share * p.margin).collect(),
+            share: 0.0,
             arms: Arms::new(&body, &set, movers, &soles),
             held: vec![f64::NEG_INFINITY; set.pairs.len()],
             excused: vec![false; set.pairs.len()],
@@ -90,12 +96,11 @@ impl PathChecker {
     ///
     /// instead: what the robot does if this path is refused. Where an obstacle comes at the robot, a path on which it is at no row
     /// nearer than on that one is clear of it: a refusal must not keep the robot from getting out of the way.
-    /// remember: the first row is where the robot was sent; what is let out is measured from there.
-    pub fn is_clear(&mut self, q: &[f64], path: &[f64], instead: Option<&[f64]>, dt: f64, remember: bool) -> bool {
+    pub fn is_clear(&mut self, q: &[f64], path: &[f64], instead: Option<&[f64]>, dt: f64, ask: Ask) -> bool {
         let n = self.stage.columns.len();
         self.way.load(path, n);
         self.instead.load(instead.unwrap_or(path), n);
-        self.stage.dt = dt;
+        (self.stage.dt, self.share) = (dt, ask.share);
         self.stage.stand(q);
         self.drawn = self.arms.slides.iter().map(|(k, r)| r + self.way.largest(*k).max(self.instead.largest(*k))).sum();
         self.looks_before = self.stage.looks;
@@ -105,18 +110,11 @@ impl PathChecker {
         }
         self.doubts.clear();
         self.excused.fill(false);
-        self.collect(end, remember);
+        self.collect(end, ask.remember);
         self.doubts.is_empty() || {
             let may_flee = instead.is_some();
-            self.look(end, remember, may_flee) && self.halved(0, self.doubts.len(), 0.0, end, may_flee)
+            self.look(end, ask.remember, may_flee) && self.halved(0, self.doubts.len(), 0.0, end, may_flee)
         }
-    }
-
-    /// Root position and orientation with which the planted sole of `q` stays, when the joints take these values.
-    pub fn planted(&mut self, q: &[f64], values: &[f64], root: usize) -> (Vec3, Quat) {
-        self.way.load(values, self.stage.columns.len());
-        self.stage.stand(q);
-        self.stage.root(&self.way, 0.0, root)
     }
 
     fn arms(&self, pair: usize) -> &[Arm] {
@@ -129,8 +127,8 @@ impl PathChecker {
         self.stretch.load(&self.way, 0.0, end, self.stage.dt);
         let longest = self.arms.longest.iter().enumerate();
         let most: f64 = longest.map(|(k, arm)| (arm + self.drawn) * self.way.gone(k, end)).sum();
-        for pair in 0..self.keep.len() {
-            let floor = self.keep[pair] + BETWEEN;
+        for pair in 0..self.held.len() {
+            let floor = self.share * self.stage.set.pairs[pair].margin + BETWEEN;
             let gap = self.stage.gap(pair);
             let speed = self.stage.obstacle_speed(pair, most, self.stretch.time);
             let far = |motion: f64| gap - motion - speed * self.stretch.time > floor;
