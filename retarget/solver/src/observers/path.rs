@@ -5,6 +5,7 @@
 //! of its ends by no more than the stretch bends (`Stretch::bend`). What that does not prove is halved.
 
 use super::arms::{Arm, Arms};
+use super::law::{BETWEEN, LET_OUT};
 use super::set::ObserverSet;
 use super::stage::Stage;
 use super::way::{Stretch, Way};
@@ -12,11 +13,6 @@ use crate::body::Body;
 use crate::math::Vec3;
 use std::sync::Arc;
 
-/// Between rows a pair may be nearer by this (m) than at rows: what is sent keeps so much more than what is promised, so that a
-/// path along the limit can still be proven by stretches of finite length.
-pub const BETWEEN: f64 = 1e-4;
-/// A pair that is nearer than it ought to be may come nearer by this (m) in all, not per path: solvers and encoders round.
-pub const LET_OUT: f64 = 1e-4;
 /// Stretches shorter than 2^-HALVINGS of a row are not halved, and no path is looked at in more than LOOKS postures: what is not
 /// proven by then is not clear.
 const HALVINGS: i32 = 8;
@@ -159,9 +155,6 @@ impl PathChecker {
 
     /// Look at the pairs in doubt at both ends of the path. Returns false where one of them refuses it.
     fn look(&mut self, end: f64, remember: bool, may_flee: bool) -> bool {
-        if self.doubts.is_empty() {
-            return true;
-        }
         self.stage.place(&self.way, 0.0);
         for k in 0..self.doubts.len() {
             let mut doubt = self.doubts[k];
