@@ -214,8 +214,8 @@ class PathChecker:
         as in `standing (nq,)`.
 
         A pair that is too near at the first row is only let out. instead (k, n): the path followed after a refusal;
-        one on which a moving obstacle is at no row nearer than on that one is clear of it. remember: the first row is
-        where the robot was sent, so that what is let out is measured from there."""
+        one on which a moving obstacle is at no row nearer than it came by then on that one is clear of it. remember:
+        the first row is where the robot was sent, so that what is let out is measured from there."""
     def planted(self, standing: Floats, values: Floats) -> Floats:
         """Posture (nq,) with these values (n,), its root so that the lower sole of `standing (nq,)` stays."""
     @property

@@ -33,4 +33,5 @@ class FollowingError:
     def unexplained(self, measured: FloatArray) -> FloatArray:
         """How far `measured` (n,) is outside of what was sent lately, rad, signed; 0 within."""
         lo, hi = self._goals.min(axis=0) - self._slack, self._goals.max(axis=0) + self._slack
-        return measured - np.minimum(np.maximum(measured, lo), hi)
+        off: FloatArray = measured - np.minimum(np.maximum(measured, lo), hi)
+        return off

@@ -137,6 +137,8 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
 
 def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, clip: Clip, human: Human) -> None:
     """Raise UsageError where an obstacle touches the human even after it has got out of its way as well as it can."""
+    if reconstructor.observers is None:
+        return
     start = reconstructor.start(clip.sample(0)).q
     beside_itself = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
     refuse_contact(contacts(human.body, beside_itself, scene, start), where="human, first posture")
@@ -163,9 +165,7 @@ def _robot_side(
     )
     limits = robot.profile.guard_limits()
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
-    return RobotSide(
-        robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt, clearance=clearance
-    )
+    return RobotSide(robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt, clearance=clearance)
 
 
 def _clearance(robot: RobotBody, follower: Follower, dt: float) -> PathClearance | None:

@@ -1,5 +1,6 @@
 """OP3 behind a gate that looks at collision, without servos: what the tests of the gate's collision part share."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,9 +45,7 @@ class GatedRobot:
         self.around = Surroundings(state)
         compiled = self.observers.for_solver(self.robot.body, self.around.shapes)
         self.clearance = PathClearance(self.robot, compiled, self.around, dt=DT)
-        self.gate = Gate.for_servos(
-            self.robot.joint_map, dt=DT, path_is_clear=self.clearance if watched else None
-        )
+        self.gate = Gate.for_servos(self.robot.joint_map, dt=DT, path_is_clear=self.clearance if watched else None)
         self.q = plant(self.robot, self.robot.profile.postures.stand).q
         self.gate.seed(self.sent)
         self.clearance.begin(self.q, self.sent)
@@ -73,7 +72,7 @@ class GatedRobot:
     def between(self, rows: FloatArray, substeps: int = SUBSTEPS) -> FloatArray:
         """Servo angles on straight lines from row to row."""
         share = np.arange(1, substeps + 1)[:, None] / substeps
-        parts = [before + share * (after - before) for before, after in zip(rows[:-1], rows[1:], strict=True)]
+        parts = [before + share * (after - before) for before, after in pairwise(rows)]
         return np.concatenate([rows[:1], *parts])
 
     def distances(self, rows: FloatArray) -> FloatArray:

@@ -31,7 +31,9 @@ def is_clear(robot: GatedRobot, path: FloatArray) -> bool:
 def obstacles(rng: np.random.Generator, count: int = 5) -> GatedRobot:
     """OP3 among spheres in reach that it does not touch."""
     while True:
-        places = [sphere(rng.uniform([-0.1, -0.3, 0.1], [0.3, 0.3, 0.5]), rng.uniform(0.005, 0.05)) for _ in range(count)]
+        places = [
+            sphere(rng.uniform([-0.1, -0.3, 0.1], [0.3, 0.3, 0.5]), rng.uniform(0.005, 0.05)) for _ in range(count)
+        ]
         robot = GatedRobot(scene(**{f"s{k}": keys for k, keys in enumerate(places)}))
         if robot.distances(robot.sent[None]).min() > 0.0025:
             return robot
@@ -131,7 +133,7 @@ def test_the_verdict_is_that_of_looking_everywhere(seed: int) -> None:
 def test_what_touches_is_only_let_out() -> None:
     robot = GatedRobot()
     middle = hand(robot, robot.sent[None])[0]
-    robot = GatedRobot(scene(ball=sphere(middle + [0.0, 0.03, 0.0], 0.04)))
+    robot = GatedRobot(scene(ball=sphere(middle + np.array([0.0, 0.03, 0.0]), 0.04)))
     rng = np.random.default_rng(0)
     start = robot.distances(robot.sent[None]).min()
     assert start < -0.01
@@ -187,16 +189,25 @@ def test_an_obstacle_is_where_it_will_be_then() -> None:
 def test_what_servos_are_off_their_way_is_off_the_whole_way() -> None:
     robot = GatedRobot()
     pitch = joint("l_sho_pitch")
-    at = hand(robot, (robot.sent + 0.10 * pitch)[None])[0]
-    for off, clear in ((0.0, True), (-0.06, True), (0.06, False)):
+    path = robot.sent + np.minimum(np.arange(8), 6)[:, None] * 0.003 * pitch
+    at = hand(robot, (path[-1] + 0.3 * pitch)[None])[0]
+    while True:  # bring it to where the path leaves it 3 mm
         robot = GatedRobot(scene(bar=sphere(at, 0.02)))
-        while robot.distances(robot.sent[None]).min() < 0.0025:
-            at = at + 0.1 * (at - hand(robot, robot.sent[None])[0])
-            robot = GatedRobot(scene(bar=sphere(at, 0.02)))
-        room = robot.distances(robot.sent[None]).min()
+        room = robot.distances(path)[-1].min()
+        if room < 0.003:
+            break
+        at = at + 0.5 * (room - 0.0025) * (hand(robot, path[-1:])[0] - at) / np.linalg.norm(
+            hand(robot, path[-1:])[0] - at
+        )
+    assert room > robot.kept().max() + BETWEEN
+    for off, clear in ((0.0, True), (-0.06, True), (0.06, False)):
         robot.clearance.measure(robot.sent + off * pitch)
-        goal = robot.sent + 0.001 * pitch
-        assert robot.ask(goal) == clear, f"{off}: {1e3 * room:.2f} mm"
+        assert is_clear(robot, path) == clear, off
+    # The same offset is but a lag where the robot was sent there lately.
+    robot.clearance.sent(robot.sent + 0.06 * pitch, robot.q)
+    robot.clearance.sent(robot.sent, robot.q)
+    robot.clearance.measure(robot.sent + 0.06 * pitch)
+    assert robot.clearance._following.unexplained(robot.sent + 0.06 * pitch).tolist() == [0.0] * 20
 
 
 def test_nothing_is_allocated() -> None:

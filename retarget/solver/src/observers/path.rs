@@ -91,7 +91,7 @@ impl PathChecker {
     /// posture `q`. A pair that is too near at the first row is only let out.
     ///
     /// instead: what the robot does if this path is refused. Where an obstacle comes at the robot, a path on which it is at no row
-    /// nearer than on that one is clear of it: a refusal must not keep the robot from getting out of the way.
+    /// nearer than it came by then on that one is clear of it: a refusal must not keep the robot from getting out of the way.
     pub fn is_clear(&mut self, q: &[f64], path: &[f64], instead: Option<&[f64]>, dt: f64, ask: Ask) -> bool {
         let n = self.stage.columns.len();
         self.way.load(path, n);
@@ -275,25 +275,21 @@ impl PathChecker {
         left
     }
 
-    /// Whether an obstacle that comes at the robot is the only one to blame: nowhere nearer than on the path followed instead.
+    /// Whether an obstacle that comes at the robot is the only one to blame: at no row is it nearer than it came by then on the path
+    /// that is followed instead.
     fn excuse(&mut self, pair: usize, may_flee: bool) -> bool {
-        if self.excused[pair] {
-            return true;
-        }
-        if !may_flee || self.stage.moving(pair).is_none() {
-            return false;
+        if self.excused[pair] || !may_flee || self.stage.moving(pair).is_none() {
+            return self.excused[pair];
         }
         let rows = self.way.rows().min(self.instead.rows());
         self.looks_before += 2 * rows as u64; // these count for nobody
-        for row in 1..rows {
-            self.stage.place(&self.way, row as f64);
-            let ours = self.stage.nearest(pair).0;
+        let mut least = f64::INFINITY;
+        self.excused[pair] = (1..rows).all(|row| {
             self.stage.place(&self.instead, row as f64);
-            if ours < self.stage.nearest(pair).0 {
-                return false;
-            }
-        }
-        self.excused[pair] = true;
-        true
+            least = least.min(self.stage.nearest(pair).0);
+            self.stage.place(&self.way, row as f64);
+            self.stage.nearest(pair).0 >= least
+        });
+        self.excused[pair]
     }
 }
