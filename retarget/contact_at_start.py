@@ -39,8 +39,10 @@ def contacts(body: BodyModel, observers: Observers, scene: SceneState | None, q:
         position, quat = np.concatenate([position, poses.position]), np.concatenate([quat, poses.quat])
         around = np.stack(np.meshgrid(np.arange(n), n + np.arange(k), indexing="ij"), axis=-1).reshape(-1, 2)
         pairs, others = np.concatenate([pairs, around]), others + shapes.names
-    sides = [np.ascontiguousarray(part[pairs[:, side]]) for side in (0, 1) for part in (kinds, sizes, position, quat)]
-    depths = -_solver.shape_distances(*sides)[0]
+    a, b = pairs[:, 0], pairs[:, 1]
+    depths = -_solver.shape_distances(
+        kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
+    )[0]
     order = np.argsort(-depths)
     touching = [row for row in order.tolist() if depths[row] > CONTACT_M]
     return tuple(Contact(others[pairs[row, 0]], others[pairs[row, 1]], float(depths[row])) for row in touching)
