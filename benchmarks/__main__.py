@@ -19,6 +19,9 @@ from benchmarks.bodies import BenchBody, bench_human, bench_op3
 from benchmarks.cost import Cost, per_degree_of_freedom, per_sensor
 from benchmarks.measure import Outcome, run
 from benchmarks.motion import Motion, crouch_and_reach, out_of_reach
+from benchmarks.observed import RECORDING, SHARED, observed_benchmark
+from benchmarks.observed_cases import Observed
+from benchmarks.observed_cost import ObstacleCost
 from benchmarks.ours import Ours
 from benchmarks.real_frame import FrameCost, real_frame
 from benchmarks.recording import followed, recording
@@ -27,9 +30,6 @@ from benchmarks.table import print_costs, print_outcomes, print_real_frame
 from benchmarks.textbook import Textbook
 from retarget.calibration import calibrate
 from retarget.sources.open import open_source
-
-SHARED = Path(os.environ.get("RETARGET_SHARED", str(Path(__file__).resolve().parent.parent.parent / "shared")))
-RECORDING = SHARED / "mocap" / "cmu_asfamc" / "02_06.amc"
 
 
 def main() -> None:
@@ -50,9 +50,11 @@ def main() -> None:
     print_costs(sensors, freedoms)
     real = real_frame(RECORDING, repeats=options.repeats) if RECORDING.is_file() else []
     print_real_frame(real)
+    observed, obstacles = observed_benchmark(frames=options.frames, repeats=options.repeats, plot=options.plot)
     if options.json is not None:
-        rows: dict[str, list[Outcome] | list[Cost] | list[FrameCost]]
+        rows: dict[str, list[Outcome] | list[Cost] | list[FrameCost] | list[Observed] | list[ObstacleCost]]
         rows = {"frames": outcomes, "sensors": sensors, "degrees_of_freedom": freedoms, "real_frame": real}
+        rows |= {"observed": observed, "obstacles": obstacles}
         text = json.dumps({key: [dataclasses.asdict(row) for row in part] for key, part in rows.items()}, indent=1)
         options.json.write_text(text + "\n", encoding="utf-8")
 
@@ -62,6 +64,7 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--frames", type=int, default=720, help="frames of each synthetic motion")
     parser.add_argument("--repeats", type=int, default=3, help="runs of which times are medians")
+    parser.add_argument("--plot", type=Path, help="PNG for the cost of obstacles")
     parser.add_argument("--json", type=Path, help="file for the numbers")
     return parser.parse_args()
 

@@ -62,12 +62,16 @@ class BenchBody:
 
     def reduced_model(self) -> Any:
         """MuJoCo model without the locked joints, and with a site at every point, for peers."""
+        return self.reduced_spec().compile()
+
+    def reduced_spec(self) -> Any:
+        """What that model is compiled from."""
         spec = mujoco.MjSpec.from_string(self.mjcf)
         for name in self.locked_joints:
             spec.delete(spec.joint(name))
         for point in self.points:
             spec.body(point.link).add_site(name=f"bench_{point.name}", pos=list(point.at))
-        return spec.compile()
+        return spec
 
 
 def bench_human(dimensions: HumanDimensions | None = None) -> BenchBody:

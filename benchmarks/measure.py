@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from benchmarks.side import Side
 
 WARM_UP = 20  # frames whose times are not counted; their errors are
 TIMES = ("median_us", "p99_us", "max_us")
+MakeSide = Callable[[BenchBody, Motion], Side]
+"""A class of sides, or anything else that makes one."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Outcome:
     failures: int
 
 
-def run(body: BenchBody, motion: Motion, sides: list[type[Side]], *, repeats: int = 1) -> list[Outcome]:
+def run(body: BenchBody, motion: Motion, sides: Sequence[MakeSide], *, repeats: int = 1) -> list[Outcome]:
     """Every side solves frame by frame, turn by turn, in this process; times are medians over the repeats."""
     runs = [run_once(body, motion, sides) for _ in range(repeats)]
     return [
@@ -50,9 +53,15 @@ def run(body: BenchBody, motion: Motion, sides: list[type[Side]], *, repeats: in
     ]
 
 
-def run_once(body: BenchBody, motion: Motion, sides: list[type[Side]]) -> list[Outcome]:
+def run_once(body: BenchBody, motion: Motion, sides: Sequence[MakeSide]) -> list[Outcome]:
     """Once, every side from the start."""
-    running = [side(body, motion) for side in sides]
+    running, spent, postures = play(body, motion, sides)
+    return [outcome(body, motion, side, spent[:, s], postures[s]) for s, side in enumerate(running)]
+
+
+def play(body: BenchBody, motion: Motion, sides: Sequence[MakeSide]) -> tuple[list[Side], Floats, Floats]:
+    """The sides after the motion, their thread CPU (T, sides) ns, and their postures (sides, T, nq)."""
+    running = [make(body, motion) for make in sides]
     spent = np.zeros((motion.frames, len(sides)))
     postures = np.zeros((len(sides), motion.frames, body.model.nq))
     for k in range(motion.frames):
@@ -62,7 +71,7 @@ def run_once(body: BenchBody, motion: Motion, sides: list[type[Side]]) -> list[O
             side.solve()
             spent[k, s] = time.thread_time_ns() - before
             postures[s, k] = side.posture()
-    return [outcome(body, motion, side, spent[:, s], postures[s]) for s, side in enumerate(running)]
+    return running, spent, postures
 
 
 def outcome(body: BenchBody, motion: Motion, side: Side, spent_ns: Floats, postures: Floats) -> Outcome:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mink
 import mujoco
 import numpy as np
@@ -17,7 +19,7 @@ class Mink:
     name = "mink"
 
     def __init__(self, body: BenchBody, motion: Motion) -> None:
-        model = self.model = body.reduced_model()
+        model = self.model = self.make_model(body)
         self.failures = 0
         joints = [body.model.joint_index(model.joint(i).name) for i in range(1, model.njnt)]
         self.columns = np.concatenate([np.arange(7), body.model.joint_qpos[joints]]).astype(int)
@@ -36,6 +38,10 @@ class Mink:
         self.tasks = [self.com, *self.points, posture]
         speeds = {model.joint(i).name: body.max_speed for i in range(1, model.njnt)}
         self.limits = [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds)]
+
+    def make_model(self, body: BenchBody) -> Any:
+        """The MuJoCo model to work on."""
+        return body.reduced_model()
 
     def aim(self, com: Floats, points: Floats) -> None:
         """See `Side`."""

@@ -27,9 +27,7 @@ class Placo:
     def __init__(self, body: BenchBody, motion: Motion) -> None:
         self.failures = 0
         self.body = body
-        with tempfile.TemporaryDirectory() as folder:
-            Path(folder, "robot.urdf").write_text(write_urdf(body), encoding="utf-8")
-            self.robot = placo.RobotWrapper(folder, placo.Flags.ignore_collisions)
+        self.robot = self.make_robot(body)
         self.joints = [name for name in body.model.joint_names[1:] if name not in set(body.locked_joints)]
         self.root = body.model.body_names[1]
         self.start_from(motion.start)
@@ -42,6 +40,12 @@ class Placo:
         self.com.configure("com", self.leading, LEADING_WEIGHT)
         self.points = [self.add_point(point.name) for point in body.points]
         self.add_posture(body.attractor)
+
+    def make_robot(self, body: BenchBody) -> Any:
+        """The robot to work on."""
+        with tempfile.TemporaryDirectory() as folder:
+            Path(folder, "robot.urdf").write_text(write_urdf(body), encoding="utf-8")
+            return placo.RobotWrapper(folder, placo.Flags.ignore_collisions)
 
     def start_from(self, q: Floats) -> None:
         """Put the robot into a posture (nq,)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -14,18 +15,21 @@ INERTIA = "<inertia ixx='1e-4' iyy='1e-4' izz='1e-4' ixy='0' ixz='0' iyz='0'/>"
 UNBOUNDED = 1e3  # rad, where the body sets no limit
 
 
-def write_urdf(body: BenchBody) -> str:
+def write_urdf(body: BenchBody, shapes: Mapping[str, str] | None = None) -> str:
     """Links and joints keep their names, further joints of a link get links of their own, points become `bench_NAME`.
 
-    Inertias are placeholders: only masses and centres of mass matter here. Raises ValueError for what URDF cannot say.
+    shapes: XML with the collision shapes of a link, by its name. Inertias are placeholders: only masses and centres of
+    mass matter here. Raises ValueError for what URDF cannot say.
     """
+    shapes = {} if shapes is None else shapes
     model = body.model
     root = model.parent.tolist().index(0, 1)
     if model.parent[2:].min(initial=1) == 0 or model.joint_type[0] != JointType.FREE or np.any(model.joint_pos):
         raise ValueError(f"{body.name}: not one tree of joints at link origins under a free root")
-    lines = [link(model.body_names[root], model.mass[root], model.com[root])]
+    name = model.body_names[root]
+    lines = [link(name, model.mass[root], model.com[root], shapes.get(name, ""))]
     for index in range(root + 1, len(model.body_names)):
-        lines += chain(body, index)
+        lines += chain(body, index, shapes.get(model.body_names[index], ""))
     for point in body.points:
         lines.append(link(f"bench_{point.name}", 0.0, np.zeros(3)))
         joint = f"bench_{point.name}_mount"
@@ -33,13 +37,13 @@ def write_urdf(body: BenchBody) -> str:
     return "\n".join([f"<robot name={quoteattr(body.name)}>", *lines, "</robot>"])
 
 
-def chain(body: BenchBody, index: int) -> list[str]:
-    """The link of one body, and its joints in order, from the parent's link."""
+def chain(body: BenchBody, index: int, shapes: str = "") -> list[str]:
+    """The link of one body with its shapes, and its joints in order, from the parent's link."""
     model = body.model
     parent, name = model.body_names[model.parent[index]], model.body_names[index]
     position, quat = model.body_pos[index], model.body_quat[index]
     moving = [j for j in np.flatnonzero(model.joint_body == index) if not body.locked[model.joint_dof[j]]]
-    lines = [link(name, model.mass[index], model.com[index])]
+    lines = [link(name, model.mass[index], model.com[index], shapes)]
     if not moving:
         return [*lines, fixed(f"{name}_mount", parent, name, position, quat)]
     for j in moving:
@@ -53,10 +57,10 @@ def chain(body: BenchBody, index: int) -> list[str]:
     return lines
 
 
-def link(name: str, mass: float, com: Floats) -> str:
-    """A link with mass and centre of mass."""
+def link(name: str, mass: float, com: Floats, shapes: str = "") -> str:
+    """A link with mass and centre of mass, and what else stands in it."""
     inertial = f"<inertial><origin xyz='{text(com)}'/><mass value='{mass:.17g}'/>{INERTIA}</inertial>"
-    return f"<link name={quoteattr(name)}>{inertial}</link>"
+    return f"<link name={quoteattr(name)}>{inertial}{shapes}</link>"
 
 
 def hinge(body: BenchBody, j: int, parent: str, child: str, position: Floats, quat: Floats) -> str:

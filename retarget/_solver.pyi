@@ -179,6 +179,50 @@ class Observers:
         """Number of obstacles."""
 
 @final
+class PathChecker:
+    """Whether a path of postures keeps every pair of `observers` apart, between its rows too.
+
+    Rows of a path (k, n) are values of n hinges and slides, which stand at `columns (n,)` of a posture; between rows
+    they go straight. With soles (links, and points (s, 3) m of them) the root follows from the lower one, which stays
+    where it is; without, the root stays.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        observers: Observers,
+        *,
+        columns: NDArray[np.int64],
+        sole_links: list[int],
+        sole_points: Floats,
+    ) -> None: ...
+    def set_obstacles(self, position: Floats, quat: Floats, linear: Floats, angular: Floats) -> None:
+        """Where the k obstacles are at the first row, and how they go on; see `Solver.set_obstacles`."""
+    def restart(self) -> None:
+        """Forget which pairs were too near."""
+    def is_clear(
+        self,
+        standing: Floats,
+        path: Floats,
+        *,
+        dt: float,
+        share: float,
+        instead: Floats | None = None,
+        remember: bool = True,
+    ) -> bool:
+        """Whether every pair keeps a share of its margin on a path (k, n), dt s from row to row, of a robot that stands
+        as in `standing (nq,)`.
+
+        A pair that is too near at the first row is only let out. instead (k, n): the path followed after a refusal;
+        one on which a moving obstacle is at no row nearer than it came by then on that one is clear of it. remember:
+        the first row is where the robot was sent, so that what is let out is measured from there."""
+    def planted(self, standing: Floats, values: Floats) -> Floats:
+        """Posture (nq,) with these values (n,), its root so that the lower sole of `standing (nq,)` stays."""
+    @property
+    def stats(self) -> tuple[int, int]:
+        """Postures looked at, and heap allocations in checks, since construction."""
+
+@final
 class Solver:
     """A body, its levels and limits, and the state of the convergence loop.
 

@@ -93,7 +93,7 @@ class Follower:
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, edges) if legs_move else None
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
-        self._around = Surroundings(scene)
+        self.surroundings = Surroundings(scene)
         self.observers = robot_observers(robot)
         self.hierarchy = Hierarchy.build(
             priorities,
@@ -104,7 +104,7 @@ class Follower:
             locked=np.zeros(robot.body.nv, dtype=bool) if parts == "whole" else standing_dofs(robot),
             iterations=iterations,
             observers=self.observers,
-            scene=self._around.shapes,
+            scene=self.surroundings.shapes,
         )
         self._targets = self.hierarchy.blank()
         for sole in stance.soles:
@@ -125,7 +125,7 @@ class Follower:
         self.landmark_map.restart()
         self._chase.restart()
         self._since_start = 0.0
-        self._around.restart()
+        self.surroundings.restart()
         self._q = self.stance.q
         self.hierarchy.solver.reset(self._q)
         if self._stopping is not None:
@@ -145,7 +145,7 @@ class Follower:
             before = self._q
             way.append(self.step(human, dt))
             resting = resting + 1 if float(np.abs(self._q - before).max()) < RESTING_SPEED * dt else 0
-        self._around.begin()
+        self.surroundings.begin()
         return way
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
@@ -158,14 +158,14 @@ class Follower:
         if self._edges:
             hierarchy.set_support(targets, braked_edges(self._edges, self._reached.centre_of_mass, dt))
         hierarchy.set_previous(targets, self._q, dt)
-        self._around.tick(hierarchy, dt)
+        self.surroundings.tick(hierarchy, dt)
         self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
         self._reached = self._reader.read(self._q)
         return self._posture(asked)
 
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
-        self._around.tick(None, dt)
+        self.surroundings.tick(None, dt)
         step = None if self._stopping is None else self._stopping.follow(dt)
         if step is None:
             return None

@@ -10,9 +10,9 @@ from hardware.errors import HardwareError, describe
 from hardware.joint_map import JointMap
 from retarget._solver import frame_bounds
 
-PathCheck = Callable[[FloatArray], bool]
-"""From a path of postures, rad (k, n), first row present, last row at rest, to whether all of it is clear of
-collision."""
+PathCheck = Callable[[FloatArray, FloatArray], bool]
+"""From two paths of postures, rad (k, n), a tick from row to row, first row present, last row at rest: that of the goal
+and that followed if it is refused; to whether all of the first is clear of collision."""
 
 ROUND_OFF = 1e-9
 """How far, in rad, a goal may miss a bound before it counts as a refusal: two programs that agree differ by less."""
@@ -59,7 +59,8 @@ class Gate:
                 )
             )
         # Ticks that the fastest joint needs to stand, and one for the goal itself.
-        self._path_rows = 2 + int(np.ceil((self._step / self._change).max()))
+        rows = 2 + int(np.ceil((self._step / self._change).max()))
+        self._slowing = np.arange(rows)[:, None] * self._change  # (rows, n) what braking takes off a displacement
         self._position = np.zeros_like(self._lower)
         self._displacement = np.zeros_like(self._lower)
 
@@ -136,8 +137,10 @@ class Gate:
         if np.maximum(lo - asked, asked - hi).max() > ROUND_OFF:
             return None
         admitted = np.minimum(np.maximum(asked, lo), hi)
-        if self._path_is_clear is not None and not self._path_is_clear(self._path(admitted)):
-            return None
+        if self._path_is_clear is not None:
+            instead = self._path(self._braked(self._displacement))
+            if not self._path_is_clear(self._path(admitted), instead):
+                return None
         return admitted
 
     def _bounds(self, braked: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -166,9 +169,8 @@ class Gate:
 
     def _path(self, displacement: FloatArray) -> FloatArray:
         """Postures from the present one through `displacement` to rest, (rows, n); the last rows may repeat."""
-        path = np.empty((self._path_rows + 1, self._position.size))
-        path[0] = self._position
-        for row in range(1, self._path_rows + 1):
-            path[row] = path[row - 1] + displacement
-            displacement = self._braked(displacement)
+        slower = np.maximum(np.abs(displacement) - self._slowing, 0.0)
+        path = np.zeros((len(self._slowing) + 1, self._position.size))
+        np.cumsum(np.copysign(slower, displacement), axis=0, out=path[1:])
+        path += self._position
         return path

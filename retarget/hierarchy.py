@@ -50,6 +50,8 @@ class Hierarchy:
         self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
         self.observer_names: tuple[str, ...] = ()
         """Of what looks at obstacles and at itself, in the order of `solver.observer_modes`."""
+        self.observers: _solver.Observers | None = None
+        """These and the obstacles, as the solver has them."""
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
         for level, slots in enumerate(levels):
@@ -92,6 +94,8 @@ class Hierarchy:
         worn = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if worn is None else worn.names
         levels = _compile(priorities, body, frames, fed=frames if fed is None else fed, observers=names)
+        shapes = scene.with_margin(priorities.observers.margin)
+        watched = None if worn is None else worn.for_solver(body, shapes)
         solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],
@@ -103,11 +107,11 @@ class Hierarchy:
             n_ik=priorities.iterations if iterations is None else iterations,
             early_stop=early_stop,
             damping=damping,
-            observers=None if worn is None else worn.for_solver(body, scene.with_margin(priorities.observers.margin)),
+            observers=watched,
             activation=priorities.activation,
         )
         made = cls(solver, levels, postures)
-        made.observer_names = names
+        made.observer_names, made.observers = names, watched
         return made
 
     def blank(self) -> FloatArray:

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock
@@ -10,6 +12,7 @@ from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from retarget.calibration import calibrate
 from retarget.clip import Clip, lay_on_ticks
+from retarget.contact_at_start import contacts, refuse_contact
 from retarget.follow import Follower
 from retarget.frames import SensorFrames
 from retarget.gate import Gate
@@ -18,6 +21,7 @@ from retarget.human_speeds import human_limits
 from retarget.observers import Observers
 from retarget.open_gate import OpenGate
 from retarget.options import RunOptions
+from retarget.path_clearance import PathClearance
 from retarget.performer import Performer, load_performer
 from retarget.pipeline import Pipeline, Watch
 from retarget.priorities import Priorities, load_priorities
@@ -91,9 +95,12 @@ def prepare(
     clip = lay_on_ticks(frames, performer=performer, playback=options.playback, rate_hz=rate)
     human = build_human(calibrate(frames.mirror() if options.playback.mirror else frames))
     scene = None if options.scene is None else SceneState(load_scene(options.scene))
-    reconstructor = Reconstructor(
-        human, for_human, performer, iterations=options.iterations, scene=scene if robot is None else None
-    )
+    around_human = scene if robot is None else None
+    reconstructor = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
+    if around_human is not None and not options.allow_contact:
+        # Of its own, so that the run begins as if nobody had looked.
+        first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
+        _refuse_swallowed(first, around_human, clip, human)
     notes = (*frames.notes, *(() if robot is None else robot.body.notes))
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
@@ -102,6 +109,9 @@ def prepare(
         return
     bus = make_bus(options.bus, robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
+    if not options.allow_contact:
+        touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
+        refuse_contact(touching, where=f"{robot.profile.name}, standing")
     side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=clip.dt)
     bus.open()
     failed = True
@@ -125,6 +135,15 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
     return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
 
 
+def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, clip: Clip, human: Human) -> None:
+    """Raise UsageError where an obstacle touches the human even after it has got out of its way as well as it can."""
+    if reconstructor.observers is None:
+        return
+    start = reconstructor.start(clip.sample(0)).q
+    beside_itself = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
+    refuse_contact(contacts(human.body, beside_itself, scene, start), where="human, first posture")
+
+
 def _follower(
     robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None
 ) -> Follower:
@@ -138,11 +157,18 @@ def _robot_side(
     robot: RobotBody, follower: Follower, options: RunOptions, *, bus: ServoBus, clock: Clock, dt: float
 ) -> RobotSide:
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
+    clearance = _clearance(robot, follower, dt) if options.gate else None
     goals: GoalFilter = (
-        Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach))
+        Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach), path_is_clear=clearance)
         if options.gate
         else OpenGate(servos.max_acceleration, dt=dt)
     )
     limits = robot.profile.guard_limits()
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
-    return RobotSide(robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt)
+    return RobotSide(robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt, clearance=clearance)
+
+
+def _clearance(robot: RobotBody, follower: Follower, dt: float) -> PathClearance | None:
+    """The gate's look at collision; None for a robot without observers."""
+    observers = follower.hierarchy.observers
+    return None if observers is None else PathClearance(robot, observers, follower.surroundings, dt=dt)

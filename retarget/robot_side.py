@@ -14,6 +14,7 @@ from hardware.guard_state import GuardState, StopCause
 from retarget.approach import approach, slower_in_line
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
+from retarget.path_clearance import PathClearance
 from retarget.planted_root import plant_root
 from retarget.record import ModeArray, Phase, RobotRecord
 from retarget.robot_body import RobotBody
@@ -29,10 +30,21 @@ GATED_RAD = 1e-8
 
 
 class RobotSide:
-    """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none."""
+    """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none.
+
+    clearance: what the gate asks about collision, told here where the robot is.
+    """
 
     def __init__(
-        self, *, robot: RobotBody, follower: FollowingStage, goals: GoalFilter, guard: Guard, clock: Clock, dt: float
+        self,
+        *,
+        robot: RobotBody,
+        follower: FollowingStage,
+        goals: GoalFilter,
+        guard: Guard,
+        clock: Clock,
+        dt: float,
+        clearance: PathClearance | None = None,
     ) -> None:
         self.robot = robot
         self.guard = guard
@@ -40,6 +52,7 @@ class RobotSide:
         """What the last tick was for."""
         self._follower = follower
         self._goals = goals
+        self._clearance = clearance
         self._clock = clock
         self._dt = dt
         self._deadline = clock.now()
@@ -82,6 +95,8 @@ class RobotSide:
         self._q[:] = self._before[:] = posture.q
         self._start = self._sent = present = self.guard.arm()
         self._moved = np.zeros_like(present)
+        if self._clearance is not None:
+            self._clearance.begin(self._before, present)
         self._deadline = self._clock.now()
         speed = self.robot.profile.safety.speed_caps.approach
         way = approach(present, posture.joint_positions, self.robot.joint_map, speed=speed, dt=self._dt)
@@ -113,7 +128,7 @@ class RobotSide:
         self._clock.sleep_until(self._deadline)
         self._goal, self._asked, self._rooted = None, None, False
         before = self.guard.sent
-        self.guard.tick(think, self._halt)
+        self.guard.tick(think if self._clearance is None else self._measured(think), self._halt)
         sent = self.guard.sent is not before
         if sent:
             self._went()
@@ -181,6 +196,22 @@ class RobotSide:
             self._follower.reseed(self._q.copy(), moved / self._dt)
         if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
             self._before[:] = self._q
+        if self._clearance is not None:
+            self._clearance.sent(sent, self._before)
+
+    def _measured(self, think: Think) -> Think:
+        """A thought before which the gate hears where the servos are."""
+
+        def measured(states: ServoStates) -> FloatArray | None:
+            self._measure()
+            return think(states)
+
+        return measured
+
+    def _measure(self) -> None:
+        states = self.guard.states
+        if self._clearance is not None and states is not None:
+            self._clearance.measure(self.robot.joint_map.to_radians(states.position))
 
     def _approaching(self, goal: FloatArray) -> Think:
         """A thought that is already finished."""
@@ -194,6 +225,7 @@ class RobotSide:
     def _halt(self) -> FloatArray | None:
         """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach."""
         self.phase = Phase.BRAKE
+        self._measure()
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
         if not self._started:

@@ -2,7 +2,7 @@
 
 from retarget.hierarchy import Hierarchy
 from retarget.observers import NO_SCENE
-from retarget.scene_motion import SceneState
+from retarget.scene_motion import ObstaclePoses, SceneState
 from retarget.scene_shapes import SceneShapes
 
 __all__ = ["Surroundings"]
@@ -16,7 +16,10 @@ class Surroundings:
         self.scene = scene
         self.time = 0.0
         """Of the tick that comes next."""
+        self.now: ObstaclePoses | None = None
+        """Where they are at the start of the tick that runs; None: nothing is around."""
         self._runs = False
+        self.restart()
 
     @property
     def shapes(self) -> SceneShapes:
@@ -26,16 +29,19 @@ class Surroundings:
     def restart(self) -> None:
         """Back to time 0, at rest."""
         self.time, self._runs = 0.0, False
+        self.now = None if self.scene is None else self.scene.at_rest(0.0)
 
     def begin(self) -> None:
-        """From now on they move."""
-        self.time, self._runs = 0.0, True
+        """From the next tick on they move."""
+        self.restart()
+        self._runs = True
 
     def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:
         """Tell the hierarchy (None: nobody) where they are at the start of a tick of `dt` s, and let time go on."""
         if self.scene is None:
             return
+        self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)
         if hierarchy is not None:
-            hierarchy.set_obstacles(self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time))
+            hierarchy.set_obstacles(self.now)
         if self._runs:
             self.time += dt

@@ -156,7 +156,7 @@ def test_from_beyond_a_limit_it_may_stand_or_walk_back_in() -> None:
 def test_a_path_that_collides_is_refused_and_the_clear_one_is_followed() -> None:
     seen: list[FloatArray] = []
 
-    def below_a_wall(path: FloatArray) -> bool:
+    def below_a_wall(path: FloatArray, instead: FloatArray) -> bool:
         seen.append(path)
         return bool((path[:, 0] < 0.5).all())
 

@@ -18,6 +18,7 @@ mod py_body;
 mod py_bounds;
 mod py_hierarchy;
 mod py_observers;
+mod py_path;
 mod py_shapes;
 mod py_solver;
 mod py_task;
@@ -31,6 +32,7 @@ fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<py_body::PyBody>()?;
     m.add_class::<py_task::PyTask>()?;
     m.add_class::<py_observers::PyObservers>()?;
+    m.add_class::<py_path::PyPathChecker>()?;
     m.add_class::<py_solver::PySolver>()?;
     m.add_class::<py_hierarchy::HierarchyResult>()?;
     m.add_function(wrap_pyfunction!(py_hierarchy::solve_hierarchy, m)?)?;

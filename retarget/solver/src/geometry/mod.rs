@@ -25,5 +25,6 @@ mod simplex;
 mod way_out;
 
 pub use gap::gap_at_least;
+pub use half_space::extreme;
 pub use nearest::{nearest, Nearest, Scratch};
 pub use shape::{Shape, Solid};

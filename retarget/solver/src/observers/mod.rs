@@ -7,20 +7,26 @@
 //! * `sleep`: pairs that cannot come too near in a frame, which nobody needs to look at.
 //! * `modes`: free, preventive or reactive, and how often that changes.
 //! * `rows`: inequality rows of pairs, written into a hierarchy problem.
+//! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage`, `way`, `arms` are its parts.
 //! * `trial`: of those influenced by one obstacle, only the closest that approaches (paper).
 
+mod arms;
 pub mod law;
 mod look;
 mod modes;
 mod obstacle;
+mod path;
 mod rows;
 mod set;
 mod sleep;
+mod stage;
 mod trial;
+mod way;
 
 pub use look::Watch;
 pub use modes::Mode;
 pub use obstacle::ObstaclePose;
+pub use path::{Ask, PathChecker};
 pub use rows::{ObserverTask, Shift};
 pub use set::{Mover, Observer, ObserverSet, Obstacle, Other, Pair};
 pub use trial::Activation;

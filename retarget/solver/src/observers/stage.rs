@@ -1,0 +1,198 @@
+//! Where observers and obstacles are while a robot goes along a path, and how far pairs are apart.
+//!
+//! A robot on its feet turns and shifts with its joints, because the planted foot stays. Distances do not care who moves: the body is
+//! left where its root was, and the obstacles are seen from the foot.
+
+use super::obstacle::ObstaclePose;
+use super::set::{ObserverSet, Other};
+use super::way::Way;
+use crate::body::Body;
+use crate::geometry::{extreme, gap_at_least, nearest, Scratch, Shape, Solid};
+use crate::kinematics::Pose;
+use crate::math::*;
+use std::sync::Arc;
+
+pub struct Stage {
+    pub body: Arc<Body>,
+    pub set: Arc<ObserverSet>,
+    /// Where the values of a path stand in a posture.
+    pub columns: Vec<usize>,
+    /// Link and point of every sole that may be planted; none for a robot whose root stays.
+    pub soles: Vec<(usize, Vec3)>,
+    /// The sole that is planted: the lower one.
+    pub planted: usize,
+    pub obstacles: Vec<ObstaclePose>,
+    /// Seconds between rows.
+    pub dt: f64,
+    /// Postures looked at since construction.
+    pub looks: u64,
+    foot: (Vec3, Quat),
+    q: Vec<f64>,
+    pose: Pose,
+    solids: Vec<Solid>,
+    fixtures: Vec<Solid>,
+    /// Of each pair of observers, the last link that both hang on; an obstacle's is the ground.
+    bases: Vec<Option<usize>>,
+    scratch: Scratch,
+}
+
+impl Stage {
+    pub fn new(body: Arc<Body>, set: Arc<ObserverSet>, columns: Vec<usize>, soles: Vec<(usize, Vec3)>) -> Self {
+        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let still =
+            ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
+        let fixture = |shape| Solid { shape, position: [0.0; 3], rotation: identity };
+        Self {
+            planted: 0,
+            obstacles: vec![still; set.obstacles.len()],
+            dt: 0.0,
+            looks: 0,
+            foot: ([0.0; 3], [1.0, 0.0, 0.0, 0.0]),
+            q: body.rest(),
+            pose: body.new_pose(),
+            solids: set.new_solids(),
+            fixtures: set.obstacles.iter().map(|o| fixture(o.shape)).collect(),
+            bases: set.pairs.iter().map(|p| base_of(&body, &set, p.observer, p.other)).collect(),
+            scratch: Scratch::default(),
+            body,
+            set,
+            columns,
+            soles,
+        }
+    }
+
+    /// The robot stands in posture `q`: its lower sole stays where it is there.
+    pub fn stand(&mut self, q: &[f64]) {
+        self.q.copy_from_slice(q);
+        if self.soles.is_empty() {
+            return;
+        }
+        self.body.forward(&self.q, &mut self.pose);
+        let height = |sole: &(usize, Vec3)| self.body.point(&self.pose, sole.0, sole.1)[2];
+        self.planted = 0;
+        for k in 1..self.soles.len() {
+            if height(&self.soles[k]) < height(&self.soles[self.planted]) {
+                self.planted = k;
+            }
+        }
+        let link = self.soles[self.planted].0;
+        self.foot = (self.pose.position[link], self.pose.quat[link]);
+    }
+
+    /// Put everything where it is at a time in rows.
+    pub fn place(&mut self, way: &Way, time: f64) {
+        way.at(time, &self.columns, &mut self.q);
+        self.body.forward(&self.q, &mut self.pose);
+        self.set.place(&self.pose, &mut self.solids);
+        self.looks += 1;
+        if self.fixtures.is_empty() {
+            return;
+        }
+        let foot = self.soles.get(self.planted).map(|sole| sole.0);
+        let from_world = transpose(&quat_to_mat(self.foot.1));
+        for (solid, obstacle) in self.fixtures.iter_mut().zip(&self.obstacles) {
+            let there = obstacle.after(time * self.dt);
+            (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
+            if let Some(link) = foot {
+                let (position, rotation) = (&self.pose.position[link], &self.pose.rotation[link]);
+                let from_foot = mat_vec(&from_world, sub(solid.position, self.foot.0));
+                solid.position = add(*position, mat_vec(rotation, from_foot));
+                solid.rotation = mat_mul(rotation, &mat_mul(&from_world, &solid.rotation));
+            }
+        }
+    }
+
+    /// World position and orientation of the root link when joints have these values, the sole planted that is in posture `q`.
+    pub fn root(&mut self, q: &[f64], values: &[f64], root: usize) -> (Vec3, Quat) {
+        let mut way = Way::default();
+        way.load(values, self.columns.len());
+        self.stand(q);
+        self.place(&way, 0.0);
+        let (position, quat) = (self.pose.position[root], self.pose.quat[root]);
+        let Some(&(link, _)) = self.soles.get(self.planted) else { return (position, quat) };
+        let turn = quat_mul(self.foot.1, quat_conj(self.pose.quat[link]));
+        let moved = add(self.foot.0, quat_rotate(turn, sub(position, self.pose.position[link])));
+        (moved, quat_unit(quat_mul(turn, quat)))
+    }
+
+    /// A distance that the pair is not below.
+    pub fn gap(&self, pair: usize) -> f64 {
+        let (a, b) = self.both(pair);
+        gap_at_least(a, b)
+    }
+
+    /// Signed distance of a pair, m, and the direction that opens it, in the pair's base.
+    pub fn nearest(&mut self, pair: usize) -> (f64, Vec3) {
+        let p = &self.set.pairs[pair];
+        let b = match p.other {
+            Other::Observer(o) => &self.solids[o],
+            Other::Obstacle(o) => &self.fixtures[o],
+        };
+        let found = nearest(&self.solids[p.observer], b, &mut self.scratch);
+        (found.distance, mat_t_vec(&self.pose.rotation[self.base(pair)], found.normal))
+    }
+
+    /// How far a pair is parted along a direction in its base, m: never more than its distance.
+    pub fn parted(&self, pair: usize, direction: Vec3) -> f64 {
+        let (a, b) = self.both(pair);
+        if b.shape == Shape::HalfSpace {
+            return gap_at_least(a, b); // the distance itself
+        }
+        let n = mat_vec(&self.pose.rotation[self.base(pair)], direction);
+        let length = norm(n);
+        if length < 0.5 {
+            return f64::NEG_INFINITY; // no direction is known
+        }
+        let n = scale(n, 1.0 / length);
+        dot(n, sub(a.position, b.position)) - extreme(a, scale(n, -1.0)).0 - extreme(b, n).0
+    }
+
+    /// The link in which directions of a pair stay: what both sides hang on.
+    fn base(&self, pair: usize) -> usize {
+        match self.bases[pair] {
+            Some(link) => link,
+            None => self.soles.get(self.planted).map_or(0, |sole| sole.0),
+        }
+    }
+
+    /// The obstacle of a pair, if it has one that moves.
+    pub fn moving(&self, pair: usize) -> Option<&ObstaclePose> {
+        match self.set.pairs[pair].other {
+            Other::Obstacle(o) => Some(&self.obstacles[o]).filter(|o| o.moves()),
+            Other::Observer(_) => None,
+        }
+    }
+
+    /// Greatest speed (m/s) of the obstacle of a pair where it may be nearest, for an observer that moves by at most `motion` m on
+    /// a path of `time` s.
+    pub fn obstacle_speed(&self, pair: usize, motion: f64, time: f64) -> f64 {
+        let Some(obstacle) = self.moving(pair) else { return 0.0 };
+        let (a, b) = self.both(pair);
+        // Of a half-space it is nearest right below the observer.
+        let below = norm(sub(a.position, b.position)) + a.shape.reach() + motion + norm(obstacle.linear) * time;
+        norm(obstacle.linear) + norm(obstacle.angular) * b.shape.reach().min(below)
+    }
+
+    fn both(&self, pair: usize) -> (&Solid, &Solid) {
+        let p = &self.set.pairs[pair];
+        let b = match p.other {
+            Other::Observer(o) => &self.solids[o],
+            Other::Obstacle(o) => &self.fixtures[o],
+        };
+        (&self.solids[p.observer], b)
+    }
+}
+
+fn transpose(m: &Mat3) -> Mat3 {
+    [column(m, 0), column(m, 1), column(m, 2)]
+}
+
+fn base_of(body: &Body, set: &ObserverSet, observer: usize, other: Other) -> Option<usize> {
+    let Other::Observer(o) = other else { return None };
+    let (mut a, mut b) = (set.observers[observer].link, set.observers[o].link);
+    while a != b {
+        let lower = if a > b { &mut a } else { &mut b };
+        *lower = body.links[*lower].parent;
+    }
+    Some(a)
+}

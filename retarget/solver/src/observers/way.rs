@@ -1,0 +1,120 @@
+//! A path of postures in time: rows of joint values, straight in joint space between them.
+
+use super::arms::Arm;
+
+#[derive(Default)]
+pub struct Way {
+    movers: usize,
+    rows: usize,
+    /// (rows, movers)
+    values: Vec<f64>,
+    /// How far each joint has gone until each row, (rows, movers).
+    gone: Vec<f64>,
+    /// Last row at which anything still moves in: from it on the path rests.
+    pub end: usize,
+}
+
+impl Way {
+    /// Take over rows of values; at least one.
+    pub fn load(&mut self, values: &[f64], movers: usize) {
+        (self.movers, self.rows, self.end) = (movers, values.len() / movers, 0);
+        self.values.clear();
+        self.values.extend_from_slice(values);
+        self.gone.clear();
+        self.gone.resize(values.len(), 0.0);
+        for k in movers..values.len() {
+            let step = (values[k] - values[k - movers]).abs();
+            self.gone[k] = self.gone[k - movers] + step;
+            if step > 0.0 {
+                self.end = k / movers;
+            }
+        }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Values at a time in rows, into the entries `columns` of a posture.
+    pub fn at(&self, time: f64, columns: &[usize], q: &mut [f64]) {
+        let (row, share) = self.place(time);
+        let (before, after) = (&self.values[row * self.movers..], &self.values[self.next(row) * self.movers..]);
+        for (k, column) in columns.iter().enumerate() {
+            q[*column] = if share > 0.0 { before[k] + share * (after[k] - before[k]) } else { before[k] };
+        }
+    }
+
+    /// How far a joint has gone until a time in rows.
+    pub fn gone(&self, mover: usize, time: f64) -> f64 {
+        let (row, share) = self.place(time);
+        let (before, after) = (self.gone[row * self.movers + mover], self.gone[self.next(row) * self.movers + mover]);
+        before + share * (after - before)
+    }
+
+    /// Largest size that a joint's value has on the way.
+    pub fn largest(&self, mover: usize) -> f64 {
+        self.values.iter().skip(mover).step_by(self.movers).fold(0.0, |a: f64, v| a.max(v.abs()))
+    }
+
+    fn place(&self, time: f64) -> (usize, f64) {
+        let row = (time as usize).min(self.rows - 1);
+        (row, time - row as f64)
+    }
+
+    fn next(&self, row: usize) -> usize {
+        (row + 1).min(self.rows - 1)
+    }
+}
+
+/// What the joints do on a stretch of a path. Nothing here needs the posture.
+#[derive(Default)]
+pub struct Stretch {
+    /// How far each joint goes.
+    gone: Vec<f64>,
+    /// Most that each is off the straight line in joint space from one end to the other.
+    off: Vec<f64>,
+    /// s from one end to the other.
+    pub time: f64,
+}
+
+impl Stretch {
+    /// Between two times in rows, `dt` s each.
+    pub fn load(&mut self, way: &Way, from: f64, to: f64, dt: f64) {
+        self.time = (to - from) * dt;
+        self.gone.clear();
+        self.gone.extend((0..way.movers).map(|k| way.gone(k, to) - way.gone(k, from)));
+        self.off.clear();
+        self.off.resize(way.movers, 0.0);
+        let all: f64 = self.gone.iter().sum();
+        if to - from <= 1.0 || all == 0.0 {
+            return;
+        }
+        let (first, last) = (from as usize * way.movers, to as usize * way.movers);
+        for row in (from as usize + 1)..to as usize {
+            let k = row * way.movers;
+            let gone: f64 = (0..way.movers).map(|m| way.gone[k + m] - way.gone[first + m]).sum();
+            for (m, off) in self.off.iter_mut().enumerate() {
+                let (a, b) = (way.values[first + m], way.values[last + m]);
+                *off = off.max((way.values[k + m] - a - gone / all * (b - a)).abs());
+            }
+        }
+    }
+
+    /// Most that the joints of these arms move one side against the other, m. Arms that turn are longer by `stretch`.
+    pub fn motion(&self, arms: &[Arm], stretch: f64) -> f64 {
+        arms.iter().map(|arm| arm.at_most(stretch) * self.gone[arm.mover]).sum()
+    }
+
+    /// Most by which a point is off its straight line on the stretch, m: the acceleration of points is at most 2 S s where joints
+    /// turn by S in all and points move by s, and so is eight times the bend of a straight line in joint space.
+    pub fn bend(&self, arms: &[Arm], stretch: f64) -> f64 {
+        let (mut turned, mut moved, mut off) = (0.0, 0.0, 0.0);
+        for arm in arms {
+            let length = arm.at_most(stretch);
+            turned += if arm.turns { self.gone[arm.mover] } else { 0.0 };
+            moved += length * self.gone[arm.mover];
+            off += length * self.off[arm.mover];
+        }
+        0.25 * turned * moved + off
+    }
+}
