@@ -1,0 +1,97 @@
+"""Where the obstacles of the benchmark stand: one where the right hand goes, or many around the arms."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.bodies import Floats
+from benchmarks.observed_body import Around, Watched, placed_observers, scene_distances
+from retarget.scene_shapes import ShapeKind
+
+HAND = "r_wrist"
+ARMS = {"human": ("shoulder", "elbow"), "op3": ("upper_arm", "forearm")}
+"""Observers of an arm, each side."""
+SEED = 5
+STEPS = 40
+"""Places that are tried along a line, and halvings of the last step."""
+EVERY = 10
+"""Frames apart at which obstacles are compared with a motion."""
+NEAR, FAR = (0.2, 0.8), (1.5, 4.0)
+"""Shares of the influence at which an obstacle stays all the time, within it and beyond it."""
+
+
+def influence(watched: Watched) -> float:
+    """Of an obstacle, m: as far as observers look at each other."""
+    return float(watched.observers.influence.max())
+
+
+def size_of(watched: Watched) -> float:
+    """Radius of an obstacle, m: about that of a forearm."""
+    return 0.05 if watched.body.name == "human" else 0.02
+
+
+def sphere_at_hand(watched: Watched, postures: Floats, gap: float) -> Around:
+    """A sphere ahead of the farthest place of the right hand, to which the body comes as near as `gap` m in postures
+    (T, nq); negative: it goes in so deep."""
+    hand = next(k for k, point in enumerate(watched.body.points) if point.name == HAND)
+    body, seen = watched.body, np.ascontiguousarray(postures[::EVERY])
+    path = body.model.solver_body().points(seen, body.links()[hand : hand + 1], body.offsets()[hand : hand + 1])[:, 0]
+    away = np.linalg.norm(path - path[0], axis=1)
+    farthest = path[away.argmax()]
+    ahead = (farthest - path[0]) / away.max()
+    radius = size_of(watched)
+
+    def sphere(offset: float) -> Around:
+        centre = farthest + offset * ahead
+        sizes = np.array([[radius, 0.0, 0.0]])
+        return Around(np.array([ShapeKind.CAPSULE], dtype=np.int64), sizes, centre[None], influence(watched))
+
+    def reached(offset: float) -> bool:
+        return bool(scene_distances(watched, seen, sphere(offset)).min() <= gap)
+
+    tried = np.linspace(10.0 * radius, -10.0 * radius, STEPS)
+    inner = next(k for k, offset in enumerate(tried) if reached(offset))
+    low, high = float(tried[inner]), float(tried[inner - 1])
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if reached(middle) else (low, middle)
+    return sphere(low)
+
+
+def around_arms(watched: Watched, postures: Floats, count: int) -> Around:
+    """Spheres and boxes around both arms, by turns within influence in all of the postures (T, nq) and beyond it."""
+    rng, zone = np.random.default_rng(SEED), influence(watched)
+    seen = np.ascontiguousarray(postures[::EVERY])
+    near: list[Around] = []
+    far: list[Around] = []
+    while min(len(near), len(far)) < (count + 1) // 2:
+        tried = _candidates(rng, watched, seen[0], 16 * count)
+        distance = scene_distances(watched, seen, tried).min(axis=1) / zone  # (T, k): of the nearest observer
+        for kept, (least, most) in ((near, NEAR), (far, FAR)):
+            fits = np.flatnonzero((distance.min(axis=0) >= least) & (distance.max(axis=0) <= most))
+            kept += [_only(tried, k) for k in fits.tolist()]
+    turns = [one for pair in zip(near, far, strict=False) for one in pair][:count]
+    return Around(
+        kinds=np.concatenate([one.kinds for one in turns]),
+        sizes=np.vstack([one.sizes for one in turns]),
+        position=np.vstack([one.position for one in turns]),
+        influence=zone,
+    )
+
+
+def _candidates(rng: np.random.Generator, watched: Watched, q: Floats, count: int) -> Around:
+    """Spheres and cubes by turns, somewhere around the observers of the arms in a posture (nq,)."""
+    names = watched.observers.names
+    arms = [k for k, name in enumerate(names) if name[2:] in ARMS[watched.body.name]]
+    centres = placed_observers(watched, q[None])[0][0, arms]
+    radius = size_of(watched)
+    reach = FAR[1] * influence(watched) + 2.0 * radius
+    kinds = np.where(np.arange(count) % 2 == 0, ShapeKind.CAPSULE, ShapeKind.BOX).astype(np.int64)
+    sizes = np.where((kinds == ShapeKind.BOX)[:, None], 0.6 * radius, [[radius, 0.0, 0.0]])
+    position = centres[rng.integers(len(arms), size=count)] + rng.uniform(-reach, reach, size=(count, 3))
+    return Around(kinds, sizes, position, influence(watched))
+
+
+def _only(around: Around, k: int) -> Around:
+    one = slice(k, k + 1)
+    return Around(around.kinds[one], around.sizes[one], around.position[one], around.influence)
