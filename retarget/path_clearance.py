@@ -10,7 +10,7 @@ from retarget.surroundings import Surroundings
 
 __all__ = ["KEPT_SHARE", "SERVOS_SHARE", "PathClearance"]
 
-KEPT_SHARE = 0.5
+KEPT_SHARE = 0.25
 """Of each pair's margin, what the gate insists on. The observers keep the whole margin and do the work; if the gate
 asked for as much, every rounding of theirs would be a refusal. It is the proof, not the control."""
 SERVOS_SHARE = 0.25

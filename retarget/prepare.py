@@ -13,6 +13,7 @@ from hardware.guard import Guard
 from retarget.calibration import calibrate
 from retarget.clip import Clip, lay_on_ticks
 from retarget.contact_at_start import contacts, refuse_contact
+from retarget.errors import UsageError
 from retarget.follow import Follower
 from retarget.frames import SensorFrames
 from retarget.gate import Gate
@@ -97,6 +98,13 @@ def prepare(
     scene = None if options.scene is None else SceneState(load_scene(options.scene))
     around_human = scene if robot is None else None
     reconstructor = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
+    if around_human is not None and reconstructor.observers is None:
+        raise UsageError(
+            "a scene that nobody observes",
+            where="--scene",
+            found=f"priority file {for_human.name}, which gives a human no observers",
+            allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
+        )
     if around_human is not None and not options.allow_contact:
         # Of its own, so that the run begins as if nobody had looked.
         first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)

@@ -109,7 +109,8 @@ def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:
     robot = GatedRobot()
     path = robot.sent + np.array([[0.0], [0.6]]) * joint("l_sho_pitch")
     middle = hand(robot, path.mean(axis=0)[None])[0]
-    among = GatedRobot(scene(wire=sphere(middle, 0.0005, margin=0.0001, influence=0.01)))
+    # The shell of the forearm ends 3 mm before the hand.
+    among = GatedRobot(scene(wire=sphere(middle, 0.0035, margin=0.0001, influence=0.01)))
     assert among.distances(path).min() > among.kept().max() + BETWEEN
     assert is_clear(robot, path)
     assert not is_clear(among, path)

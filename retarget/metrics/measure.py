@@ -29,9 +29,8 @@ def measure(run: RunResult) -> Report:
     """The report of a run."""
     record, clip, robot, timing = run.record, run.clip, run.record.robot, run.record.timing
     names, asked, reached = run.followed
-    played, heights = clip.frames_played(run.ticks_followed), _pelvis_heights(run)
-    clear, stand, hands = clearances(run), _standing(run), _hands(run, reached)
-    switches, observers = _observers(run, clear)
+    played, stand, hands = clip.frames_played(run.ticks_followed), _standing(run), _hands(run, reached)
+    clear, switches, observers = _observers(run)
     return Report(
         frames=min(played, clip.source_frames),
         ticks=len(record),
@@ -44,7 +43,7 @@ def measure(run: RunResult) -> Report:
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, clip.dt),
         hand_path_ratio=_hand_path_ratio(names, asked, reached),
-        pelvis_excursion_ratio=None if heights is None else tracking.excursion_ratio(*heights),
+        pelvis_excursion_ratio=_pelvis_excursion_ratio(run),
         unsensed_mm=_unsensed(run),
         min_clearance_mm=clear.geoms,
         penetrating_frames=clear.penetrating,
@@ -76,6 +75,11 @@ def measure(run: RunResult) -> Report:
         speed=clip.speed,
         notes=run.notes,
     )
+
+
+def _pelvis_excursion_ratio(run: RunResult) -> float | None:
+    heights = _pelvis_heights(run)
+    return None if heights is None else tracking.excursion_ratio(*heights)
 
 
 def _pelvis_heights(run: RunResult) -> tuple[FloatArray, FloatArray] | None:
@@ -170,15 +174,16 @@ def _limit_violations(run: RunResult) -> LimitViolations:
     return limit_violations(positions, limits, run.clip.motion_dt, from_rest=False)
 
 
-def _observers(run: RunResult, clear: RunClearances) -> tuple[ModeSwitches | None, ObserversReport | None]:
-    """What the last stage's observers did in the ticks that followed."""
+def _observers(run: RunResult) -> tuple[RunClearances, ModeSwitches | None, ObserversReport | None]:
+    """How near the last stage's body came to anything, and what its observers did in the ticks that followed."""
+    clear = clearances(run)
     sent = run.record.robot
     modes = run.record.human.observer_modes if sent is None else sent.observer_modes
     dt = run.clip.motion_dt if sent is None else run.clip.dt
     seen = observer_activity(modes[run.record.following], run.observer_names, dt)
     if seen is None:
-        return None, None
-    return seen.switches, ObserversReport(clear.observers, seen.activations, seen.reactive)
+        return clear, None, None
+    return clear, seen.switches, ObserversReport(clear.observers, seen.activations, seen.reactive)
 
 
 @dataclass(frozen=True)
