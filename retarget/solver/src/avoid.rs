@@ -4,7 +4,7 @@ use crate::body::Body;
 use crate::frame::FrameSolver;
 use crate::hierarchy::solve;
 use crate::layout::Placed;
-use crate::observers::{Activation, ObserverSet, Shift, Watch};
+use crate::observers::{Activation, ObserverSet, ObserverTask, Shift, Watch};
 use crate::rows::Columns;
 use crate::task::{Task, TaskKind};
 use std::sync::Arc;
@@ -17,7 +17,6 @@ pub(crate) fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
     for task in levels.iter_mut().flatten() {
         if let TaskKind::Observers(task) = &mut task.kind {
             task.rows = set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_ROWS);
-            task.used = Vec::with_capacity(task.rows);
         }
     }
 }
@@ -34,7 +33,7 @@ pub(crate) fn watch(
     for p in placed {
         if let TaskKind::Observers(task) = &mut p.task.kind {
             (task.index, task.first_row) = (tasks.len(), p.first_row);
-            tasks.push(task.clone());
+            tasks.push(ObserverTask { used: Vec::with_capacity(task.rows), ..task.clone() });
         }
     }
     let mut column = vec![None; body.nv];

@@ -5,6 +5,7 @@ use crate::math::{quat_to_mat, quat_unit, Mat3};
 use crate::observers::{Activation, Observer, ObserverSet, Obstacle};
 use crate::py_arrays::{bad, finite, table, triple};
 use crate::py_body::PyBody;
+use crate::py_shapes::shape;
 use crate::task::{Task, TaskKind};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -39,7 +40,11 @@ impl PyObservers {
     ) -> PyResult<Self> {
         let links = links.as_slice()?;
         let n = links.len();
-        let shapes = shapes(kinds.as_slice()?, table(&sizes, n, 3, "sizes")?)?;
+        let kinds = kinds.as_slice()?;
+        if kinds.len() != n {
+            return Err(bad(format!("kinds has {} entries, expected {n}", kinds.len())));
+        }
+        let shapes = shapes(kinds, table(&sizes, n, 3, "sizes")?)?;
         let (at, quat) = (table(&positions, n, 3, "positions")?, table(&quats, n, 4, "quats")?);
         let zones = zones(influence.as_slice()?, margin.as_slice()?, n)?;
         let observers = (0..n)
@@ -84,19 +89,8 @@ impl PyObservers {
 }
 
 fn shapes(kinds: &[i64], sizes: &[f64]) -> PyResult<Vec<Shape>> {
-    let shape = |(kind, size): (&i64, &[f64])| {
-        if !size.iter().all(|s| s.is_finite() && *s >= 0.0) {
-            return Err(bad(format!("a shape has sizes {size:?}, expected finite ones, not negative")));
-        }
-        match kind {
-            0 => Ok(Shape::Capsule { radius: size[0], half_length: size[1] }),
-            1 => Ok(Shape::Cylinder { radius: size[0], half_length: size[1] }),
-            2 => Ok(Shape::Box { half: [size[0], size[1], size[2]] }),
-            3 => Ok(Shape::HalfSpace),
-            _ => Err(bad(format!("shape kind {kind}; 0 capsule, 1 cylinder, 2 box, 3 half-space"))),
-        }
-    };
-    kinds.iter().zip(sizes.chunks_exact(3)).map(shape).collect()
+    let row = |(kind, size): (&i64, &[f64])| shape(*kind, triple(size), "a shape");
+    kinds.iter().zip(sizes.chunks_exact(3)).map(row).collect()
 }
 
 fn zones(influence: &[f64], margin: &[f64], n: usize) -> PyResult<Vec<(f64, f64)>> {

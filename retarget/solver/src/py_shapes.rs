@@ -9,7 +9,8 @@ use pyo3::prelude::*;
 type Distances<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
-fn shape(kind: i64, size: Vec3, name: &str) -> PyResult<Shape> {
+/// A shape by its kind and sizes, as `retarget/_solver.pyi` has them.
+pub fn shape(kind: i64, size: Vec3, name: &str) -> PyResult<Shape> {
     if size.iter().any(|side| *side < 0.0) {
         return Err(bad(format!("{name} has size {size:?}; sizes must not be negative")));
     }
