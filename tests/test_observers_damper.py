@@ -1,0 +1,182 @@
+"""Where all observers act: the velocity damper over a whole frame, and the way out of contact."""
+
+import numpy as np
+import pytest
+
+from observed import BOX, CARTS, CYLINDER, POINT, Rig, Shape, aim, ball, chain, rig, rod, wall
+from retarget._solver import Solver, Task
+
+DT, SPEED, INFLUENCE = 0.02, 0.5, 0.1
+ITERATIONS = [1, 2, 3, 5, 10]
+TIP = (0.2, 0.0, 0.0)
+
+
+def floor(distance: float, *, margin: float, dt: float = DT, speed: float = SPEED) -> float:
+    """Least distance after a frame: d' = -speed (d - margin) / (influence - margin), integrated."""
+    return margin + (min(distance, INFLUENCE) - margin) * float(np.exp(-speed * dt / (INFLUENCE - margin)))
+
+
+def before_ball(
+    distance: float, n_ik: int, *, margin: float = 0.01, reactive: float | None = None
+) -> tuple[Rig, Solver]:
+    """A ball, another one in its way along x, so far off; `reactive`: speed of the way out."""
+    made = rig(POINT, [ball(1, margin=margin)], [ball(at=(0.1 + distance, 0.0, 0.0), influence=INFLUENCE)])
+    observing = [] if reactive is None else [Task.reactive(speed=reactive)]
+    levels = [*([task] for task in observing), [Task.preventive(speed=SPEED)], [Task.position(1)]]
+    return made, made.solver(levels, activation="all", n_ik=n_ik)
+
+
+@pytest.mark.parametrize("n_ik", ITERATIONS)
+@pytest.mark.parametrize("distance", [0.12, 0.1, 0.06, 0.0101, 0.01])
+def test_a_straight_approach_ends_on_the_law(distance: float, n_ik: int) -> None:
+    """Whatever the number of iterations, with a target beyond the obstacle; frame after frame."""
+    made, solver = before_ball(distance, n_ik)
+    targets = aim(solver, l1_0=(0.5, 0.0, 0.0))
+    for _ in range(20):
+        least = floor(distance, margin=0.01)
+        distance = float(made.near(solver.frame(targets, DT)).distance[0])
+        assert distance >= least - 1e-12
+        if n_ik > 2:  # one iteration goes 5 cm at most
+            assert distance == pytest.approx(least, abs=1e-9)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 0.02, 0.1, 1.0])
+def test_no_frame_is_too_long(dt: float) -> None:
+    made, solver = before_ball(0.08, 10)
+    q = solver.frame(aim(solver, l1_0=(9.0, 0.0, 0.0)), dt)
+    assert made.near(q).distance[0] == pytest.approx(floor(0.08, margin=0.01, dt=dt), abs=1e-9)
+
+
+def test_two_half_frames_are_one() -> None:
+    made, solver = before_ball(0.08, 5)
+    targets = aim(solver, l1_0=(9.0, 0.0, 0.0))
+    solver.frame(targets, 0.5 * DT)
+    twice = made.near(solver.frame(targets, 0.5 * DT)).distance[0]
+    assert twice == pytest.approx(floor(0.08, margin=0.01), abs=1e-9)
+
+
+@pytest.mark.parametrize("n_ik", ITERATIONS)
+@pytest.mark.parametrize("goal", [None, (0.5, 0.0, 0.0)], ids=["nothing asked", "asked inward"])
+def test_inside_the_margin_it_comes_out_at_the_same_law(n_ik: int, goal: tuple[float, float, float] | None) -> None:
+    made, solver = before_ball(0.004, n_ik)
+    targets = aim(solver) if goal is None else aim(solver, l1_0=goal)
+    q = solver.frame(targets, DT)
+    assert made.near(q).distance[0] == pytest.approx(floor(0.004, margin=0.01), abs=1e-9)
+    for _ in range(200):
+        q = solver.frame(targets, DT)
+    assert made.near(q).distance[0] == pytest.approx(0.01, abs=1e-6)
+
+
+@pytest.mark.parametrize("goal", [(-0.04, 0.02, 0.0), (0.0, 0.0, 0.0), (0.0, 0.03, 0.03)])
+def test_who_does_not_come_nearer_is_free(goal: tuple[float, float, float]) -> None:
+    _, solver = before_ball(0.03, 3)
+    assert solver.frame(aim(solver, l1_0=goal), DT) == pytest.approx(goal, abs=1e-9)
+
+
+def test_the_tangent_plane_is_free_along_a_wall() -> None:
+    made = rig(POINT, [ball(1)], [wall(quat=(0.5**0.5, 0.0, -(0.5**0.5), 0.0), at=(0.07, 0.0, 0.0))])
+    solver = made.solver([[Task.preventive(speed=SPEED)], [Task.position(1)]], activation="all", n_ik=4)
+    q = solver.frame(aim(solver, l1_0=(0.05, 0.04, -0.03)), DT)
+    assert q == pytest.approx([0.02 - floor(0.02, margin=0.0), 0.04, -0.03], abs=1e-9)
+
+
+@pytest.mark.parametrize("shape", [Shape(BOX, (0.05, 0.06, 0.07)), Shape(CYLINDER, (0.05, 0.08, 0.0)), ball()])
+@pytest.mark.parametrize("n_ik", [2, 5, 10])
+@pytest.mark.parametrize("speed", [3.0, 100.0])
+def test_a_chain_whose_way_is_barred_keeps_every_floor(shape: Shape, n_ik: int, speed: float) -> None:
+    """Its tip is asked to go through an obstacle. Floors are kept to first order; the rest is what a frame's last step
+    curves."""
+    where = (0.45, 0.12, 0.0)
+    made = rig(chain(5), [rod(k + 1) for k in range(5)], [Shape(shape.kind, shape.size, at=where)])
+    tip = Task.position(5, TIP, weight=(1.0, 1.0, 0.0))
+    levels = [[Task.preventive(speed=SPEED)], [tip]]
+    solver = made.solver(levels, activation="all", n_ik=n_ik, speed=speed, damping=1.0)
+    q = np.array([-0.7, 0.3, 0.3, 0.2, 0.2])
+    solver.reset(q)
+    start = made.body.points(q[None], [5], np.array([TIP]))[0, 0]
+    end, before, near = np.array([0.2, 0.4, 0.0]), made.near(q).distance, []
+    for k in range(120):
+        goal = start + min(k / 60, 1.0) * (end - start)
+        now = made.near(solver.frame(aim(solver, l1_0=goal), DT)).distance
+        least = np.where(before > 0.11, -np.inf, [floor(d, margin=0.0) for d in before])
+        assert (now >= least - 6e-4).all()
+        near.append(now.min())
+        before = now
+    assert 0.0 < min(near) < 1e-3  # it was in the way, and was not entered
+
+
+@pytest.mark.parametrize("n_ik", ITERATIONS)
+@pytest.mark.parametrize("depth", [0.03, 0.002])
+def test_out_of_contact_at_this_speed_and_no_faster(depth: float, n_ik: int) -> None:
+    """Up to the margin; from there the damper keeps it."""
+    made, solver = before_ball(-depth, n_ik, reactive=0.1)
+    distance, targets = -depth, aim(solver, l2_0=(0.5, 0.0, 0.0))
+    for _ in range(40):
+        at_most = min(distance + 0.1 * DT, 0.01) if distance < -5e-5 else floor(distance, margin=0.01)
+        distance = float(made.near(solver.frame(targets, DT)).distance[0])
+        assert distance == pytest.approx(at_most, abs=1e-9)
+    assert solver.observer_counts[0, 2] == pytest.approx(depth / (0.1 * DT), abs=1.01)
+
+
+def test_a_part_that_leaves_by_itself_is_not_held_back() -> None:
+    made, solver = before_ball(-0.02, 3, reactive=0.1)
+    q = solver.frame(aim(solver, l2_0=(-0.05, 0.0, 0.0)), DT)
+    assert q == pytest.approx([-0.05, 0.0, 0.0], abs=1e-9)
+    assert made.near(q).distance[0] == pytest.approx(0.03, abs=1e-9)
+
+
+@pytest.mark.parametrize("activation", ["closest", "ranked", "all"])
+def test_all_that_touch_share_one_level(activation: str) -> None:
+    """Between two obstacles, 1 and 2 cm deep in them: both cannot be solved, and neither goes before the other."""
+    made = rig(POINT, [ball(1)], [ball(at=(0.08, 0.0, 0.0)), ball(at=(-0.09, 0.0, 0.0))])
+    solver = made.solver([[Task.reactive(speed=0.1)], [Task.preventive()]], activation=activation)
+    q = solver.frame(aim(solver), DT)
+    assert q == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)  # each 2 mm to its side: the least sum of squares
+    assert solver.observer_modes.tolist() == [2]
+
+
+@pytest.mark.parametrize("activation", ["closest", "ranked", "all"])
+def test_everyone_that_touches_is_pushed_out(activation: str) -> None:
+    """Not only the closest: two carts deep in one wall."""
+    made = rig(CARTS, [ball(1), ball(2, at=(0.02, 0.5, 0.0))], [wall(quat=(0.5**0.5, 0.0, -(0.5**0.5), 0.0))])
+    solver = made.solver([[Task.reactive(speed=0.1)], [Task.preventive()]], activation=activation, n_ik=2)
+    q = solver.frame(aim(solver), DT)
+    assert q == pytest.approx([-0.1 * DT, 0.0, -0.1 * DT, 0.0], abs=1e-9)
+    assert solver.observer_modes.tolist() == [2, 2]
+
+
+def test_both_sides_of_a_pair_move() -> None:
+    made = rig(CARTS, [ball(1), ball(2, at=(0.11, 0.0, 0.0))], pairs=[(0, 1)])
+    levels = [[Task.preventive(speed=SPEED)], [Task.position(1), Task.position(2)]]
+    solver = made.solver(levels, activation="all", n_ik=3)
+    q = solver.frame(aim(solver, l1_0=(0.04, 0.0, 0.0), l1_1=(-0.04, 0.0, 0.0)), DT)
+    way = 0.01 - floor(0.01, margin=0.0)
+    assert q == pytest.approx([0.5 * way, 0.0, -0.5 * way, 0.0], abs=1e-9)
+    assert solver.observer_modes.tolist() == [1, 1]
+    assert solver.clearance[0] == pytest.approx(0.01 - way, abs=1e-9) and solver.clearance[1] == np.inf
+
+
+def test_tasks_look_only_at_what_they_name() -> None:
+    """`against` and `of`: the other side is free."""
+    worn, obstacles = [ball(1), ball(2, at=(0.11, 0.0, 0.0))], [ball(at=(-0.11, 0.0, 0.0))]
+    made = rig(CARTS, worn, obstacles, [(0, 1)])
+    goals = [Task.position(1), Task.position(2)]
+    for task, away, held in (
+        (Task.preventive(against="self"), 0.02, True),
+        (Task.preventive(against="scene"), 0.02, False),
+        (Task.preventive(against="scene"), -0.02, True),
+        (Task.preventive(of=[1], against="scene"), -0.02, False),
+        (Task.preventive(of=[0]), -0.02, True),
+        (Task.preventive(of=[1]), 0.02, True),
+    ):
+        solver = made.solver([[task], goals], activation="all", n_ik=3)
+        q = solver.frame(aim(solver, l1_0=(away, 0.0, 0.0), l1_1=(0.0, 0.0, 0.0)), DT)
+        assert (abs(q[0]) < 0.0199) == held, (away, held)
+
+
+def test_a_task_that_is_off_asks_nothing() -> None:
+    _, solver = before_ball(0.01, 3)
+    targets = aim(solver, l1_0=(0.04, 0.0, 0.0))
+    targets[solver.target_slice(0, 0)[0]] = 0.0
+    assert solver.frame(targets, DT) == pytest.approx([0.04, 0.0, 0.0], abs=1e-9)
+    assert np.isnan(solver.task_errors[0])
