@@ -11,6 +11,8 @@ use std::sync::Arc;
 
 /// Most rows of one task: where more pairs are within influence, the closest get them.
 const MOST_ROWS: usize = 128;
+/// Solves of one iteration in which pairs may still ask for a row.
+const MOST_SURPRISES: usize = 4;
 
 /// Give every task of observers room for the pairs that it looks at.
 pub(crate) fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
@@ -44,7 +46,7 @@ pub(crate) fn watch(
 }
 
 impl FrameSolver {
-    /// Solve the iteration's problem with the rows of the observers. Where only the closest act, first without them.
+    /// Solve the iteration's problem with the rows of the observers.
     pub(crate) fn solve_observed(&mut self, first: bool) {
         let Some(watch) = &mut self.watch else {
             self.solve_once();
@@ -52,17 +54,15 @@ impl FrameSolver {
         };
         let shift = Shift { reference: &self.reference, scale: &self.scale };
         let is_trial = watch.write_rows(&self.body, &self.pose, &mut self.problem, &shift, first);
-        if is_trial {
-            // Damping lowers targets where it solves.
-            self.asked.0.clone_from(&self.problem.lower);
-            self.asked.1.clone_from(&self.problem.upper);
-        }
+        let acts = watch.activation;
+        // Damping lowers targets where it solves.
+        self.asked.0.clone_from(&self.problem.lower);
+        self.asked.1.clone_from(&self.problem.upper);
         self.solve_once();
-        if is_trial {
-            for r in 0..self.problem.row_count() {
-                self.problem.lower[r] = self.asked.0[r];
-                self.problem.upper[r] = self.asked.1[r];
-            }
+        if acts == Activation::All {
+            self.solve_surprises(first);
+        } else if is_trial {
+            self.ask_again();
             if self.watch.as_mut().is_some_and(|watch| watch.choose(&mut self.problem)) {
                 self.solve_once();
             }
@@ -70,6 +70,31 @@ impl FrameSolver {
         if let Some(watch) = &mut self.watch {
             watch.keep_sides(&self.problem, first);
         }
+    }
+
+    /// Solve again with the rows of pairs that the answer would bring too near, although nobody expected it.
+    fn solve_surprises(&mut self, first: bool) {
+        for _ in 0..MOST_SURPRISES {
+            self.read_step();
+            let Some(watch) = &mut self.watch else { return };
+            let before = watch.wake_surprised(&self.step);
+            if watch.near.len() == before {
+                return;
+            }
+            self.problem.lower.copy_from_slice(&self.asked.0);
+            self.problem.upper.copy_from_slice(&self.asked.1);
+            let shift = Shift { reference: &self.reference, scale: &self.scale };
+            watch.write_rows_from(before, &self.body, &self.pose, &mut self.problem, &shift, first);
+            self.asked.0.clone_from(&self.problem.lower);
+            self.asked.1.clone_from(&self.problem.upper);
+            self.solve_once();
+        }
+    }
+
+    /// Targets and limits of rows as they were before the last solve.
+    fn ask_again(&mut self) {
+        self.problem.lower.copy_from_slice(&self.asked.0);
+        self.problem.upper.copy_from_slice(&self.asked.1);
     }
 
     fn solve_once(&mut self) {

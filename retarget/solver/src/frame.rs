@@ -210,9 +210,9 @@ impl FrameSolver {
                             watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
                         }
                     }
-                    watch.begin(&self.pose, dt, self.settings.n_ik, &self.frame_box);
+                    watch.begin(&self.pose, dt, self.settings.n_ik);
                 }
-                _ => watch.look(&self.pose, done),
+                _ => watch.look(&self.pose, done, &self.step),
             }
             violation = &watch.violation;
         }
@@ -275,15 +275,20 @@ impl FrameSolver {
         self.write_rows(targets);
         self.write_box();
         self.solve_observed(first);
+        self.read_step();
+        for (done, step) in self.done.iter_mut().zip(&self.step) {
+            *done += step;
+        }
+        self.body.integrate(&mut self.q, &self.step);
+    }
+
+    /// From the answer of the hierarchy to the step of every coordinate.
+    pub(crate) fn read_step(&mut self) {
         self.step.fill(0.0);
         for &(dof, c) in &self.columns.all {
             let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);
             let x = self.reference[dof] + self.problem.z[c] * self.scale[dof];
             self.step[dof] = x.max(lo).min(hi);
         }
-        for (done, step) in self.done.iter_mut().zip(&self.step) {
-            *done += step;
-        }
-        self.body.integrate(&mut self.q, &self.step);
     }
 }

@@ -173,22 +173,22 @@ impl PySolver {
             Some(rows) => obstacle_rows(rows, k, 3, "angular")?,
             None => &still,
         };
-        if let Some(present) = &present {
-            let present = present.as_slice()?;
-            if present.len() != k {
-                return Err(bad(format!("present has {} entries, expected {k}", present.len())));
-            }
-            watch.present.copy_from_slice(present);
-        } else {
-            watch.present.fill(true);
+        let everywhere = vec![true; k];
+        let present = match &present {
+            Some(present) => present.as_slice()?,
+            None => &everywhere,
+        };
+        if present.len() != k {
+            return Err(bad(format!("present has {} entries, expected {k}", present.len())));
         }
-        for (i, obstacle) in watch.obstacles.iter_mut().enumerate() {
-            *obstacle = ObstaclePose {
+        for i in 0..k {
+            let there = ObstaclePose {
                 position: triple(&position[3 * i..]),
                 quat: quat_unit([quat[4 * i], quat[4 * i + 1], quat[4 * i + 2], quat[4 * i + 3]]),
                 linear: triple(&linear[3 * i..]),
                 angular: triple(&angular[3 * i..]),
             };
+            watch.set_obstacle(i, there, present[i]);
         }
         Ok(())
     }
@@ -213,8 +213,8 @@ impl PySolver {
 
     /// Smallest distance (m) between observers, and to an obstacle; infinite where nothing is within influence.
     #[getter]
-    fn clearance(&self) -> (f64, f64) {
-        self.solver.watch.as_ref().map_or((f64::INFINITY, f64::INFINITY), |w| w.clearance())
+    fn clearance(&mut self) -> (f64, f64) {
+        self.solver.watch.as_mut().map_or((f64::INFINITY, f64::INFINITY), |w| w.clearance())
     }
 
     #[getter]

@@ -6,15 +6,11 @@ use super::obstacle::ObstaclePose;
 use super::rows::ObserverTask;
 use super::set::{Mover, ObserverSet, Other};
 use super::trial::{Activation, Approach};
-use crate::bounds::FrameBox;
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
 use crate::hierarchy::Side;
 use crate::kinematics::Pose;
 use crate::math::*;
 use std::sync::Arc;
-
-/// Pairs as near as this many times their influence are looked at exactly: so their mode is known.
-const LOOKED_AT: f64 = 1.1;
 
 /// A pair as it is now.
 #[derive(Clone, Copy, Debug)]
@@ -26,10 +22,13 @@ pub struct PairState {
     /// Bounds of the distance, from when it was last looked at.
     pub at_least: f64,
     pub at_most: f64,
-    /// Nobody needs to look at it in this frame.
-    pub sleeps: bool,
-    /// Its distance was looked at, and not only bounded.
-    pub is_exact: bool,
+    /// How far it may still come nearer in this frame, at least; exact where it was looked at.
+    pub budget: f64,
+    /// Its floor is that of the distance at the start of this frame.
+    pub has_floor: bool,
+    /// It was looked at in the present posture.
+    pub is_fresh: bool,
+    pub has_row: bool,
     /// Side of its row in the last solve, and in that of the first iteration of the last frame.
     pub side: Side,
     pub first_side: Side,
@@ -56,9 +55,15 @@ pub struct Watch {
     /// Share of a frame that one iteration is.
     pub(super) iteration: f64,
     pub(super) approaching: Vec<Approach>,
-    solids: Vec<Solid>,
-    fixtures: Vec<Solid>,
-    scratch: Scratch,
+    pub(super) solids: Vec<Solid>,
+    pub(super) fixtures: Vec<Solid>,
+    /// Observers and obstacles where they were when the frame began.
+    pub(super) start: (Vec<Solid>, Vec<Solid>),
+    /// A step like the one to come: the last one of this frame, or all of the frame before.
+    pub(super) expected: Vec<f64>,
+    /// Rows that the smallest task has.
+    pub(super) most_rows: usize,
+    pub(super) scratch: Scratch,
 }
 
 impl Watch {
@@ -81,8 +86,10 @@ impl Watch {
             floor: 0.0,
             at_least: f64::NEG_INFINITY,
             at_most: f64::INFINITY,
-            sleeps: false,
-            is_exact: false,
+            budget: 0.0,
+            has_floor: false,
+            is_fresh: false,
+            has_row: false,
             side: Side::Free,
             first_side: Side::Free,
         };
@@ -90,6 +97,7 @@ impl Watch {
             ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let fixture = |shape| Solid { shape, position: [0.0; 3], rotation: identity };
+        let fixtures: Vec<Solid> = set.obstacles.iter().map(|o| fixture(o.shape)).collect();
         Self {
             activation,
             task_of,
@@ -104,7 +112,10 @@ impl Watch {
             iteration: 1.0,
             approaching: Vec::with_capacity(set.pairs.len()),
             solids: set.new_solids(),
-            fixtures: set.obstacles.iter().map(|o| fixture(o.shape)).collect(),
+            start: (set.new_solids(), fixtures.clone()),
+            fixtures,
+            expected: vec![0.0; columns.len()],
+            most_rows: tasks.iter().map(|t| t.rows).min().unwrap_or(0),
             scratch: Scratch::default(),
             tasks,
             set,
@@ -113,55 +124,35 @@ impl Watch {
 
     /// Nothing is known of the posture.
     pub fn reset(&mut self) {
-        for pair in &mut self.pairs {
-            (pair.mode, pair.side, pair.first_side) = (Mode::Free, Side::Free, Side::Free);
-            (pair.at_least, pair.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
+        for k in 0..self.pairs.len() {
+            self.forget(k);
         }
+        self.expected.fill(0.0);
         self.tally.restart();
     }
 
-    /// A frame of `dt` s in `n_ik` iterations begins in this posture. `boxes`: how far coordinates may go in it.
-    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize, boxes: &[FrameBox]) {
+    /// A frame of `dt` s in `n_ik` iterations begins in this posture.
+    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize) {
         (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
         if self.activation == Activation::All {
-            self.settle_sleep(boxes);
-        }
-        self.measure(pose, 0.0);
-        if self.activation == Activation::All {
-            self.settle_modes();
-            for state in &mut self.pairs {
-                if !state.sleeps {
-                    // What is far is only known to be so far at least.
-                    state.at_least = state.nearest.distance;
-                    state.at_most = if state.is_exact { state.nearest.distance } else { f64::INFINITY };
-                }
-            }
-            for k in 0..self.pairs.len() {
-                self.pairs[k].floor = self.floor(k, dt);
-            }
-            if self.obstacles.iter().zip(&self.present).any(|(o, there)| *there && o.moves()) {
-                self.measure(pose, 1.0);
-            }
+            self.open_budgets(pose);
         } else {
-            self.settle_modes();
+            self.measure(pose, 0.0);
         }
-        self.judge();
     }
 
-    /// After an iteration, of which `done` of `n_ik` are.
-    pub fn look(&mut self, pose: &Pose, done: usize) {
+    /// After an iteration, of which `done` of `n_ik` are; coordinates went by `step` since the last look.
+    pub fn look(&mut self, pose: &Pose, done: usize, step: &[f64]) {
         if self.activation == Activation::All {
-            self.measure(pose, 1.0);
+            self.spend(pose, step);
         } else {
             self.measure(pose, done as f64 * self.iteration);
-            self.settle_modes();
         }
-        self.judge();
     }
 
     /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
     pub fn finish(&mut self, done: &[f64]) {
-        self.drift_apart(done);
+        self.expected.copy_from_slice(done);
         for obstacle in &mut self.obstacles {
             *obstacle = obstacle.after(self.dt);
         }
@@ -175,63 +166,78 @@ impl Watch {
     }
 
     /// Smallest distance between observers, and of one to an obstacle; infinite beyond influence.
-    pub fn clearance(&self) -> (f64, f64) {
+    pub fn clearance(&mut self) -> (f64, f64) {
         let mut least = (f64::INFINITY, f64::INFINITY);
-        for &k in &self.near {
-            let side = if k < self.set.self_pairs { &mut least.0 } else { &mut least.1 };
-            *side = side.min(self.pairs[k].nearest.distance);
-        }
-        least
-    }
-
-    /// Distances of all pairs that may be near, with obstacles as they are after `share` of the frame.
-    fn measure(&mut self, pose: &Pose, share: f64) {
-        self.set.place(pose, &mut self.solids);
-        for (solid, obstacle) in self.fixtures.iter_mut().zip(&self.obstacles) {
-            let there = obstacle.after(share * self.dt);
-            (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
-        }
-        self.near.clear();
         for (k, pair) in self.set.pairs.iter().enumerate() {
-            if self.pairs[k].sleeps {
-                continue;
-            }
             let a = &self.solids[pair.observer];
             let b = match pair.other {
                 Other::Observer(o) => &self.solids[o],
                 Other::Obstacle(o) if self.present[o] => &self.fixtures[o],
-                Other::Obstacle(_) => {
-                    self.pairs[k].nearest.distance = f64::INFINITY;
-                    continue;
-                }
+                Other::Obstacle(_) => continue,
+            };
+            let side = if k < self.set.self_pairs { &mut least.0 } else { &mut least.1 };
+            if gap_at_least(a, b) < pair.influence.min(*side) {
+                let distance = nearest(a, b, &mut self.scratch).distance;
+                *side = if distance < pair.influence { side.min(distance) } else { *side };
+            }
+        }
+        least
+    }
+
+    /// Obstacles where they are after `share` of the frame.
+    pub(super) fn place_fixtures(&mut self, share: f64) {
+        for (solid, obstacle) in self.fixtures.iter_mut().zip(&self.obstacles) {
+            let there = obstacle.after(share * self.dt);
+            (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
+        }
+    }
+
+    /// Pairs within influence, their modes and violations, with obstacles as they are after `share` of the frame.
+    fn measure(&mut self, pose: &Pose, share: f64) {
+        self.set.place(pose, &mut self.solids);
+        self.place_fixtures(share);
+        self.near.clear();
+        self.violation.fill(0.0);
+        for k in 0..self.set.pairs.len() {
+            let pair = &self.set.pairs[k];
+            let a = &self.solids[pair.observer];
+            let b = match pair.other {
+                Other::Observer(o) => &self.solids[o],
+                Other::Obstacle(o) if self.present[o] => &self.fixtures[o],
+                Other::Obstacle(_) => continue,
             };
             let state = &mut self.pairs[k];
-            let gap = gap_at_least(a, b);
-            state.nearest.distance = gap;
-            state.is_exact = gap < LOOKED_AT * pair.influence;
-            if state.is_exact {
+            state.nearest.distance = gap_at_least(a, b);
+            if state.nearest.distance < pair.influence {
                 state.nearest = nearest(a, b, &mut self.scratch);
                 if state.nearest.distance < pair.influence {
                     self.near.push(k);
                 }
             }
+            let distance = self.pairs[k].nearest.distance;
+            self.pairs[k].mode = self.mode_at(k, distance);
+            // Where only the closest act, a pair prevents when its row is put up.
+            if self.pairs[k].mode == Mode::Reactive {
+                self.note(k, Mode::Reactive);
+                self.violates(k, -distance);
+            }
         }
     }
 
-    fn settle_modes(&mut self) {
-        for k in 0..self.pairs.len() {
-            let influence = self.set.pairs[k].influence;
-            let state = &mut self.pairs[k];
-            let distance = if state.sleeps { state.at_least } else { state.nearest.distance };
-            let mut mode = state.mode.next(distance, influence);
-            if mode == Mode::Reactive && self.task_of[k].1.is_none() {
-                mode = Mode::Preventive;
-            }
-            state.mode = mode;
-            // Where only the closest act, a pair prevents when its row is put up.
-            if mode == Mode::Reactive || (mode == Mode::Preventive && self.activation == Activation::All) {
-                self.note(k, mode);
-            }
+    /// What a pair does next at this distance.
+    pub(super) fn mode_at(&self, k: usize, distance: f64) -> Mode {
+        match self.pairs[k].mode.next(distance, self.set.pairs[k].influence) {
+            Mode::Reactive if self.task_of[k].1.is_none() => Mode::Preventive,
+            mode => mode,
+        }
+    }
+
+    /// A pair is below what was asked of it by `depth`, m.
+    pub(super) fn violates(&mut self, k: usize, depth: f64) {
+        let (prevents, reacts) = self.task_of[k];
+        let task = if self.pairs[k].mode == Mode::Reactive { reacts } else { prevents };
+        if let Some(task) = task.filter(|t| self.tasks[*t].on) {
+            self.violation[task] = self.violation[task].hypot(depth);
         }
     }
 
@@ -255,24 +261,6 @@ impl Watch {
             (Mode::Reactive, (_, Some(task))) => way_out(distance, pair.margin, self.tasks[task].speed, dt),
             (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
             _ => f64::NEG_INFINITY,
-        }
-    }
-
-    /// How far pairs are below what was asked of them.
-    fn judge(&mut self) {
-        self.violation.fill(0.0);
-        for &k in &self.near {
-            let state = &self.pairs[k];
-            let (prevents, reacts) = self.task_of[k];
-            let (task, depth) = match state.mode {
-                Mode::Reactive if self.activation != Activation::All => (reacts, -state.nearest.distance),
-                Mode::Reactive => (reacts, state.floor - state.nearest.distance),
-                _ if self.activation == Activation::All => (prevents, state.floor - state.nearest.distance),
-                _ => continue,
-            };
-            if let Some(task) = task.filter(|t| depth > 0.0 && self.tasks[*t].on) {
-                self.violation[task] = self.violation[task].hypot(depth);
-            }
         }
     }
 

@@ -4,13 +4,14 @@
 //! * `set`: which observers, obstacles and pairs there are.
 //! * `law`: how near a pair may come in one frame, as plain functions.
 //! * `look`: distances of pairs in a posture.
-//! * `sleep`: pairs that cannot come too near in a frame, which nobody needs to look at.
+//! * `budget`: pairs that cannot have come too near, which nobody needs to look at.
 //! * `modes`: free, preventive or reactive, and how often that changes.
 //! * `rows`: inequality rows of pairs, written into a hierarchy problem.
 //! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage`, `way`, `arms` are its parts.
 //! * `trial`: of those influenced by one obstacle, only the closest that approaches (paper).
 
 mod arms;
+mod budget;
 pub mod law;
 mod look;
 mod modes;
@@ -18,7 +19,6 @@ mod obstacle;
 mod path;
 mod rows;
 mod set;
-mod sleep;
 mod stage;
 mod trial;
 mod way;

@@ -59,8 +59,24 @@ impl Watch {
         first: bool,
     ) -> bool {
         self.clear_rows(problem);
+        if self.activation == Activation::All {
+            self.wake_expected(first);
+        }
+        self.write_rows_from(0, body, pose, problem, shift, first)
+    }
+
+    /// The rows of those pairs in `near` from `start` on.
+    pub fn write_rows_from(
+        &mut self,
+        start: usize,
+        body: &Body,
+        pose: &Pose,
+        problem: &mut Problem,
+        shift: &Shift<'_>,
+        first: bool,
+    ) -> bool {
         let mut waiting = false;
-        for index in 0..self.near.len() {
+        for index in start..self.near.len() {
             let k = self.near[index];
             let waits = self.activation != Activation::All && self.pairs[k].mode != Mode::Reactive;
             let (prevents, reacts) = self.task_of[k];

@@ -1,0 +1,223 @@
+//! Where all observers act, each pair has a budget: how far it may still come nearer in this frame. A pair whose joints cannot have
+//! spent it sleeps: its distance is not looked at and its row is left out, for no step that was taken could have crossed it. A
+//! pair whose budget the step to come may spend is woken, looked at, and gets its row.
+
+use super::look::Watch;
+use super::modes::Mode;
+use super::obstacle::ObstaclePose;
+use super::set::{Mover, Other};
+use crate::geometry::{gap_at_least, nearest, Nearest, Solid};
+use crate::hierarchy::Side;
+use crate::kinematics::Pose;
+use crate::math::*;
+
+/// Pairs as near as this many times their influence are looked at exactly: so their mode is known.
+const LOOKED_AT: f64 = 1.1;
+/// An obstacle that is said to be so near (m, rad) to where it was expected has not leapt.
+const SAME: f64 = 1e-9;
+
+impl Watch {
+    /// A frame begins: modes, floors and budgets, as far as they follow from what is known already.
+    pub(super) fn open_budgets(&mut self, pose: &Pose) {
+        self.set.place(pose, &mut self.solids);
+        self.place_fixtures(0.0);
+        self.start.0.copy_from_slice(&self.solids);
+        self.start.1.copy_from_slice(&self.fixtures);
+        self.place_fixtures(1.0);
+        for k in 0..self.pairs.len() {
+            self.open_budget(k);
+        }
+        self.sum_violations();
+    }
+
+    fn open_budget(&mut self, k: usize) {
+        let state = &mut self.pairs[k];
+        (state.is_fresh, state.has_floor) = (false, false);
+        let comes = self.obstacle_way(k);
+        if comes.is_nan() {
+            self.pairs[k].budget = f64::INFINITY;
+            self.forget(k);
+            return;
+        }
+        let (least, most) = (self.pairs[k].at_least, self.pairs[k].at_most);
+        let mode = self.mode_at(k, least);
+        if mode != Mode::Reactive && mode == self.mode_at(k, most) {
+            self.pairs[k].mode = mode;
+            self.pairs[k].budget = least - self.floor_from(k, least, self.dt) - comes;
+        } else {
+            self.find_floor(k);
+            let state = &mut self.pairs[k];
+            state.budget = state.at_least - state.floor - comes;
+        }
+        let state = &mut self.pairs[k];
+        state.at_least -= comes;
+        state.at_most += comes;
+        if state.mode != Mode::Free {
+            let mode = state.mode;
+            self.note(k, mode);
+        }
+        if self.pairs[k].budget < 0.0 {
+            self.wake(k);
+        }
+    }
+
+    /// Coordinates went by `step`: what that may have cost each pair.
+    pub(super) fn spend(&mut self, pose: &Pose, step: &[f64]) {
+        self.set.place(pose, &mut self.solids);
+        self.expected.copy_from_slice(step);
+        for k in 0..self.pairs.len() {
+            let way = self.way(k, step);
+            if way > 0.0 {
+                let state = &mut self.pairs[k];
+                state.is_fresh = false;
+                state.budget -= way;
+                state.at_least -= way;
+                state.at_most += way;
+                if state.budget < 0.0 {
+                    self.wake(k);
+                }
+            }
+        }
+        self.sum_violations();
+    }
+
+    /// Pairs that get a row before the first solve of an iteration: what held before, and what a step like the last would spend.
+    pub(super) fn wake_expected(&mut self, first: bool) {
+        self.near.clear();
+        for k in 0..self.pairs.len() {
+            let state = &self.pairs[k];
+            let side = if first { state.first_side } else { state.side };
+            if side != Side::Free || self.way(k, &self.expected) >= state.budget {
+                self.wake(k);
+                self.near.push(k);
+            }
+            self.pairs[k].has_row = self.near.last() == Some(&k);
+        }
+        if self.near.len() > self.most_rows {
+            let pairs = &self.pairs;
+            self.near.sort_unstable_by(|a, b| pairs[*a].budget.total_cmp(&pairs[*b].budget));
+        }
+    }
+
+    /// Pairs without a row whose budget this step would spend after all join `near`. Returns how many there were before.
+    pub(crate) fn wake_surprised(&mut self, step: &[f64]) -> usize {
+        let before = self.near.len();
+        for k in 0..self.pairs.len() {
+            if self.pairs[k].has_row {
+                continue;
+            }
+            let way = self.way(k, step);
+            if way >= self.pairs[k].budget {
+                self.wake(k);
+                if way >= self.pairs[k].budget {
+                    self.pairs[k].has_row = true;
+                    self.near.push(k);
+                }
+            }
+        }
+        before
+    }
+
+    /// Look at a pair: where the frame began, if its floor is not known, and where it is now.
+    fn wake(&mut self, k: usize) {
+        if !self.pairs[k].has_floor {
+            self.find_floor(k);
+        }
+        if !self.pairs[k].is_fresh {
+            let found = self.between(k, false);
+            let state = &mut self.pairs[k];
+            state.nearest = found;
+            (state.at_least, state.at_most) = (found.distance, found.distance);
+            state.is_fresh = true;
+        }
+        let state = &mut self.pairs[k];
+        state.budget = state.nearest.distance - state.floor;
+    }
+
+    /// Mode and floor, from the distance at the start of the frame.
+    fn find_floor(&mut self, k: usize) {
+        let (a, b) = self.sides(k, true);
+        let gap = gap_at_least(a, b);
+        let is_far = gap > LOOKED_AT * self.set.pairs[k].influence;
+        let distance = if is_far { gap } else { self.between(k, true).distance };
+        self.pairs[k].mode = self.mode_at(k, distance);
+        let floor = self.floor_from(k, distance, self.dt);
+        let state = &mut self.pairs[k];
+        (state.floor, state.has_floor) = (floor, true);
+        if state.at_least == f64::NEG_INFINITY || state.at_least < distance {
+            (state.at_least, state.at_most) = (distance, if is_far { f64::INFINITY } else { distance });
+        }
+    }
+
+    /// Where an obstacle is at the start of the next frame; whatever else was known of it is forgotten where that differs.
+    pub fn set_obstacle(&mut self, o: usize, there: ObstaclePose, present: bool) {
+        let before = &self.obstacles[o];
+        let turned = quat_log(quat_mul(there.quat, quat_conj(before.quat)));
+        let same = norm(sub(there.position, before.position)).max(norm(turned)) < SAME && present == self.present[o];
+        (self.obstacles[o], self.present[o]) = (there, present);
+        if !same {
+            for k in self.set.self_pairs..self.pairs.len() {
+                if self.set.pairs[k].other == Other::Obstacle(o) {
+                    self.forget(k);
+                }
+            }
+        }
+    }
+
+    /// Nothing is known of a pair any more.
+    pub(super) fn forget(&mut self, k: usize) {
+        let state = &mut self.pairs[k];
+        (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
+        (state.mode, state.side, state.first_side) = (Mode::Free, Side::Free, Side::Free);
+    }
+
+    fn between(&mut self, k: usize, at_start: bool) -> Nearest {
+        let (a, b) = self.sides(k, at_start);
+        let (a, b) = (*a, *b);
+        nearest(&a, &b, &mut self.scratch)
+    }
+
+    /// Both sides of a pair, now or where the frame began.
+    fn sides(&self, k: usize, at_start: bool) -> (&Solid, &Solid) {
+        let pair = &self.set.pairs[k];
+        let (solids, fixtures) = if at_start { (&self.start.0, &self.start.1) } else { (&self.solids, &self.fixtures) };
+        match pair.other {
+            Other::Observer(o) => (&solids[pair.observer], &solids[o]),
+            Other::Obstacle(o) => (&solids[pair.observer], &fixtures[o]),
+        }
+    }
+
+    /// How far the surface of a pair's obstacle may come in this frame, m; NaN where it is not there.
+    fn obstacle_way(&self, k: usize) -> f64 {
+        let Other::Obstacle(o) = self.set.pairs[k].other else { return 0.0 };
+        if !self.present[o] {
+            return f64::NAN;
+        }
+        let (linear, angular) = (norm(self.obstacles[o].linear), norm(self.obstacles[o].angular));
+        self.dt * (linear + length_of_arc(angular, self.set.obstacles[o].shape.reach()))
+    }
+
+    /// How far a step may bring both sides of a pair together or apart.
+    fn way(&self, k: usize, step: &[f64]) -> f64 {
+        self.movers[k].iter().map(|(Mover { dof, lever, .. }, _)| length_of_arc(step[*dof].abs(), *lever)).sum()
+    }
+
+    /// How far pairs are below what was asked of them. Who may be has been looked at.
+    fn sum_violations(&mut self) {
+        self.violation.fill(0.0);
+        for k in 0..self.pairs.len() {
+            if self.pairs[k].budget < 0.0 {
+                self.violates(k, -self.pairs[k].budget);
+            }
+        }
+    }
+}
+
+/// How far a point gets that turns; not at all where it does not, however long the lever.
+fn length_of_arc(turned: f64, lever: f64) -> f64 {
+    if turned == 0.0 {
+        0.0
+    } else {
+        turned * lever
+    }
+}
