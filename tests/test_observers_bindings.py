@@ -144,7 +144,6 @@ def test_obstacles_that_were_not_placed_or_are_absent_are_not_there() -> None:
     assert solver.frame(targets, DT)[0] == pytest.approx(0.03, abs=1e-12)
 
 
-@pytest.mark.xfail(reason="a pair that sleeps knows nothing of an obstacle that is put elsewhere, or is there again")
 @pytest.mark.parametrize("appears", [False, True], ids=["moved", "present again"])
 def test_an_obstacle_that_is_put_elsewhere_is_seen(appears: bool) -> None:
     """Though its pair was so far apart that nobody needed to look at it."""

@@ -200,7 +200,6 @@ def test_squeezed_to_thirty_centimetres_it_is_finite_and_within_limits() -> None
     assert left == pytest.approx(right, abs=1e-3)
 
 
-@pytest.mark.xfail(reason="the forearm's pair sleeps, and does not see the obstacle appear")
 def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() -> None:
     made = reconstructor(state := around(ball=sphere(np.array([0.0, 5.0, 0.0]))))
     sample, own = moving()[0], made.observers
