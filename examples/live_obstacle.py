@@ -1,0 +1,39 @@
+"""A ball that somebody tracks comes at a reaching performer's right hand: tell the scene where it is, tick by tick."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from retarget.calibration import calibrate
+from retarget.human import build_human
+from retarget.performer import load_performer
+from retarget.priorities import load_priorities
+from retarget.reconstruct import Reconstructor
+from retarget.scene import load_scene
+from retarget.scene_motion import SceneState
+from sim.performer import synthetic_performer
+
+BALL = "name: ball\ndescription: tracked\nobstacles:\n  ball: {shape: {sphere: {radius: 0.1}}, at: {pos: [0, 0, -9]}}\n"
+DT = 1.0 / 120.0
+
+
+def main() -> None:
+    """Print how near the ball came while it was held into the hand's way."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "ball.yaml")
+        path.write_text(BALL, encoding="utf-8")
+        scene = SceneState(load_scene(path))
+    human, hand = build_human(calibrate(frames := synthetic_performer())), frames.sample(2.5).position[2]
+    stage = Reconstructor(human, load_priorities("human"), load_performer("five"), scene=scene)
+    stage.start(frames.sample(0.0))
+    nearest = np.inf
+    for tick, place in enumerate(np.linspace(hand + [0.5, 0.0, 0.0], hand, 300)):
+        scene.update("ball", place, (1.0, 0.0, 0.0, 0.0), time=tick * DT)
+        stage.step(frames.sample(tick * DT), DT)
+        nearest = min(nearest, stage.hierarchy.solver.clearance[1])
+    print(f"the body kept {1e3 * nearest:.1f} mm off the ball; updates dropped: {scene.dropped('ball')}")
+
+
+if __name__ == "__main__":
+    main()
