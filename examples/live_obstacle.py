@@ -28,7 +28,7 @@ def main() -> None:
     stage = Reconstructor(human, load_priorities("human"), load_performer("five"), scene=scene)
     stage.start(frames.sample(0.0))
     nearest = np.inf
-    for tick, place in enumerate(np.linspace(hand + [0.5, 0.0, 0.0], hand, 300)):
+    for tick, place in enumerate(np.linspace(hand + np.array([0.5, 0.0, 0.0]), hand, 300)):
         scene.update("ball", place, (1.0, 0.0, 0.0, 0.0), time=tick * DT)
         stage.step(frames.sample(tick * DT), DT)
         nearest = min(nearest, stage.hierarchy.solver.clearance[1])
