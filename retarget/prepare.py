@@ -166,14 +166,20 @@ def _robot_side(
 ) -> RobotSide:
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     clearance = _clearance(robot, follower, dt) if options.gate else None
-    goals: GoalFilter = (
-        Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach), path_is_clear=clearance)
-        if options.gate
-        else OpenGate(servos.max_acceleration, dt=dt)
-    )
+    gate = Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach), path_is_clear=clearance)
+    goals: GoalFilter = gate if options.gate else OpenGate(servos.max_acceleration, dt=dt)
     limits = robot.profile.guard_limits()
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
-    return RobotSide(robot=robot, follower=follower, goals=goals, guard=guard, clock=clock, dt=dt, clearance=clearance)
+    return RobotSide(
+        robot=robot,
+        follower=follower,
+        goals=goals,
+        guard=guard,
+        clock=clock,
+        dt=dt,
+        clearance=clearance,
+        passes=gate.passes if options.gate else None,
+    )
 
 
 def _clearance(robot: RobotBody, follower: Follower, dt: float) -> PathClearance | None:

@@ -32,7 +32,8 @@ GATED_RAD = 1e-8
 class RobotSide:
     """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none.
 
-    clearance: what the gate asks about collision, told here where the robot is.
+    clearance: what the gate asks about collision, told here where the robot is. passes: whether the gate would send a
+    goal; where it would not, the robot yields by itself, on its soles, before each joint is braked on its own.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class RobotSide:
         clock: Clock,
         dt: float,
         clearance: PathClearance | None = None,
+        passes: Callable[[FloatArray], bool] | None = None,
     ) -> None:
         self.robot = robot
         self.guard = guard
@@ -53,6 +55,7 @@ class RobotSide:
         self._follower = follower
         self._goals = goals
         self._clearance = clearance
+        self._passes = passes
         self._clock = clock
         self._dt = dt
         self._deadline = clock.now()
@@ -60,6 +63,7 @@ class RobotSide:
         self._change = robot.joint_map.max_acceleration * dt**2  # (n,) [rad]
         self._q = robot.body.qpos0.copy()
         self._before = self._q.copy()
+        self._velocity = np.zeros(robot.body.nv)  # with which it got there
         self._start = self._sent = self._moved = np.zeros(0)
         self._first: RobotPosture
         self._started = False
@@ -114,9 +118,14 @@ class RobotSide:
     def follow(self, human: HumanPosture) -> FloatArray:
         """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
         posture = self._follower.step(human, self._dt) if self._started else self._first
-        self._started = True
         self.phase = Phase.FOLLOW
         self._asked, self._modes = posture.landmarks_asked, posture.observer_modes
+        may_yield, self._started = self._started, True
+        if may_yield and self._passes is not None and not self._passes(posture.joint_positions):
+            self._follower.reseed(self._before.copy(), self._velocity.copy())
+            q = self._follower.halt(self._dt)
+            if q is not None:
+                return self._take(q, q[self.robot.servo_columns])
         return self._take(posture.q, posture.joint_positions)
 
     def act(self, think: Think) -> bool:
@@ -195,6 +204,7 @@ class RobotSide:
             moved = self._kinematics.difference(self._before, self._q)  # (nv,)
             self._follower.reseed(self._q.copy(), moved / self._dt)
         if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
+            self._velocity = self._kinematics.difference(self._before, self._q) / self._dt
             self._before[:] = self._q
         if self._clearance is not None:
             self._clearance.sent(sent, self._before)
