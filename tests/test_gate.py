@@ -227,3 +227,26 @@ def test_the_oracle_uses_the_gap_to_the_last_bit(gap: float, change: float) -> N
     x = float(braking_displacement(np.array(gap), np.array(change)))
     terms = x - change * np.arange(int(x / change) + 2)
     assert terms[terms > 0].sum() == pytest.approx(gap, rel=1e-9)
+
+
+@given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.booleans()), min_size=1, max_size=20))
+def test_asking_first_changes_nothing(asked: list[tuple[float, bool]]) -> None:
+    """`passes` says what `admit` does, and what is sent is the same whether anybody asked."""
+    told, silent = make(), make()
+    for size, other in asked:
+        goal = told.position + size * STEP
+        says = told.passes(goal)
+        if other:
+            told.passes(goal + 1e-3)  # of something else, last
+        sent = told.admit(goal)
+        assert says == np.array_equal(sent, goal)
+        np.testing.assert_array_equal(sent, silent.admit(goal))
+
+
+def test_a_verdict_does_not_outlive_the_posture_that_it_was_given_from() -> None:
+    gate = make()
+    goal = 0.9 * CHANGE
+    assert gate.passes(goal)
+    gate.admit(0.9 * CHANGE)
+    gate.admit(1.8 * CHANGE)
+    assert not np.array_equal(gate.admit(goal), goal)  # back at once: beyond the acceleration

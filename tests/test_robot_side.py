@@ -184,3 +184,26 @@ def test_a_failure_during_the_approach_brakes_on_its_line(monkeypatch: pytest.Mo
     line = way[-1] - way[0]
     off = (np.array(way) - way[0]) @ (np.eye(20) - np.outer(line, line) / (line @ line))
     assert np.abs(off).max() < 1e-12
+
+
+def test_what_the_gate_would_refuse_is_not_asked_where_the_robot_can_yield(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It goes along the follower's way to a stop instead, from where it is; what has no such way is refused."""
+    for knows_way, gated in ((True, False), (False, True)):
+        rig = Rig(np.vstack([np.zeros((10, 20)), np.full((90, 20), 0.5)]))  # a leap that no gate sends
+        rig.side._passes = rig.gate.passes
+        halts: list[FloatArray] = []
+
+        def halt(
+            dt: float, rig: Rig = rig, halts: list[FloatArray] = halts, known: bool = knows_way
+        ) -> FloatArray | None:
+            halts.append(rig.follower.reseeded[-1])
+            q = rig.side._before.copy()
+            return q if known else None
+
+        monkeypatch.setattr(rig.follower, "halt", halt)
+        ending = play(rig)
+        assert ending.record.robot is not None
+        following = ending.record.following
+        assert len(halts) >= 30 and ending.record.robot.gated[following].any() == gated
+        stand = rig.robot.posture(rig.robot.profile.postures.stand)[rig.robot.servo_columns]
+        np.testing.assert_allclose(halts[0], stand, atol=1e-9)
