@@ -151,7 +151,8 @@ class Observers:
     n observers: links (n,), kinds (n,) and sizes (n, 3) as in `shape_distances`, positions (n, 3) m and quats (n, 4)
     wxyz of the shapes' frames on their links, influence and margin (n,) m. pairs (p, 2): observers that look at each
     other. Every observer looks at every one of k obstacles: obstacle_kinds (k,), obstacle_sizes (k, 3),
-    obstacle_influence and obstacle_margin (k,) m. Of two that meet, the larger influence and the larger margin act.
+    obstacle_influence and obstacle_margin (k,) m. pair_margin (p,) m: most that a pair keeps. Of two that meet, the
+    larger influence and the larger margin act.
     """
 
     def __init__(
@@ -170,6 +171,7 @@ class Observers:
         obstacle_sizes: Floats,
         obstacle_influence: Floats,
         obstacle_margin: Floats,
+        pair_margin: Floats | None = None,
     ) -> None: ...
     @property
     def count(self) -> int:

@@ -9,13 +9,18 @@ from retarget.body import BodyModel
 from retarget.errors import Problem, UsageError
 from retarget.observer_pairs import placed
 from retarget.observers import Observers
+from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
 
-__all__ = ["CONTACT_M", "Contact", "contacts", "refuse_contact"]
+__all__ = ["CONTACT_M", "Contact", "contacts", "refuse_contact", "refuse_floor"]
 
 CONTACT_M = 1e-4
 """Deeper than this (m) is contact, as for the solver: rounding is not."""
+
+
+NEAR_SOLE_M = 1e-3
+"""What is so near (m) to a sole that stands carries it."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,9 @@ class Contact:
     depth: float
 
 
-def contacts(body: BodyModel, observers: Observers, scene: SceneState | None, q: FloatArray) -> tuple[Contact, ...]:
+def contacts(
+    body: BodyModel, observers: Observers, scene: SceneState | None, q: FloatArray, *, deeper_than: float = CONTACT_M
+) -> tuple[Contact, ...]:
     """What touches in posture q (nq,) at the scene's time 0: pairs that are looked at, and obstacles; deepest first."""
     position, quat = placed(body, observers, q)
     n, pairs = len(observers.names), observers.pairs
@@ -44,7 +51,7 @@ def contacts(body: BodyModel, observers: Observers, scene: SceneState | None, q:
         kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
     )[0]
     order = np.argsort(-depths)
-    touching = [row for row in order.tolist() if depths[row] > CONTACT_M]
+    touching = [row for row in order.tolist() if depths[row] > deeper_than]
     return tuple(Contact(others[pairs[row, 0]], others[pairs[row, 1]], float(depths[row])) for row in touching)
 
 
@@ -52,6 +59,21 @@ def refuse_contact(found: tuple[Contact, ...], *, where: str) -> None:
     """Raise UsageError that names all of them, if there are any. where: what begins, for the message."""
     if found:
         raise UsageError.from_problems([_problem(contact, where) for contact in found])
+
+
+def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: FloatArray) -> None:
+    """Raise UsageError if a robot that stands in posture q (nq,) has an obstacle under its soles: it would keep off
+    it."""
+    soles = {robot.frame(foot.frame).body for foot in robot.profile.feet.values()}
+    feet = {name for name, link in zip(observers.names, observers.links.tolist(), strict=True) if link in soles}
+    for contact in contacts(robot.body, observers, scene, q, deeper_than=-NEAR_SOLE_M):
+        if contact.part in feet and contact.other in scene.shapes.names:
+            raise UsageError(
+                f"{contact.part} stands on {contact.other}",
+                where="--scene",
+                allowed="a scene without what the robot stands on",
+                next_step=f"Leave {contact.other} out: soles stay planted whatever the scene holds",
+            )
 
 
 def _problem(contact: Contact, where: str) -> Problem:

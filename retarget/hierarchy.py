@@ -94,7 +94,7 @@ class Hierarchy:
         worn = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if worn is None else worn.names
         levels = _compile(priorities, body, frames, fed=frames if fed is None else fed, observers=names)
-        shapes = scene.with_margin(priorities.observers.margin)
+        shapes = scene.with_margin(priorities.observers.obstacle_margin)
         watched = None if worn is None else worn.for_solver(body, shapes)
         solver = _solver.Solver(
             body.solver_body(),

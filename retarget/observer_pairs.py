@@ -20,6 +20,10 @@ NEAR_LINKS = 2
 """Links that are so many steps apart along the body may touch at rest and are then never looked at; what is farther
 apart and touches is a fault of the neutral posture or of the shapes."""
 
+AT_HOME = 0.75
+"""Most of a pair's distance at rest that may be margin. Asked for more, a body could never rest: nothing below would
+move."""
+
 
 @dataclass(frozen=True)
 class DroppedPair:
@@ -33,18 +37,20 @@ class DroppedPair:
 
 @dataclass(frozen=True, eq=False)
 class PairRules:
-    """neutral: posture (nq,) in which pairs that touch are dropped. ignored: links, and why. where: for messages."""
+    """neutral: posture (nq,) in which pairs that touch are dropped. resting: others in which the body is at home: a
+    pair's margin is at most a share of its distance in any of them. ignored: links, and why. where: for messages."""
 
     neutral: FloatArray
+    resting: tuple[FloatArray, ...] = ()
     ignored: tuple[tuple[int, int, str], ...] = field(default=())
     where: str = ""
 
 
 def checked_pairs(
     body: BodyModel, observers: "Observers", rules: PairRules
-) -> tuple[IntArray, tuple[DroppedPair, ...]]:
-    """Pairs (p, 2) that are looked at, and those that are not. Raises ConfigError: far along the body, and touching
-    at rest."""
+) -> tuple[IntArray, tuple[DroppedPair, ...], FloatArray]:
+    """Pairs (p, 2) that are looked at, those that are not, and most that each of the first keeps (p,) m. Raises
+    ConfigError: far along the body, and touching at rest."""
     ignored = {frozenset(pair[:2]): pair[2] for pair in rules.ignored}
     checked, dropped = [], []
     for first, second in zip(*np.triu_indices(len(observers.names), 1), strict=True):
@@ -69,7 +75,10 @@ def checked_pairs(
         dropped.append(DroppedPair(*names, f"touch by {1e3 * depth:.1f} mm in the neutral posture"))
     if problems:
         raise ConfigError.from_problems(problems)
-    return np.ascontiguousarray(pairs[~touching]), tuple(dropped)
+    pairs = np.ascontiguousarray(pairs[~touching])
+    resting = [_distances(body, observers, pairs, q) for q in (rules.neutral, *rules.resting)]
+    margin = AT_HOME * np.maximum(np.min(resting, axis=0), 0.0)
+    return pairs, tuple(dropped), margin
 
 
 def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[FloatArray, FloatArray]:

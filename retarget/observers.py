@@ -29,7 +29,7 @@ class Observers:
 
     links (n,); kinds (n,) and sizes (n, 3) as in `scene_shapes`; positions (n, 3) m and quats (n, 4) wxyz of the
     canonical frames on the links; influence, margin (n,) m. pairs (p, 2): numbers of observers. dropped: pairs that
-    are not looked at.
+    are not looked at. pair_margin (p,) m: most that a pair keeps, as it is not much farther apart where the body rests.
     """
 
     names: tuple[str, ...]
@@ -42,6 +42,7 @@ class Observers:
     margin: FloatArray
     pairs: IntArray
     dropped: tuple[DroppedPair, ...]
+    pair_margin: FloatArray
 
     def with_margin(self, margin: float | None) -> "Observers":
         """The same, all with another margin, m; None: each its own."""
@@ -59,6 +60,7 @@ class Observers:
             influence=self.influence,
             margin=self.margin,
             pairs=self.pairs,
+            pair_margin=self.pair_margin,
             obstacle_kinds=scene.kinds,
             obstacle_sizes=scene.sizes,
             obstacle_influence=scene.influence,
@@ -76,7 +78,12 @@ def robot_observers(robot: RobotBody) -> Observers:
     ignored = [
         (body.body_index(entry.pair[0]), body.body_index(entry.pair[1]), entry.reason) for entry in profile.ignore_pairs
     ]
-    rules = PairRules(neutral=robot.posture(profile.postures.neutral), ignored=tuple(ignored), where=str(profile.path))
+    rules = PairRules(
+        neutral=robot.posture(profile.postures.neutral),
+        resting=(robot.posture(profile.postures.stand),),
+        ignored=tuple(ignored),
+        where=str(profile.path),
+    )
     return assemble(body, links, rows, zones, rules)
 
 
@@ -99,9 +106,10 @@ def assemble(
         margin=np.array([zones[name][1] for name in rows], dtype=float),
         pairs=np.zeros((0, 2), dtype=np.int64),
         dropped=(),
+        pair_margin=np.zeros(0),
     )
-    pairs, dropped = checked_pairs(body, none, rules)
-    return replace(none, pairs=pairs, dropped=dropped)
+    pairs, dropped, margin = checked_pairs(body, none, rules)
+    return replace(none, pairs=pairs, dropped=dropped, pair_margin=margin)
 
 
 def geom_shape(geom: Geom) -> ShapeRow | None:

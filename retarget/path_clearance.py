@@ -69,6 +69,7 @@ class PathClearance:
 
     def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
         """Whether a path (k, n) rad is clear; instead (k, n): what is followed if not."""
+        self._around.look()
         poses = self._around.now
         if poses is not None:
             self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)

@@ -12,7 +12,7 @@ from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from retarget.calibration import calibrate
 from retarget.clip import Clip, lay_on_ticks
-from retarget.contact_at_start import contacts, refuse_contact
+from retarget.contact_at_start import contacts, refuse_contact, refuse_floor
 from retarget.errors import UsageError
 from retarget.follow import Follower
 from retarget.frames import SensorFrames
@@ -120,6 +120,8 @@ def prepare(
     if not options.allow_contact:
         touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
+        if scene is not None and robot.stands:
+            refuse_floor(robot, follower.observers, scene, follower.stance.q)
     side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=clip.dt)
     bus.open()
     failed = True

@@ -205,12 +205,13 @@ Task = Annotated[
 class ObserverSettings(Schema):
     """What this file asks of observers. human: which a human wears: lines along the limbs, those and a ball for the
     head, or its own capsules on every segment; a robot brings its own. influence: of those of the human, m. margin:
-    of all observers and obstacles, m; absent: each its own.
+    of all observers, m, obstacle_margin: of all obstacles; absent: each its own.
     """
 
     human: Literal["none", "lines", "lines_and_head", "capsules"] = "none"
     influence: Positive = 0.08
     margin: NotNegative | None = None
+    obstacle_margin: NotNegative | None = None
 
 
 class Level(Schema):

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import hypot, inf, isfinite
 
-from retarget.scalar_rotations import Vector, inverse, minus, product, rotation_vector
+from retarget.scalar_rotations import Vector, inverse, minus, product, rotation_vector, turn
 from retarget.scene_poses import STILL, MovingPose, Pose, unit
 from retarget.solid_shapes import MAX_COORDINATE
 
@@ -15,7 +15,7 @@ LIVE_SPEED = 10.0
 LIVE_TURN = 20.0
 """Live angular velocities are cut to this, rad/s."""
 VELOCITY_HOLDS = 0.2
-"""A live obstacle that is silent for longer, s, is taken to rest where it was last seen."""
+"""A live obstacle goes on at its velocity for so long, s, when it is silent; then it is taken to rest."""
 
 Numbers = Iterable[float]
 
@@ -73,12 +73,23 @@ class LivePose:
         self._held = _Held(seen, before, _moving(seen, before))
         return True
 
+    def restart(self) -> None:
+        """Forget every pose, because time begins anew; what was dropped stays counted."""
+        self._held = None
+
     def at(self, time: float) -> MovingPose | None:
-        """The last good pose, not extrapolated, and its velocities while they hold; None before the first."""
+        """The last good pose gone on at its velocities for as long as they hold, then at rest; None before the
+        first."""
         held = self._held
         if held is None:
             return None
-        return held.moving if time - held.last.time <= VELOCITY_HOLDS else MovingPose(held.last.pose)
+        age = time - held.last.time
+        (x, y, z), moving = held.last.pose.position, held.moving
+        gone = min(max(age, 0.0), VELOCITY_HOLDS)
+        (u, v, w), (p, q, r) = moving.linear, moving.angular
+        turned = product(turn((gone * p, gone * q, gone * r)), held.last.pose.quat)
+        there = Pose((x + gone * u, y + gone * v, z + gone * w), turned) if gone > 0.0 else held.last.pose
+        return MovingPose(there, moving.linear, moving.angular) if age <= VELOCITY_HOLDS else MovingPose(there)
 
     def age(self, now: float) -> float:
         """How old the last good pose is, s; infinite before the first."""

@@ -75,6 +75,11 @@ class SceneState:
         position, quat, linear, angular = (np.ascontiguousarray(part) for part in np.split(rows, (3, 7, 10), axis=1))
         return ObstaclePoses(position, quat, linear, angular)
 
+    def restart(self) -> None:
+        """Time begins anew: what was told live is forgotten."""
+        for track in self._tracks.values():
+            track.live.restart()
+
     def at_rest(self, time: float) -> ObstaclePoses:
         """Poses at a time, s, without any motion."""
         poses = self.at(time)

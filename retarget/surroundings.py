@@ -19,7 +19,7 @@ class Surroundings:
         self.now: ObstaclePoses | None = None
         """Where they are at the start of the tick that runs; None: nothing is around."""
         self._runs = False
-        self.restart()
+        self.look()
 
     @property
     def shapes(self) -> SceneShapes:
@@ -27,13 +27,21 @@ class Surroundings:
         return NO_SCENE if self.scene is None else self.scene.shapes
 
     def restart(self) -> None:
-        """Back to time 0, at rest."""
+        """Back to time 0, at rest; what was told live is forgotten."""
+        if self.scene is not None:
+            self.scene.restart()
         self.time, self._runs = 0.0, False
-        self.now = None if self.scene is None else self.scene.at_rest(0.0)
+        self.look()
+
+    def look(self) -> None:
+        """Where they are now, as long as they do not move by the file: somebody may tell of them live."""
+        if self.scene is not None and not self._runs:
+            self.now = self.scene.at_rest(self.time)
 
     def begin(self) -> None:
-        """From the next tick on they move."""
-        self.restart()
+        """From the next tick on they move, from time 0."""
+        self.time, self._runs = 0.0, False
+        self.look()
         self._runs = True
 
     def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:

@@ -49,6 +49,7 @@ def carts(**instead: Any) -> _solver.Observers:
         ({"pairs": np.array([[-1, 1]])}, "is not of two"),
         ({"pairs": np.array([[1, 1]])}, r"pair \(1, 1\)"),
         ({"pairs": np.zeros((1, 3), dtype=np.int64)}, "pairs have 3 columns"),
+        ({"pairs": np.asfortranarray(np.array([[0, 1], [1, 0]]))}, "pairs must be C-contiguous"),
         ({"obstacle_kinds": np.array([9])}, "kind 9"),
         ({"obstacle_sizes": np.zeros((2, 3))}, "obstacle"),
         ({"obstacle_sizes": np.full((1, 3), NAN)}, "finite"),

@@ -31,6 +31,14 @@ def find_trial(folder: Path, trial: str) -> Path | None:
 
 
 def read_trial(folder: Path | None, trial: str) -> SensorFrames | None:
-    """The frames of a trial; None: no folder was given, or the trial is not in it. Raises UsageError, InputError."""
+    """The frames of a trial; None: no folder was given, or a trial other than CROUCH is not in it. Raises UsageError,
+    InputError."""
     path = None if folder is None else find_trial(folder, trial)
+    if folder is not None and path is None and trial == CROUCH:
+        raise UsageError(
+            "the trial of the experiments is not there",
+            where="--mocap",
+            found=f"no {' or '.join(trial + suffix for suffix in SUFFIXES)} below {folder}",
+            next_step="Give the folder of CMU subject 2, or leave --mocap out for the synthetic performer",
+        )
     return None if path is None else open_source(path)

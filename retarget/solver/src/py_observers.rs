@@ -21,7 +21,7 @@ pub struct PyObservers {
 impl PyObservers {
     #[new]
     #[pyo3(signature = (body, *, links, kinds, sizes, positions, quats, influence, margin, pairs, obstacle_kinds,
-                        obstacle_sizes, obstacle_influence, obstacle_margin))]
+                        obstacle_sizes, obstacle_influence, obstacle_margin, pair_margin=None))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,
@@ -37,6 +37,7 @@ impl PyObservers {
         obstacle_sizes: PyReadonlyArray2<'_, f64>,
         obstacle_influence: PyReadonlyArray1<'_, f64>,
         obstacle_margin: PyReadonlyArray1<'_, f64>,
+        pair_margin: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
         let links = links.as_slice()?;
         let n = links.len();
@@ -68,9 +69,21 @@ impl PyObservers {
         if pairs.shape()[1] != 2 {
             return Err(bad(format!("pairs have {} columns, expected 2", pairs.shape()[1])));
         }
+        if !pairs.is_c_contiguous() {
+            return Err(bad("pairs must be C-contiguous".into()));
+        }
         let index = |k: i64| usize::try_from(k).unwrap_or(usize::MAX);
-        let checked: Vec<(usize, usize)> =
-            pairs.as_slice()?.chunks_exact(2).map(|p| (index(p[0]), index(p[1]))).collect();
+        let count = pairs.shape()[0];
+        let unbounded = vec![f64::INFINITY; count];
+        let most = match &pair_margin {
+            Some(most) => most.as_slice()?,
+            None => &unbounded,
+        };
+        if most.len() != count || most.iter().any(|m| !(*m >= 0.0)) {
+            return Err(bad(format!("pair_margin needs {count} entries that are not negative")));
+        }
+        let checked: Vec<(usize, usize, f64)> =
+            pairs.as_slice()?.chunks_exact(2).zip(most).map(|(p, m)| (index(p[0]), index(p[1]), *m)).collect();
         let set = ObserverSet::new(&body.body, observers, obstacles, &checked).map_err(bad)?;
         Ok(Self { set: Arc::new(set) })
     }

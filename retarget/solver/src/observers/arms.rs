@@ -36,6 +36,8 @@ pub struct Arms {
     pub longest: Vec<f64>,
     /// Joints that slide, and their values at rest.
     pub slides: Vec<(usize, f64)>,
+    /// The same of slides that no path moves: their places in a posture.
+    still: Vec<(usize, f64)>,
 }
 
 impl Arms {
@@ -55,7 +57,15 @@ impl Arms {
         }
         let rest = |dof: usize| body.joints[dof_joint(body, dof)].q_rest.abs();
         let slides = movers.iter().enumerate().filter(|(_, d)| body.dof_linear[**d]).map(|(k, d)| (k, rest(*d)));
-        Self { among, around, longest, slides: slides.collect() }
+        let slides = slides.collect();
+        let others = body.joints.iter().filter(|j| j.kind == JointKind::Slide && !movers.contains(&j.v_address));
+        let still = others.map(|j| (j.q_address, j.q_rest.abs())).collect();
+        Self { among, around, longest, slides, still }
+    }
+
+    /// How far slides that no path moves are drawn out at most in posture `q`, m.
+    pub fn drawn_still(&self, q: &[f64]) -> f64 {
+        self.still.iter().map(|(address, rest)| q[*address].abs() + rest).sum()
     }
 
     /// Arms of a pair while a sole is planted.

@@ -3,7 +3,8 @@
 /// Between rows a pair may be nearer by this (m) than at rows: what is sent keeps so much more than what is promised, so that a
 /// path along the limit can still be proven by stretches of finite length.
 pub const BETWEEN: f64 = 1e-4;
-/// A pair that is nearer than it ought to be may come nearer by this (m) in all, not per path: solvers and encoders round.
+/// A pair that is nearer than it ought to be may come nearer by this (m) in all, not per path, where paths are remembered, and by
+/// so much per path where they are not (that of the servos): solvers and encoders round.
 pub const LET_OUT: f64 = 1e-4;
 
 /// Share of an approach that stays (paper, "Preventive observer activation"): 1 where influence begins, 0 at the margin.

@@ -270,7 +270,7 @@ impl Watch {
         damping_share(self.pairs[k].nearest.distance, pair.influence, pair.margin)
     }
 
-    /// How an obstacle's surface moves away from the observer of a pair in the iteration to come, along the normal, m.
+    /// How far an obstacle's surface comes at the observer of a pair in the iteration to come, along the normal, m.
     pub(super) fn drift(&self, k: usize) -> f64 {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
         let Other::Obstacle(o) = pair.other else { return 0.0 };

@@ -63,12 +63,12 @@ pub struct ObserverSet {
 }
 
 impl ObserverSet {
-    /// `checked`: pairs of observers that are looked at; every observer looks at every obstacle.
+    /// `checked`: pairs of observers that are looked at, and the largest margin of each; every observer looks at every obstacle.
     pub fn new(
         body: &Body,
         observers: Vec<Observer>,
         obstacles: Vec<Obstacle>,
-        checked: &[(usize, usize)],
+        checked: &[(usize, usize, f64)],
     ) -> Result<Self, String> {
         if let Some(o) = observers.iter().find(|o| o.link >= body.links.len() || o.shape == Shape::HalfSpace) {
             return Err(format!("an observer needs a link of the body and a bounded shape; found link {}", o.link));
@@ -79,7 +79,7 @@ impl ObserverSet {
             own.map(|&dof| Mover { dof, sign, lever: lever(body, &observers[moved], dof) }).collect::<Vec<_>>()
         };
         let mut pairs = vec![];
-        for &(a, b) in checked {
+        for &(a, b, most) in checked {
             if a >= observers.len() || b >= observers.len() || a == b {
                 return Err(format!("pair ({a}, {b}) is not of two of the {} observers", observers.len()));
             }
@@ -90,7 +90,7 @@ impl ObserverSet {
                 observer: a,
                 other: Other::Observer(b),
                 influence: first.influence.max(second.influence),
-                margin: first.margin.max(second.margin),
+                margin: first.margin.max(second.margin).min(most),
                 movers: both,
             });
         }
@@ -137,7 +137,9 @@ fn lever(body: &Body, observer: &Observer, dof: usize) -> f64 {
         // A joint off the link's origin carries the origin about.
         length += 2.0 * joints.iter().map(|joint| norm(joint.pos)).sum::<f64>();
         if link == body.dof_link[dof] {
-            return length;
+            // What slides after the joint, on the same link, draws the shape away from it.
+            let slides = joints.iter().any(|joint| joint.kind == JointKind::Slide && joint.v_address > dof);
+            return if slides { f64::INFINITY } else { length };
         }
         if joints.iter().any(|joint| joint.kind == JointKind::Slide) {
             return f64::INFINITY;
