@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import Motion
 from benchmarks.observed_body import NOTHING, Around, Watched
-from benchmarks.side import DT, N_IK, POSTURE_GAIN
+from benchmarks.ours import Ours
+from benchmarks.side import N_IK, POSTURE_GAIN
 from retarget import _solver
 from retarget._solver import Task
 
@@ -29,7 +30,7 @@ class Asked:
     point: int = -1
 
 
-class ObservedOurs:
+class ObservedOurs(Ours):
     """`retarget._solver` with observers that look at each other and at obstacles at rest. activation None: they do not
     look at all, and there are no levels for them."""
 
@@ -66,25 +67,6 @@ class ObservedOurs:
             self.places.append((asked.point, target))
         elif asked.kind == "posture":
             self.targets[target] = attractor
-
-    @property
-    def failures(self) -> int:
-        """Solves that were capped."""
-        return self.solver.stats["capped"]
-
-    def aim(self, com: Floats, points: Floats) -> None:
-        """See `Side`."""
-        self.targets[self.com] = com
-        for index, place in self.places:
-            self.targets[place] = points[index]
-
-    def solve(self) -> None:
-        """See `Side`."""
-        self.solver.frame(self.targets, DT)
-
-    def posture(self) -> Floats:
-        """See `Side`."""
-        return self.solver.q
 
 
 def observed(

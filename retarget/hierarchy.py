@@ -48,10 +48,8 @@ class Hierarchy:
         self.slots = tuple(slot for level in levels for slot in level)
         """What each entry of `solver.task_errors` is the error of."""
         self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
-        self.observer_names: tuple[str, ...] = ()
-        """Of what looks at obstacles and at itself, in the order of `solver.observer_modes`."""
         self.observers: _solver.Observers | None = None
-        """These and the obstacles, as the solver has them."""
+        """What looks at itself and at the obstacles, as the solver has it."""
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
         for level, slots in enumerate(levels):
@@ -111,7 +109,7 @@ class Hierarchy:
             activation=priorities.activation,
         )
         made = cls(solver, levels, postures)
-        made.observer_names, made.observers = names, watched
+        made.observers = watched
         return made
 
     def blank(self) -> FloatArray:

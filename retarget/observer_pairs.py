@@ -82,13 +82,11 @@ def checked_pairs(
 
 
 def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """World positions (n, 3) and orientations (n, 4) wxyz of the observers' frames in a posture (nq,)."""
-    position, quat = body.solver_body().forward(q)
-    links = quat[observers.links]
-    return (
-        position[observers.links] + rotations.rotate(links, observers.positions),
-        rotations.multiply(links, observers.quats),
-    )
+    """World positions (..., n, 3) and orientations (..., n, 4) wxyz of the observers' frames in postures (..., nq)."""
+    solver, links, rows = body.solver_body(), observers.links.tolist(), np.ascontiguousarray(np.atleast_2d(q))
+    position = solver.points(rows, links, np.ascontiguousarray(observers.positions))
+    quat = rotations.multiply(solver.orientations(rows, links), observers.quats)
+    return (position, quat) if q.ndim > 1 else (position[0], quat[0])
 
 
 def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: FloatArray) -> FloatArray:

@@ -1,13 +1,12 @@
 """The collision observers of a body: shapes on its links, and which of them are looked at together."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from retarget import _solver
 from retarget.body import BodyModel, Geom, IntArray
-from retarget.errors import ConfigError, Problem
+from retarget.errors import ConfigError
 from retarget.observer_pairs import DroppedPair, PairRules, checked_pairs
 from retarget.profile_parts import Observer
 from retarget.robot_body import RobotBody
@@ -140,8 +139,3 @@ def _shape(body: BodyModel, observer: Observer) -> ShapeRow:
             next_step="Give the observer a shape of its own (retarget fit-observers proposes one)",
         )
     return row
-
-
-def unknown_observers(names: Iterable[str], known: tuple[str, ...]) -> list[Problem]:
-    """A problem for each name that is no observer."""
-    return [Problem("unknown observer", found=name, allowed=", ".join(known)) for name in names if name not in known]

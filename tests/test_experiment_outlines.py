@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from retarget.experiments.outlines import hull, scene_outlines
+from retarget.experiments.outlines import scene_outlines
 from retarget.rotations import FloatArray
 from retarget.scene import Scene
 
@@ -29,11 +29,3 @@ def test_seen_along_the_axis_both_are_circles(shape: dict[str, object]) -> None:
     for corners, radius in ((outline.solid, 0.5), (outline.zone, 0.7)):
         np.testing.assert_allclose(np.linalg.norm(corners - [1.0, 3.0], axis=1), radius, atol=2e-3)
     assert outline.near == pytest.approx(-2.0)
-
-
-def test_a_hull_is_convex_and_holds_every_point() -> None:
-    points = np.random.default_rng(7).normal(size=(200, 2))
-    corners = hull(points)
-    sides = np.roll(corners, -1, axis=0) - corners
-    to = points[:, None] - corners
-    assert (sides[:, 0] * to[..., 1] - sides[:, 1] * to[..., 0]).min() > -1e-8

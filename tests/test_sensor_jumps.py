@@ -102,4 +102,4 @@ def test_nothing_is_lost(run: Arrays) -> None:
     for key in ("joint_positions", "landmarks_asked", "landmarks_reached", "human_joint_positions", "servo_positions"):
         assert len(run[key]) == TICKS and np.isfinite(run[key]).all(), key
     assert (run["goal_ticks"] >= 0).all()
-    assert run["gated"].mean() < 0.005  # the stages slow down by themselves, but for what braking joints would touch
+    assert not run["gated"].any()  # the stages slowed down by themselves

@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget import _solver, rotations
-from retarget.body import BodyModel, IntArray
+from retarget import _solver
+from retarget.body import BodyModel
+from retarget.metrics.observer_clearance import Side, shape_rows
+from retarget.observer_pairs import placed
 from retarget.observers import Observers
 from retarget.rotations import FloatArray
 from retarget.scene import Scene
@@ -42,7 +44,7 @@ def observed_distances(
     body: BodyModel, observers: Observers, q: FloatArray, scene: Scene | None = None
 ) -> ObservedDistances:
     """In postures q (T, nq), by the solver's own distances but outside of it."""
-    position, quat = _placed(body, observers, q)
+    position, quat = placed(body, observers, q)
     frames, count = len(q), len(observers.names)
     first, second = observers.pairs[:, 0], observers.pairs[:, 1]
     own = _between(
@@ -69,33 +71,9 @@ def observed_distances(
     return ObservedDistances(observers.names, own, to_scene)
 
 
-Side = tuple[IntArray, FloatArray, FloatArray, FloatArray]
-"""kinds (n,), sizes (n, 3), positions (T, n, 3), orientations (T, n, 4)."""
-
-
-def _placed(body: BodyModel, observers: Observers, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """World positions (T, n, 3) and orientations (T, n, 4) of the observers' frames."""
-    solver, links = body.solver_body(), observers.links.tolist()
-    rows = np.ascontiguousarray(q)
-    position = solver.points(rows, links, np.ascontiguousarray(observers.positions))
-    return position, rotations.multiply(solver.orientations(rows, links), observers.quats)
-
-
 def _between(a: Side, b: Side) -> FloatArray:
     """Distances (T, n)."""
     frames, count = a[2].shape[:2]
     if frames * count == 0:
         return np.zeros((frames, count))
-    return np.asarray(_solver.shape_distances(*_rows(a), *_rows(b))[0]).reshape(frames, count)
-
-
-def _rows(side: Side) -> Side:
-    """One row for each observer of each frame."""
-    kinds, sizes, position, quat = side
-    frames = len(position)
-    return (
-        np.tile(kinds, frames).astype(np.int64),
-        np.ascontiguousarray(np.tile(sizes, (frames, 1))),
-        np.ascontiguousarray(position).reshape(-1, 3),
-        np.ascontiguousarray(quat).reshape(-1, 4),
-    )
+    return np.asarray(_solver.shape_distances(*shape_rows(*a), *shape_rows(*b))[0]).reshape(frames, count)

@@ -11,6 +11,7 @@ from retarget.rotations import FloatArray, rotate
 from retarget.scene import Scene
 from retarget.scene_motion import SceneState
 from retarget.scene_shapes import ShapeKind
+from retarget.support import convex_hull
 
 __all__ = ["OBSTACLE", "Outline", "draw_outline", "scene_outlines"]
 
@@ -54,8 +55,8 @@ def scene_outlines(scene: Scene, projection: Projection, *, scale: float = 1.0) 
         flat = np.stack([across, up], axis=1)
         outlines.append(
             Outline(
-                hull(_rounded(flat, scale * round_by)),
-                hull(_rounded(flat, scale * (round_by + float(shapes.influence[k])))),
+                convex_hull(_rounded(flat, scale * round_by)),
+                convex_hull(_rounded(flat, scale * (round_by + float(shapes.influence[k])))),
                 float(np.mean(near)),
             )
         )
@@ -70,23 +71,6 @@ def draw_outline(axes: Axes, outline: Outline, place: tuple[float, float] = (0.0
     solid = Polygon(outline.solid + place, facecolor=OBSTACLE, edgecolor="#00563f", linewidth=0.8, zorder=outline.near)
     for patch in (zone, rim, solid):
         axes.add_patch(patch)
-
-
-def hull(points: FloatArray) -> FloatArray:
-    """Convex hull (c, 2) of points (n, 2), anticlockwise (Andrew's monotone chain)."""
-    rows = sorted({(round(x, 9), round(y, 9)) for x, y in points.tolist()})
-    chains = []
-    for way in (rows, rows[::-1]):
-        chain: list[tuple[float, float]] = []
-        for x, y in way:
-            while len(chain) > 1:
-                (ax, ay), (bx, by) = chain[-2:]
-                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0.0:
-                    break
-                chain.pop()
-            chain.append((x, y))
-        chains += chain[:-1]
-    return np.array(chains)
 
 
 def _rounded(points: FloatArray, radius: float) -> FloatArray:

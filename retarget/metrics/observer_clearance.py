@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from retarget import _solver, rotations
+from retarget import _solver
 from retarget.body import BodyModel, IntArray
+from retarget.observer_pairs import placed
 from retarget.observers import Observers
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
 
-__all__ = ["observer_clearance"]
+__all__ = ["Side", "observer_clearance", "shape_rows"]
 
 Side = tuple[IntArray, FloatArray, FloatArray, FloatArray]
 """kinds (n,), sizes (n, 3), positions (n, 3) m and orientations (n, 4) wxyz of canonical frames."""
@@ -21,27 +22,24 @@ def observer_clearance(
     any obstacle. None: nothing to look at."""
     if not len(q):
         return None, None
-    solver, links = body.solver_body(), observers.links.tolist()
-    rows = np.ascontiguousarray(q)
-    position = solver.points(rows, links, np.ascontiguousarray(observers.positions))  # (T, n, 3)
-    quat = rotations.multiply(solver.orientations(rows, links), observers.quats)  # (T, n, 4)
+    position, quat = placed(body, observers, q)
     first, second = observers.pairs.T
     own = _least(_side(observers, position, quat, first), _side(observers, position, quat, second))
     if scene is None or not scene.shapes.names:
         return own, None
     poses = [scene.at(max(float(time), 0.0)) for time in times]
     there = np.stack([pose.position for pose in poses]), np.stack([pose.quat for pose in poses])  # (T, k, ...)
-    who, what = np.indices((len(links), len(scene.shapes.names))).reshape(2, -1)
+    who, what = np.indices((len(observers.names), len(scene.shapes.names))).reshape(2, -1)
     shapes = scene.shapes
-    obstacles = _rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
+    obstacles = shape_rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
     return own, _least(_side(observers, position, quat, who), obstacles)
 
 
 def _side(observers: Observers, position: FloatArray, quat: FloatArray, which: IntArray) -> Side:
-    return _rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
+    return shape_rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
 
 
-def _rows(kinds: IntArray, sizes: FloatArray, position: FloatArray, quat: FloatArray) -> Side:
+def shape_rows(kinds: IntArray, sizes: FloatArray, position: FloatArray, quat: FloatArray) -> Side:
     """One row for each shape (n,) of each posture (T,)."""
     postures = len(position)
     return (

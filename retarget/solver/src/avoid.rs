@@ -81,8 +81,8 @@ impl FrameSolver {
             if watch.near.len() == before {
                 return;
             }
-            self.problem.lower.copy_from_slice(&self.asked.0);
-            self.problem.upper.copy_from_slice(&self.asked.1);
+            self.ask_again();
+            let Some(watch) = &mut self.watch else { return };
             let shift = Shift { reference: &self.reference, scale: &self.scale };
             watch.write_rows_from(before, &self.body, &self.pose, &mut self.problem, &shift, first);
             self.asked.0.clone_from(&self.problem.lower);

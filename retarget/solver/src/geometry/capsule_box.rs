@@ -1,11 +1,11 @@
 //! A capsule (ball, line) and a box.
 
 use super::along::{Knots, Zero};
-use super::contact::touching;
+use super::contact::{apart, touching};
 use super::difference::Difference;
 use super::way_out::flat;
 use super::{Nearest, Scratch, Shape, Solid};
-use crate::math::{add, add_scaled, dot, mat_t_vec, mat_vec, norm, scale, sub, Vec3};
+use crate::math::{add_scaled, dot, mat_t_vec, mat_vec, norm, sub, Vec3};
 
 /// Below this (m) the direction is taken from faces and edges, not from a difference of points.
 pub const TOUCHING: f64 = 1e-8;
@@ -53,8 +53,5 @@ pub fn capsule_box(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -> Nea
             return touching(capsule, solid, mat_vec(&solid.rotation, best.normal), best.gap - radius, scratch);
         }
     }
-    let normal = mat_vec(&solid.rotation, scale(out, 1.0 / core_distance));
-    let b = add(solid.position, mat_vec(&solid.rotation, sub(point, out)));
-    let distance = core_distance - radius;
-    Nearest { distance, a: add_scaled(b, normal, distance), b, normal }
+    apart(solid, point, out, radius)
 }

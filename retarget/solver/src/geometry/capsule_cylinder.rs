@@ -2,12 +2,12 @@
 
 use super::along::{Knots, Zero};
 use super::capsule_box::{NO_DIRECTION, TOUCHING};
-use super::contact::touching;
+use super::contact::{apart, touching};
 use super::difference::Difference;
 
 use super::way_out::way_out;
 use super::{Nearest, Scratch, Shape, Solid};
-use crate::math::{add, add_scaled, dot, mat_t_vec, mat_vec, norm, scale, sub, Vec3};
+use crate::math::{add_scaled, dot, mat_t_vec, mat_vec, norm, sub, Vec3};
 
 /// How far the point p is out of a cylinder, as a vector.
 fn excess(p: Vec3, radius: f64, half_length: f64) -> Vec3 {
@@ -77,8 +77,5 @@ pub fn capsule_cylinder(capsule: &Solid, solid: &Solid, scratch: &mut Scratch) -
             return touching(capsule, solid, mat_vec(&solid.rotation, best.normal), best.gap - radius, scratch);
         }
     }
-    let normal = mat_vec(&solid.rotation, scale(out, 1.0 / core_distance));
-    let b = add(solid.position, mat_vec(&solid.rotation, sub(point, out)));
-    let distance = core_distance - radius;
-    Nearest { distance, a: add_scaled(b, normal, distance), b, normal }
+    apart(solid, point, out, radius)
 }

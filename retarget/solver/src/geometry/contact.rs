@@ -3,7 +3,7 @@
 use super::capsules::{crossing, Segment};
 use super::face::{corners, rim, Disc, Face, Rectangle};
 use super::{Nearest, Scratch, Solid};
-use crate::math::{add_scaled, dot, norm, scale, sub, Vec3};
+use crate::math::{add, add_scaled, dot, mat_vec, norm, scale, sub, Vec3};
 
 /// Where `face` of one solid and `other` of the other meet, seen along their normal: a point of `face`, or None where `other` is the
 /// one to say.
@@ -115,4 +115,14 @@ pub fn meet(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scr
 /// Nearest points for a known unit `normal` (b to a) and `distance`.
 pub fn touching(a: &Solid, b: &Solid, normal: Vec3, distance: f64, scratch: &mut Scratch) -> Nearest {
     meet(a, b, normal, distance, scratch).0
+}
+
+/// A core whose nearest point to a solid is `point`, `out` (not zero) away from its surface, both in the solid's frame, with `radius`
+/// about the core.
+pub fn apart(solid: &Solid, point: Vec3, out: Vec3, radius: f64) -> Nearest {
+    let core_distance = norm(out);
+    let normal = mat_vec(&solid.rotation, scale(out, 1.0 / core_distance));
+    let b = add(solid.position, mat_vec(&solid.rotation, sub(point, out)));
+    let distance = core_distance - radius;
+    Nearest { distance, a: add_scaled(b, normal, distance), b, normal }
 }
