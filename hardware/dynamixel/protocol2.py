@@ -1,0 +1,163 @@
+"""Protocol 2.0 as pure functions over bytes: frames, byte stuffing, CRC (e-Manual, Protocol 2.0).
+
+    FF FF FD 00 | ID | LEN_L LEN_H | INST | PARAM... | CRC_L CRC_H
+"""
+
+from collections.abc import Iterable, Sequence
+
+from fastcrc.crc16 import umts
+
+from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Instruction, Status
+
+HEADER = b"\xff\xff\xfd\x00"
+OVERHEAD = 7
+"""Bytes before LEN counts: header, id and LEN itself."""
+MAX_LENGTH = 8192
+"""Longest frame body (LEN) that is built or taken in; more is noise."""
+STATUS_BYTES = 11
+"""A status frame without data."""
+
+_PATTERN, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+
+
+def crc(data: bytes, before: int = 0) -> int:
+    """CRC-16 of `data` (CRC-16/UMTS: polynomial 0x8005, no reflection), going on from `before`."""
+    return umts(data, before)
+
+
+def stuff(body: bytes) -> bytes:
+    """Body (instruction to last parameter) in which no header can appear: FF FF FD becomes FF FF FD FD."""
+    return body.replace(_PATTERN, _STUFFED) if _PATTERN in body else body
+
+
+def unstuff(body: bytes) -> bytes:
+    """Inverse of `stuff`."""
+    return body.replace(_STUFFED, _PATTERN) if _STUFFED in body else body
+
+
+def frame(device: int, code: int, params: bytes = b"") -> bytes:
+    """A whole frame. Raises ValueError for an id or a length that does not exist."""
+    if not 0 <= device <= BROADCAST or device == 0xFD:
+        raise ValueError(f"id {device}; allowed: 0 to 252, and 254 for all")
+    return _closed(device, stuff(bytes((code,)) + params))
+
+
+def status(device: int, error: int = 0, data: bytes = b"") -> bytes:
+    """The status frame of one device."""
+    return frame(device, STATUS, bytes((error,)) + data)
+
+
+def fast_status(answers: Sequence[Status]) -> bytes:
+    """The one status frame of a Fast Sync Read or Fast Bulk Read: parts in order, not stuffed, each closed by the CRC
+    of everything so far (the last is the frame's)."""
+    length = 1 + sum(len(answer.data) + 4 for answer in answers)
+    out = bytearray(HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,)))
+    total, done = 0, 0
+    for answer in answers:
+        out += bytes((answer.error, answer.id)) + answer.data
+        total = crc(bytes(out[done:]), total)
+        done = len(out)
+        out += total.to_bytes(2, "little")
+    return bytes(out)
+
+
+def status_of(heard: Frame) -> Status | None:
+    """The status in a frame; None for an instruction (of an adapter that echoes, say)."""
+    if heard.code != STATUS or not heard.params:
+        return None
+    return Status(heard.id, heard.params[0], heard.params[1:])
+
+
+def ping(device: int) -> bytes:
+    """Ping; all devices answer a broadcast, in order of their ids."""
+    return frame(device, Instruction.PING)
+
+
+def read(device: int, address: int, length: int) -> bytes:
+    """Read `length` bytes from `address`."""
+    return frame(device, Instruction.READ, _span(address, length))
+
+
+def write(device: int, address: int, data: bytes) -> bytes:
+    """Write `data` to `address`."""
+    return frame(device, Instruction.WRITE, address.to_bytes(2, "little") + data)
+
+
+def reg_write(device: int, address: int, data: bytes) -> bytes:
+    """Keep a write until Action."""
+    return frame(device, Instruction.REG_WRITE, address.to_bytes(2, "little") + data)
+
+
+def action(device: int) -> bytes:
+    """Carry out what Reg Write left."""
+    return frame(device, Instruction.ACTION)
+
+
+def factory_reset(device: int, option: int) -> bytes:
+    """Reset the control table: 0xFF all of it, 1 all but the id, 2 all but id and baud rate."""
+    return frame(device, Instruction.FACTORY_RESET, bytes((option,)))
+
+
+def reboot(device: int) -> bytes:
+    """Start the device anew."""
+    return frame(device, Instruction.REBOOT)
+
+
+def clear_turns(device: int) -> bytes:
+    """Clear the turns of the present position."""
+    return frame(device, Instruction.CLEAR, b"\x01\x44\x58\x4c\x22")
+
+
+def backup(device: int) -> bytes:
+    """Store the control table."""
+    return frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x01CTRL")
+
+
+def restore(device: int) -> bytes:
+    """Take back the stored control table."""
+    return frame(device, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL")
+
+
+def sync_read(address: int, length: int, ids: Iterable[int], *, fast: bool = False) -> bytes:
+    """Read the same registers of several devices: one status frame each, or (fast) one for all."""
+    code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
+    return frame(BROADCAST, code, _span(address, length) + bytes(ids))
+
+
+def sync_write(address: int, length: int, items: Iterable[tuple[int, bytes]]) -> bytes:
+    """Write the same registers of several devices; none answers. Raises ValueError for data of another length."""
+    return frame(BROADCAST, Instruction.SYNC_WRITE, _span(address, length) + _items(items, length))
+
+
+def bulk_read(items: Iterable[tuple[int, int, int]], *, fast: bool = False) -> bytes:
+    """Read registers (id, address, length) of several devices."""
+    params = b"".join(bytes((device,)) + _span(address, length) for device, address, length in items)
+    return frame(BROADCAST, Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ, params)
+
+
+def bulk_write(items: Iterable[tuple[int, int, bytes]]) -> bytes:
+    """Write registers (id, address, data) of several devices; none answers."""
+    params = b"".join(bytes((device,)) + _span(address, len(data)) + data for device, address, data in items)
+    return frame(BROADCAST, Instruction.BULK_WRITE, params)
+
+
+def _closed(device: int, body: bytes) -> bytes:
+    length = len(body) + 2
+    if length > MAX_LENGTH:
+        raise ValueError(f"a frame of {length} bytes; allowed: {MAX_LENGTH}")
+    out = HEADER + bytes((device,)) + length.to_bytes(2, "little") + body
+    return out + umts(out, 0).to_bytes(2, "little")
+
+
+def _span(address: int, length: int) -> bytes:
+    return address.to_bytes(2, "little") + length.to_bytes(2, "little")
+
+
+def _items(items: Iterable[tuple[int, bytes]], length: int) -> bytes:
+    out = bytearray()
+    for device, data in items:
+        if len(data) != length:
+            raise ValueError(f"{len(data)} bytes for device {device}; allowed: {length}")
+        out.append(device)
+        out += data
+    return bytes(out)
