@@ -1,1 +1,1 @@
-"""The Dynamixel side of a bus: packets of both protocols, control tables, ports, the cyclic exchange, the bus itself."""
+"""The Dynamixel side of a bus: packets of both protocols, control tables, ports, the cyclic exchange, the bus."""

@@ -1,6 +1,6 @@
 """Protocol 1.0 as pure functions over bytes (e-Manual, Protocol 1.0).
 
-    FF FF | ID | LEN | INST or ERR | PARAM... | CHK          LEN = parameters + 2
+FF FF | ID | LEN | INST or ERR | PARAM... | CHK          LEN = parameters + 2
 """
 
 from collections.abc import Iterable

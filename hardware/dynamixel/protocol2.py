@@ -1,6 +1,6 @@
 """Protocol 2.0 as pure functions over bytes: frames, byte stuffing, CRC (e-Manual, Protocol 2.0).
 
-    FF FF FD 00 | ID | LEN_L LEN_H | INST | PARAM... | CRC_L CRC_H
+FF FF FD 00 | ID | LEN_L LEN_H | INST | PARAM... | CRC_L CRC_H
 """
 
 from collections.abc import Iterable, Sequence
