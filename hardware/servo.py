@@ -2,10 +2,31 @@
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
+from hardware.coupling import Coupling
 from hardware.errors import HardwareError, describe
 
 RPM = 2.0 * math.pi / 60.0  # [rad/s]
+
+MULTI_TURN_REACH = 1_048_575
+"""Goal position of a mode with more than one turn: at most this many ticks either way (e-Manual, register 116)."""
+
+HOMING_REACH = 1024
+"""Within one turn a servo honours no larger homing offset (e-Manual, register 20)."""
+
+
+class ServoMode(StrEnum):
+    """How a servo follows its goal position (e-Manual, register 11: 3, 4 and 5)."""
+
+    POSITION = "position"
+    EXTENDED_POSITION = "extended_position"
+    CURRENT_BASED_POSITION = "current_based_position"
+
+    @property
+    def many_turns(self) -> bool:
+        """Whether goals may lie beyond one turn."""
+        return self is not ServoMode.POSITION
 
 
 @dataclass(frozen=True)
@@ -13,7 +34,8 @@ class ServoModel:
     """One servo model (e-Manual overview table).
 
     `ticks` counts over `travel` rad, `centre_tick` is the middle of travel; `no_load_speed` rad/s and `stall_torque` N
-    m at `voltage` V; `current_unit` A per register step, None where the servo reports a load instead of a current.
+    m at `voltage` V; `current_unit` A per register step, None where the servo neither reports nor limits a current;
+    `protocols`: those that its firmware can speak.
     """
 
     name: str
@@ -24,6 +46,7 @@ class ServoModel:
     stall_torque: float
     voltage: float
     current_unit: float | None
+    protocols: tuple[int, ...] = (2,)
 
     @property
     def tick_rad(self) -> float:
@@ -33,7 +56,8 @@ class ServoModel:
 
 def _turn(name: str, rpm: float, stall_torque: float, voltage: float, current_unit: float | None) -> ServoModel:
     """A servo with the X and MX series' encoder: 4096 ticks per turn, 0 rad at 2048."""
-    return ServoModel(name, 4096, 2.0 * math.pi, 2048, rpm * RPM, stall_torque, voltage, current_unit)
+    protocols = (1, 2) if name in ("MX-28", "MX-64") else (2,)
+    return ServoModel(name, 4096, 2.0 * math.pi, 2048, rpm * RPM, stall_torque, voltage, current_unit, protocols)
 
 
 # name, no-load speed [rpm], stall torque [N m], both at [V], current step [A]
@@ -51,7 +75,7 @@ _MODELS = (
     _turn("MX-28", 55.0, 2.5, 12.0, None),
     _turn("MX-64", 63.0, 6.0, 12.0, 3.36e-3),
     _turn("MX-106", 45.0, 8.4, 12.0, 3.36e-3),
-    ServoModel("AX-12A", 1024, math.radians(300.0), 512, 59.0 * RPM, 1.5, 12.0, None),
+    ServoModel("AX-12A", 1024, math.radians(300.0), 512, 59.0 * RPM, 1.5, 12.0, None, (1,)),
 )
 
 SERVO_MODELS: dict[str, ServoModel] = {model.name: model for model in _MODELS}
@@ -77,11 +101,14 @@ def find_model(name: str) -> ServoModel:
 
 @dataclass(frozen=True)
 class ServoGains:
-    """Position gains as written to the servo's registers (0 to 16383); None keeps the servo's own default."""
+    """Position gains as written to the servo's registers (0 to 16383, Protocol 1.0: 0 to 254); None keeps the servo's
+    own default."""
 
     position_p: int | None = None
     position_i: int | None = None
     position_d: int | None = None
+    feedforward_1: int | None = None
+    feedforward_2: int | None = None
 
 
 @dataclass(frozen=True)
@@ -89,8 +116,10 @@ class ServoSpec:
     """One servo of a robot and the joint that it drives.
 
     A joint angle q is held at shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns per
-    joint turn. `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration` rad/s^2 are the joint's;
-    `current_limit` in A, None: unlimited.
+    joint turn. With a `coupling` the servo turns two joints together with another one: then `gear` is 1, and q in this
+    formula is the shaft angle of the Coupling. `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration`
+    rad/s^2 are the joint's; `current_limit` in A, None: unlimited. `homing_offset`: what the servo's own register 20
+    holds, in ticks; it is part of every tick here, as the servo adds it to all that it reports.
     """
 
     joint: str
@@ -106,14 +135,30 @@ class ServoSpec:
     gear: float = 1.0
     gains: ServoGains = ServoGains()
     current_limit: float | None = None
+    mode: ServoMode = ServoMode.POSITION
+    homing_offset: int = 0
+    coupling: Coupling | None = None
 
     @property
     def ticks_per_rad(self) -> float:
-        """Signed ticks per radian of the joint."""
+        """Signed ticks per radian of the joint; of the shaft where it is coupled."""
         return self.direction * self.gear / self.model.tick_rad
 
+    @property
+    def lowest_tick(self) -> int:
+        """First goal tick that the servo takes in its mode."""
+        return -MULTI_TURN_REACH if self.mode.many_turns else max(0, self.homing_offset)
+
+    @property
+    def highest_tick(self) -> int:
+        """Last goal tick that the servo takes in its mode."""
+        return MULTI_TURN_REACH if self.mode.many_turns else self.model.ticks - 1 + min(0, self.homing_offset)
+
     def problems(self) -> tuple[str, ...]:
-        """Return what keeps this servo from being driven, one text per finding; empty when sound."""
+        """Return what keeps this servo from being driven, one text per finding; empty when sound.
+
+        Of a coupled servo only what needs no other one: the rest is said by `hardware.transmission`.
+        """
         found: list[str] = []
         numbers = (self.lower, self.upper, self.max_velocity, self.max_acceleration, self.gear)
         if not all(map(math.isfinite, numbers)):
@@ -126,19 +171,37 @@ class ServoSpec:
             found.append(f"{self.joint}: gear, max_velocity and max_acceleration must be above 0")
         if self.lower >= self.upper:
             found.append(f"{self.joint}: limits {self.lower} to {self.upper} rad are not in ascending order")
-        if not found:
+        found.extend(self._unfit_mode())
+        if not found and self.coupling is None:
             found.extend(self._beyond_the_servo())
         return tuple(found)
+
+    def _unfit_mode(self) -> list[str]:
+        """Findings about the mode, and about what goes with it."""
+        found: list[str] = []
+        if not self.mode.many_turns and abs(self.homing_offset) > HOMING_REACH:
+            found.append(
+                f"{self.joint}: homing_offset {self.homing_offset} ticks; allowed: {-HOMING_REACH} to {HOMING_REACH} in "
+                f"mode {self.mode}"
+            )
+        if self.mode.many_turns and 2 not in self.model.protocols:
+            found.append(f"{self.joint}: {self.model.name} has no mode {self.mode}")
+        if self.mode is ServoMode.CURRENT_BASED_POSITION and self.model.current_unit is None:
+            found.append(f"{self.joint}: {self.model.name} limits no current, so it has no mode {self.mode}")
+        if self.mode is ServoMode.CURRENT_BASED_POSITION and self.current_limit is None:
+            found.append(f"{self.joint}: mode {self.mode} needs a current")
+        if self.coupling is not None and self.gear != 1.0:
+            found.append(f"{self.joint}: a coupled servo has gear 1: the gear is part of the coupling's matrix")
+        return found
 
     def _beyond_the_servo(self) -> list[str]:
         """Findings about limits that the servo itself cannot serve."""
         found: list[str] = []
         ends = sorted(self.zero_tick + self.ticks_per_rad * q for q in (self.lower, self.upper))
-        last = self.model.ticks - 1
-        if ends[0] < -0.5 or ends[1] > last + 0.5:
+        if ends[0] < self.lowest_tick - 0.5 or ends[1] > self.highest_tick + 0.5:
             found.append(
                 f"{self.joint}: limits {self.lower:.4f} to {self.upper:.4f} rad need ticks {ends[0]:.0f} to "
-                f"{ends[1]:.0f}; allowed: 0 to {last} ({self.model.name})"
+                f"{ends[1]:.0f}; allowed: {self.lowest_tick} to {self.highest_tick} ({self.model.name}, {self.mode})"
             )
         fastest = self.model.no_load_speed / self.gear
         if self.max_velocity > fastest:

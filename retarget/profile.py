@@ -5,14 +5,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr
 
+from hardware.bus_spec import BusSpec
 from hardware.guard_state import GuardLimits
-from hardware.servo import ServoGains, ServoSpec, find_model
+from hardware.servo import ServoSpec
 from retarget.catalogue import Kind, find
 from retarget.errors import Problem
 from retarget.profile_body import check_body
 from retarget.profile_checks import check_parts
 from retarget.profile_parts import (
     Bus,
+    Coupling,
     Foot,
     Frame,
     IgnorePair,
@@ -22,6 +24,7 @@ from retarget.profile_parts import (
     Safety,
     Servo,
 )
+from retarget.profile_specs import bus_specs, servo_specs
 from retarget.schema import Name, Schema, Text, read_model
 from retarget.strict_yaml import Document
 
@@ -40,6 +43,7 @@ class RobotProfile(Schema):
     root: Literal["free", "fixed", "suspended"]
     frames: Annotated[dict[Name, Frame], Field(max_length=200)]
     servos: Annotated[dict[Name, Servo], Field(min_length=1, max_length=250)]
+    couplings: Annotated[tuple[Coupling, ...], Field(max_length=16)] = ()
     buses: Annotated[dict[Name, Bus], Field(min_length=1, max_length=16)]
     observers: Annotated[dict[Name, Observer], Field(max_length=200)]
     ignore_pairs: Annotated[tuple[IgnorePair, ...], Field(max_length=500)]
@@ -64,24 +68,11 @@ class RobotProfile(Schema):
 
     def servo_specs(self) -> tuple[ServoSpec, ...]:
         """The servos for the hardware side, in the profile's order. Raises HardwareError for an unknown model."""
-        return tuple(
-            ServoSpec(
-                joint=joint,
-                id=servo.id,
-                model=find_model(servo.model),
-                bus=servo.bus,
-                direction=servo.direction,
-                zero_tick=servo.zero_tick,
-                lower=servo.limits[0],
-                upper=servo.limits[1],
-                max_velocity=servo.max_velocity,
-                max_acceleration=servo.max_acceleration,
-                gear=servo.gear,
-                gains=ServoGains(servo.gains.p, servo.gains.i, servo.gains.d),
-                current_limit=servo.current,
-            )
-            for joint, servo in self.servos.items()
-        )
+        return servo_specs(self.servos, self.couplings)
+
+    def bus_specs(self) -> tuple[BusSpec, ...]:
+        """The buses for the hardware side, in the profile's order."""
+        return bus_specs(self.buses)
 
     def guard_limits(self) -> GuardLimits:
         """What the guard tolerates, by the profile's `safety`."""

@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
+from hardware.bus_spec import MAX_WATCHDOG
+from hardware.servo import MULTI_TURN_REACH
 from retarget.schema import (
     Integer,
     Interval,
@@ -21,9 +23,13 @@ from retarget.schema import (
 )
 from retarget.solid_shapes import SolidShape
 
+MAX_HOMING_OFFSET = 1_044_479
+"""Of register 20, ticks either way (e-Manual)."""
 ServoId = Annotated[Integer, Field(ge=0, le=252)]
 Point2 = tuple[Number, Number]
 Register = Annotated[Integer, Field(ge=0, le=16383)]
+Tick = Annotated[Integer, Field(ge=-MULTI_TURN_REACH, le=MULTI_TURN_REACH)]
+Row = tuple[Number, Number]
 
 
 def _one_or_more(value: Any) -> Any:
@@ -52,40 +58,77 @@ class Frame(Schema):
 
 
 class Gains(Schema):
-    """Position gains as register values (e-Manual: Position P, I, D Gain); absent: the servo keeps its own."""
+    """Position gains as register values (e-Manual: Position P, I, D Gain, Feedforward 1st and 2nd Gain; Protocol 1.0: P,
+    I, D Gain); absent: the servo keeps its own."""
 
     p: Register | None = None
     i: Register | None = None
     d: Register | None = None
+    feedforward_1: Register | None = None
+    feedforward_2: Register | None = None
 
 
 class Servo(Schema):
     """The servo of one joint.
 
     shaft tick = zero_tick + direction * gear * q / (angle of one tick); gear: shaft turns per joint turn. limits rad,
-    max_velocity rad/s and max_acceleration rad/s^2 of the joint. current: most it may draw, A.
+    max_velocity rad/s and max_acceleration rad/s^2 of the joint. current: most it may draw, A. mode: position (within
+    one turn), extended_position (many turns), current_based_position (many turns, with its current bounded).
+    homing_offset: what the servo's own register holds, ticks; zero_tick is what it reports, so this is part of it.
+    Of a joint in one of the `couplings` the servo is one of the two that turn it; limits and speeds are the joint's.
     """
 
     id: ServoId
     model: Name
     bus: Name
     direction: Literal[1, -1]
-    zero_tick: Annotated[Integer, Field(ge=0, le=4095)]
+    zero_tick: Tick
     gear: Positive = 1.0
     limits: Interval
     max_velocity: Positive
     max_acceleration: Positive
     gains: Gains = Gains()
     current: Positive | None = None
+    mode: Literal["position", "extended_position", "current_based_position"] = "position"
+    homing_offset: Annotated[Integer, Field(ge=-MAX_HOMING_OFFSET, le=MAX_HOMING_OFFSET)] = 0
+
+
+class Coupling(Schema):
+    """Two joints that their two servos turn together: angles of `joints` = matrix @ shaft angles, rad.
+
+    The shaft angle of a servo is direction * (tick - zero_tick) * (angle of one tick), and its gear is 1. Rows are the
+    two joints, columns their servos, both in the order of `joints`. A waist whose roll is a quarter of the difference
+    and whose yaw a quarter of the sum: {joints: [roll, yaw], matrix: [[-0.25, 0.25], [0.25, 0.25]]}.
+    """
+
+    joints: tuple[Name, Name]
+    matrix: tuple[Row, Row]
+
+
+class Power(Schema):
+    """A switch for the servos' power: device `id` of the bus gets `value` at address `register` (one byte) before
+    anything else, and the servos have wait_s, s, to start."""
+
+    id: ServoId
+    register_: Annotated[Integer, Field(ge=0, le=65535, alias="register")]
+    value: Annotated[Integer, Field(ge=0, le=255)]
+    wait_s: Annotated[NotNegative, Field(le=10)] = 0.5
 
 
 class Bus(Schema):
-    """A line of servos. ids: every device expected to answer on it, servos and others."""
+    """A line of servos. ids: every device expected to answer on it, servos and others.
+
+    watchdog_s: longest silence after which the servos stop by themselves, a multiple of 0.02 s, 0: never; absent: 0.2,
+    and 0 with Protocol 1.0, whose servos have none. return_delay_us: pause before an answer, even.
+    """
 
     port: Text
-    baud: Annotated[Integer, Field(ge=9600, le=10_000_000)]
+    baud: Integer
     protocol: Literal[1, 2]
     ids: Annotated[tuple[ServoId, ...], Field(min_length=1, max_length=253)]
+    watchdog_s: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_WATCHDOG)] | None = None
+    return_delay_us: Annotated[Integer, Field(ge=0, le=508, multiple_of=2)] = 0
+    power: Power | None = None
 
 
 class Shape(SolidShape):
