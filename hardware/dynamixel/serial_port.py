@@ -1,0 +1,263 @@
+"""A serial adapter as a `BytePort`: dynamixel-sdk's port, opened for us alone, at any speed, and never polled."""
+
+import array
+import contextlib
+import fcntl
+import os
+import select
+import sys
+import termios
+from pathlib import Path
+
+from dynamixel_sdk import PortHandler
+from serial import Serial
+
+from hardware.clock import Clock
+from hardware.dynamixel import latency_timer, port_trouble
+from hardware.errors import BusError
+
+LOWEST_BAUD, HIGHEST_BAUD = 1_200, 12_000_000
+"""Bounds of what is tried; what the adapter can do is found out."""
+BAUD_TOLERANCE = 0.03
+"""Relative error of the real speed beyond which 8N1 bytes are no longer read safely."""
+CHUNK = 65_536
+"""Most bytes that one read takes."""
+STUCK = 0.1
+"""An adapter that takes no byte for so long, s, beyond the time of the bytes themselves, is stuck."""
+_TCGETS2, _SPEED_WORD = 0x802C542A, 10
+"""Linux's ioctl that tells the real speed of a line, and where in the answer."""
+
+
+class _AnyBaudPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
+    """The SDK's port, at any speed (it refuses 4.5 Mbps) and exclusive (it lets two processes share the bytes)."""
+
+    ser: Serial | None
+
+    def getCFlagBaud(self, baudrate: int) -> int:  # the SDK's name
+        """Every speed is one."""
+        return baudrate
+
+    def setupPort(self, cflag_baud: int) -> bool:  # the SDK's name
+        """Open the line; raises what pyserial raises."""
+        self.ser = Serial(port=self.port_name, baudrate=cflag_baud, timeout=0, write_timeout=0, exclusive=True)
+        self.is_open = True
+        self.tx_time_per_byte = 10_000.0 / cflag_baud
+        return True
+
+
+class SerialPort:
+    """A `BytePort` over a real tty. No method lets an OSError through: whatever fails is a BusError."""
+
+    def __init__(self, path: str, clock: Clock) -> None:
+        self._path, self._clock = path, clock
+        self._handler = _AnyBaudPort(path)
+        self._fd = -1
+        self._baud = 0
+        self._low_latency = False
+        self.latency_timer_ms: int | None = None
+        """The adapter's latency timer as of `open`; None where there is none (not an FTDI)."""
+
+    @property
+    def name(self) -> str:
+        """The path it was made with."""
+        return self._path
+
+    @property
+    def baud(self) -> int:
+        """Bits per second; 0 before `open`."""
+        return self._baud
+
+    @property
+    def latency(self) -> float:
+        """Longest time, s, that the adapter keeps what has arrived; 1 ms assumed where it cannot be told."""
+        return latency_timer.latency(self.latency_timer_ms)
+
+    @property
+    def latency_command(self) -> str | None:
+        """What a person types to bring the latency timer down to 1 ms; None where that is not needed."""
+        if self.latency_timer_ms is None or self.latency_timer_ms <= latency_timer.WANTED_MS:
+            return None
+        return latency_timer.timer_command(self._path)
+
+    @property
+    def low_latency(self) -> bool:
+        """Whether the driver took our request for low latency."""
+        return self._low_latency
+
+    def open(self, baud: int) -> None:
+        """Open it for this process alone; what had arrived is dropped. Raises BusError."""
+        self.close()
+        self._check_baud(baud)
+        try:
+            self._handler.setBaudRate(baud)
+            self._take_over()
+            self._verify_baud(baud)
+            self._low_latency = latency_timer.ask_low_latency(self._line)
+        except (OSError, termios.error, ValueError, OverflowError) as cause:
+            self.close()
+            raise port_trouble.why_not_open(self._path, baud, _with_number(cause)) from cause
+        except BusError:
+            self.close()
+            raise
+        self._baud = baud
+        self.latency_timer_ms = latency_timer.latency_timer_ms(self._path)
+
+    def set_baud(self, baud: int) -> None:
+        """Change the speed; what had arrived is dropped. Raises BusError; a refused speed leaves the old one."""
+        line = self._line
+        self._check_baud(baud)
+        try:
+            self._change_baud(line, baud)
+            self._verify_baud(baud)
+        except BusError:
+            self._change_baud(line, self._baud)
+            raise
+        self._baud = baud
+        self.drop()
+
+    def write(self, data: bytes) -> None:
+        """Send; the kernel takes the bytes, so it returns before they are on the wire."""
+        fd = self._open_fd()
+        try:
+            sent = os.write(fd, data)
+        except BlockingIOError:
+            sent = 0
+        except OSError as cause:
+            raise self._gone(cause) from cause
+        if sent < len(data):
+            self._write_rest(fd, data[sent:])
+
+    def read(self) -> bytes:
+        """What has arrived, maybe nothing. Never waits."""
+        fd = self._open_fd()
+        try:
+            data = os.read(fd, CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as cause:
+            raise self._gone(cause) from cause
+        if not data and self._hung_up(fd):
+            raise self._gone("the end of the line")
+        return data
+
+    def wait(self, deadline: float) -> bool:
+        """Sleep in the kernel until something has arrived (True; also when the port went away: the next `read` says
+        so) or until `deadline`, s."""
+        fd = self._open_fd()
+        try:
+            ready, _, _ = select.select((fd,), (), (), max(0.0, deadline - self._clock.now()))
+        except (OSError, ValueError) as cause:
+            raise self._gone(cause) from cause
+        return bool(ready)
+
+    def drop(self) -> None:
+        """Forget what has arrived."""
+        try:
+            termios.tcflush(self._open_fd(), termios.TCIFLUSH)
+        except (OSError, termios.error) as cause:
+            raise self._gone(cause) from cause
+
+    def now(self) -> float:
+        """Monotonic s of the clock it was made with."""
+        return self._clock.now()
+
+    def sleep_until(self, deadline: float) -> None:
+        """Return at `deadline`, in s."""
+        self._clock.sleep_until(deadline)
+
+    def close(self) -> None:
+        """Close it; twice is allowed, and so is closing what never was open."""
+        line, fd = self._handler.ser, self._fd
+        self._handler.ser, self._handler.is_open = None, False
+        self._fd, self._baud = -1, 0
+        if line is None:
+            return
+        if fd >= 0 and not self._is_pseudo():
+            with contextlib.suppress(OSError):  # an adapter that is gone holds nothing
+                fcntl.ioctl(fd, termios.TIOCNXCL)
+        with contextlib.suppress(OSError):
+            line.close()
+
+    @property
+    def _line(self) -> Serial:
+        if self._handler.ser is None:
+            raise port_trouble.not_open(self._path)
+        return self._handler.ser
+
+    def _open_fd(self) -> int:
+        if self._fd < 0:
+            raise port_trouble.not_open(self._path)
+        return self._fd
+
+    def _take_over(self) -> None:
+        """Keep others out: pyserial's lock is seen by those who lock too, the kernel's by everybody but root.
+
+        Not on a pseudo-terminal: the emulator holds it open, so the kernel's lock would outlive a client that was
+        killed.
+        """
+        self._fd = self._line.fileno()
+        if not self._is_pseudo():
+            fcntl.ioctl(self._fd, termios.TIOCEXCL)
+
+    def _is_pseudo(self) -> bool:
+        return Path(self._path).resolve().parent == Path("/dev/pts")
+
+    def _check_baud(self, baud: int) -> None:
+        if not LOWEST_BAUD <= baud <= HIGHEST_BAUD:
+            raise port_trouble.wrong_baud(self._path, baud, f"{LOWEST_BAUD} to {HIGHEST_BAUD}")
+
+    def _change_baud(self, line: Serial, baud: int) -> None:
+        try:
+            line.baudrate = baud
+        except (ValueError, OverflowError) as cause:
+            raise port_trouble.wrong_baud(self._path, baud, "what the adapter can do") from cause
+        except (OSError, termios.error) as cause:
+            raise self._gone(cause) from cause
+
+    def _verify_baud(self, baud: int) -> None:
+        """Drivers silently fall back to a speed that they can do: ask which. Raises BusError."""
+        real = real_baud(self._fd)
+        if real and abs(real - baud) > BAUD_TOLERANCE * baud:
+            raise port_trouble.wrong_baud(self._path, baud, f"what the adapter can do; it fell back to {real}")
+
+    def _write_rest(self, fd: int, data: bytes) -> None:
+        """Send what the driver's buffer did not hold. Raises BusError when it takes nothing for too long."""
+        deadline = self.now() + STUCK + 10 * len(data) / self._baud
+        while data:
+            try:
+                _, ready, _ = select.select((), (fd,), (), max(0.0, deadline - self.now()))
+                if not ready:
+                    raise self._gone("an adapter that takes no bytes")
+                data = data[os.write(fd, data) :]
+            except BlockingIOError:
+                continue
+            except (OSError, ValueError) as cause:
+                raise self._gone(cause) from cause
+
+    def _hung_up(self, fd: int) -> bool:
+        """Whether nothing to read means that nothing will ever come."""
+        poll = select.poll()
+        poll.register(fd, select.POLLIN)
+        return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
+
+    def _gone(self, cause: object) -> BusError:
+        return port_trouble.unplugged(self._path, _with_number(cause) if isinstance(cause, Exception) else cause)
+
+
+def _with_number(cause: Exception) -> Exception:
+    """A termios error keeps its number apart: as the OSError it is."""
+    if isinstance(cause, termios.error) and len(cause.args) == 2:
+        return OSError(*cause.args)
+    return cause
+
+
+def real_baud(fd: int) -> int | None:
+    """Speed that the driver says it runs at; None where it does not tell."""
+    if not sys.platform.startswith("linux"):
+        return None
+    answer = array.array("I", [0] * 16)
+    try:
+        fcntl.ioctl(fd, _TCGETS2, answer)
+    except OSError:
+        return None
+    return answer[_SPEED_WORD]
