@@ -1,0 +1,180 @@
+"""Who answers an instruction, with which bytes, in which order: the devices of a line, without any time of the wire."""
+
+import random
+from collections.abc import Callable, Collection, Sequence
+from enum import Enum
+from typing import NamedTuple
+
+from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.fast_status import fast_length
+from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Instruction
+from sim.emulator.device import Answer, Device
+from sim.emulator.group_request import (
+    FAST_READS,
+    GROUP_READS1,
+    GROUP_READS2,
+    GROUP_WRITES,
+    ReadItem,
+    WriteItem,
+    reads1,
+    reads2,
+    writes1,
+    writes2,
+)
+
+
+class Gaps(Enum):
+    """What a missing servo does to those behind it in a group read.
+
+    Each listens for its predecessor's status before it talks (e-Manual, protocol 1.0 bulk read; of 2.0 it only says
+    'in order'), so silence is what is inferred, and not verified on hardware.
+    """
+
+    SILENCE = "silence"
+    """All behind it stay silent; a fast reply stays cut short."""
+    SKIP = "skip"
+    """Those behind it talk as if it were not in the frame."""
+
+
+class Spoken(NamedTuple):
+    """Bytes of one device. return_delay: its own, s, before it talks; None: it goes on where the last one ended."""
+
+    id: int
+    data: bytes
+    return_delay: float | None
+
+
+class Conversation:
+    """Answers of devices to the sound frames of a line. `noise` makes what two talking at once sound like."""
+
+    def __init__(self, *, gaps: Gaps = Gaps.SILENCE, noise: random.Random | None = None) -> None:
+        self._gaps = gaps
+        self._noise = noise or random.Random(0)
+
+    def answers(
+        self, frame: Frame, listeners: Sequence[Device], now: float, *, cut: Collection[int] = ()
+    ) -> list[Spoken]:
+        """All that is said to `frame`, in order. `listeners`: those that hear it, of one protocol, each told so.
+
+        cut: devices that do not get to talk in group reads.
+        """
+        for device in listeners:
+            device.hear(now)
+        if not listeners or (frame.code == STATUS and listeners[0].protocol == 2):
+            return []
+        if frame.id != BROADCAST:
+            return self._addressed(frame, listeners, now)
+        second = listeners[0].protocol == 2
+        if frame.code in (GROUP_READS2 if second else GROUP_READS1):
+            items = reads2(frame.code, frame.params) if second else reads1(frame.params)
+            talk = self._fast if second and frame.code in FAST_READS else self._in_turn
+            return talk(items, [device for device in listeners if device.id not in cut], now)
+        if frame.code in GROUP_WRITES:
+            _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
+            return []
+        return self._to_all(frame, listeners, now)
+
+    def _addressed(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Spoken]:
+        """A frame for one id: its devices answer, those whose secondary id it is obey in silence."""
+        said: list[tuple[Device, Answer]] = []
+        for device in listeners:
+            if device.id == frame.id:
+                answer = device.execute(frame.code, frame.params, now, broadcast=False)
+                if answer is not None:
+                    said.append((device, answer))
+            elif device.secondary_id == frame.id:
+                device.execute(frame.code, frame.params, now, broadcast=False, secondary=True)
+        return self._together(frame.id, said)
+
+    def _to_all(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Spoken]:
+        """A frame for everybody; only a ping is answered, in order of ids."""
+        said: dict[int, list[tuple[Device, Answer]]] = {}
+        for device in listeners:
+            before = device.id
+            answer = device.execute(frame.code, frame.params, now, broadcast=True)
+            if answer is not None and frame.code == Instruction.PING:
+                said.setdefault(before, []).append((device, answer))
+        return [spoken for device in sorted(said) for spoken in self._together(device, said[device])]
+
+    def _together(self, device: int, said: Sequence[tuple[Device, Answer]]) -> list[Spoken]:
+        """What is heard of all devices of one id: nothing, a status, or the mix of several."""
+        frames = [_status(who.protocol, device, answer) for who, answer in said]
+        if not frames:
+            return []
+        delay = min(who.return_delay for who, _ in said)
+        return [Spoken(device, frames[0] if len(frames) == 1 else self._mixed(frames), delay)]
+
+    def _mixed(self, frames: Sequence[bytes]) -> bytes:
+        """Frames sent at the same time: neither keeps its bytes."""
+        longest = max(map(len, frames))
+        return self._noise.randbytes(longest)
+
+    def _in_turn(self, items: Sequence[ReadItem], listeners: Sequence[Device], now: float) -> list[Spoken]:
+        """Sync and bulk read: one status each, in the order of the frame."""
+
+        def part(devices: Sequence[Device], item: ReadItem) -> list[Spoken]:
+            return self._together(item.id, [(who, who.read(item.address, item.length, now)) for who in devices])
+
+        return self._one_by_one(items, listeners, part)
+
+    def _fast(self, items: Sequence[ReadItem], listeners: Sequence[Device], now: float) -> list[Spoken]:
+        """Fast sync and bulk read: all parts in one frame, not stuffed; the first to talk sends its header, each
+        closes its part with the CRC of everything so far (e-Manual, Fast Sync Read)."""
+        length = fast_length([item.length for item in items]) - protocol2.OVERHEAD
+        if length > 0xFFFF:
+            return []
+        head = protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
+        total = 0
+
+        def part(devices: Sequence[Device], item: ReadItem) -> list[Spoken]:
+            nonlocal total, head
+            answer = devices[0].read(item.address, item.length, now)
+            body = head + bytes((answer.error, item.id)) + answer.data[: item.length].ljust(item.length, b"\0")
+            total = protocol2.crc(body, total)
+            closing = total.to_bytes(2, "little")
+            total = protocol2.crc(closing, total)
+            whole = body + closing if len(devices) == 1 else self._mixed([body + closing])
+            spoken = Spoken(item.id, whole, devices[0].return_delay if head else None)
+            head = b""
+            return [spoken]
+
+        return self._one_by_one(items, [who for who in listeners if getattr(who, "fast_read", True)], part)
+
+    def _one_by_one(
+        self,
+        items: Sequence[ReadItem],
+        listeners: Sequence[Device],
+        part: Callable[[Sequence[Device], ReadItem], list[Spoken]],
+    ) -> list[Spoken]:
+        """The parts of a group read, up to the first device that says nothing; an id counts once."""
+        talkers: dict[int, list[Device]] = {}
+        for device in listeners:
+            if device.answers_reads:
+                talkers.setdefault(device.id, []).append(device)
+        said: list[Spoken] = []
+        for item in items:
+            devices = talkers.pop(item.id, None)
+            if devices is not None:
+                said += part(devices, item)
+            elif self._gaps is Gaps.SILENCE:
+                break
+        return said
+
+
+def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:
+    """A group write: each device takes its own part; a secondary id's is obeyed as well."""
+    parts: dict[int, list[WriteItem]] = {}
+    for item in items:
+        parts.setdefault(item.id, []).append(item)
+    for device in listeners:
+        for item in parts.get(device.id, ()):
+            device.write(item.address, item.data, now)
+        second = device.secondary_id
+        if second is not None and second != device.id:
+            for item in parts.get(second, ()):
+                device.write(item.address, item.data, now, secondary=True)
+
+
+def _status(protocol: int, device: int, answer: Answer) -> bytes:
+    status = protocol2.status if protocol == 2 else protocol1.status
+    return status(device, answer.error, answer.data)

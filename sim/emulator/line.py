@@ -1,0 +1,140 @@
+"""One half-duplex segment: bytes of the host in, bytes of its servos out, each at its time."""
+
+import random
+from collections import deque
+from collections.abc import Sequence
+
+from hardware.dynamixel import protocol2
+from hardware.dynamixel.packets import Frame
+from hardware.dynamixel.parsers import Parser, parser1, parser2
+from sim.emulator.conversation import Conversation, Gaps, Spoken
+from sim.emulator.device import Device
+from sim.emulator.wire import Chunk, Timing
+
+MAX_WAITING = 1 << 16
+"""Most bytes that wait for a host which does not read; what comes after them is lost, as in a real adapter."""
+BAUD_TOLERANCE = 0.03
+"""Share by which two baud rates may differ and still understand each other."""
+
+
+class Line:
+    """Devices on one pair of wires, and the adapter between them and the host.
+
+    `hear` takes what the host sends; `take` gives what has arrived by a time, `next_due` says when more will. Frames
+    are carried out when they are heard, with the time at which their last byte is on the wire.
+    """
+
+    def __init__(
+        self,
+        devices: Sequence[Device],
+        *,
+        baud: int = 57600,
+        timing: Timing | None = None,
+        gaps: Gaps = Gaps.SILENCE,
+        seed: int = 0,
+    ) -> None:
+        self.devices = tuple(devices)
+        self.baud = baud
+        """Of the host's adapter, bits/s: devices at another rate hear noise, and nobody hears them."""
+        self.timing = timing or Timing()
+        self.lost = 0
+        """Bytes that a host which did not read never gets."""
+        self._noise = random.Random(seed)
+        self._conversation = Conversation(gaps=gaps, noise=self._noise)
+        self._parsers: dict[int, Parser] = {
+            protocol: parser2() if protocol == 2 else parser1() for protocol in {device.protocol for device in devices}
+        }
+        self._waiting: deque[Chunk] = deque()  # by due time
+        self._size = 0  # bytes waiting
+        self._host_free = float("-inf")  # [s] when the host's last byte is on the wire
+        self._servos_free = float("-inf")  # [s] when the servos' last one is
+
+    @property
+    def next_due(self) -> float | None:
+        """When the next bytes arrive at the host, s; None while nothing is on its way."""
+        return self._waiting[0].due if self._waiting else None
+
+    def take(self, now: float) -> bytes:
+        """Everything that has arrived at the host by `now`, and is not taken yet."""
+        out = []
+        while self._waiting and self._waiting[0].due <= now:
+            out.append(self._waiting.popleft().data)
+        data = b"".join(out)
+        self._size -= len(data)
+        return data
+
+    def hear(self, data: bytes, now: float) -> None:
+        """Bytes that the host hands to its adapter at `now`, s."""
+        start = max(now, self._host_free)
+        if start - self._host_free > self.timing.gap:
+            for parser in self._parsers.values():
+                parser.reset()
+        for piece in _pieces(data):
+            end = start + self.timing.on_wire(len(piece), self.baud)
+            if start < self._servos_free:
+                self._collide(start)
+            else:
+                self._carry(piece, end)
+            start = end
+        self._host_free = start
+
+    def silence(self) -> None:
+        """Forget everything that is on its way: the adapter is gone."""
+        self._waiting.clear()
+        self._size = 0
+        for parser in self._parsers.values():
+            parser.reset()
+
+    def _carry(self, piece: bytes, end: float) -> None:
+        """Let the devices hear a piece, whose last byte is on the wire at `end`."""
+        for protocol, parser in self._parsers.items():
+            for frame in parser.feed(piece):
+                self._execute(protocol, frame, end)
+
+    def _execute(self, protocol: int, frame: Frame, end: float) -> None:
+        listeners = [device for device in self.devices if device.protocol == protocol and self._hears(device, end)]
+        said = self._conversation.answers(frame, listeners, end)
+        if said:
+            self._speak(said, end)
+
+    def _hears(self, device: Device, now: float) -> bool:
+        return abs(device.baud - self.baud) <= BAUD_TOLERANCE * self.baud and not device.booting(now)
+
+    def _speak(self, said: Sequence[Spoken], end: float) -> None:
+        """Put answers on the wire, one after the other, from `end` of the instruction on."""
+        timing = self.timing
+        at = max(end, self._servos_free)
+        for spoken in said:
+            if spoken.return_delay is not None:
+                at += timing.before_status(spoken.return_delay)
+            at += timing.on_wire(len(spoken.data), self.baud)
+            self._arrive(spoken.data, at + timing.latency)
+        self._servos_free = at
+
+    def _arrive(self, data: bytes, due: float) -> None:
+        if self._size + len(data) > MAX_WAITING:
+            self.lost += len(data)
+            return
+        if self._waiting:
+            due = max(due, self._waiting[-1].due)  # bytes never overtake
+        self._waiting.append(Chunk(due, data))
+        self._size += len(data)
+
+    def _collide(self, start: float) -> None:
+        """The host talks from `start` while servos do: they do not hear it, and it hears noise from then on."""
+        seen = start + self.timing.latency
+        for index, chunk in enumerate(self._waiting):
+            if chunk.due > seen:
+                self._waiting[index] = Chunk(chunk.due, self._noise.randbytes(len(chunk.data)))
+
+
+def _pieces(data: bytes) -> list[bytes]:
+    """Cut before each header of protocol 2.0: stuffing keeps headers out of frames, so each piece ends a frame."""
+    at = data.find(protocol2.HEADER, 1)
+    if at < 0:
+        return [data]
+    pieces, begun = [], 0
+    while at >= 0:
+        pieces.append(data[begun:at])
+        begun, at = at, data.find(protocol2.HEADER, at + 1)
+    return [*pieces, data[begun:]]
