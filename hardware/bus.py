@@ -46,6 +46,8 @@ class ServoStates:
     """Time since the last answer, s; 0 when valid, inf before the first answer."""
     valid: BoolArray
     """Whether the servo answered in this cycle."""
+    driven: BoolArray
+    """Whether the servo follows its goals, as far as it said last: torque on, not stopped by its bus watchdog."""
 
 
 @dataclass(frozen=True)
@@ -80,5 +82,5 @@ class ServoBus(Protocol):
         ...
 
     def close(self) -> None:
-        """Close the ports and leave the bus safe, torque off; closing twice is allowed."""
+        """Close the ports and leave the bus safe: torque that this bus switched on is off. Closing twice is allowed."""
         ...

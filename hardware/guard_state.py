@@ -27,6 +27,7 @@ class StopCause(Enum):
     BUS = "bus"
     SERVO_LOST = "servo lost"
     SERVO_ALERT = "servo alert"
+    SERVO_LIMP = "servo limp"
     TEMPERATURE = "temperature"
     VOLTAGE = "voltage"
     FOLLOWING_ERROR = "following error"

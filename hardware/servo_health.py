@@ -16,13 +16,20 @@ class ServoHealth:
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._servos = joint_map.servos
-        self._tick_rad = np.array([1.0 / abs(servo.ticks_per_rad) for servo in self._servos])  # (n,) [rad/tick]
+        self._joint_map = joint_map
         low, high = limits.voltage
-        far = limits.following_error / self._tick_rad  # (n,) [tick]
+        far = np.full(len(joint_map), limits.following_error)  # (n,) [rad]
         # What is watched, a row each: the cause, least and most, the complaint, and how a value is told.
         table: tuple[tuple[StopCause, object, object, str, Callable[[int, float], str]], ...] = (
             (StopCause.SERVO_ALERT, 0, 0, "reports", lambda _, value: _alert_text(int(value))),
             (StopCause.SERVO_LOST, 0, limits.max_age, f"has not answered for more than {limits.max_age:g} s:", _untold),
+            (
+                StopCause.SERVO_LIMP,
+                0,
+                0,
+                "does not follow its goals (started anew, or stopped by its watchdog):",
+                _untold,
+            ),
             (
                 StopCause.TEMPERATURE,
                 -np.inf,
@@ -42,7 +49,7 @@ class ServoHealth:
                 -far,
                 far,
                 f"is more than {limits.following_error:g} rad from its goal:",
-                lambda index, value: f"{abs(value) * self._tick_rad[index]:.2f} rad",
+                lambda _, value: f"{abs(value):.2f} rad",
             ),
         )
         self._told = [(cause, complaint, tell) for cause, _, _, complaint, tell in table]
@@ -55,7 +62,7 @@ class ServoHealth:
         wrong = self._wrong(states, sent)
         if not wrong.any():
             return None
-        wrong[-1] &= states.valid  # where a silent servo was is not where it is
+        wrong[-1] &= self._joint_map.heard(states.valid)  # where a silent servo was is not where it is
         return next(iter(self._complaints(wrong)), None)
 
     def refuse_unhealthy(self, states: ServoStates) -> None:
@@ -80,8 +87,10 @@ class ServoHealth:
     def _wrong(self, states: ServoStates, sent: TickArray | None) -> BoolArray:
         """Which servos (rows, n) are beyond which bound."""
         seen = self._seen
-        seen[0], seen[1], seen[2], seen[3] = states.alert, states.age, states.temperature, states.voltage
-        seen[4] = 0 if sent is None else states.position - sent
+        seen[0], seen[1], seen[3], seen[4] = states.alert, states.age, states.temperature, states.voltage
+        # Before goals are sent torque may well be off.
+        seen[2] = 0 if sent is None else ~states.driven
+        seen[5] = 0 if sent is None else self._joint_map.turned(states.position - sent)
         return np.asarray((seen < self._least) | (seen > self._most))
 
     def _complaints(self, wrong: BoolArray) -> list[tuple[StopCause, str]]:

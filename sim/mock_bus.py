@@ -156,6 +156,7 @@ class MockBus:
             alert=self._alert.copy(),
             age=np.zeros(len(self._servos)),
             valid=~self._nobody,
+            driven=self._torque.copy(),
         )
 
     def _merged(self, fresh: ServoStates, missing: BoolArray) -> ServoStates:
@@ -172,6 +173,7 @@ class MockBus:
             alert=np.where(missing, old.alert, fresh.alert),
             age=np.where(missing, self._time - self._answered, 0.0),
             valid=~missing,
+            driven=np.where(missing, old.driven, fresh.driven),
         )
 
     def _silent(self) -> BoolArray:

@@ -41,6 +41,7 @@ class NoBus:
             alert=self._no_bits,
             age=self._zeros,
             valid=self._all,
+            driven=self._all,
         )
 
     def write(self, goals: ServoGoals) -> None:

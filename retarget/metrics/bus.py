@@ -8,7 +8,7 @@ from retarget.run_result import RunResult
 
 __all__ = ["fault_count", "longest_period", "tick_rate"]
 
-SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT)
+SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT, StopCause.SERVO_LIMP)
 
 
 def fault_count(run: RunResult) -> int:

@@ -1,0 +1,221 @@
+"""The cyclic exchange on one port: goals out, states in, bounded retries; the silent are asked last, then seldom.
+
+A missing servo silences those that answer after it, so it is asked last as soon as it is missed; one that stays away is
+left out and looked for every PROBE_PERIOD.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardware.dynamixel.block import Block, block_of
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.control_table import ControlTable
+from hardware.dynamixel.exchange import MAX_IDS, Ask, Kind, Timeouts, collect
+from hardware.dynamixel.goal_packet import GoalPacket
+from hardware.dynamixel.packets import Status
+from hardware.dynamixel.readings import Names, Readings, names_of
+
+RETRIES = 2
+"""Times that what did not answer is asked again in the same cycle."""
+LOST_AFTER = 3
+"""Cycles without an answer after which a servo is no longer asked in every cycle."""
+PROBE_PERIOD = 0.1
+"""[s] Between two looks for lost servos."""
+MAX_ERRANDS = 1000
+"""Requests that are kept ready-made."""
+STATUS_EVERY = 4
+"""Cycles between two looks at one servo's torque, errors and watchdog, each servo in its turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wired:
+    """One servo on a port: its place in servo order, its id, its control table."""
+
+    index: int
+    id: int
+    table: ControlTable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Servos that can be asked in one request. index_of: servo order by id."""
+
+    kind: Kind
+    names: Names
+    motion: Block
+    wide: Block
+    index_of: dict[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errand:
+    """One request that is due, for a group's values or (names None) for the status of one servo."""
+
+    ask: Ask
+    request: bytes
+    timeouts: Timeouts
+    block: Block
+    names: Names | None
+    tries: int
+
+
+class CyclicPort:
+    """The servos on one open port. All servos of it have one `return_delay`, s."""
+
+    def __init__(self, port: BytePort, servos: Sequence[Wired], *, return_delay: float) -> None:
+        self.port = port
+        self.servos = tuple(servos)
+        self.retries = 0
+        """Requests that had to be repeated, so far."""
+        self._return_delay = return_delay
+        self._goals = GoalPacket(servos)
+        self._groups = _groups(servos)
+        self._index_of = {servo.id: servo.index for servo in servos}
+        self._kind = {servo.id: Kind.SYNC if servo.table.protocol == 2 else Kind.SINGLE1 for servo in servos}
+        self._status_block = {servo.id: status_block(servo.table) for servo in servos}
+        self._strikes = dict.fromkeys(self._index_of, 0)
+        self._queue: deque[Errand] = deque()
+        self._sent = 0.0
+        self._cycle = 0
+        self._probed = -np.inf
+        self._errands: dict[tuple[object, ...], Errand] = {}
+
+    def write(self, ticks: NDArray[np.int64]) -> None:
+        """Send goals (n,), of all servos of the robot, ticks. Raises BusError."""
+        for packet in self._goals.packets(ticks):
+            self.port.write(packet)
+
+    def begin(self, *, wide: bool) -> None:
+        """A new cycle. wide: voltage and temperature too."""
+        self._cycle += 1
+        self._queue.clear()
+        lost = self._probe()
+        for group in self._groups:
+            first = [device for device in group.index_of if self._strikes[device] == 0]
+            late = [device for device in group.index_of if 0 < self._strikes[device] < LOST_AFTER or device == lost]
+            block = group.wide if wide else group.motion
+            self._enqueue(group.kind, (*first, *late), block, group.names)
+        if self._cycle % STATUS_EVERY == 0:
+            servo = self.servos[self._cycle // STATUS_EVERY % len(self.servos)]
+            if self._strikes[servo.id] == 0:
+                self.ask_status(servo.id)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a request is due."""
+        return bool(self._queue)
+
+    def send(self) -> None:
+        """Send the next request. Raises BusError."""
+        self.port.drop()
+        self.port.write(self._queue[0].request)
+        self._sent = self.port.now()
+
+    def collect(self, readings: Readings) -> None:
+        """Wait for the answers to the last request, and keep them. Raises BusError."""
+        errand = self._queue.popleft()
+        answers, noise = collect(self.port, errand.ask, self._sent, errand.timeouts)
+        if answers and errand.names is not None:
+            self._keep(readings, errand.names, errand.block, answers)
+        elif answers:
+            self._keep_status(readings, errand.block, answers[0])
+        if len(answers) < len(errand.ask.ids):
+            self._again(errand, answers, noise=noise)
+
+    def ask_status(self, device: int) -> None:
+        """Let the next request be for the torque, errors and watchdog of one servo."""
+        self._enqueue(self._kind[device], (device,), self._status_block[device], None)
+
+    def end(self, readings: Readings) -> None:
+        """The cycle is over: count who was silent, and look at who is back."""
+        valid = readings.valid
+        for device, index in self._index_of.items():
+            if not valid[index]:
+                self._strikes[device] += 1
+            elif self._strikes[device]:
+                if self._strikes[device] >= LOST_AFTER:
+                    readings.take_drive(index, False)  # until it says otherwise: it may have started anew
+                self._strikes[device] = 0
+                self.ask_status(device)
+
+    def _keep(self, readings: Readings, names: Names, block: Block, answers: Sequence[Status]) -> None:
+        who = np.array([self._index_of[answer.id] for answer in answers])
+        errors = np.array([answer.error for answer in answers], dtype=np.uint8)
+        readings.take(who, block.unpack(answers), errors, names, self.port.now())
+
+    def _keep_status(self, readings: Readings, block: Block, answer: Status) -> None:
+        row, index = block.unpack([answer])[0], self._index_of[answer.id]
+        fields = block.dtype.names or ()
+        tripped = "bus_watchdog" in fields and row["bus_watchdog"] in (-1, 0xFF)
+        readings.take_drive(index, bool(row["torque_enable"]) and not tripped)
+        if "hardware_error_status" in fields:
+            readings.take_alert(index, int(row["hardware_error_status"]))
+
+    def _again(self, errand: Errand, answers: Sequence[Status], *, noise: bool) -> None:
+        """Ask those that did not answer once more, the first of them last: it may be the one that silenced the rest.
+
+        One alone that said nothing at all, though it was asked twice or missed before, is left to the next cycle.
+        """
+        if errand.tries == RETRIES:
+            return
+        heard = {answer.id for answer in answers}
+        silent = [device for device in errand.ask.ids if device not in heard]
+        if len(silent) == 1 and not noise and (errand.tries or self._strikes[silent[0]]):
+            return
+        self.retries += 1
+        kind = errand.ask.kind
+        self._enqueue(kind, (*silent[1:], silent[0]), errand.block, errand.names, tries=errand.tries + 1)
+
+    def _probe(self) -> int | None:
+        """A lost servo to be looked for in this cycle, each in its turn."""
+        now = self.port.now()
+        lost = [device for device, strikes in self._strikes.items() if strikes >= LOST_AFTER]
+        if not lost or now < self._probed + PROBE_PERIOD:
+            return None
+        self._probed = now
+        return lost[self._cycle % len(lost)]
+
+    def _enqueue(self, kind: Kind, ids: tuple[int, ...], block: Block, names: Names | None, *, tries: int = 0) -> None:
+        most = 1 if kind is Kind.SINGLE1 else MAX_IDS
+        for at in range(0, len(ids), most):
+            self._queue.append(self._errand(kind, ids[at : at + most], block, names, tries))
+
+    def _errand(self, kind: Kind, ids: tuple[int, ...], block: Block, names: Names | None, tries: int) -> Errand:
+        """Made once: in most cycles the same servos are asked for the same."""
+        key = (kind, ids, block.address, block.size, tries)
+        errand = self._errands.get(key)
+        if errand is None:
+            if len(self._errands) >= MAX_ERRANDS:
+                self._errands.clear()
+            ask = Ask(kind, ids, block.address, block.size)
+            timeouts = ask.timeouts(self.port, self._return_delay)
+            errand = self._errands[key] = Errand(ask, ask.request(), timeouts, block, names, tries)
+        return errand
+
+
+def status_block(table: ControlTable) -> Block:
+    """Whether a servo has torque, what is wrong with it, and whether its watchdog has stopped it."""
+    return block_of(table, "torque_enable", "torque_enable" if table.protocol == 1 else "bus_watchdog")
+
+
+def kind_of(table: ControlTable) -> Kind:
+    """How servos of such a table can be asked together."""
+    if table.protocol == 2:
+        return Kind.FAST if table.fast_read else Kind.SYNC
+    return Kind.BULK1 if table.model.startswith("MX") else Kind.SINGLE1
+
+
+def _groups(servos: Sequence[Wired]) -> list[Group]:
+    """As few groups as possible: servos of one kind whose registers lie in the same places."""
+    groups: dict[tuple[object, ...], Group] = {}
+    for servo in servos:
+        names, kind = names_of(servo.table), kind_of(servo.table)
+        motion, wide = (block_of(servo.table, *ends) for ends in (names.motion, names.wide))
+        key = (kind, names, motion.layout, wide.layout)
+        group = groups.setdefault(key, Group(kind, names, motion, wide, {}))
+        group.index_of[servo.id] = servo.index
+    return list(groups.values())

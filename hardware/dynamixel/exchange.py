@@ -1,0 +1,138 @@
+"""Group reads: one request, the answers of several servos, and how long they may take. All of it without waiting idly.
+
+The SDK's group reads throw away every answer when one is missing, and hide error bytes; here each answer counts by
+itself.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.fast_status import fast_length, sound_parts
+from hardware.dynamixel.packets import Status
+from hardware.dynamixel.parsers import parser1, parser2
+
+TURNAROUND = 100e-6
+"""[s] That a servo may take, beside its return delay, before it answers."""
+SLACK = 1e-3
+"""[s] That this machine, or the adapter's driver, may be late."""
+MAX_IDS = 100
+"""Servos asked in one request; their answers fit any adapter's buffer."""
+
+
+class Timeouts(NamedTuple):
+    """s: from sending to the first byte; between bytes; from sending to the last byte."""
+
+    first: float
+    idle: float
+    whole: float
+
+
+class Kind(Enum):
+    """How several servos are asked at once."""
+
+    FAST = "fast sync read"
+    SYNC = "sync read"
+    BULK1 = "bulk read, protocol 1.0"
+    SINGLE1 = "read, protocol 1.0"
+    """One servo: those that know no group read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A request for `size` bytes from `address` of each of the servos `ids`, in this order."""
+
+    kind: Kind
+    ids: tuple[int, ...]
+    address: int
+    size: int
+
+    def request(self) -> bytes:
+        """The bytes to send."""
+        if self.kind is Kind.SINGLE1:
+            return protocol1.read(self.ids[0], self.address, self.size)
+        if self.kind is Kind.BULK1:
+            return protocol1.bulk_read((device, self.address, self.size) for device in self.ids)
+        return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is Kind.FAST)
+
+    @property
+    def reply_bytes(self) -> int:
+        """Bytes of all answers together, but for what stuffing adds."""
+        return self.bytes_of(len(self.ids))
+
+    def bytes_of(self, count: int) -> int:
+        """Bytes of the first `count` answers."""
+        if self.kind is Kind.FAST:
+            return fast_length((self.size,) * count) if count else 0
+        overhead = protocol2.STATUS_BYTES if self.kind is Kind.SYNC else protocol1.STATUS_BYTES
+        return count * (overhead + self.size)
+
+    @property
+    def delays(self) -> int:
+        """How many servos wait for their return delay, one after the other."""
+        return 1 if self.kind is Kind.FAST else len(self.ids)
+
+    def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
+        """How long the answers may take; return_delay: of each servo, s."""
+        sending, coming = (10 * count / port.baud for count in (len(self.request()), self.reply_bytes))
+        pause = return_delay + TURNAROUND
+        idle = pause + port.latency + SLACK
+        return Timeouts(sending + idle, idle, sending + coming + (self.delays - 1) * pause + idle)
+
+    def answers(self, heard: bytes) -> list[Status]:
+        """The sound answers in what was heard so far, each servo at most once."""
+        if self.kind is Kind.FAST:
+            return self._parts(heard)
+        found: dict[int, Status] = {}
+        if self.kind is Kind.SYNC:
+            statuses = (protocol2.status_of(frame) for frame in parser2().feed(heard))
+        else:
+            # An adapter may echo; only in 2.0 a frame tells who sent it.
+            frames = parser1().feed(heard.removeprefix(self.request()))
+            statuses = (protocol1.status_of(frame) for frame in frames)
+        for status in statuses:
+            # An error without data, an echo or a stranger is no answer.
+            if status is not None and len(status.data) == self.size and status.id in self.ids:
+                found.setdefault(status.id, status)
+        return list(found.values())
+
+    def _parts(self, heard: bytes) -> list[Status]:
+        """Parts of the fast reply, looked for at every header: an echo or a stale answer may precede it."""
+        at = heard.find(protocol2.HEADER)
+        while at >= 0:
+            parts = sound_parts(heard[at:], (self.size,) * len(self.ids))
+            if parts:
+                return [part for part, device in zip(parts, self.ids, strict=False) if part.id == device]
+            at = heard.find(protocol2.HEADER, at + 1)
+        return []
+
+
+class Heard(NamedTuple):
+    """Sound answers, and whether there was more than them: something was said, and lost."""
+
+    answers: list[Status]
+    noise: bool
+
+
+def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
+    """The answers to what was sent at `sent`, s: all of them, or those that came before nothing more did.
+
+    Raises BusError when the port is gone.
+    """
+    heard, enough = b"", ask.reply_bytes
+    end = sent + timeouts.whole
+    deadline = min(sent + timeouts.first, end)
+    while True:
+        data = port.read()
+        if data:
+            heard += data
+            if len(heard) >= enough:
+                answers = ask.answers(heard)
+                if len(answers) == len(ask.ids):
+                    return Heard(answers, False)
+            deadline = min(port.now() + timeouts.idle, end)
+        elif not port.wait(deadline):
+            answers = ask.answers(heard)
+            return Heard(answers, len(heard) > ask.bytes_of(len(answers)))

@@ -1,0 +1,141 @@
+"""What all servos of a robot said: values, errors, ages; who is silent keeps its last values and is marked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardware.arrays import BoolArray
+from hardware.bus import ServoAlert, ServoStates
+from hardware.dynamixel.control_table import ControlTable
+from hardware.dynamixel.packets import ALERT, Error1
+
+UNKNOWN_ALERT = 0x80
+"""Alert bits of a servo that says that it has an error, until it has said which."""
+
+_ALERTS1 = (
+    (Error1.INPUT_VOLTAGE, ServoAlert.INPUT_VOLTAGE),
+    (Error1.OVERHEATING, ServoAlert.OVERHEATING),
+    (Error1.OVERLOAD, ServoAlert.OVERLOAD),
+)
+_SIGN1, _SIZE1 = 0x400, 0x3FF  # direction and size of a 1.0 speed
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """The registers that a cycle reads: first and last of the motion block and of the wide one, and what they mean."""
+
+    motion: tuple[str, str]
+    wide: tuple[str, str]
+    position: str
+    velocity: str
+    current: str | None
+    voltage: str
+    temperature: str
+
+
+_ALL1 = ("present_position", "present_temperature")
+NAMES1 = Names(_ALL1, _ALL1, _ALL1[0], "present_speed", None, "present_voltage", _ALL1[1])
+"""Of protocol 1.0: eight bytes hold everything."""
+
+
+def names_of(table: ControlTable) -> Names:
+    """Of a servo's table; a servo that reports a load reports no current."""
+    if table.protocol == 1:
+        return NAMES1
+    current = "present_current" if table.has("present_current") else None
+    first, position, last = current or "present_load", "present_position", "present_temperature"
+    wide = (first, last)
+    return Names((first, position), wide, position, "present_velocity", current, "present_input_voltage", last)
+
+
+class Readings:
+    """The states of the servos whose tables are `tables` (n,), in servo order."""
+
+    def __init__(self, tables: Sequence[ControlTable]) -> None:
+        count = len(tables)
+        names = [names_of(table) for table in tables]
+        self._velocity_unit = np.array([_scale(t, n.velocity) for t, n in zip(tables, names, strict=True)])
+        self._current_unit = np.array([_scale(t, n.current) for t, n in zip(tables, names, strict=True)])
+        self._voltage_unit = np.array([_scale(t, n.voltage) for t, n in zip(tables, names, strict=True)])
+        self.turns = np.zeros(count, dtype=np.int64)
+        """Ticks (n,) to add to what a servo says: whole turns that it has forgotten."""
+        self._position = np.zeros(count, dtype=np.int64)
+        self._velocity, self._current = np.zeros(count), np.full(count, np.nan)
+        self._voltage, self._temperature = np.full(count, np.nan), np.full(count, np.nan)
+        self._error, self._alert = np.zeros(count, dtype=np.uint8), np.zeros(count, dtype=np.uint8)
+        self._driven = np.zeros(count, dtype=np.bool_)
+        self._valid = np.zeros(count, dtype=np.bool_)
+        self._answered = np.full(count, -np.inf)  # [s]
+
+    def begin(self) -> None:
+        """A new cycle: nobody has answered yet."""
+        self._valid[:] = False
+
+    def take(
+        self, who: NDArray[np.int64], rows: NDArray[np.void], errors: NDArray[np.uint8], names: Names, now: float
+    ) -> None:
+        """Values that servos `who` (k,) answered at `now`, s: rows (k,) of a block, error bytes (k,)."""
+        self._position[who] = rows[names.position] + self.turns[who]
+        if names.current is not None:
+            self._current[who] = rows[names.current]
+        if rows.dtype.fields and names.voltage in rows.dtype.fields:
+            self._voltage[who] = rows[names.voltage]
+            self._temperature[who] = rows[names.temperature]
+        if names is NAMES1:
+            speed = rows[names.velocity].astype(np.int64)
+            self._velocity[who] = np.where(speed & _SIGN1, -(speed & _SIZE1), speed)
+            self._alert[who] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
+        else:
+            self._velocity[who] = rows[names.velocity]
+            # Which error it is, the servo says when it is asked; once it reports none, none is left.
+            known = np.maximum(self._alert[who], UNKNOWN_ALERT * (self._alert[who] == 0))
+            self._alert[who] = np.where(errors & ALERT, known, 0)
+        self._error[who] = errors
+        self._valid[who] = True
+        self._answered[who] = now
+
+    def alarmed(self) -> NDArray[np.int64]:
+        """Servos that say that they have an error, and not yet which."""
+        return np.flatnonzero(self._alert == UNKNOWN_ALERT)
+
+    def take_alert(self, servo: int, bits: int) -> None:
+        """Its Hardware Error Status; 0 bits leave an error that it reports unknown."""
+        if bits:
+            self._alert[servo] = bits
+
+    def take_drive(self, servo: int, driven: bool) -> None:
+        """Whether it follows its goals, as it said just now."""
+        self._driven[servo] = driven
+
+    def position_of(self, servo: int) -> int:
+        """Where it was last, ticks."""
+        return int(self._position[servo])
+
+    @property
+    def valid(self) -> BoolArray:
+        """Who has answered in this cycle, (n,); a copy."""
+        return self._valid.copy()
+
+    def states(self, now: float) -> ServoStates:
+        """Everything, as of `now`, s; arrays of its own."""
+        return ServoStates(
+            time=now,
+            position=self._position.copy(),
+            velocity=self._velocity * self._velocity_unit,
+            current=self._current * self._current_unit,
+            voltage=self._voltage * self._voltage_unit,
+            temperature=self._temperature.copy(),
+            error=self._error.copy(),
+            alert=self._alert.copy(),
+            age=np.where(self._valid, 0.0, now - self._answered),
+            valid=self._valid.copy(),
+            driven=self._driven.copy(),
+        )
+
+
+def _scale(table: ControlTable, name: str | None) -> float:
+    """SI per step of a register; NaN without one."""
+    scale = None if name is None else table[name].scale
+    return float("nan") if scale is None else scale
