@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 MAX_CONDITION = 1e3
-"""Worst ratio of the largest to the smallest turn of the joints by a turn of the servos; beyond it the pair is stuck."""
+"""Worst ratio of the largest to the smallest turn of the joints by one of the servos; beyond it they are stuck."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Joint radians <-> servo ticks, with direction, zero and gear, for all servos of a robot at once."""
+"""Joint radians <-> servo ticks, with direction, zero, gear and coupled pairs, for all servos of a robot at once."""
 
 from collections.abc import Sequence
 
@@ -7,24 +7,24 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.errors import HardwareError, describe
 from hardware.servo import ServoSpec
+from hardware.transmission import ROUND_OFF, coupled_pairs, coupling_problems
 
 NO_SERVO = -1
 """Goal tick of a joint that no servo drives."""
-
-_TICK_SLACK = 1e-6
-"""Round-off, in ticks, by which a limit may miss the whole tick that it was written for."""
 
 
 class JointMap:
     """Maps arrays whose last axis is the profile's servo order; leading axes (ticks of time, say) pass through.
 
-    Raises HardwareError with every finding at once when a servo cannot serve its joint, or a joint or (bus, id) is
-    named twice.
+    Of a coupled pair each column is a joint in rad and one of its two servos in ticks. tick_rad (n,): how far a tick
+    turns the joint, rad; of a coupled joint, a tick of both servos. Raises HardwareError with every finding at once
+    when a servo cannot serve its joint, or a joint or (bus, id) is named twice.
     """
 
     def __init__(self, servos: Sequence[ServoSpec]) -> None:
         found = [problem for servo in servos for problem in servo.problems()]
         found += _twice([servo.joint for servo in servos], "joint")
+        found += coupling_problems(servos)
         found += _twice([f"{servo.id} on bus {servo.bus!r}" for servo in servos], "servo id")
         if found:
             raise HardwareError(
@@ -45,13 +45,18 @@ class JointMap:
         self._shaft = np.array(
             [servo.direction * servo.gear for servo in servos], dtype=np.float64
         )  # (n,) joint -> shaft
-        self._last = np.array([servo.model.ticks - 1 for servo in servos], dtype=np.int64)  # (n,) [tick]
+        self._lowest = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
+        self._highest = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
+        self._pairs = coupled_pairs(servos)
+        self.tick_rad: FloatArray = 1.0 / np.abs(self._scale)
         ends = np.stack([self._zero + self._scale * self.lower, self._zero + self._scale * self.upper])
+        ends.sort(axis=0)
+        for pair in self._pairs:
+            ends[:, pair.columns] = pair.tick_ends()
+            self.tick_rad[pair.columns] = pair.tick_rad
         # First and last whole tick inside the limits; a limit of half a tick past the travel is the travel's end.
-        self._first_inside = np.maximum(np.ceil(ends.min(axis=0) - _TICK_SLACK).astype(np.int64), 0)  # (n,) [tick]
-        self._last_inside = np.minimum(
-            np.floor(ends.max(axis=0) + _TICK_SLACK).astype(np.int64), self._last
-        )  # (n,) [tick]
+        self._first_inside = np.maximum(np.ceil(ends[0] - ROUND_OFF).astype(np.int64), self._lowest)  # (n,) [tick]
+        self._last_inside = np.minimum(np.floor(ends[1] + ROUND_OFF).astype(np.int64), self._highest)  # (n,) [tick]
 
     def __len__(self) -> int:
         return len(self.servos)
@@ -66,24 +71,51 @@ class JointMap:
         exact = self._zero + self._scale * positions
         inside = (positions >= self.lower) & (positions <= self.upper)
         nearest: FloatArray = np.minimum(np.maximum(np.rint(exact), self._first_inside), self._last_inside)
+        for pair in self._pairs:
+            exact[..., pair.columns] = pair.exact_ticks(positions[..., pair.columns])
+            nearest[..., pair.columns] = pair.nearest_ticks(positions[..., pair.columns])
         if inside.all():
             return nearest.astype(np.int64)
         if not np.isfinite(exact).all():
-            raise HardwareError(self._complaint(positions, ~np.isfinite(exact), "a joint angle is not a finite number"))
-        ticks = np.where(inside, nearest, np.rint(exact)).astype(np.int64)
-        beyond = (ticks < 0) | (ticks > self._last)
+            bad = ~np.isfinite(positions)
+            bad = bad if bad.any() else ~np.isfinite(exact)
+            raise HardwareError(self._complaint(positions, bad, "a joint angle is not a finite number"))
+        rounded = np.where(inside, nearest, np.rint(exact))
+        beyond = (rounded < self._lowest) | (rounded > self._highest)
         if beyond.any():
             raise HardwareError(self._complaint(positions, beyond, "a joint angle is beyond the servo's travel"))
-        return ticks
+        return rounded.astype(np.int64)
 
     def to_radians(self, ticks: TickArray) -> FloatArray:
         """Return joint positions (..., n) in rad for shaft `ticks` (..., n)."""
-        return (ticks - self._zero) / self._scale
+        return self._joints((ticks - self._zero) / self._scale)
+
+    def turned(self, ticks: TickArray) -> FloatArray:
+        """Return by how many rad the joints (..., n) turn when the shafts turn by `ticks` (..., n)."""
+        return self._joints(ticks / self._scale)
 
     def joint_velocity(self, shaft_velocity: FloatArray) -> FloatArray:
         """Return joint velocities (..., n) in rad/s for shaft velocities (..., n) in rad/s, in the servo's sense of
         rotation."""
-        return shaft_velocity / self._shaft
+        return self._joints(shaft_velocity / self._shaft)
+
+    def tick_limits(self) -> tuple[TickArray, TickArray]:
+        """Return the first and the last goal tick (n,) that the joint limits allow; of a coupled servo those that some
+        angles of its two joints inside their limits need."""
+        return self._first_inside.copy(), self._last_inside.copy()
+
+    def heard(self, valid: BoolArray) -> BoolArray:
+        """Return which joints (n,) are known when the servos `valid` (n,) are: of a coupled pair both or none."""
+        known = valid.copy()
+        for pair in self._pairs:
+            known[pair.columns] = valid[pair.columns].all()
+        return known
+
+    def _joints(self, shafts: FloatArray) -> FloatArray:
+        """Make joint values of shaft values (..., n), in place: only coupled pairs differ."""
+        for pair in self._pairs:
+            shafts[..., pair.columns] = pair.turned(shafts[..., pair.columns])
+        return shafts
 
     def spread(self, joints: Sequence[str], ticks: TickArray) -> TickArray:
         """Return `ticks` (..., n) in the order of `joints` (..., m), with NO_SERVO (-1) where no servo drives the

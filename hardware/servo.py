@@ -181,8 +181,8 @@ class ServoSpec:
         found: list[str] = []
         if not self.mode.many_turns and abs(self.homing_offset) > HOMING_REACH:
             found.append(
-                f"{self.joint}: homing_offset {self.homing_offset} ticks; allowed: {-HOMING_REACH} to {HOMING_REACH} in "
-                f"mode {self.mode}"
+                f"{self.joint}: homing_offset {self.homing_offset} ticks; allowed in mode {self.mode}: "
+                f"{-HOMING_REACH} to {HOMING_REACH}"
             )
         if self.mode.many_turns and 2 not in self.model.protocols:
             found.append(f"{self.joint}: {self.model.name} has no mode {self.mode}")

@@ -46,8 +46,7 @@ class PathClearance:
         self._around = surroundings
         self._dt = dt
         self._columns = robot.servo_columns
-        tick_rad = np.array([1.0 / servo.ticks_per_rad for servo in robot.joint_map.servos])
-        self._following = FollowingError(tick_rad, dt=dt)
+        self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
         self._standing = robot.body.qpos0.copy()
         self._measured: FloatArray | None = None
 

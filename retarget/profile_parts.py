@@ -58,8 +58,8 @@ class Frame(Schema):
 
 
 class Gains(Schema):
-    """Position gains as register values (e-Manual: Position P, I, D Gain, Feedforward 1st and 2nd Gain; Protocol 1.0: P,
-    I, D Gain); absent: the servo keeps its own."""
+    """Gains as register values (e-Manual: Position P, I, D Gain, Feedforward 1st and 2nd Gain; Protocol 1.0: P, I, D
+    Gain); absent: the servo keeps its own."""
 
     p: Register | None = None
     i: Register | None = None

@@ -14,7 +14,19 @@ from retarget.profile import RobotProfile, load_profile, read_profile
 from retarget.strict_yaml import parse
 
 KEYS = [
-    *("name", "body", "root", "frames", "servos", "couplings", "buses", "observers", "ignore_pairs", "feet", "postures"),
+    *(
+        "name",
+        "body",
+        "root",
+        "frames",
+        "servos",
+        "couplings",
+        "buses",
+        "observers",
+        "ignore_pairs",
+        "feet",
+        "postures",
+    ),
     *("landmarks", "safety", "reconstruct", "retarget"),
 ]
 

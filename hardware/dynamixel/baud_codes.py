@@ -6,7 +6,6 @@ from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.control_table_files import rows_of
 
 _DIVIDED = 2_000_000  # [bits/s] protocol 1.0: divided by code + 1
-_LAST_DIVISOR = 249  # codes above it stand for rates of their own
 _TOLERANCE = 0.01  # of the rate; a UART stands about 3 %, both ends together
 
 
@@ -22,9 +21,7 @@ def baud_of(table: ControlTable, code: int) -> int | None:
     if not table["baud_rate"].allows(code):
         return None
     listed = _listed(table.baud_family).get(code)
-    if listed is None and table.protocol == 1 and 0 <= code <= _LAST_DIVISOR:
-        return round(_DIVIDED / (code + 1))
-    return listed
+    return round(_DIVIDED / (code + 1)) if listed is None and table.protocol == 1 else listed
 
 
 def code_of(table: ControlTable, baud: int) -> int | None:

@@ -103,6 +103,7 @@ def registers_of(model: ModelRow, firmware: int) -> tuple[Register, ...]:
     for row in _rows(model):
         if row.since <= firmware <= row.until:
             merged.setdefault(row.name, {}).update(row.cells)
+    merged["model_number"]["initial"] = str(model.number)
     registers = [register for name, cells in merged.items() for register in _registers(name, cells)]
     return tuple(sorted(registers, key=lambda register: register.address))
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from fastcrc.crc16 import umts
+
 from hardware.dynamixel import protocol2
 from hardware.dynamixel.packets import BROADCAST, STATUS, Status
 
@@ -32,7 +34,7 @@ def sound_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
         end = at + 2 + size
         if len(reply) < end + 2:
             break
-        total = protocol2.crc(reply[begun:end], total)
+        total = umts(reply[begun:end], total)
         if total != reply[end] | reply[end + 1] << 8:
             break
         parts.append(Status(reply[at + 1], reply[at], reply[at + 2 : end]))

@@ -1,107 +1,151 @@
 """Incremental parsers: bytes in as they arrive, sound frames out; garbage is skipped and counted, memory is bounded."""
 
 from collections.abc import Callable
+from struct import Struct
+from typing import NamedTuple
+
+from fastcrc.crc16 import umts
 
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import BROADCAST, STATUS, Frame
 
-Take = Callable[[bytearray], tuple[Frame | None, int]]
-"""From bytes that begin with a header: the frame and its bytes; or None and how many bytes to skip, 0 while more must
-come."""
+
+class Found(NamedTuple):
+    """What a scan found.
+
+    used: bytes of all `frames`. at: where bytes begin that may still become a frame (the end: nowhere). clear: bytes
+    from there on in which no second header begins: they need no second look.
+    """
+
+    frames: list[Frame]
+    used: int
+    at: int
+    clear: int
+
+
+Scan = Callable[[bytes, int], Found]
+"""From bytes, the first so many of which hold no header but the one that they begin with."""
 
 
 class Parser:
-    """Frames of one protocol. Never holds more than one frame's bytes beyond what is fed at once."""
+    """Frames of one protocol. Between two calls it holds less than one frame's bytes. The frames depend on the bytes
+    alone, never on the pieces in which they came."""
 
-    def __init__(self, header: bytes, overhead: int, take: Take) -> None:
-        self._header, self._overhead, self._take = header, overhead, take
-        self._buffer = bytearray()
+    def __init__(self, scan: Scan) -> None:
+        self._scan = scan
+        self._pending = b""
+        self._clear = 0
         self.skipped = 0
         """Bytes so far that belonged to no sound frame."""
 
     @property
     def pending(self) -> bytes:
         """What may still become a frame."""
-        return bytes(self._buffer)
+        return self._pending
 
     def reset(self) -> None:
         """Forget what is pending."""
-        self._skip(len(self._buffer))
+        self.skipped += len(self._pending)
+        self._pending, self._clear = b"", 0
 
     def feed(self, data: bytes) -> list[Frame]:
         """All frames that `data` completes, in order."""
-        self._buffer += data
-        frames: list[Frame] = []
-        while self._align():
-            frame, used = self._take(self._buffer)
-            if frame is not None:
-                frames.append(frame)
-                del self._buffer[:used]
-            elif used:
-                self._skip(used)
-            else:
-                break
+        buffer = self._pending + data
+        frames, used, at, self._clear = self._scan(buffer, self._clear)
+        self.skipped += at - used
+        self._pending = buffer[at:]
         return frames
 
-    def _align(self) -> bool:
-        """Skip to the next header; whether there is one, with all that tells the frame's length."""
-        at = self._buffer.find(self._header)
-        if at < 0:
-            kept = next(
-                size for size in range(len(self._header) - 1, -1, -1) if self._buffer.endswith(self._header[:size])
-            )
-            at = len(self._buffer) - kept
-        self._skip(at)
-        return len(self._buffer) >= self._overhead
-
-    def _skip(self, count: int) -> None:
-        self.skipped += count
-        del self._buffer[:count]
+    def flush(self) -> list[Frame]:
+        """The line has fallen silent: no frame that has begun will be completed. Frames that lie inside one (its length
+        was damaged, say); nothing is pending afterwards."""
+        frames: list[Frame] = []
+        while self._pending:
+            behind = self._pending[1:]
+            self.skipped += 1
+            self._pending, self._clear = b"", 0
+            frames += self.feed(behind)
+        return frames
 
 
 def parser2() -> Parser:
     """A parser of protocol 2.0."""
-    return Parser(protocol2.HEADER, protocol2.OVERHEAD, _take2)
+    return Parser(_scan2)
 
 
 def parser1() -> Parser:
-    """A parser of protocol 1.0. Its checksum is one byte: of frames in pure noise, one of 256 passes."""
-    return Parser(protocol1.HEADER, protocol1.OVERHEAD, _take1)
+    """A parser of protocol 1.0. Its checksum is one byte: of damaged frames one of 256 passes."""
+    return Parser(_scan1)
 
 
-def _take2(buffer: bytearray) -> tuple[Frame | None, int]:
-    """The frame at the start of `buffer` and its bytes; or None and how many bytes to skip, 0 while more must come.
+_ID_AND_LENGTH_2 = Struct("<BH").unpack_from
+_CRC = Struct("<H").unpack_from
 
-    Stuffing keeps headers out of a body, so one inside (but of a fast status, which is not stuffed) ends a broken
-    frame at once: a damaged length costs no more than its own frame.
+
+def _scan2(buffer: bytes, clear: int) -> Found:
+    """Frames of protocol 2.0.
+
+    Stuffing keeps headers out of a body, so one inside ends a broken frame at once: a damaged length costs no more than
+    its own frame. A fast status is not stuffed: only its length tells where it ends.
     """
-    device, length = buffer[4], buffer[5] | buffer[6] << 8
-    if device > BROADCAST or device == 0xFD or not 3 <= length <= protocol2.MAX_LENGTH:
-        return None, len(protocol2.HEADER) - 1
-    end = protocol2.OVERHEAD + length
-    fast = device == BROADCAST and len(buffer) > protocol2.OVERHEAD and buffer[7] == STATUS
-    if not fast:
-        inside = buffer.find(protocol2.HEADER, protocol2.OVERHEAD, end - 2)
-        if inside >= 0:
-            return None, inside
-    if len(buffer) < end:
-        return None, 0
-    if protocol2.crc(bytes(buffer[: end - 2])) != buffer[end - 2] | buffer[end - 1] << 8:
-        return None, len(protocol2.HEADER) - 1
-    body = bytes(buffer[7 : end - 2])
-    if not fast:
-        body = protocol2.unstuff(body)
-    return Frame(device, body[0], body[1:]), end
+    header, overhead = protocol2.HEADER, protocol2.OVERHEAD
+    frames: list[Frame] = []
+    used, begin, size = 0, 0, len(buffer)
+    at, stuffed = buffer.find(header), None
+    while 0 <= at <= size - overhead:
+        begin = at + len(header)
+        device, length = _ID_AND_LENGTH_2(buffer, begin)
+        behind = buffer.find(header, begin if at else max(begin, clear))
+        if device > BROADCAST or device == 0xFD or not 3 <= length <= protocol2.MAX_LENGTH:
+            at = behind
+            continue
+        body, close = at + overhead, at + overhead + length - 2
+        fast = device == BROADCAST and body < size and buffer[body] == STATUS
+        if 0 <= behind <= close - len(header) and not fast:
+            at = behind
+        elif size < close + 2:
+            return Found(frames, used, at, size - at - len(header) + 1)
+        elif umts(buffer[at:close], 0) != _CRC(buffer, close)[0]:
+            at = behind
+        else:
+            if stuffed is None:
+                stuffed = protocol2.STUFFED in buffer  # once, not for every frame: it seldom is
+            content = protocol2.unstuff(buffer[body:close]) if stuffed and not fast else buffer[body:close]
+            frames.append(Frame(device, content[0], content[1:]))
+            begin = close + 2
+            used += begin - at
+            at = behind if behind < 0 or behind >= begin else buffer.find(header, begin)
+    return Found(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
 
 
-def _take1(buffer: bytearray) -> tuple[Frame | None, int]:
-    """As `_take2`, for protocol 1.0."""
-    device, length = buffer[2], buffer[3]
-    if device == 0xFF or not 2 <= length <= protocol1.MAX_PARAMS + 2:
-        return None, 1
-    end = protocol1.OVERHEAD + length
-    if len(buffer) < end:
-        return None, 0
-    if protocol1.checksum(bytes(buffer[2 : end - 1])) != buffer[end - 1]:
-        return None, 1
-    return Frame(device, buffer[4], bytes(buffer[5 : end - 1])), end
+def _scan1(buffer: bytes, _clear: int) -> Found:
+    """Frames of protocol 1.0. Any bytes may stand in a body, so only its length tells where a frame ends."""
+    header, overhead = protocol1.HEADER, protocol1.OVERHEAD
+    frames: list[Frame] = []
+    used, begin, size = 0, 0, len(buffer)
+    at = buffer.find(header)
+    while 0 <= at <= size - overhead:
+        begin = at + 1
+        device, length = buffer[at + 2], buffer[at + 3]
+        close = at + overhead + length - 1
+        if device > BROADCAST or length < 2:
+            at = buffer.find(header, begin)
+        elif size <= close:
+            break
+        elif ~sum(buffer[at + 2 : close]) & 0xFF != buffer[close]:
+            at = buffer.find(header, begin)
+        else:
+            frames.append(Frame(device, buffer[at + 4], buffer[at + 5 : close]))
+            begin = close + 1
+            used += begin - at
+            at = buffer.find(header, begin)
+    return Found(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
+
+
+def _tail(buffer: bytes, begin: int, header: bytes) -> int:
+    """Where the longest beginning of a header starts that ends `buffer`; not before `begin`."""
+    size = len(buffer)
+    for count in range(len(header) - 1, 0, -1):
+        if size - begin >= count and buffer.endswith(header[:count]):
+            return size - count
+    return size

@@ -77,12 +77,19 @@ def sync_write(address: int, length: int, items: Iterable[tuple[int, bytes]]) ->
     for device, data in items:
         if len(data) != length:
             raise ValueError(f"{len(data)} bytes for device {device}; allowed: {length}")
-        params.append(device)
+        params += _member(device)
         params += data
     return frame(BROADCAST, Instruction.SYNC_WRITE, bytes(params))
 
 
 def bulk_read(items: Iterable[tuple[int, int, int]]) -> bytes:
     """Read registers (id, address, length) of several MX devices; one status each, in order."""
-    params = b"\x00" + b"".join(bytes((length, device, address)) for device, address, length in items)
+    params = b"\x00" + b"".join(bytes((length, *_member(device), address)) for device, address, length in items)
     return frame(BROADCAST, Instruction.BULK_READ, params)
+
+
+def _member(device: int) -> bytes:
+    """Id of one device in a group."""
+    if not 0 <= device < BROADCAST:
+        raise ValueError(f"id {device} in a group; allowed: 0 to {BROADCAST - 1}")
+    return bytes((device,))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from fastcrc.crc16 import umts
 
-from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Instruction, Status
+from hardware.dynamixel.packets import BROADCAST, MAX_ID, STATUS, Frame, Instruction, Status
 
 HEADER = b"\xff\xff\xfd\x00"
 OVERHEAD = 7
@@ -17,7 +17,10 @@ MAX_LENGTH = 8192
 STATUS_BYTES = 11
 """A status frame without data."""
 
-_PATTERN, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+STUFFED = b"\xff\xff\xfd\xfd"
+"""What stuffing makes of a header's first three bytes."""
+
+_PATTERN = b"\xff\xff\xfd"
 
 
 def crc(data: bytes, before: int = 0) -> int:
@@ -27,12 +30,12 @@ def crc(data: bytes, before: int = 0) -> int:
 
 def stuff(body: bytes) -> bytes:
     """Body (instruction to last parameter) in which no header can appear: FF FF FD becomes FF FF FD FD."""
-    return body.replace(_PATTERN, _STUFFED) if _PATTERN in body else body
+    return body.replace(_PATTERN, STUFFED) if _PATTERN in body else body
 
 
 def unstuff(body: bytes) -> bytes:
     """Inverse of `stuff`."""
-    return body.replace(_STUFFED, _PATTERN) if _STUFFED in body else body
+    return body.replace(STUFFED, _PATTERN) if STUFFED in body else body
 
 
 def frame(device: int, code: int, params: bytes = b"") -> bytes:
@@ -51,6 +54,10 @@ def fast_status(answers: Sequence[Status]) -> bytes:
     """The one status frame of a Fast Sync Read or Fast Bulk Read: parts in order, not stuffed, each closed by the CRC
     of everything so far (the last is the frame's)."""
     length = 1 + sum(len(answer.data) + 4 for answer in answers)
+    if not 1 < length <= MAX_LENGTH:
+        raise ValueError(
+            f"a fast status of {len(answers)} parts, {length} bytes; allowed: 1 part or more, {MAX_LENGTH} bytes"
+        )
     out = bytearray(HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,)))
     total, done = 0, 0
     for answer in answers:
@@ -62,8 +69,9 @@ def fast_status(answers: Sequence[Status]) -> bytes:
 
 
 def status_of(heard: Frame) -> Status | None:
-    """The status in a frame; None for an instruction (of an adapter that echoes, say)."""
-    if heard.code != STATUS or not heard.params:
+    """The status of one device in a frame; None for an instruction (of an adapter that echoes, say) and for the reply
+    to a fast read, which holds several."""
+    if heard.code != STATUS or not heard.params or heard.id == BROADCAST:
         return None
     return Status(heard.id, heard.params[0], heard.params[1:])
 
@@ -80,12 +88,12 @@ def read(device: int, address: int, length: int) -> bytes:
 
 def write(device: int, address: int, data: bytes) -> bytes:
     """Write `data` to `address`."""
-    return frame(device, Instruction.WRITE, address.to_bytes(2, "little") + data)
+    return frame(device, Instruction.WRITE, _word(address) + data)
 
 
 def reg_write(device: int, address: int, data: bytes) -> bytes:
     """Keep a write until Action."""
-    return frame(device, Instruction.REG_WRITE, address.to_bytes(2, "little") + data)
+    return frame(device, Instruction.REG_WRITE, _word(address) + data)
 
 
 def action(device: int) -> bytes:
@@ -121,7 +129,7 @@ def restore(device: int) -> bytes:
 def sync_read(address: int, length: int, ids: Iterable[int], *, fast: bool = False) -> bytes:
     """Read the same registers of several devices: one status frame each, or (fast) one for all."""
     code = Instruction.FAST_SYNC_READ if fast else Instruction.SYNC_READ
-    return frame(BROADCAST, code, _span(address, length) + bytes(ids))
+    return frame(BROADCAST, code, _span(address, length) + _members(ids))
 
 
 def sync_write(address: int, length: int, items: Iterable[tuple[int, bytes]]) -> bytes:
@@ -131,13 +139,13 @@ def sync_write(address: int, length: int, items: Iterable[tuple[int, bytes]]) ->
 
 def bulk_read(items: Iterable[tuple[int, int, int]], *, fast: bool = False) -> bytes:
     """Read registers (id, address, length) of several devices."""
-    params = b"".join(bytes((device,)) + _span(address, length) for device, address, length in items)
+    params = b"".join(_members((device,)) + _span(address, length) for device, address, length in items)
     return frame(BROADCAST, Instruction.FAST_BULK_READ if fast else Instruction.BULK_READ, params)
 
 
 def bulk_write(items: Iterable[tuple[int, int, bytes]]) -> bytes:
     """Write registers (id, address, data) of several devices; none answers."""
-    params = b"".join(bytes((device,)) + _span(address, len(data)) + data for device, address, data in items)
+    params = b"".join(_members((device,)) + _span(address, len(data)) + data for device, address, data in items)
     return frame(BROADCAST, Instruction.BULK_WRITE, params)
 
 
@@ -149,8 +157,22 @@ def _closed(device: int, body: bytes) -> bytes:
     return out + umts(out, 0).to_bytes(2, "little")
 
 
+def _word(value: int) -> bytes:
+    if not 0 <= value <= 0xFFFF:
+        raise ValueError(f"address or length {value}; allowed: 0 to 65535")
+    return value.to_bytes(2, "little")
+
+
 def _span(address: int, length: int) -> bytes:
-    return address.to_bytes(2, "little") + length.to_bytes(2, "little")
+    return _word(address) + _word(length)
+
+
+def _members(ids: Iterable[int]) -> bytes:
+    """Ids of a group: those of single devices."""
+    members = bytes(ids)
+    if members and max(members) > MAX_ID:
+        raise ValueError(f"id {max(members)} in a group; allowed: 0 to {MAX_ID}")
+    return members
 
 
 def _items(items: Iterable[tuple[int, bytes]], length: int) -> bytes:
@@ -160,4 +182,5 @@ def _items(items: Iterable[tuple[int, bytes]], length: int) -> bytes:
             raise ValueError(f"{len(data)} bytes for device {device}; allowed: {length}")
         out.append(device)
         out += data
+    _members(out[:: length + 1])
     return bytes(out)

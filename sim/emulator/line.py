@@ -5,10 +5,12 @@ from collections import deque
 from collections.abc import Sequence
 
 from hardware.dynamixel import protocol2
-from hardware.dynamixel.packets import Frame
+from hardware.dynamixel.packets import BROADCAST, Frame
 from hardware.dynamixel.parsers import Parser, parser1, parser2
 from sim.emulator.conversation import Conversation, Gaps, Spoken
 from sim.emulator.device import Device
+from sim.emulator.fault_state import FaultState
+from sim.emulator.group_request import GROUP_READS2
 from sim.emulator.wire import Chunk, Timing
 
 MAX_WAITING = 1 << 16
@@ -31,9 +33,11 @@ class Line:
         baud: int = 57600,
         timing: Timing | None = None,
         gaps: Gaps = Gaps.SILENCE,
+        faults: FaultState | None = None,
         seed: int = 0,
     ) -> None:
         self.devices = tuple(devices)
+        self.faults = faults or FaultState(devices, seed=seed)
         self.baud = baud
         """Of the host's adapter, bits/s: devices at another rate hear noise, and nobody hears them."""
         self.timing = timing or Timing()
@@ -47,6 +51,7 @@ class Line:
         self._waiting: deque[Chunk] = deque()  # by due time
         self._size = 0  # bytes waiting
         self._host_free = float("-inf")  # [s] when the host's last byte is on the wire
+        self._heard = float("-inf")  # [s] when the devices heard their last one
         self._servos_free = float("-inf")  # [s] when the servos' last one is
 
     @property
@@ -66,34 +71,55 @@ class Line:
     def hear(self, data: bytes, now: float) -> None:
         """Bytes that the host hands to its adapter at `now`, s."""
         start = max(now, self._host_free)
-        if start - self._host_free > self.timing.gap:
-            for parser in self._parsers.values():
-                parser.reset()
         for piece in _pieces(data):
+            self.faults.update(start)
             end = start + self.timing.on_wire(len(piece), self.baud)
+            if self.faults.echo:
+                self._arrive(piece, end + self.timing.latency)
             if start < self._servos_free:
                 self._collide(start)
-            else:
-                self._carry(piece, end)
+            elif not self.faults.dead:
+                end = max(end, self._carry(piece, start))
             start = end
         self._host_free = start
 
-    def silence(self) -> None:
-        """Forget everything that is on its way: the adapter is gone."""
+    def unplugged(self, now: float) -> bool:
+        """Whether the adapter is gone from the host; then everything on its way is lost."""
+        self.faults.update(now)
+        if self.faults.unplugged:
+            self.forget()
+        return self.faults.unplugged
+
+    def forget(self) -> None:
+        """Lose everything that is on its way."""
         self._waiting.clear()
         self._size = 0
         for parser in self._parsers.values():
             parser.reset()
 
-    def _carry(self, piece: bytes, end: float) -> None:
-        """Let the devices hear a piece, whose last byte is on the wire at `end`."""
-        for protocol, parser in self._parsers.items():
-            for frame in parser.feed(piece):
-                self._execute(protocol, frame, end)
+    def _carry(self, piece: bytes, start: float) -> float:
+        """Let the devices hear what becomes of a piece, on the wire from `start` on; returns its end, s."""
+        at = start
+        for part in self.faults.to_servos(piece):
+            at += part.delay
+            if at - self._heard > self.timing.gap:
+                for parser in self._parsers.values():
+                    parser.reset()
+            self._heard = at = at + self.timing.on_wire(len(part.data), self.baud)
+            for protocol, parser in self._parsers.items():
+                for frame in parser.feed(part.data):
+                    self._execute(protocol, frame, at)
+        return at
 
     def _execute(self, protocol: int, frame: Frame, end: float) -> None:
         listeners = [device for device in self.devices if device.protocol == protocol and self._hears(device, end)]
-        said = self._conversation.answers(frame, listeners, end)
+        if frame.code in GROUP_READS2 and frame.id == BROADCAST:
+            self.faults.count_cycle()
+            self.faults.update(end)
+        missing = self.faults.missing
+        if missing:
+            listeners = [device for device in listeners if device.id not in missing]
+        said = self._conversation.answers(frame, listeners, end, cut=self.faults.silent_tail)
         if said:
             self._speak(said, end)
 
@@ -108,7 +134,10 @@ class Line:
             if spoken.return_delay is not None:
                 at += timing.before_status(spoken.return_delay)
             at += timing.on_wire(len(spoken.data), self.baud)
-            self._arrive(spoken.data, at + timing.latency)
+            late = timing.latency
+            for part in self.faults.to_host(spoken.id, spoken.data):
+                late += part.delay
+                self._arrive(part.data, at + late)
         self._servos_free = at
 
     def _arrive(self, data: bytes, due: float) -> None:

@@ -34,6 +34,7 @@ class EmulatedPort:
             raise BusError(
                 describe(what="the port is busy", where=self._name, then="Close what else uses it, then try again")
             )
+        self._require_plugged()
         self._open = True
         self._line.baud = _checked(baud, self._name)
         self.drop()
@@ -59,11 +60,7 @@ class EmulatedPort:
         """Sleep until something has arrived (True) or until `deadline`."""
         self._require("wait")
         due = self._line.next_due
-        if due is None or due > deadline:
-            self._clock.sleep_until(deadline)
-            due = self._line.next_due
-        else:
-            self._clock.sleep_until(due)
+        self._clock.sleep_until(deadline if due is None else min(due, deadline))
         self._require("wait")
         return due is not None and due <= self._clock.now()
 
@@ -87,6 +84,14 @@ class EmulatedPort:
     def _require(self, what: str) -> None:
         if not self._open:
             raise BusError(describe(what=f"cannot {what}: the port is closed", where=self._name, then="Open it first"))
+        self._require_plugged()
+
+    def _require_plugged(self) -> None:
+        if self._line.unplugged(self._clock.now()):
+            self._open = False
+            raise BusError(
+                describe(what="there is no such port", where=self._name, then="Check the adapter and its cable")
+            )
 
 
 def _checked(baud: int, name: str) -> int:

@@ -1,0 +1,140 @@
+"""What may go wrong on an emulated line, as data: what, when, to whom, how often."""
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+
+class FaultKind(Enum):
+    """What happens while a fault lasts. A packet is an instruction frame, a status frame, or a device's part of a fast
+    reply."""
+
+    DROP = "drop"
+    """Packets, or single bytes, are lost."""
+    FLIP = "flip"
+    """One bit of a packet, or of single bytes, is flipped."""
+    DUPLICATE = "duplicate"
+    """Packets, or single bytes, come twice."""
+    LATE = "late"
+    """Packets, or what follows a byte of them, come `value` s later, and all behind them."""
+    NOISE = "noise"
+    """Up to `value` random bytes stand in front of packets."""
+    CRC_STORM = "crc_storm"
+    """The CRC or checksum of what devices say is wrong."""
+    MISSING = "missing"
+    """Devices neither hear nor answer."""
+    SILENT_TAIL = "silent_tail"
+    """Devices stay silent in group reads, and with them those behind them."""
+    ID_CLASH = "id_clash"
+    """A second device has the same id: whenever one answers, both do, and nobody understands them."""
+    SHORT = "short"
+    """The line is dead: nobody hears anybody."""
+    ECHO = "echo"
+    """The adapter gives the host its own bytes back."""
+    OVER_TEMPERATURE = "over_temperature"
+    """Devices have `value` degrees Celsius."""
+    UNDER_VOLTAGE = "under_voltage"
+    """The supply of devices is `value` V; below what their electronics need they reset (a brown-out)."""
+    OVERLOAD = "overload"
+    """Shafts are blocked: a device overloads when it moves."""
+    UNPLUG = "unplug"
+    """The adapter is gone from the host; afterwards it is back."""
+
+
+class Direction(Enum):
+    """Which bytes a fault hits."""
+
+    TO_SERVOS = "to_servos"
+    TO_HOST = "to_host"
+    BOTH = "both"
+
+
+class Unit(Enum):
+    """What `rate` counts."""
+
+    PACKETS = "packets"
+    BYTES = "bytes"
+
+
+BYTE_KINDS = frozenset(
+    (FaultKind.DROP, FaultKind.FLIP, FaultKind.DUPLICATE, FaultKind.LATE, FaultKind.NOISE, FaultKind.CRC_STORM)
+)
+"""Kinds that change bytes on their way, and have a rate."""
+
+VALUES: dict[FaultKind, tuple[float, float, float]] = {
+    FaultKind.LATE: (0.005, 0.0, 10.0),
+    FaultKind.NOISE: (8.0, 1.0, 4096.0),
+    FaultKind.OVER_TEMPERATURE: (90.0, -40.0, 200.0),
+    FaultKind.UNDER_VOLTAGE: (3.0, 0.0, 40.0),
+}
+"""Kinds that have a `value`: the one meant when none is given, the lowest and the highest."""
+
+KEYS: dict[FaultKind, frozenset[str]] = {
+    kind: frozenset(("start", "end", "from_cycle", "to_cycle", "bus"))
+    | (frozenset(("value",)) if kind in VALUES else frozenset())
+    | (frozenset(("rate", "of", "direction")) if kind in BYTE_KINDS - {FaultKind.CRC_STORM} else frozenset())
+    | (frozenset(("rate",)) if kind is FaultKind.CRC_STORM else frozenset())
+    | (frozenset(("ids",)) if kind not in (FaultKind.SHORT, FaultKind.ECHO, FaultKind.UNPLUG) else frozenset())
+    for kind in FaultKind
+}
+"""What each kind can be told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault. It lasts while both windows do: time s since the line began, from `start` and before `end`; cycles
+    (group reads heard, from 0), from `from_cycle` and before `to_cycle`.
+
+    ids: of the devices; none: all. Bytes on their way to the servos belong to no device: faults with ids leave them
+    alone. rate: share of what `unit` says. value: see FaultKind; None: the usual one. bus: name of the only line that
+    it is for; None: all.
+    """
+
+    kind: FaultKind
+    ids: tuple[int, ...] = ()
+    start: float = 0.0
+    end: float = math.inf
+    from_cycle: int = 0
+    to_cycle: int | None = None
+    rate: float = 1.0
+    unit: Unit = Unit.PACKETS
+    direction: Direction = Direction.BOTH
+    value: float | None = None
+    bus: str | None = None
+
+    @property
+    def amount(self) -> float:
+        """`value`, or the kind's usual one."""
+        return VALUES[self.kind][0] if self.value is None else self.value
+
+    @property
+    def by_cycle(self) -> bool:
+        """Whether a count of cycles begins or ends it."""
+        return self.from_cycle > 0 or self.to_cycle is not None
+
+    def lasts(self, time: float, cycle: int) -> bool:
+        """Whether it is present, `time` s after the line began, in that cycle."""
+        within = self.from_cycle <= cycle and (self.to_cycle is None or cycle < self.to_cycle)
+        return within and self.start <= time < self.end
+
+
+def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault, ...]:
+    """Three to eight faults within `duration` s, each for at most a fifth of it; the same for the same seed."""
+    chance = random.Random(seed)
+    faults = []
+    for _ in range(chance.randint(3, 8)):
+        kind = chance.choice(tuple(FaultKind))
+        start = chance.uniform(0.0, 0.8 * duration)
+        some = tuple(sorted(chance.sample(list(ids), min(len(ids), chance.randint(1, 2)))))
+        faults.append(
+            Fault(
+                kind,
+                ids=some if "ids" in KEYS[kind] and kind not in BYTE_KINDS else (),
+                start=start,
+                end=start + chance.uniform(0.0, 0.2 * duration),
+                rate=10.0 ** chance.uniform(-3.0, -1.0) if kind in BYTE_KINDS else 1.0,
+            )
+        )
+    return tuple(faults)

@@ -1,0 +1,127 @@
+"""The memory of a device: bytes laid out as its control table says, with indirect addressing."""
+
+from typing import NamedTuple
+
+from hardware.dynamixel.control_table import ControlTable, Register
+from hardware.dynamixel.packets import Error2
+
+
+class Part(NamedTuple):
+    """One register that a write reaches whole, and the counts for it."""
+
+    register: Register
+    value: int
+
+
+class Memory:
+    """Bytes of a control table, all zero at first. Holes read as 0 beside something that is defined.
+
+    An indirect data byte stands for the byte at the address in its indirect address register; where that leads to
+    indirect data again, it is plain storage (a servo follows one step).
+    """
+
+    def __init__(self, table: ControlTable) -> None:
+        self.table = table
+        self.image = bytearray(table.size)
+        self._starts: list[Register | None] = [None] * table.size  # the register that begins at an address
+        self._next = [table.size] * (table.size + 1)  # first defined address at or after an address
+        self._pointers: dict[int, int] = {}  # address of indirect data -> that of its indirect address register
+        for register in table.registers:
+            self._starts[register.address] = register
+            for address in range(register.address, register.end):
+                self._next[address] = address
+            if register.name.startswith("indirect_data_"):
+                pointer = table["indirect_address_" + register.name.removeprefix("indirect_data_")]
+                self._pointers[register.address] = pointer.address
+        for address in reversed(range(table.size)):
+            self._next[address] = min(self._next[address], self._next[address + 1])
+        self.plain_end = min(self._pointers, default=table.size)
+        """Below this address nothing is indirect."""
+
+    def value(self, name: str) -> int:
+        """Return the counts of a register. Raises HardwareError for a name that the table does not have."""
+        register = self.table[name]
+        return register.decode(bytes(self.image[register.address : register.end]))
+
+    def value_or(self, name: str, default: int) -> int:
+        """Return the counts of a register, `default` where the model does not have it."""
+        return self.value(name) if self.table.has(name) else default
+
+    def put(self, name: str, value: int) -> None:
+        """Set a register, whatever its access; beyond its width the value is cut to what it holds."""
+        if self.table.has(name):
+            self.store(self.table[name], value)
+
+    def store(self, register: Register, value: int) -> None:
+        """Set a register of this table, cut to what it holds."""
+        counts = min(max(value, register.narrowest), register.widest)
+        self.image[register.address : register.end] = register.encode(counts)
+
+    def readable(self, address: int, length: int) -> bool:
+        """Whether a read stays inside the table and meets anything that is defined."""
+        end = address + length
+        return 0 < length and 0 <= address and end <= len(self.image) and self._next[address] < end
+
+    def slice(self, address: int, length: int) -> bytes:
+        """Return the bytes of a readable range, indirect data followed."""
+        end = address + length
+        if end <= self.plain_end:
+            return bytes(self.image[address:end])
+        image = self.image
+        return bytes([image[self.target(place)] for place in range(address, end)])
+
+    def target(self, address: int) -> int:
+        """Return the address that the byte at `address` stands for: itself unless it is indirect data."""
+        pointer = self._pointers.get(address)
+        if pointer is None:
+            return address
+        pointed = self.image[pointer] | self.image[pointer + 1] << 8
+        return address if pointed in self._pointers or pointed >= len(self.image) else pointed
+
+    def touches(self, address: int, length: int, first: int, last: int) -> bool:
+        """Whether a read of a range shows any byte from `first` up to, not including, `last`."""
+        end = address + length
+        if end <= self.plain_end:
+            return address < last and end > first
+        return any(first <= self.target(place) < last for place in range(address, end))
+
+    def parts(self, address: int, data: bytes) -> list[Part] | Error2:
+        """Return the registers that a write covers, in order, or the error that it deserves: DATA_LENGTH for a register
+        that is not covered to its end, ACCESS for a hole or the table's end. Nothing changes."""
+        if not data:
+            return Error2.DATA_LENGTH
+        if address + len(data) > len(self.image):
+            return Error2.ACCESS
+        found: list[Part] = []
+        for start, run in self._runs(address, data):
+            error = self._cover(start, run, found)
+            if error:
+                return error
+        return found
+
+    def _runs(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
+        """A write as runs of target addresses that follow one another: one run unless it is indirect."""
+        if address + len(data) <= self.plain_end:
+            return [(address, data)]
+        runs: list[tuple[int, bytearray]] = []
+        for offset, byte in enumerate(data):
+            target = self.target(address + offset)
+            if runs and runs[-1][0] + len(runs[-1][1]) == target:
+                runs[-1][1].append(byte)
+            else:
+                runs.append((target, bytearray((byte,))))
+        return [(start, bytes(run)) for start, run in runs]
+
+    def _cover(self, address: int, data: bytes, found: list[Part]) -> Error2:
+        """Append the registers that `data` at `address` fills; Error2.NONE unless one is missing or cut short."""
+        done = 0
+        while done < len(data):
+            register = self._starts[address + done]
+            if register is None:
+                return Error2.ACCESS
+            chunk = data[done : done + register.size]
+            if len(chunk) < register.size:
+                return Error2.DATA_LENGTH
+            found.append(Part(register, register.decode(chunk)))
+            done += register.size
+        return Error2.NONE
