@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -115,7 +116,7 @@ def test_every_model_has_tables_for_every_firmware() -> None:
         ranges = sorted(one.firmware for one in TABLES if (one.model, one.protocol) == (model, protocol))
         assert ranges[0][0] == 0
         assert ranges[-1][1] == 255
-        assert all(one[1] + 1 == other[0] for one, other in zip(ranges, ranges[1:], strict=False))
+        assert all(one[1] + 1 == other[0] for one, other in pairwise(ranges))
         for first, last in ranges:
             table = find_table(model, protocol, last)
             assert table is find_table(model, protocol, first) is table_of_number(number, last)
@@ -141,8 +142,10 @@ FACTS = {
     "MX-64": (311, 80, 160, 95, 435, 52, 1920, 100, 0, 0, 850),
     "MX-106": (321, 80, 160, 95, 360, 52, 1920, 100, 0, 0, 850),
 }
-FACT_NAMES = ("temperature_limit", "max_voltage_limit", "min_voltage_limit", "velocity_limit", "shutdown")
-FACT_NAMES += ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
+FACT_NAMES = (
+    *("temperature_limit", "max_voltage_limit", "min_voltage_limit", "velocity_limit", "shutdown"),
+    *("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain"),
+)
 CURRENT_LIMITS = {"XM430-W350": 1193, "XM430-W210": 1193, "XL330-M288": 1750, "XC330-T288": 910, "XC330-T181": 910}
 CURRENT_LIMITS |= {"XH540-W270": 2047, "MX-64": 1941, "MX-106": 2047}
 
@@ -216,11 +219,11 @@ def test_small_servos_moved_their_indirect_data() -> None:
 
 
 def test_errors_name_what_there_is() -> None:
-    with pytest.raises(HardwareError, match="XL430-W250, protocol 2.0.*no such register.*goal_current.*goal_position"):
+    with pytest.raises(HardwareError, match=r"XL430-W250, protocol 2.0.*no such register.*goal_current.*goal_position"):
         find_table("XL430-W250", 2)["goal_current"]
     with pytest.raises(HardwareError, match=r"AX-12A.*found protocol 2.0.*allowed: 1.0"):
         find_table("AX-12A", 2)
-    with pytest.raises(HardwareError, match="unknown servo model.*XM430-W350"):
+    with pytest.raises(HardwareError, match=r"unknown servo model.*XM430-W350"):
         find_table("XM999", 2)
     assert find_table("XM430-W350-R", 2) is find_table("XM430-W350", 2)
     assert table_of_number(4711) is None
