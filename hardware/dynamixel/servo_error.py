@@ -54,7 +54,7 @@ class ServoError(BusError):
 
 
 class NoAnswer(BusError):
-    """A servo gave no whole answer, however often it was asked. tries; damaged: tries with bytes, but no whole answer."""
+    """A servo gave no whole answer, however often it was asked. damaged: tries that brought bytes all the same."""
 
     def __init__(self, message: str, *, device: int, tries: int, damaged: int) -> None:
         super().__init__(message)
