@@ -6,6 +6,8 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel import protocol2
 from hardware.dynamixel.byte_port import BytePort
 from hardware.errors import BusError
+from sim.emulator.fault_state import FaultState
+from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line
 from sim.emulator.loopback import EmulatedPort
 from sim.emulator.wire import Timing
@@ -108,3 +110,21 @@ def test_it_is_opened_once_and_at_a_rate_above_zero() -> None:
         port.open(57600)
     with pytest.raises(BusError, match="no such baud rate"):
         port.set_baud(0)
+
+
+def test_a_lost_adapter_raises_and_is_opened_again_when_it_is_back() -> None:
+    clock = VirtualClock()
+    devices = [StubDevice(baud=1_000_000)]
+    state = FaultState(devices, faults=[Fault(FaultKind.UNPLUG, start=1.0, end=2.0)])
+    port = EmulatedPort(Line(devices, faults=state), clock)
+    port.open(1_000_000)
+    with pytest.raises(BusError, match="no such port"):
+        while not port.wait(1.5):
+            pass
+    with pytest.raises(BusError, match="no such port"):
+        port.open(1_000_000)
+    clock.sleep_until(2.5)
+    port.open(1_000_000)
+    port.write(protocol2.ping(1))
+    assert port.wait(3.0)
+    assert port.read() == PING_STATUS

@@ -68,7 +68,8 @@ class Conversation:
         if frame.code in (GROUP_READS2 if second else GROUP_READS1):
             items = reads2(frame.code, frame.params) if second else reads1(frame.params)
             talk = self._fast if second and frame.code in FAST_READS else self._in_turn
-            return talk(items, [device for device in listeners if device.id not in cut], now)
+            able = [who for who in listeners if who.id not in cut and _can(who, frame.code)]
+            return talk(items, able, now)
         if frame.code in GROUP_WRITES:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
@@ -138,7 +139,7 @@ class Conversation:
             head = b""
             return [spoken]
 
-        return self._one_by_one(items, [who for who in listeners if getattr(who, "fast_read", True)], part)
+        return self._one_by_one(items, listeners, part)
 
     def _one_by_one(
         self,
@@ -159,6 +160,13 @@ class Conversation:
             elif self._gaps is Gaps.SILENCE:
                 break
         return said
+
+
+def _can(device: Device, code: int) -> bool:
+    """Whether a device knows a group read: old firmware has no fast ones, an AX no bulk read."""
+    if device.protocol == 2:
+        return code not in FAST_READS or getattr(device, "fast_read", True)
+    return getattr(device, "bulk_read", True)
 
 
 def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:

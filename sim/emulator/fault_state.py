@@ -35,6 +35,7 @@ class FaultState:
         self._cycle = -1
         self._active: tuple[Fault, ...] = ()
         self._hurt: Hurt = {}
+        self._now = origin  # [s] devices never see time go back
         self._until = -math.inf  # [s] when what is present changes by time
         self._by_cycle = False
         self._look_again()
@@ -50,6 +51,7 @@ class FaultState:
         kinds = {fault.kind for fault in self._active}
         self.dead = FaultKind.SHORT in kinds
         """Whether nobody hears anybody."""
+        self._garbage = max((int(fault.amount) for fault in self._active if fault.kind is FaultKind.SHORT), default=0)
         self.echo = FaultKind.ECHO in kinds
         """Whether the host hears itself."""
         self.unplugged = FaultKind.UNPLUG in kinds
@@ -82,7 +84,7 @@ class FaultState:
         """Add one whose times count from `now`; False: there are too many already."""
         if len(self._faults) >= MAX_FAULTS:
             return False
-        since = now - self._origin
+        since = max(now, self._now) - self._origin
         self._faults.append(replace(fault, start=fault.start + since, end=fault.end + since))
         self._look_again()
         self.update(now)
@@ -96,6 +98,7 @@ class FaultState:
 
     def update(self, now: float) -> None:
         """Begin and end what is due by `now`."""
+        self._now = now = max(now, self._now)
         if now < self._until:
             return
         time = now - self._origin
@@ -107,6 +110,10 @@ class FaultState:
             self._active = active
             self._reset()
             self._hurt_devices(now)
+
+    def garbage(self) -> bytes:
+        """What the host hears of a dead line when it has sent a packet."""
+        return self._chance.randbytes(self._garbage)
 
     def to_servos(self, packet: bytes) -> list[Part]:
         """What the devices get of bytes that the host sends."""

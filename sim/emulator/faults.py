@@ -30,7 +30,7 @@ class FaultKind(Enum):
     ID_CLASH = "id_clash"
     """A second device has the same id: whenever one answers, both do, and nobody understands them."""
     SHORT = "short"
-    """The line is dead: nobody hears anybody."""
+    """The line is dead: nobody hears anybody; the host hears `value` random bytes for every packet of its own."""
     ECHO = "echo"
     """The adapter gives the host its own bytes back."""
     OVER_TEMPERATURE = "over_temperature"
@@ -66,6 +66,7 @@ BYTE_KINDS = frozenset(
 VALUES: dict[FaultKind, tuple[float, float, float]] = {
     FaultKind.LATE: (0.005, 0.0, 10.0),
     FaultKind.NOISE: (8.0, 1.0, 4096.0),
+    FaultKind.SHORT: (0.0, 0.0, 4096.0),
     FaultKind.OVER_TEMPERATURE: (90.0, -40.0, 200.0),
     FaultKind.UNDER_VOLTAGE: (3.0, 0.0, 40.0),
 }

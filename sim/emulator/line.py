@@ -76,9 +76,11 @@ class Line:
             end = start + self.timing.on_wire(len(piece), self.baud)
             if self.faults.echo:
                 self._arrive(piece, end + self.timing.latency)
-            if start < self._servos_free:
+            if self.faults.dead:
+                self._arrive(self.faults.garbage(), end + self.timing.latency)
+            elif start < self._servos_free:
                 self._collide(start)
-            elif not self.faults.dead:
+            else:
                 end = max(end, self._carry(piece, start))
             start = end
         self._host_free = start
@@ -141,7 +143,7 @@ class Line:
         self._servos_free = at
 
     def _arrive(self, data: bytes, due: float) -> None:
-        if self._size + len(data) > MAX_WAITING:
+        if self._size + len(data) > MAX_WAITING or not data:
             self.lost += len(data)
             return
         if self._waiting:
