@@ -49,14 +49,9 @@ class JointMap:
         self._highest = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._pairs = coupled_pairs(servos)
         self.tick_rad: FloatArray = 1.0 / np.abs(self._scale)
-        ends = np.stack([self._zero + self._scale * self.lower, self._zero + self._scale * self.upper])
-        ends.sort(axis=0)
         for pair in self._pairs:
-            ends[:, pair.columns] = pair.tick_ends()
             self.tick_rad[pair.columns] = pair.tick_rad
-        # First and last whole tick inside the limits; a limit of half a tick past the travel is the travel's end.
-        self._first_inside = np.maximum(np.ceil(ends[0] - ROUND_OFF).astype(np.int64), self._lowest)  # (n,) [tick]
-        self._last_inside = np.minimum(np.floor(ends[1] + ROUND_OFF).astype(np.int64), self._highest)  # (n,) [tick]
+        self._first_inside, self._last_inside = self.tick_limits()
 
     def __len__(self) -> int:
         return len(self.servos)
@@ -99,10 +94,18 @@ class JointMap:
         rotation."""
         return self._joints(shaft_velocity / self._shaft)
 
-    def tick_limits(self) -> tuple[TickArray, TickArray]:
-        """Return the first and the last goal tick (n,) that the joint limits allow; of a coupled servo those that some
-        angles of its two joints inside their limits need."""
-        return self._first_inside.copy(), self._last_inside.copy()
+    def tick_limits(self, *, slack: float = 0.0) -> tuple[TickArray, TickArray]:
+        """Return the first and the last whole tick (n,) inside the joint limits, or `slack` rad beyond them; of a
+        coupled servo those that some angles of its two joints need. The ends of the travel are never passed."""
+        ends = np.stack(
+            [self._zero + self._scale * (self.lower - slack), self._zero + self._scale * (self.upper + slack)]
+        )
+        ends.sort(axis=0)
+        for pair in self._pairs:
+            ends[:, pair.columns] = pair.tick_ends(slack=slack)
+        first = np.maximum(np.ceil(ends[0] - ROUND_OFF).astype(np.int64), self._lowest)
+        last = np.minimum(np.floor(ends[1] + ROUND_OFF).astype(np.int64), self._highest)
+        return first, last
 
     def heard(self, valid: BoolArray) -> BoolArray:
         """Return which joints (n,) are known when the servos `valid` (n,) are: of a coupled pair both or none."""

@@ -55,10 +55,11 @@ class CoupledPair:
         moved = np.where(inside, np.clip(joints, self._lower + self.reach, self._upper - self.reach), joints)
         return np.where(over, np.rint(self.exact_ticks(moved)), ticks)
 
-    def tick_ends(self) -> tuple[FloatArray, FloatArray]:
-        """Return the lowest and highest shaft tick (2,) of each servo over all joint angles inside the limits."""
+    def tick_ends(self, *, slack: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and highest shaft tick (2,) of each servo over all joint angles inside the limits, and
+        `slack` rad beyond them."""
         corners = np.array([[low, high] for low in (0, 1) for high in (0, 1)])
-        ends = self.exact_ticks(np.where(corners, self._upper, self._lower))
+        ends = self.exact_ticks(np.where(corners, self._upper + slack, self._lower - slack))
         return ends.min(axis=0), ends.max(axis=0)
 
     def fastest_shafts(self, max_velocity: FloatArray) -> FloatArray:

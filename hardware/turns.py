@@ -69,15 +69,9 @@ def _turns(joint_map: JointMap, column: int, tick: int, slack: float, previous: 
     if previous is not None:
         shift = turn * round((int(previous[column]) - tick) / turn)
         return [shift] if abs(tick + shift - int(previous[column])) <= NEAR * turn else []
-    first, last = (int(ends[column]) for ends in joint_map.tick_limits())
-    # Beyond the limits by the slack: of a coupled servo generously, as `_inside` has the last word.
-    room = (
-        int(np.ceil(slack / joint_map.tick_rad[column] * 4.0))
-        if servo.coupling
-        else int(np.ceil(slack * abs(servo.ticks_per_rad)))
-    )
-    lowest = -((tick - first + room) // turn)
-    highest = (last + room - tick) // turn
+    first, last = (int(ends[column]) for ends in joint_map.tick_limits(slack=slack))
+    lowest = -((tick - first) // turn)
+    highest = (last - tick) // turn
     return [turn * count for count in range(lowest, highest + 1)]
 
 
@@ -102,7 +96,10 @@ def _problem(joint_map: JointMap, group: list[int], ticks: TickArray, found: lis
         limits = " and ".join(f"{servo.lower:.3f} to {servo.upper:.3f}" for servo in servos)
         return f"{names}: on no turn within {limits} rad"
     places = [
-        ", ".join(f"{angle:.3f}" for angle in _angles(joint_map, group, ticks[group] + np.array(shift, dtype=np.int64)))
+        ", ".join(
+            f"{round(angle, 3) + 0.0:.3f}"
+            for angle in _angles(joint_map, group, ticks[group] + np.array(shift, dtype=np.int64))
+        )
         for shift in found[:4]
     ]
     return f"{names}: may be at " + " or at ".join(places) + " rad"

@@ -44,7 +44,8 @@ class MockBus:
         self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
         self._lag = np.array([loop_lag(servo) if lag is None else lag for servo in servos])  # (n,) [s]
-        self._last = np.array([model.ticks - 1 for model in models], dtype=np.int64)  # (n,) [tick]
+        self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
+        self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._current_unit = np.array([model.current_unit or np.nan for model in models])  # (n,) [A], NaN: reports none
         zero = np.array([servo.zero_tick for servo in servos], dtype=np.int64)
         self._position: FloatArray = np.array(
@@ -95,10 +96,9 @@ class MockBus:
                     what="the port takes no data", where="mock bus, write", then="Check that the adapter is plugged in"
                 )
             )
-        if goals.ticks.shape != self._last.shape or ((goals.ticks < 0) | (goals.ticks > self._last)).any():
-            text = describe(
-                what="goal ticks out of range", where="mock bus, write", found=goals.ticks, allowed=f"0 to {self._last}"
-            )
+        if goals.ticks.shape != self._last.shape or ((goals.ticks < self._first) | (goals.ticks > self._last)).any():
+            allowed = f"{self._first} to {self._last}"
+            text = describe(what="goal ticks out of range", where="mock bus, write", found=goals.ticks, allowed=allowed)
             raise BusError(text)
         self._goal = np.where(self._silent(), self._goal, goals.ticks)
 
