@@ -1,7 +1,6 @@
 """Who is on the line: a broadcast ping (2.0) and single pings that listen long enough to notice a second answer."""
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from hardware.dynamixel import protocol1, protocol2
@@ -53,7 +52,7 @@ def broadcast_ping(port: BytePort, highest: int, slack: float) -> Heard:
     slots = min(highest, MAX_ID) + 1
     request = protocol2.ping(BROADCAST)
     window = SETTLE + slots * SLOT + 10 * (len(request) + slots * PING_BYTES) / port.baud + port.latency + slack
-    return _ask(port, 2, request, window, lambda answers: False)
+    return _ask(port, 2, request, window)
 
 
 def ping_alone(port: BytePort, protocol: int, device: int, wait: float) -> Heard:
@@ -61,7 +60,7 @@ def ping_alone(port: BytePort, protocol: int, device: int, wait: float) -> Heard
     request = protocol1.ping(device) if protocol == 1 else protocol2.ping(device)
     answer = 10 * (protocol1.STATUS_BYTES if protocol == 1 else PING_BYTES) / port.baud
     window = 10 * len(request) / port.baud + 2 * answer + SPREAD + wait
-    return _ask(port, protocol, request, window, lambda answers: len(answers) > 1)
+    return _ask(port, protocol, request, window, enough=2)
 
 
 def found_by_broadcast(heard: Heard) -> list[Found]:
@@ -86,23 +85,22 @@ def found_by_ping(answer: Status, *, clash: bool = False) -> Found:
     )
 
 
-def _ask(port: BytePort, protocol: int, request: bytes, window: float, enough: Callable[[list[Status]], bool]) -> Heard:
-    """Send, and listen for `window` s or until it is `enough`."""
+def _ask(port: BytePort, protocol: int, request: bytes, window: float, *, enough: int | None = None) -> Heard:
+    """Send, and listen for `window` s or until there are `enough` answers."""
     port.drop()
     port.write(request)
     deadline = port.now() + window
     heard = bytearray()
-    while True:
+    while port.now() < deadline and len(heard) < MAX_HEARD:
         port.wait(deadline)
-        late = port.now() >= deadline
         heard += port.read()
-        answers, damaged, echoed = _answers(protocol, request, bytes(heard))
-        if late or enough(answers) or len(heard) > MAX_HEARD:
-            return Heard(tuple(answers), damaged, echoed)
+        if enough is not None and len(_answers(protocol, request, bytes(heard)).answers) >= enough:
+            break
+    return _answers(protocol, request, bytes(heard))
 
 
-def _answers(protocol: int, request: bytes, heard: bytes) -> tuple[list[Status], int, bool]:
-    """Status frames in what was heard, bytes that belong to none, and whether the request itself is in front."""
+def _answers(protocol: int, request: bytes, heard: bytes) -> Heard:
+    """What the bytes mean; an echo of the request is in front."""
     echoed = heard.startswith(request)
     parser = parser1() if protocol == 1 else parser2()
     frames = parser.feed(heard[len(request) :] if echoed else heard)
@@ -111,4 +109,4 @@ def _answers(protocol: int, request: bytes, heard: bytes) -> tuple[list[Status],
     else:
         told = (protocol2.status_of(frame) for frame in frames if frame.code != Instruction.PING)
         answers = [answer for answer in told if answer is not None]
-    return answers, parser.skipped + len(parser.pending), echoed
+    return Heard(tuple(answers), parser.skipped + len(parser.pending), echoed)

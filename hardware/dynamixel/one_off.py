@@ -167,9 +167,10 @@ class OneOff:
             for done in range(tries):
                 self._sdk.slack = SLACK * 2**done
                 answer = self._exchange(device, code, params)
-                if done:
+                unfit = answer is None or not self._fits(answer, size)
+                if done or (unfit and self._sdk.heard):
                     self._settle()
-                if answer is None or not self._fits(answer, size):
+                if answer is None or unfit:
                     damaged += self._sdk.heard > 0
                     continue
                 self._note(device, servo_error.state(self.protocol, answer.error))

@@ -1,0 +1,270 @@
+"""The real thing: every servo of a robot on its Dynamixel buses, as a `hardware.bus.ServoBus`."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from hardware.arrays import TickArray
+from hardware.bus import ServoGoals, ServoStates
+from hardware.bus_spec import BusSpec
+from hardware.dynamixel import torque
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.opening import Opening, examine
+from hardware.dynamixel.provisioning import provision
+from hardware.dynamixel.readings import Readings
+from hardware.errors import BusError, HardwareError, describe
+from hardware.joint_map import JointMap
+from hardware.turns import resolve_turns
+
+MakePort = Callable[[BusSpec], BytePort]
+"""From a bus of the profile to the way to it."""
+
+WIDE_PERIOD = 0.2
+"""[s] Between two looks at voltage and temperature."""
+
+
+def _quiet(note: str) -> None:
+    """Nobody listens."""
+
+
+class DynamixelBus:
+    """All buses of a robot, in parallel: each cycle asks on every port before it waits on any.
+
+    A servo without an answer keeps its values and is marked; a port that is gone raises BusError. Torque comes on by a
+    ramp, and only where everything was found and written as the profile wants. `tell` hears what is worth a note.
+    """
+
+    def __init__(
+        self,
+        joint_map: JointMap,
+        buses: Sequence[BusSpec],
+        make_port: MakePort,
+        *,
+        tell: Callable[[str], object] = _quiet,
+    ) -> None:
+        self._map = joint_map
+        self._tell = tell
+        servos = list(enumerate(joint_map.servos))
+        self._lines = [
+            BusLine(bus, make_port(bus), [(index, servo) for index, servo in servos if servo.bus == bus.name])
+            for bus in buses
+        ]
+        self._lines = [line for line in self._lines if line.servos]
+        self._lowest = np.array([servo.lowest_tick for servo in joint_map.servos])
+        self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
+        self._readings: Readings
+        self._goals: TickArray | None = None
+        self._wide_at = -np.inf
+        self._open = False
+        self._powered = False  # torque may be on, through this bus
+
+    @property
+    def lines(self) -> tuple[BusLine, ...]:
+        """Each bus with its port."""
+        return tuple(self._lines)
+
+    @property
+    def retries(self) -> int:
+        """Requests that had to be repeated since the bus was opened."""
+        return sum(line.cyclic.retries for line in self._lines)
+
+    def open(self) -> None:
+        """Open the ports, look at every servo, write what the profile wants. Torque stays as it is.
+
+        Raises BusError with everything that is wrong, on all ports at once; then nothing was written to a servo.
+        """
+        try:
+            found = self._examine()
+            problems = [problem for opening in found for problem in opening.problems]
+            if problems:
+                raise BusError(_refusal(problems))
+            for line, opening in zip(self._lines, found, strict=True):
+                line.adopt(opening.images)
+                for note in opening.notes:
+                    self._tell(note)
+            self._provision()
+            self._begin()
+        except BaseException:
+            self._close_ports()
+            raise
+        self._open = True
+
+    def read(self) -> ServoStates:
+        """One cycle of all ports."""
+        self._require_open("read")
+        return self._cycle()
+
+    def write(self, goals: ServoGoals) -> None:
+        """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
+        self._require_open("write")
+        ticks = goals.ticks
+        if ticks.shape != self._lowest.shape or ((ticks < self._lowest) | (ticks > self._highest)).any():
+            raise BusError(
+                describe(
+                    what="goal ticks out of range",
+                    where="bus, write",
+                    found=ticks,
+                    allowed=f"{self._lowest} to {self._highest}",
+                )
+            )
+        self._goals = np.array(ticks)
+        raw = ticks - self._readings.turns
+        for line in self._lines:
+            line.cyclic.write(raw)
+
+    def torque(self, on: bool) -> None:
+        """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
+        self._require_open("torque")
+        if on:
+            self._torque_on()
+        else:
+            self._torque_off()
+
+    def close(self) -> None:
+        """Torque that this bus switched on goes off; then the ports are closed. Raises BusError for servos that do not
+        confirm it."""
+        if not self._open:
+            return
+        try:
+            if self._powered:
+                self._torque_off()
+        finally:
+            self._open = False
+            self._close_ports()
+
+    def _examine(self) -> list[Opening]:
+        """Open and look at every port, whatever another one says."""
+        found = []
+        for line in self._lines:
+            try:
+                line.port.open(line.spec.baud)
+                found.append(examine(line.port, line.client, line.spec, list(line.servos.values())))
+            except HardwareError as error:
+                found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
+        return found
+
+    def _provision(self) -> None:
+        """Write what the profile wants into servos without torque; one that has it keeps what it has."""
+        for line in self._lines:
+            for device in torque.limp(line):
+                servo = line.servos[device]
+                changed = provision(line, servo)
+                if changed:
+                    self._tell(f"servo {servo.joint} (id {device}): {', '.join(changed)}")
+            line.adopt(line.images)
+
+    def _begin(self) -> None:
+        """Read everybody once, and find the turns that servos of many turns have forgotten."""
+        servos = self._map.servos
+        tables = {line.index_of[device]: image.table for line in self._lines for device, image in line.images.items()}
+        self._readings = Readings([tables[index] for index in range(len(servos))])
+        self._goals = None
+        self._wide_at = -np.inf
+        states = self._cycle()
+        if states.valid.all():
+            self._readings.turns = resolve_turns(self._map, states.position)
+
+    def _cycle(self) -> ServoStates:
+        """Ask everybody, on all ports at once; then who has something to add."""
+        readings, now = self._readings, self._lines[0].port.now()
+        wide = now >= self._wide_at + WIDE_PERIOD
+        if wide:
+            self._wide_at = now
+        readings.begin()
+        for line in self._lines:
+            line.cyclic.begin(wide=wide)
+        self._exchange()
+        alarmed = set(readings.alarmed().tolist())
+        for line in self._lines:
+            line.cyclic.end(readings)
+            for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
+                line.cyclic.ask_status(device)
+        self._exchange()
+        return readings.states(self._lines[0].port.now())
+
+    def _exchange(self) -> None:
+        """Until no port has a request left: ask on all, then wait for each."""
+        busy = [line.cyclic for line in self._lines if line.cyclic.busy]
+        while busy:
+            for cyclic in busy:
+                cyclic.send()
+            for cyclic in busy:
+                cyclic.collect(self._readings)
+            busy = [cyclic for cyclic in busy if cyclic.busy]
+
+    def _torque_on(self) -> None:
+        """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""
+        if self._goals is None:
+            raise BusError(
+                describe(what="no goals were sent", where="bus, torque on", then="Send the present posture first")
+            )
+        raw = self._goals - self._readings.turns
+        risen: list[tuple[BusLine, list[int]]] = []
+        for line in self._lines:
+            off = torque.limp(line)
+            for device in off:
+                provision(line, line.servos[device])
+            torque.check_goals(line, {device: int(raw[index]) for device, index in line.index_of.items()})
+            risen.append((line, off))
+        self._powered = True
+        for line, off in risen:
+            torque.arm_watchdogs(line)
+            if off:
+                torque.confirm_drive(line, off, torque.FIRST_DRIVE)
+                torque.enable(line, off)
+        self._ramp([(line, off) for line, off in risen if off])
+        for line in self._lines:
+            for index in line.index_of.values():
+                self._readings.take_drive(index, True)
+
+    def _ramp(self, risen: Sequence[tuple[BusLine, list[int]]]) -> None:
+        """From the first drive to the full one."""
+        if not risen:
+            return
+        begun = risen[0][0].port.now()
+        steps = round(torque.RAMP_TIME / torque.RAMP_STEP)
+        for step in range(1, steps + 1):
+            share = torque.FIRST_DRIVE + (1.0 - torque.FIRST_DRIVE) * step / steps
+            for line, ids in risen:
+                torque.drive(line, ids, share)
+            risen[0][0].port.sleep_until(begun + step * torque.RAMP_STEP)
+        for line, ids in risen:
+            torque.confirm_drive(line, ids, 1.0)
+
+    def _torque_off(self) -> None:
+        """All are told, whichever fails."""
+        unsure: list[str] = []
+        for line in self._lines:
+            try:
+                unsure += torque.disable(line)
+            except BusError as error:
+                unsure.append(f"all of bus {line.spec.name} ({error})")
+        for index in range(len(self._map)):
+            self._readings.take_drive(index, False)
+        if unsure:
+            raise BusError(
+                describe(
+                    what=f"{', '.join(unsure)} did not confirm that torque is off",
+                    where="bus",
+                    then="Cut the power by hand",
+                )
+            )
+        self._powered = False
+
+    def _close_ports(self) -> None:
+        for line in self._lines:
+            with suppress(BusError):
+                line.port.close()
+
+    def _require_open(self, action: str) -> None:
+        if not self._open:
+            raise BusError(describe(what="the bus is closed", where=f"bus, {action}", then="Call open first"))
+
+
+def _refusal(problems: Sequence[str]) -> str:
+    """All problems as one message."""
+    if len(problems) == 1:
+        return problems[0]
+    return "\n  ".join([f"the bus cannot be used, for {len(problems)} reasons:", *problems])

@@ -1,0 +1,87 @@
+"""One bus of a robot at work: its port, its servos, and registers of all of them written and read at once."""
+
+from collections.abc import Iterable, Sequence
+
+from hardware.bus_spec import BusSpec
+from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.control_table import ControlTable, find_table
+from hardware.dynamixel.cyclic import CyclicPort, Wired
+from hardware.dynamixel.exchange import Ask, Kind, collect
+from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.register import Register
+from hardware.dynamixel.servo_error import NoAnswer, ServoError
+from hardware.dynamixel.servo_image import ServoImage
+from hardware.servo import ServoSpec
+
+TRIES = 3
+"""Times that registers of a group are asked for."""
+
+
+class BusLine:
+    """One port and the servos on it. index_of: servo order of the robot, by id."""
+
+    def __init__(self, spec: BusSpec, port: BytePort, servos: Sequence[tuple[int, ServoSpec]]) -> None:
+        self.spec, self.port = spec, port
+        self.servos = {servo.id: servo for _, servo in servos}
+        self.index_of = {servo.id: index for index, servo in servos}
+        self.client = OneOff(port, spec.protocol)
+        self.images: dict[int, ServoImage] = {}
+        """Registers as read last, by id."""
+        tables = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
+        self._cyclic = self._wire(tables)
+
+    @property
+    def cyclic(self) -> CyclicPort:
+        """The exchange of every cycle."""
+        return self._cyclic
+
+    def adopt(self, images: dict[int, ServoImage]) -> None:
+        """Go by what the servos say of themselves: their firmware tells their tables."""
+        self.images = images
+        self._cyclic = self._wire({device: image.table for device, image in images.items()})
+
+    def write_all(self, register: Register, values: Iterable[tuple[int, int]]) -> None:
+        """Send (id, counts) for one register; nobody answers. Raises BusError when the port is gone."""
+        items = [(device, register.encode(value)) for device, value in values]
+        if not items:
+            return
+        make = protocol1.sync_write if self.spec.protocol == 1 else protocol2.sync_write
+        self.port.write(make(register.address, register.size, items))
+
+    def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
+        """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""
+        found: dict[int, int] = {}
+        for _ in range(TRIES):
+            silent = [device for device in ids if device not in found]
+            if not silent:
+                break
+            # Whoever silenced the rest is asked last.
+            order = tuple([*silent[1:], silent[0]])
+            found |= self._read_some(register, order)
+        return found
+
+    def _read_some(self, register: Register, ids: tuple[int, ...]) -> dict[int, int]:
+        if self.spec.protocol == 1:
+            return {device: value for device in ids if (value := self._read_alone(register, device)) is not None}
+        ask = Ask(Kind.SYNC, ids, register.address, register.size)
+        self.port.drop()
+        self.port.write(ask.request())
+        answers, _ = collect(self.port, ask, self.port.now(), ask.timeouts(self.port, self.longest_delay))
+        return {answer.id: register.decode(answer.data) for answer in answers}
+
+    def _read_alone(self, register: Register, device: int) -> int | None:
+        try:
+            return self.client.read(device, register)
+        except (NoAnswer, ServoError):
+            return None
+
+    @property
+    def longest_delay(self) -> float:
+        """Longest pause, s, of a servo before it answers: as read, else as it is to be."""
+        read = [image.value("return_delay_time") * 2e-6 for image in self.images.values()]
+        return max([*read, self.spec.return_delay])
+
+    def _wire(self, tables: dict[int, ControlTable]) -> CyclicPort:
+        wired = [Wired(self.index_of[device], device, table) for device, table in tables.items()]
+        return CyclicPort(self.port, wired, return_delay=self.longest_delay)
