@@ -57,7 +57,7 @@ class BusLine:
             if not silent:
                 break
             # Whoever silenced the rest is asked last.
-            order = tuple([*silent[1:], silent[0]])
+            order = (*silent[1:], silent[0])
             found |= self._read_some(register, order)
         return found
 

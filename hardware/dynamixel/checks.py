@@ -56,6 +56,8 @@ def _supply(image: ServoImage) -> list[str]:
 
 
 def _drive_mode(image: ServoImage) -> list[str]:
+    if not image.has("drive_mode"):
+        return []  # firmware before 38
     mode, found = image.value("drive_mode"), []
     for bit, meaning in (
         (REVERSE, "reverse: it turns the other way than the profile's direction says"),

@@ -199,7 +199,8 @@ class CyclicPort:
 
 def status_block(table: ControlTable) -> Block:
     """Whether a servo has torque, what is wrong with it, and whether its watchdog has stopped it."""
-    return block_of(table, "torque_enable", "torque_enable" if table.protocol == 1 else "bus_watchdog")
+    last = next(name for name in ("bus_watchdog", "hardware_error_status", "torque_enable") if table.has(name))
+    return block_of(table, "torque_enable", last)
 
 
 def kind_of(table: ControlTable) -> Kind:

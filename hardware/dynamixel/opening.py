@@ -7,7 +7,9 @@ from hardware.bus_spec import BAUDS, BusSpec
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.checks import complaints
 from hardware.dynamixel.control_table import find_table, table_of_number
-from hardware.dynamixel.one_off import Found, OneOff
+from hardware.dynamixel.discovery import Found
+from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.register import Register
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
 from hardware.dynamixel.servo_image import ServoImage, read_image
 from hardware.errors import HardwareError
@@ -27,7 +29,7 @@ class Opening:
 
 
 def examine(port: BytePort, client: OneOff, bus: BusSpec, servos: Sequence[ServoSpec]) -> Opening:
-    """Look at everything on an open port; nothing is written but the power switch. Raises BusError: the port is gone."""
+    """Look at everything on an open port; nothing is written but the power switch. Raises BusError when it is gone."""
     opening = Opening()
     where = f"bus {bus.name} ({port.name}, {bus.baud} baud, protocol {bus.protocol}.0)"
     _power_on(port, client, bus, opening)
@@ -59,11 +61,16 @@ def _power_on(port: BytePort, client: OneOff, bus: BusSpec, opening: Opening) ->
     try:
         if client.read_block(switch.id, switch.register, 1)[0] == switch.value:
             return
-        client.write_block(switch.id, switch.register, bytes((switch.value,)))
+        client.write(switch.id, _switch_register(switch.register), switch.value, verify=True)
         port.sleep_until(port.now() + switch.wait)
         opening.notes.append(f"bus {bus.name}: power switched on by device {switch.id}")
     except (NoAnswer, ServoError) as error:
         opening.problems.append(f"bus {bus.name}: device {switch.id} did not switch the servos' power on: {error}")
+
+
+def _switch_register(address: int) -> Register:
+    """Of a device without a table of ours."""
+    return Register("power", address, 1, False, True, None, None, 0, 255, None)
 
 
 def _other_speeds(port: BytePort, client: OneOff, bus: BusSpec) -> str:
@@ -82,7 +89,8 @@ def _other_speeds(port: BytePort, client: OneOff, bus: BusSpec) -> str:
         port.set_baud(bus.baud)
     tried = f"id {bus.ids[0]} was also tried at {', '.join(map(str, others))} baud"
     if heard:
-        return f"{tried} and answers at {', '.join(map(str, heard))}: correct `baud`, or set it with `retarget servo setup`"
+        speeds = ", ".join(map(str, heard))
+        return f"{tried} and answers at {speeds}: correct `baud`, or set it with `retarget servo setup`"
     return f"{tried}: check the servos' power, the wiring, and that this is the right port"
 
 
@@ -95,7 +103,7 @@ def _look_at(servo: ServoSpec, found: Found, client: OneOff, bus: BusSpec, openi
         )
         return
     expected = find_table(servo.model.name, bus.protocol, found.firmware)
-    if found.model_number != expected.number:
+    if found.model != expected.number:
         opening.problems.append(f"{where} is {_model(found)}, the profile says {servo.model.name}")
         return
     try:
@@ -120,5 +128,7 @@ def _look_at_adapter(port: BytePort, opening: Opening) -> None:
 
 
 def _model(found: Found) -> str:
-    table = table_of_number(found.model_number, found.firmware)
-    return table.model if table is not None else f"model number {found.model_number}, which is not known here"
+    if found.model is None:
+        return "a servo that does not say its model"
+    table = table_of_number(found.model, found.firmware)
+    return table.model if table is not None else f"model number {found.model}, which is not known here"

@@ -16,8 +16,6 @@ FIRST_DRIVE = 0.1
 """Share of the full drive with which torque comes on."""
 GOAL_SLACK = 40
 """Ticks that a limp joint may have moved since its goal was set where it was."""
-TRIPPED = (-1, 0xFF)
-"""Bus Watchdog, register 98, when it has stopped the servo."""
 
 
 def limp(line: BusLine) -> list[int]:
@@ -27,10 +25,10 @@ def limp(line: BusLine) -> list[int]:
 
 
 def arm_watchdogs(line: BusLine) -> None:
-    """Clear and set the bus watchdog of every servo, and read it back; protocol 1.0 has none. Raises BusError."""
-    if line.spec.protocol == 1:
+    """Clear and set the bus watchdog of every servo that has one, and read it back. Raises BusError."""
+    ids = _watched(line)
+    if not ids:
         return
-    ids = list(line.servos)
     register = line.images[ids[0]].table["bus_watchdog"]
     for value in (0, line.spec.watchdog_value):
         _write_and_read(line, [(device, Setting(register, value)) for device in ids], "bus watchdog")
@@ -112,10 +110,15 @@ def disable(line: BusLine) -> list[str]:
         left = [device for device in left if said.get(device) != 0]
         if not left:
             break
-    if line.spec.protocol == 2 and len(left) < len(line.servos):
-        watchdog = _register(line, "bus_watchdog")
-        line.write_all(watchdog, [(device, 0) for device in line.servos])
+    watched = _watched(line)
+    if watched:
+        line.write_all(line.images[watched[0]].table["bus_watchdog"], [(device, 0) for device in watched])
     return [_name(line, device) for device in left]
+
+
+def _watched(line: BusLine) -> list[int]:
+    """Servos with a bus watchdog: protocol 2.0, firmware 38 and later."""
+    return [device for device, image in line.images.items() if image.table.has("bus_watchdog")]
 
 
 def _why_off(line: BusLine, device: int, said: dict[int, int]) -> str:
