@@ -115,7 +115,7 @@ def gated_share(motion: Motion) -> float | None:
     return float(np.mean(sent.gated[motion.run.record.phase == Phase.FOLLOW]))
 
 
-def _mock_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
+def _mock_bus(robot: RobotBody, clock: Clock) -> ServoBus:
     """Servos that begin in the robot's `stand` posture."""
     assert name == "mock"
     start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])

@@ -1,15 +1,19 @@
 """What a run is asked to be: checked by itself before any file is opened."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import get_args
 
 from retarget.catalogue import HUMAN
 from retarget.clip import Parts, Playback
 from retarget.errors import UsageError, suggest
 
-__all__ = ["BUSES", "RunOptions"]
+__all__ = ["BUSES", "SIMULATED", "RunOptions"]
 
-BUSES = ("mock", "none")
+BUSES = ("mock", "emulator", "none", "profile")
+"""Buses by name; any other is the path of a port."""
+SIMULATED = ("mock", "emulator", "none")
+"""Those on which no servo exists: a recording is played as fast as the machine can."""
 MAX_ITERATIONS = 100
 
 
@@ -19,7 +23,8 @@ class RunOptions:
 
     priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
     the priority files say. scene: what is around the last stage's body. allow_contact: also where it touches at the
-    start.
+    start. bus: a name of BUSES, or the path of a port: the robot's only one. faults: file of what goes wrong on the
+    emulator.
     """
 
     robot: str
@@ -31,10 +36,16 @@ class RunOptions:
     gate: bool = True
     scene: str | None = None
     allow_contact: bool = False
+    faults: Path | None = None
     playback: Playback = field(default_factory=Playback)
 
     def __post_init__(self) -> None:
-        _one_of(self.bus, BUSES, "--bus", "bus")
+        if "/" not in self.bus:
+            _one_of(self.bus, BUSES, "--bus", "bus", also="the path of a port such as /dev/ttyUSB0")
+        if self.faults is not None and self.bus != "emulator":
+            raise UsageError("faults happen on the emulator", where="--faults", found=f"--bus {self.bus}")
+        if not self.gate and not self.simulated:
+            raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=f"--bus {self.bus}")
         _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
         if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
             allowed = f"1 to {MAX_ITERATIONS}"
@@ -45,17 +56,22 @@ class RunOptions:
             raise UsageError("there is no gate to leave out", where="--no-gate", found=f"--robot {HUMAN}")
 
     @property
+    def simulated(self) -> bool:
+        """Whether no real servo is on the bus, so that time need not be real."""
+        return self.bus in SIMULATED
+
+    @property
     def is_human(self) -> bool:
         """Whether only the performer is reconstructed."""
         return self.robot == HUMAN
 
 
-def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str) -> None:
+def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: str = "") -> None:
     if value not in allowed:
         raise UsageError(
             f"unknown {what}",
             where=option,
             found=repr(value[:80]),
-            allowed=", ".join(allowed),
+            allowed=", ".join(allowed) + (f", or {also}" if also else ""),
             next_step=suggest(value, allowed),
         )

@@ -37,8 +37,8 @@ from retarget.stages import ReconstructingStage
 
 __all__ = ["MakeBus", "Prepared", "prepare"]
 
-MakeBus = Callable[[str, RobotBody, Clock], ServoBus]
-"""From the name of a bus to the bus of a robot."""
+MakeBus = Callable[[RobotBody, Clock], ServoBus]
+"""From a robot to its bus."""
 
 HUMAN_PRIORITIES = "human"
 
@@ -115,7 +115,7 @@ def prepare(
         worn = reconstructor.observers
         yield Prepared(clip, human, performer, reconstructor, None, stages, False, notes, scene, worn)
         return
-    bus = make_bus(options.bus, robot, clock)
+    bus = make_bus(robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
     if not options.allow_contact:
         touching = contacts(robot.body, follower.observers, scene, follower.stance.q)

@@ -27,7 +27,7 @@ from sim.performer import synthetic_performer
 def run_from(source: Path, start: float, watch: Watch | None = None) -> RunResult:
     """The OP3 from standing, following 0.2 s of a recording."""
 
-    def make_bus(_: str, robot: RobotBody, clock: Clock) -> ServoBus:
+    def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
         return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
 

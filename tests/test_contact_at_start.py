@@ -9,7 +9,7 @@ from followers import op3
 from gated_robot import scene, sphere
 from hardware.clock import VirtualClock
 from retarget.catalogue import Kind, find
-from retarget.cli.follow_clip import _make_bus
+from retarget.cli.buses import make_bus
 from retarget.clip import Playback
 from retarget.contact_at_start import Contact, contacts, refuse_contact
 from retarget.errors import UsageError
@@ -78,8 +78,18 @@ def test_a_swallowed_start_is_refused_before_anything_moves(robot: str, tmp_path
 
     with (
         pytest.raises(UsageError, match=r"touches ball.*mm deep.*--allow-contact"),
-        prepare(lambda: frames, options(allow=False), clock=VirtualClock(), make_bus=_make_bus),
+        prepare(
+            lambda: frames,
+            options(allow=False),
+            clock=VirtualClock(),
+            make_bus=lambda robot, clock: make_bus("mock", robot, clock),
+        ),
     ):
         pass
-    with prepare(lambda: frames, options(allow=True), clock=VirtualClock(), make_bus=_make_bus) as prepared:
+    with prepare(
+        lambda: frames,
+        options(allow=True),
+        clock=VirtualClock(),
+        make_bus=lambda robot, clock: make_bus("mock", robot, clock),
+    ) as prepared:
         assert len(prepared.run().record) > 0

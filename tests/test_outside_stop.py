@@ -36,7 +36,7 @@ RECORDED = [("02_06", 4.68), ("02_06", 8.69), ("02_06", 14.35), ("02_05", 11.38)
 def prepared(read: Callable[[], SensorFrames], at: float, faults: Sequence[MockFault] = ()) -> Iterator[Prepared]:
     """The OP3, to follow from a few seconds before the time `at` s until 0.2 s after it."""
 
-    def make_bus(_: str, robot: RobotBody, clock: Clock) -> ServoBus:
+    def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
         return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 

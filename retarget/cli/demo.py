@@ -1,4 +1,4 @@
-"""`retarget demo`: a synthetic performer drives a robot on a mock bus. No data, no hardware."""
+"""`retarget demo`: a synthetic performer drives a robot on an emulated bus. No data, no hardware."""
 
 from pathlib import Path
 from typing import Annotated
@@ -17,11 +17,11 @@ def demo(
     folder: Annotated[Path, typer.Argument(help="Where report, recording and pictures go.")] = DEFAULT_FOLDER,
     robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")] = "op3",
 ) -> None:
-    """See it work: a synthetic performer reaches and crouches six times, and a robot follows on a mock bus.
+    """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
 
     Writes a report, every tick and pictures into a folder; needs no data and no hardware.
     """
-    options = RunOptions(robot=robot)
+    options = RunOptions(robot=robot, bus="emulator")
     outputs = Outputs.in_folder(folder)
 
     def read() -> SensorFrames:

@@ -6,9 +6,9 @@ from contextlib import ExitStack
 import typer
 from rich.console import Console
 
-from hardware.bus import ServoBus
-from hardware.clock import Clock, VirtualClock
+from hardware.clock import MonotonicClock, VirtualClock
 from retarget.cli.boundary import DONE, STOPPED
+from retarget.cli.buses import make_bus
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.outputs import Outputs, Written
 from retarget.cli.progress import progress_bar
@@ -19,7 +19,6 @@ from retarget.options import RunOptions
 from retarget.pipeline import Watch
 from retarget.prepare import prepare
 from retarget.report import Report
-from retarget.robot_body import RobotBody
 
 __all__ = ["follow_clip"]
 
@@ -29,9 +28,14 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
 
     read: opens the source. Raises RetargetError for what cannot be run; then nothing has moved and nothing is written.
     """
-    clock = VirtualClock()
+    clock = VirtualClock() if options.simulated else MonotonicClock()
     with ExitStack() as signals:
-        with prepare(read, options, clock=clock, make_bus=_make_bus) as prepared:
+        with prepare(
+            read,
+            options,
+            clock=clock,
+            make_bus=lambda robot, clock: make_bus(options.bus, robot, clock, faults=options.faults),
+        ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with progress_bar(options.robot, prepared.clip.ticks) as show:
                 run = prepared.run(Watch(show, stop, stop.insisted))
@@ -49,15 +53,3 @@ def _tell(report: Report, written: Written) -> None:
         typer.echo(line)
     for problem in written.problems:
         typer.echo(f"error: {problem}", err=True)
-
-
-def _make_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
-    """The bus of that name; servos begin in the robot's `stand` posture."""
-    start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
-    if name == "none":
-        from sim.no_bus import NoBus
-
-        return NoBus(clock, start=start)
-    from sim.mock_bus import MockBus
-
-    return MockBus(robot.joint_map.servos, clock, start=start)

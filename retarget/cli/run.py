@@ -18,8 +18,14 @@ def run(
     ],
     source: Annotated[Path, typer.Option(help="Motion file of the performer: AMC, BVH or C3D.", metavar="FILE")],
     bus: Annotated[
-        str, typer.Option(help="Where goals go: a mock bus in this process, or nowhere.", metavar="mock|none")
+        str,
+        typer.Option(
+            help="Where goals go: servos in this process, an emulator that talks as they do, nowhere; or real servos "
+            "on the ports of the profile, or on this one.",
+            metavar="mock|emulator|none|profile|PORT",
+        ),
     ] = "mock",
+    faults: Annotated[Path | None, typer.Option(help="What goes wrong on the emulator.", metavar="FILE.yaml")] = None,
     performer: Annotated[
         str, typer.Option(help="Which sensors are worn: five, three, six, ten, all, or a file.", metavar="NAME|FILE")
     ] = "five",
@@ -72,6 +78,7 @@ def run(
         gate=not no_gate,
         scene=scene,
         allow_contact=allow_contact,
+        faults=faults,
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
     outputs = Outputs.checked(report=report, save=save, plots=plots)
