@@ -19,6 +19,8 @@ from hardware.dynamixel.sdk_port import SLACK, SdkPort, packet_handler
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
 from hardware.errors import describe
 
+__all__ = ["Found", "NoAnswer", "OneOff", "ResetScope", "ServoError"]
+
 MODEL_BYTES = 3
 """Protocol 1.0: model number and firmware, from address 0."""
 LONGEST_READ = 230
