@@ -48,7 +48,7 @@ class Parser:
         self.skipped += len(self._pending)
         self._pending, self._clear = b"", 0
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes | bytearray) -> list[Frame]:
         """All frames that `data` completes, in order."""
         buffer = self._pending + data
         frames, used, at, self._clear = self._scan(buffer, self._clear)
@@ -104,7 +104,7 @@ def _scan2(buffer: bytes, clear: int) -> Found:
         if 0 <= behind <= close - len(header) and not fast:
             at = behind
         elif size < close + 2:
-            return Found(frames, used, at, size - at - len(header) + 1)
+            return Found(frames, used, at, (behind if behind >= 0 else size - len(header) + 1) - at)
         elif umts(buffer[at:close], 0) != _CRC(buffer, close)[0]:
             at = behind
         else:
