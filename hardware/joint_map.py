@@ -83,16 +83,19 @@ class JointMap:
 
     def to_radians(self, ticks: TickArray) -> FloatArray:
         """Return joint positions (..., n) in rad for shaft `ticks` (..., n)."""
-        return self._joints((ticks - self._zero) / self._scale)
+        shafts: FloatArray = (ticks - self._zero) / self._scale
+        return self._joints(shafts) if self._pairs else shafts
 
     def turned(self, ticks: TickArray) -> FloatArray:
         """Return by how many rad the joints (..., n) turn when the shafts turn by `ticks` (..., n)."""
-        return self._joints(ticks / self._scale)
+        shafts: FloatArray = ticks / self._scale
+        return self._joints(shafts) if self._pairs else shafts
 
     def joint_velocity(self, shaft_velocity: FloatArray) -> FloatArray:
         """Return joint velocities (..., n) in rad/s for shaft velocities (..., n) in rad/s, in the servo's sense of
         rotation."""
-        return self._joints(shaft_velocity / self._shaft)
+        shafts = shaft_velocity / self._shaft
+        return self._joints(shafts) if self._pairs else shafts
 
     def tick_limits(self, *, slack: float = 0.0) -> tuple[TickArray, TickArray]:
         """Return the first and the last whole tick (n,) inside the joint limits, or `slack` rad beyond them; of a
@@ -115,7 +118,7 @@ class JointMap:
         return known
 
     def _joints(self, shafts: FloatArray) -> FloatArray:
-        """Make joint values of shaft values (..., n), in place: only coupled pairs differ."""
+        """Make joint values of shaft values (..., n), in place: those of coupled pairs differ."""
         for pair in self._pairs:
             shafts[..., pair.columns] = pair.turned(shafts[..., pair.columns])
         return shafts

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from retarget.body_file import compile_body
 from retarget.errors import InputError, Problem
-from retarget.profile_checks import keys_of
-from retarget.schema_errors import unknown_name
+from retarget.schema_errors import keys_of, unknown_name
 from retarget.strict_yaml import Document
 
 if TYPE_CHECKING:

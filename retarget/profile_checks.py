@@ -7,13 +7,12 @@ up among the keys of the document, so that an entry with an error of its own is 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from hardware.errors import HardwareError
-from hardware.servo import SERVO_MODELS, find_model
 from retarget.errors import Problem
 from retarget.frames import JOINTS
 from retarget.profile_parts import Landmark, Point2
-from retarget.schema_errors import listed, unknown_name
-from retarget.strict_yaml import Document, KeyPath
+from retarget.profile_servos import check_buses, check_couplings, check_servos
+from retarget.schema_errors import keys_of, listed, unknown_name
+from retarget.strict_yaml import Document
 
 if TYPE_CHECKING:
     from retarget.profile import RobotProfile
@@ -26,83 +25,18 @@ MIN_AREA = 1e-9  # [m^2] twice the area of the smallest triangle that counts as 
 
 def check_parts(profile: "RobotProfile", document: Document) -> list[Problem]:
     """All problems of the profile by itself."""
-    checks = (_servos, _buses, _frame_names, _feet, _postures, _landmarks, _observers, _ignore_pairs)
+    checks = (
+        check_servos,
+        check_buses,
+        check_couplings,
+        _frame_names,
+        _feet,
+        _postures,
+        _landmarks,
+        _observers,
+        _ignore_pairs,
+    )
     return [problem for check in checks for problem in check(profile, document)]
-
-
-def keys_of(document: Document, section: str) -> tuple[str, ...]:
-    """The names that a section of the file gives entries to, sound or not."""
-    entries = document.data.get(section)
-    return tuple(entries) if isinstance(entries, dict) else ()
-
-
-def _servos(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
-    yield from _duplicate_ids(document)
-    buses = keys_of(document, "buses")
-    for joint, servo in profile.servos.items():
-        here: KeyPath = ("servos", joint)
-        if servo.bus not in buses:
-            yield unknown_name(document, (*here, "bus"), "bus", servo.bus, buses)
-        elif servo.bus in profile.buses and servo.id not in profile.buses[servo.bus].ids:
-            found = f"{servo.id}, which is not among the ids of bus {servo.bus!r}"
-            yield document.problem((*here, "id"), "servo id not on its bus", found=found)
-        try:
-            find_model(servo.model)
-        except HardwareError:
-            yield unknown_name(document, (*here, "model"), "servo model", servo.model, SERVO_MODELS)
-    yield from _servo_travel(profile, document)
-
-
-def _duplicate_ids(document: Document) -> Iterable[Problem]:
-    """Looked for among all entries of the file, so that another fault of a servo hides none."""
-    servos = document.data.get("servos")
-    first: dict[tuple[str, int], str] = {}
-    for joint, servo in servos.items() if isinstance(servos, dict) else ():
-        if not isinstance(servo, dict):
-            continue
-        number, bus = servo.get("id"), servo.get("bus")
-        if not isinstance(number, int) or isinstance(number, bool) or not isinstance(bus, str):
-            continue
-        holder = first.setdefault((bus, number), joint)
-        if holder != joint:
-            found = f"{number}, also of {holder} on bus {bus!r}"
-            step = "Give each servo of a bus its own id"
-            yield document.problem(("servos", joint, "id"), "duplicate servo id", found=found, next_step=step)
-
-
-def _servo_travel(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
-    """What the servo side itself would refuse: limits beyond the servo's travel, speeds beyond its own."""
-    for joint, servo in profile.servos.items():
-        try:
-            model = find_model(servo.model)
-        except HardwareError:
-            continue  # told already
-        fastest = model.no_load_speed / servo.gear
-        if servo.max_velocity > fastest:
-            yield document.problem(
-                ("servos", joint, "max_velocity"),
-                "faster than the servo",
-                found=f"{servo.max_velocity} rad/s",
-                allowed=f"at most {fastest:.2f} rad/s ({model.name} without load at {model.voltage:g} V)",
-            )
-        for index, limit in enumerate(servo.limits):
-            tick = servo.zero_tick + servo.direction * servo.gear * limit / model.tick_rad
-            if not -0.5 <= tick <= model.ticks - 0.5:
-                yield document.problem(
-                    ("servos", joint, "limits", index),
-                    "limit beyond the servo's travel",
-                    found=f"{limit} rad, which is tick {tick:.0f}",
-                    allowed=f"ticks 0 to {model.ticks - 1}",
-                    next_step="Check limits, zero_tick, direction and gear",
-                )
-
-
-def _buses(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
-    for name, bus in profile.buses.items():
-        twice = sorted({number for number in bus.ids if bus.ids.count(number) > 1})
-        if twice:
-            found = ", ".join(map(str, twice))
-            yield document.problem(("buses", name, "ids"), "an id is listed twice", found=found)
 
 
 def _frame_names(profile: "RobotProfile", document: Document) -> Iterable[Problem]:

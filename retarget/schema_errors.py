@@ -45,6 +45,12 @@ def listed(names: Iterable[str], *, limit: int = 30) -> str:
     return ", ".join(every[:limit]) + more if every else "none"
 
 
+def keys_of(document: Document, section: str) -> tuple[str, ...]:
+    """The names that a section of the file gives entries to, sound or not."""
+    entries = document.data.get(section)
+    return tuple(entries) if isinstance(entries, dict) else ()
+
+
 def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -> Problem:
     key_path = _key_path(detail["loc"], document.data)
     kind, message = detail["type"], detail["msg"]
