@@ -78,6 +78,7 @@ class CyclicPort:
         self._kind = {servo.id: Kind.SYNC if servo.table.protocol == 2 else Kind.SINGLE1 for servo in servos}
         self._status_block = {servo.id: status_block(servo.table) for servo in servos}
         self._strikes = dict.fromkeys(self._index_of, 0)
+        self._missed: set[int] = set()  # of this cycle: the first that did not answer, each time
         self._queue: deque[Errand] = deque()
         self._sent = 0.0
         self._cycle = 0
@@ -93,6 +94,7 @@ class CyclicPort:
         """A new cycle. wide: voltage and temperature too."""
         self._cycle += 1
         self._queue.clear()
+        self._missed.clear()
         lost = self._probe()
         for group in self._groups:
             first = [device for device in group.index_of if self._strikes[device] == 0]
@@ -135,7 +137,7 @@ class CyclicPort:
         valid = readings.valid
         for device, index in self._index_of.items():
             if not valid[index]:
-                self._strikes[device] += 1
+                self._strikes[device] += device in self._missed
             elif self._strikes[device]:
                 if self._strikes[device] >= LOST_AFTER:
                     readings.take_drive(index, False)  # until it says otherwise: it may have started anew
@@ -160,15 +162,18 @@ class CyclicPort:
 
         One alone that said nothing at all, though it was asked twice or missed before, is left to the next cycle.
         """
-        if errand.tries == RETRIES:
-            return
         heard = {answer.id for answer in answers}
         silent = [device for device in errand.ask.ids if device not in heard]
-        if len(silent) == 1 and not noise and (errand.tries or self._strikes[silent[0]]):
+        self._missed.add(silent[0])
+        known = errand.tries or self._strikes[silent[0]]
+        if errand.tries == RETRIES or (len(silent) == 1 and not noise and known):
             return
         self.retries += 1
-        kind = errand.ask.kind
-        self._enqueue(kind, (*silent[1:], silent[0]), errand.block, errand.names, tries=errand.tries + 1)
+        # Damage in a fast reply spoils all that follows; in single answers only its own.
+        kind = Kind.SYNC if errand.ask.kind is Kind.FAST else errand.ask.kind
+        late = [device for device in silent if device in self._missed]
+        order = [device for device in silent if device not in self._missed] + late
+        self._enqueue(kind, tuple(order), errand.block, errand.names, tries=errand.tries + 1)
 
     def _probe(self) -> int | None:
         """A lost servo to be looked for in this cycle, each in its turn."""
