@@ -117,6 +117,5 @@ def gated_share(motion: Motion) -> float | None:
 
 def _mock_bus(robot: RobotBody, clock: Clock) -> ServoBus:
     """Servos that begin in the robot's `stand` posture."""
-    assert name == "mock"
     start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
     return MockBus(robot.joint_map.servos, clock, start=start)

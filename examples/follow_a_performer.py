@@ -14,7 +14,7 @@ from sim.performer import synthetic_performer
 def main(path: str | None = None) -> None:
     """Run and print what the hands did."""
 
-    def mock(_name, robot, clock):
+    def mock(robot, clock):
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
         return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
 

@@ -164,8 +164,8 @@ class CyclicPort:
         """
         heard = {answer.id for answer in answers}
         silent = [device for device in errand.ask.ids if device not in heard]
+        known = silent[0] in self._missed or self._strikes[silent[0]]
         self._missed.add(silent[0])
-        known = errand.tries or self._strikes[silent[0]]
         if errand.tries == RETRIES or (len(silent) == 1 and not noise and known):
             return
         self.retries += 1

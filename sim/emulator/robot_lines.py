@@ -1,0 +1,55 @@
+"""The emulated buses of a robot: the servos of its profile, and what else it expects on them."""
+
+from collections.abc import Sequence
+
+from hardware.arrays import TickArray
+from hardware.bus_spec import BusSpec
+from hardware.servo import ServoSpec
+from sim.emulator.controller import EmulatedController
+from sim.emulator.device import Device
+from sim.emulator.fault_file import FaultPlan
+from sim.emulator.fault_state import FaultState
+from sim.emulator.line import Line
+from sim.emulator.wire import Timing
+from sim.emulator.workshop import devices_of
+
+
+def robot_lines(
+    servos: Sequence[ServoSpec],
+    buses: Sequence[BusSpec],
+    *,
+    start: TickArray,
+    now: float,
+    plan: FaultPlan | None = None,
+    seed: int = 0,
+    timing: Timing | None = None,
+) -> dict[str, Line]:
+    """A line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults count.
+
+    Servos are set up as the profile says; ids that no servo has are controllers such as the OpenCR of an OP3, of which
+    the one with the power switch has it off at first. Raises HardwareError for what a model cannot be.
+    """
+    devices = devices_of(
+        servos,
+        protocols={bus.name: bus.protocol for bus in buses},
+        bauds={bus.name: bus.baud for bus in buses},
+        return_delays={bus.name: bus.return_delay_value for bus in buses},
+        start=start,
+        seed=seed,
+        now=now,
+    )
+    lines = {}
+    for bus in buses:
+        own = [device for device, servo in zip(devices, servos, strict=True) if servo.bus == bus.name]
+        taken = {device.id for device in own}
+        others: list[Device] = []
+        for device in bus.ids:
+            if device not in taken:
+                switches = bus.power is not None and bus.power.id == device
+                others.append(EmulatedController(own if switches else (), id=device, baud=bus.baud, on=not switches))
+        everyone = [*own, *others]
+        faults = () if plan is None else plan.of_bus(bus.name)
+        origin_seed = f"{seed if plan is None else plan.seed} {bus.name}"
+        state = FaultState(everyone, faults=faults, origin=now, seed=origin_seed)
+        lines[bus.name] = Line(everyone, baud=bus.baud, timing=timing, faults=state, seed=seed)
+    return lines
