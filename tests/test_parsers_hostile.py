@@ -94,6 +94,7 @@ REFUSED = {
     "LEN 0": "FFFFFD00 01 0000",
     "LEN 1": "FFFFFD00 01 0100 01",
     "LEN 2": "FFFFFD00 01 0200 01",
+    "LEN 2, no instruction": "FFFFFD00 01 0200",
     "LEN 8193": "FFFFFD00 01 0120 01",
     "LEN 65535": "FFFFFD00 01 FFFF 01",
     "reserved byte": "FFFFFDFD 01 0300 01",
@@ -107,7 +108,9 @@ def test_a_frame_that_cannot_be_is_passed_over_at_once(beginning: str) -> None:
     raw = bytes.fromhex(beginning)
     sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
     parser = parser2()
-    assert parser.feed(sealed + PING) == [Frame(1, 1, b"")]
+    assert parser.feed(sealed) == []
+    assert len(parser.pending) < protocol2.OVERHEAD
+    assert parser.feed(PING) == [Frame(1, 1, b"")]
     assert parser.skipped == len(sealed)
 
 
@@ -150,6 +153,14 @@ def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes
     single = parser2()
     assert [heard for byte in stream for heard in single.feed(bytes((byte,)))] == [frame, frame, Frame(1, 1, b"")]
     assert single.skipped == len(behind)
+
+
+def test_a_crc_is_not_the_beginning_of_the_next_frame() -> None:
+    frame, raw = sealed_by(b"\x00", b"\x00\xff")
+    assert parser2().feed(raw + PING[1:]) == [frame]
+    parser = parser2()
+    assert parser.feed(raw) == [frame]
+    assert (parser.pending, parser.feed(PING[1:])) == (b"", [])
 
 
 def test_the_other_protocols_bytes_are_noise() -> None:
