@@ -17,9 +17,13 @@ def loop_lag(servo: ServoSpec) -> float:
 
     Source: e-Manual, Position PID Gain (84, unit 1/128) and Goal PWM (100, full at 885).
     """
-    gain = DEFAULT_P_GAIN if not servo.gains.position_p else servo.gains.position_p
-    full_drive_error = FULL_PWM * GAIN_UNIT / gain * _tick_of_x_series(servo.model)  # [rad]
-    return full_drive_error / servo.model.no_load_speed
+    return lag_of_gain(servo.model, servo.gains.position_p or DEFAULT_P_GAIN)
+
+
+def lag_of_gain(model: ServoModel, gain: float) -> float:
+    """Time constant in s of a model's position loop with a P `gain` (register counts of the X series, above 0)."""
+    full_drive_error = FULL_PWM * GAIN_UNIT / gain * _tick_of_x_series(model)  # [rad]
+    return full_drive_error / model.no_load_speed
 
 
 def _tick_of_x_series(model: ServoModel) -> float:

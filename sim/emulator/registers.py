@@ -60,7 +60,7 @@ class Memory:
     def readable(self, address: int, length: int) -> bool:
         """Whether a read stays inside the table and meets anything that is defined."""
         end = address + length
-        return 0 < length and 0 <= address and end <= len(self.image) and self._next[address] < end
+        return length > 0 and address >= 0 and end <= len(self.image) and self._next[address] < end
 
     def slice(self, address: int, length: int) -> bytes:
         """Return the bytes of a readable range, indirect data followed."""

@@ -1,0 +1,224 @@
+"""The shaft of an emulated servo: how it moves under its control loop, its limits and a load.
+
+All in the servo's own ticks and sense of rotation. The motor has no inertia: its speed is its drive's share of full
+drive times the top speed, plus what a load pushes (a straight speed-torque line). In the plain case - position loop, no
+profile, no I gain, no load - the motion is exact over any time and the same as `sim.servo_motion.saturated_lag`;
+otherwise it goes in steps, at most MAX_STEPS per call, each exact for a goal that moves evenly.
+"""
+
+from enum import Enum, auto
+from math import ceil, exp, inf
+
+from sim.emulator.follow import follow
+from sim.emulator.profile_path import ProfilePath
+from sim.servo_load import FRICTION_CURRENT, LARGEST_CURRENT, SPEED_CURRENT
+
+STEP = 4e-3  # [s] longest step, while a call spans less than MAX_STEPS of them
+MAX_STEPS = 250
+SPEED_LAG = 0.02  # [s] of the loops of velocity, current and PWM
+
+
+class Law(Enum):
+    """What the servo controls."""
+
+    POSITION = auto()
+    VELOCITY = auto()
+    CURRENT = auto()
+    PWM = auto()
+
+
+class Shaft:
+    """Where the shaft is, and where it is told to go. `top`: no-load speed in tick/s at full drive.
+
+    Set attributes only at the time that `advance` last reached, then call `refresh`.
+    """
+
+    def __init__(self, position: float, top: float) -> None:
+        self.position = position
+        self.velocity = 0.0
+        """tick/s."""
+        self.torque = False
+        self.law = Law.POSITION
+        self.lag = 0.045
+        """Of the position loop at the present supply, s; inf without a P gain."""
+        self.integral = 0.0
+        """I gain over P gain, 1/s."""
+        self.forward = 0.0
+        """First feedforward gain over P gain, s."""
+        self.full = top
+        """No-load speed at full drive and the present supply, tick/s."""
+        self.drive_limit = 1.0
+        """Share of full drive that the PWM limits leave."""
+        self.current_limit = inf
+        """Most current that the loop may use, A."""
+        self.load = 0.0
+        """Torque from outside, share of the stall torque, positive towards higher ticks."""
+        self.stuck = False
+        self.target = position
+        """Goal position, tick."""
+        self.speed = 0.0
+        """Goal of the other laws: velocity tick/s, current A, or share of full drive."""
+        self.ramp = inf
+        """Acceleration towards a goal velocity, tick/s^2."""
+        self.path: ProfilePath | None = None
+        self.time = 0.0
+        self._bias = 0.0  # [tick] error that the I gain adds
+        self._reference = 0.0  # [tick/s] where the ramp of the velocity law is
+        self._plain = False
+        self._top = top  # [tick/s]
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Take note of changed attributes."""
+        self._top = self.full * self.drive_limit * self._share_of_current()
+        if self.law is not Law.VELOCITY or not self.torque:
+            self._reference = self.velocity
+        if not self.integral or not self.torque:
+            self._bias = 0.0
+        self._plain = (
+            self.torque
+            and self.law is Law.POSITION
+            and self.path is None
+            and not self.stuck
+            and self.load == 0.0
+            and self.integral == 0.0
+            and self._top > 0.0
+        )
+        if not self.torque or self.stuck:
+            self.velocity = 0.0
+
+    def advance(self, now: float) -> None:
+        """Move on to `now` (s); a time that has passed changes nothing."""
+        elapsed = now - self.time
+        if elapsed <= 0.0:
+            return
+        self.time = now
+        if self._plain:
+            left, self.velocity = follow(self.target - self.position, self.lag, self._top, elapsed)
+            self.position = self.target - left
+        elif self.torque or self.load:
+            self._in_steps(now, elapsed)
+
+    def effort(self) -> float:
+        """Torque of the motor as a share of its stall torque, signed: what it holds against the load or a jam."""
+        if not self.torque:
+            return 0.0
+        most = self.current_limit / LARGEST_CURRENT
+        asked = self.drive() if self.stuck else -self.load
+        return min(max(asked, -most, -1.0), most, 1.0)
+
+    def drive(self) -> float:
+        """Present drive as a share of full drive, signed."""
+        if not self.torque or self.full <= 0.0:
+            return 0.0
+        if not self.stuck:
+            return min(max(self.velocity / self.full - self.load, -self.drive_limit), self.drive_limit)
+        asked = self._push() / self.full if self.law is Law.POSITION else self._asked_speed() / self.full
+        return min(max(asked, -self.drive_limit), self.drive_limit)
+
+    def trajectory(self) -> tuple[float, float]:
+        """Where the profile is, (tick, tick/s)."""
+        if self.law is not Law.POSITION:
+            return self.position, self._reference if self.law is Law.VELOCITY else self.velocity
+        if self.path is None:
+            return self.target, 0.0
+        point = self.path.at(self.time)
+        return point.position, point.velocity
+
+    def hold(self) -> None:
+        """Stop where it is; a current or PWM goal goes free."""
+        self.path = None
+        self.target = self.position
+        self.speed = 0.0
+        self.refresh()
+
+    def _share_of_current(self) -> float:
+        """Share of the top speed at which friction takes all of the current limit."""
+        return min(max((self.current_limit - FRICTION_CURRENT) / SPEED_CURRENT, 0.0), 1.0)
+
+    def _push(self) -> float:
+        """Speed, tick/s, that the position loop asks for, before any limit."""
+        place, speed = self.trajectory()
+        return (place - self.position + self._bias + self.forward * speed) / self.lag
+
+    def _asked_speed(self) -> float:
+        """Speed, tick/s, that the other laws ask for, before any limit."""
+        if self.law is Law.VELOCITY:
+            return self._reference
+        if self.law is Law.PWM:
+            return self.full * self.speed
+        beyond = max(abs(self.speed) - FRICTION_CURRENT, 0.0) / SPEED_CURRENT
+        return self.full * min(beyond, 1.0) * (1.0 if self.speed >= 0.0 else -1.0)
+
+    def _drift(self) -> float:
+        """Speed, tick/s, that the load adds; nothing while the gears' friction holds it."""
+        if not self.torque:
+            return self.full * self.load if abs(self.load) * LARGEST_CURRENT > FRICTION_CURRENT else 0.0
+        return self.full * self.load
+
+    def _in_steps(self, now: float, elapsed: float) -> None:
+        """Move on by `elapsed` s that end at `now`."""
+        count = min(ceil(elapsed / STEP), MAX_STEPS)
+        step = elapsed / count
+        for index in range(count):
+            if self.torque and self.law is Law.POSITION:
+                self._follow_path(now - elapsed + index * step, step)
+            elif self.stuck:
+                self.velocity = 0.0
+            elif self.torque:
+                self._follow_speed(step)
+            else:
+                self.velocity = self._drift()
+                self.position += self.velocity * step
+        if self.path is not None and now >= self.path.end:
+            self.path = None
+            self.refresh()
+
+    def _follow_path(self, start: float, step: float) -> None:
+        """One step of the position loop."""
+        begin, end = self.target, self.target
+        speed = 0.0
+        if self.path is not None:
+            begin = self.path.at(start).position
+            end, speed, _ = self.path.at(start + step)
+        error = begin - self.position
+        if self.integral:
+            most = self.full * self.lag if self.lag < inf else 0.0
+            self._bias = min(max(self._bias + self.integral * error * step, -most), most)
+        drift = self._drift()
+        low, high = self._limits(drift)
+        if self.stuck:
+            self.velocity = 0.0
+            return
+        if self.lag == inf:
+            moved, self.velocity = min(max(drift, low), high) * step, min(max(drift, low), high)
+            self.position += moved
+            return
+        shift = self._bias + self.forward * speed + drift * self.lag
+        rate = (end - begin) / step
+        settled = rate * self.lag - shift  # error at which it keeps pace
+        left = settled + (error - settled) * exp(-step / self.lag)
+        moved = min(max(end - begin - (left - error), low * step), high * step)
+        self.velocity = min(max((end - self.position - moved + shift) / self.lag, low), high)
+        self.position += moved
+
+    def _limits(self, drift: float) -> tuple[float, float]:
+        """Slowest and fastest speed, tick/s, that drive, current limit and load allow."""
+        held = self.current_limit / LARGEST_CURRENT
+        if abs(self.load) > held:  # the load wins
+            lost = drift * (1.0 - held / abs(self.load))
+            return lost, lost
+        return drift - self._top, drift + self._top
+
+    def _follow_speed(self, step: float) -> None:
+        """One step of the velocity, current and PWM laws."""
+        if self.law is Law.VELOCITY:
+            change = min(max(self.speed - self._reference, -self.ramp * step), self.ramp * step)
+            self._reference += change
+        drift = self._drift()
+        low, high = drift - self._top, drift + self._top
+        shift = 0.0 if self.law is Law.VELOCITY else drift
+        asked = min(max(self._asked_speed() + shift, low), high)
+        keep = exp(-step / SPEED_LAG)
+        self.position += asked * step + (self.velocity - asked) * SPEED_LAG * (1.0 - keep)
+        self.velocity = asked + (self.velocity - asked) * keep

@@ -1,0 +1,109 @@
+"""Supply, current and heat of emulated servos: the model of `sim.servo_load`, one servo at a time, with overload."""
+
+from math import expm1
+
+from sim.servo_load import (
+    AMBIENT,
+    FRICTION_CURRENT,
+    HEAT_PER_AMPERE2,
+    HEAT_TIME,
+    IDLE_CURRENT,
+    INERTIA,
+    LARGEST_CURRENT,
+    SPEED_CURRENT,
+    SUPPLY_RESISTANCE,
+    TORQUE_PER_AMPERE,
+)
+
+WINDOW = 16e-3  # [s] shortest time over which current and acceleration are taken
+STILL = 1e-3  # of the top speed
+OVERLOAD_EFFORT = 0.8  # share of the stall torque that a servo holds for a while only
+OVERLOAD_TIME = 1.0  # [s] the while
+BROWN_OUT = 0.4  # share of the nominal voltage below which the electronics reset
+
+
+class Supply:
+    """One power supply and its wires. `drawn`: the current of all servos on it, A."""
+
+    def __init__(self) -> None:
+        self.drawn = 0.0
+
+    @property
+    def sag(self) -> float:
+        """Voltage lost in battery and wires, V."""
+        return SUPPLY_RESISTANCE * self.drawn
+
+
+class Electrics:
+    """Current (A), voltage (V) and temperature (degrees Celsius) of one servo of `nominal` V.
+
+    `turn` rad per tick and `top` tick/s say what its speed means; `set_voltage` and `set_heat` override the model.
+    """
+
+    def __init__(self, supply: Supply, nominal: float, *, turn: float, top: float, warmth: float = AMBIENT) -> None:
+        self.nominal = nominal
+        self.temperature = warmth
+        self.current = 0.0
+        """Always positive; the direction is `direction`."""
+        self.direction = 1.0
+        self.set_voltage: float | None = None
+        self.set_heat: float | None = None
+        self.time = 0.0
+        self._supply = supply
+        self._turn = turn
+        self._top = top
+        self._velocity = 0.0
+        self._strained = 0.0  # [s] of overload so far
+        self.draw(IDLE_CURRENT)
+
+    @property
+    def voltage(self) -> float:
+        """Present input voltage, V."""
+        return self.nominal - self._supply.sag if self.set_voltage is None else self.set_voltage
+
+    @property
+    def supplied(self) -> float:
+        """Supply as a share of the nominal voltage, sag left out (as the mock bus leaves it out of the speed)."""
+        return 1.0 if self.set_voltage is None else max(self.set_voltage, 0.0) / self.nominal
+
+    @property
+    def overloaded(self) -> bool:
+        """Whether the motor has held too much for too long."""
+        return self._strained >= OVERLOAD_TIME
+
+    @property
+    def warmth(self) -> float:
+        """Present temperature, degrees Celsius."""
+        return self.temperature if self.set_heat is None else self.set_heat
+
+    def draw(self, current: float) -> None:
+        """Take `current` A from the supply from now on."""
+        self._supply.drawn += current - self.current
+        self.current = current
+
+    def rest(self, now: float) -> None:
+        """Begin anew at `now` (s), cool of overload: after a start."""
+        self.time = now
+        self._velocity = 0.0
+        self._strained = 0.0
+
+    def advance(self, now: float, velocity: float, *, effort: float, torque: bool) -> None:
+        """Move on to `now` (s), where the shaft turns at `velocity` tick/s and the motor holds `effort` of its stall
+        torque. Call it no more often than every WINDOW."""
+        elapsed = now - self.time
+        if elapsed <= 0.0:
+            return
+        self.time = now
+        share = abs(velocity) / self._top
+        gain = abs(velocity - self._velocity) * self._turn
+        self._velocity = velocity
+        drive = SPEED_CURRENT * share + INERTIA / TORQUE_PER_AMPERE * gain / elapsed + LARGEST_CURRENT * abs(effort)
+        if share > STILL:
+            drive += FRICTION_CURRENT
+        current = IDLE_CURRENT + (min(drive, LARGEST_CURRENT) if torque else 0.0)
+        self.direction = -1.0 if (effort or velocity) < 0.0 else 1.0
+        if current != self.current:
+            self.draw(current)
+        final = AMBIENT + HEAT_PER_AMPERE2 * current * current
+        self.temperature -= (final - self.temperature) * expm1(-elapsed / HEAT_TIME)
+        self._strained = self._strained + elapsed if torque and abs(effort) > OVERLOAD_EFFORT else 0.0

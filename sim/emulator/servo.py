@@ -1,0 +1,294 @@
+"""An emulated servo of protocol 2.0: registers that work, and motion behind them.
+
+Source: e-Manual, X series and protocol 2.0; what a servo does between two instructions is `motion` and `power`.
+"""
+
+from math import inf
+
+from hardware.dynamixel.control_table import ControlTable
+from hardware.dynamixel.packets import ALERT, Error2
+from hardware.servo import ServoModel
+from sim.emulator.body import BOOT_TIME, ServoBody
+from sim.emulator.commands import carry_out
+from sim.emulator.device import Answer
+from sim.emulator.encoder import Encoder
+from sim.emulator.goals import aim, bound_goals, goal_to_present, open_limits, reset_for_mode
+from sim.emulator.keeping import restore_ram
+from sim.emulator.live import END, FIRST, Live
+from sim.emulator.motion import Law
+from sim.emulator.power import Supply
+from sim.emulator.registers import Part
+from sim.emulator.rules import GOALS, POSITION, Condition, goal_bounds, refusal
+from sim.emulator.tuning import tune_loop
+from sim.emulator.watchdog import BusWatchdog
+from sim.servo_load import AMBIENT
+
+TORQUE_BY_GOAL = 0x08  # bit of Drive Mode (10)
+TORQUE_AT_START = 0x01  # bit of Startup Configuration (60)
+VOLTAGE, HEAT, SHOCK, OVERLOAD = 0x01, 0x04, 0x10, 0x20  # bits of Hardware Error Status (70)
+ERRORS = 0x3F  # of them, those that Shutdown (63) masks
+_GOAL, _GOAL_END = 116, 120  # goal position
+
+
+class EmulatedServo(ServoBody):
+    """A `sim.emulator.device.Device` (and `Faulty`) with the table of a 2.0 model."""
+
+    def __init__(
+        self,
+        table: ControlTable,
+        model: ServoModel,
+        *,
+        position: float,
+        now: float = 0.0,
+        supply: Supply | None = None,
+        boot_time: float = BOOT_TIME,
+        warmth: float = AMBIENT,
+    ) -> None:
+        super().__init__(table, model, position=position, now=now, supply=supply, boot_time=boot_time, warmth=warmth)
+        self.registered: tuple[int, bytes] | None = None
+        """Address and data of a Reg Write that waits for its Action."""
+        self._watchdog = BusWatchdog()
+        self._encoder = Encoder(self.memory, self.shaft)
+        self._live = Live(table, model, self.shaft, self.electrics)
+        self._latched = 0  # Hardware Error Status
+        self._alert = 0
+        self._threshold = 0.0  # [tick/s] of moving
+        self._lowest = self._highest = 0  # bounds of the goal position
+        self._direct = False  # a goal position needs no more than to become the target
+        self._fill_ram()
+        self.place(position)
+
+    @property
+    def tripped(self) -> bool:
+        """Whether the bus watchdog has stopped it."""
+        return self._watchdog.tripped
+
+    @property
+    def moving(self) -> bool:
+        """Whether it turns faster than its moving threshold."""
+        return abs(self.shaft.velocity) > self._threshold
+
+    def place(self, position: float) -> None:
+        """Put the shaft where the present position reads `position` (tick); the goal register goes with it."""
+        self._encoder.place(position)
+        goal_to_present(self.memory, position)
+        self.tune()
+
+    def hear(self, now: float) -> None:
+        """Note a sound instruction on the line: it feeds the bus watchdog."""
+        watchdog = self._watchdog
+        if watchdog.deadline != inf:
+            if now > watchdog.deadline:
+                self.catch_up(now)
+            watchdog.feed(now)
+
+    def execute(
+        self, instruction: int, params: bytes, now: float, *, broadcast: bool, secondary: bool = False
+    ) -> Answer | None:
+        """Carry out an instruction; None: no status follows."""
+        if now < self._awake_at:
+            return None
+        self.catch_up(now)
+        return carry_out(self, instruction, params, now, broadcast=broadcast, secondary=secondary)
+
+    def read(self, address: int, length: int, now: float) -> Answer:
+        """Return the bytes of a range, or the error that it deserves."""
+        self.catch_up(now)
+        memory = self.memory
+        if not memory.readable(address, length):
+            return self.answer(Error2.ACCESS if length else Error2.DATA_LENGTH)
+        end = address + length
+        plain = end <= memory.plain_end
+        if address < END and end > FIRST if plain else memory.touches(address, length, FIRST, END):
+            self._live.show(memory.image, uptime=now - self.started, threshold=self._threshold)
+        return Answer(self._alert, bytes(memory.image[address:end]) if plain else memory.slice(address, length))
+
+    def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
+        """Take a write; what is refused is lost."""
+        if now < self._awake_at:
+            return
+        if address == _GOAL and self._direct and len(data) == 4:
+            goal = int.from_bytes(data, "little", signed=True)
+            if self._lowest <= goal <= self._highest:
+                self.catch_up(now)
+                if self._direct:  # nothing has happened on the way
+                    self.memory.image[_GOAL:_GOAL_END] = data
+                    self.shaft.target = goal
+                    return
+        self.change(address, data, now, ram_only=secondary)
+
+    def change(self, address: int, data: bytes, now: float, *, ram_only: bool = False) -> Error2:
+        """Write registers, all or none; return why not."""
+        self.catch_up(now)
+        parts = self.accepts(address, data, ram_only=ram_only)
+        if isinstance(parts, Error2):
+            return parts
+        mode = self.memory.value("operating_mode")
+        for register, value in parts:
+            self.memory.store(register, value)
+        self._react({part.register.name for part in parts}, mode, now)
+        return Error2.NONE
+
+    def accepts(self, address: int, data: bytes, *, ram_only: bool = False) -> list[Part] | Error2:
+        """Return what a write would set, or why it is refused as a whole. Nothing changes."""
+        if ram_only and address < self.table.eeprom_end:
+            return Error2.ACCESS
+        parts = self.memory.parts(address, data)
+        if isinstance(parts, Error2):
+            return parts
+        condition = Condition(torque=self.shaft.torque, barred=self._barred, tripped=self.tripped)
+        refused = (refusal(self.memory, part, condition) for part in parts)
+        return next((error for error in refused if error), None) or parts
+
+    def answer(self, error: int = 0, data: bytes = b"") -> Answer:
+        """Return an answer with the alert bit as it stands."""
+        return Answer(error | self._alert, data)
+
+    def clear_turns(self, now: float) -> None:
+        """Fold the position to one turn; what it holds goes along, so that nothing moves."""
+        self._encoder.clear_turns()
+        if self.shaft.law is Law.POSITION:
+            self.shaft.path = None
+            self.shaft.target = self.shaft.position if self.tripped else self.memory.value("goal_position")
+        self.tune()
+
+    def catch_up(self, now: float) -> None:
+        """Let time pass up to `now`; the bus watchdog stops the servo on the way."""
+        deadline = self._watchdog.deadline
+        if now > deadline:
+            super().catch_up(deadline)
+            if self._watchdog.deadline == deadline:  # not switched off on the way
+                self._trip()
+        super().catch_up(now)
+
+    def tune(self) -> None:
+        """Take every setting from the registers."""
+        memory, shaft = self.memory, self.shaft
+        self.refresh_port()
+        second = memory.value_or("secondary_id", 255)
+        self.secondary_id = second if second <= 252 else None
+        self._lowest, self._highest = goal_bounds(memory, "goal_position")
+        self._threshold = memory.value("moving_threshold") * self._live.speed_unit
+        tune_loop(shaft, memory, self.servo_model, self.electrics.supplied)
+        shaft.load = -self.load_share if self._encoder.reversed else self.load_share
+        shaft.refresh()
+        self._direct = (
+            shaft.law is Law.POSITION
+            and shaft.torque
+            and shaft.path is None
+            and not memory.value("profile_velocity")
+            and not self.tripped
+        )
+
+    def check(self) -> None:
+        """Latch what is wrong with voltage, temperature and effort."""
+        image, electrics = self.memory.image, self.electrics
+        self._live.take()
+        if self._awake_at == inf or self._starting:
+            return
+        tenths = self._live.tenths
+        wrong = OVERLOAD if electrics.overloaded else 0
+        if tenths > image[32] | image[33] << 8 or tenths < image[34] | image[35] << 8:
+            wrong |= VOLTAGE
+        if electrics.warmth > image[31]:
+            wrong |= HEAT
+        if wrong & ~self._latched:
+            self._latch(wrong)
+
+    def shock(self, now: float) -> None:
+        """Latch an electrical shock."""
+        self.catch_up(now)
+        if self._awake_at < inf and not self._starting:
+            self._latch(SHOCK)
+
+    def wake(self, now: float) -> None:
+        """End a start: see what is wrong, and switch torque on where the startup configuration says so."""
+        self.check()
+        if self.memory.value_or("startup_configuration", 0) & TORQUE_AT_START:
+            self._set_torque(True, now)
+
+    @property
+    def _barred(self) -> bool:
+        """Whether a latched error keeps torque off."""
+        return bool(self._latched and self._latched & self.memory.value("shutdown") & ERRORS)
+
+    def _latch(self, bits: int) -> None:
+        """Keep hardware errors until the next start; those that the shutdown mask names take the torque."""
+        self._latched |= bits
+        self._alert = ALERT
+        self.memory.put("hardware_error_status", self._latched)
+        if self._barred:
+            self._set_torque(False, self.shaft.time)
+
+    def _trip(self) -> None:
+        """Stop: the bus has been silent for too long."""
+        self._watchdog.trip()
+        self.memory.put("bus_watchdog", -1)
+        self.memory.put("profile_acceleration", 0)
+        self.memory.put("profile_velocity", 0)
+        self.shaft.hold()
+        self.tune()
+
+    def _set_torque(self, on: bool, now: float) -> None:
+        """Switch torque; on, it goes to whatever the goal registers hold."""
+        on = on and not self._barred
+        self.memory.put("torque_enable", int(on))
+        shaft = self.shaft
+        if on != shaft.torque:
+            shaft.torque = on
+            shaft.path = None
+            self._watchdog.arm(self.memory.value_or("bus_watchdog", 0), now, torque=on)
+            if on and self.memory.value("operating_mode") == POSITION:
+                self._encoder.fold()
+            shaft.refresh()
+            if on:
+                shaft.hold()
+                self._aim(now, fresh=True)
+        self.tune()
+
+    def _react(self, names: set[str], mode_before: int, now: float) -> None:
+        """Let what has been written take effect."""
+        memory = self.memory
+        if not names <= GOALS:
+            mode = memory.value("operating_mode")
+            if mode != mode_before:
+                reset_for_mode(memory)
+            self._encoder.follow_settings()
+            if "operating_mode" in names and mode == POSITION:
+                self._encoder.fold()
+            bound_goals(memory)
+            if "bus_watchdog" in names:
+                self._watchdog.tripped = self.tripped and memory.value("bus_watchdog") != 0
+                self._watchdog.arm(memory.value("bus_watchdog"), now, torque=self.shaft.torque)
+        self.tune()
+        if "torque_enable" in names:
+            self._set_torque(bool(memory.value("torque_enable")), now)
+        if names & GOALS:
+            if memory.value("drive_mode") & TORQUE_BY_GOAL and not self.shaft.torque:
+                self._set_torque(True, now)
+            self._aim(now)
+            self.tune()
+
+    def _aim(self, now: float, *, fresh: bool = False) -> None:
+        """Go to what the goal registers hold, unless the bus watchdog has stopped it."""
+        if self.shaft.torque and not self.tripped:
+            aim(self.shaft, self.memory, tick=self.servo_model.tick_rad, now=now, fresh=fresh)
+
+    def _reset(self) -> None:
+        """RAM after a start; the position is counted within one turn again."""
+        self._latched = self._alert = 0
+        self._watchdog = BusWatchdog()
+        self.registered = None
+        self._fill_ram()
+        self._encoder.follow_settings()
+        self._encoder.fold()
+        self.shaft.path = None
+        self.shaft.speed = 0.0
+        goal_to_present(self.memory, self.shaft.position)
+        self.tune()
+
+    def _fill_ram(self) -> None:
+        """Set the RAM area to its values after a start."""
+        self.defaults(self.table.eeprom_end, self.table.size)
+        restore_ram(self.memory, self.backup)
+        open_limits(self.memory)
