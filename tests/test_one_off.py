@@ -143,6 +143,19 @@ def test_what_stands_before_the_answer_is_skipped(before: bytes) -> None:
     assert len(port.sent) == 1
 
 
+def test_a_status_too_short_to_be_one_is_damage() -> None:
+    short = protocol2.HEADER + b"\x01\x03\x00\x55"
+    short += protocol2.crc(short).to_bytes(2, "little") + b"\0"
+    port = ScriptedPort(in_turn(short, protocol2.status(1)))
+    OneOff(port, 2).write(1, GOAL, 0)
+    assert len(port.sent) == 2
+
+
+def test_later_tries_are_more_patient() -> None:
+    delays = iter([1.0, 1.0, 0.014])
+    assert OneOff(ScriptedPort(lambda request: [(next(delays), ANSWER)]), 2).read(1, POSITION) == 166
+
+
 def test_tries_are_bounded_and_silence_is_told() -> None:
     port = ScriptedPort(always())
     with pytest.raises(NoAnswer, match=r"scripted, id 1, goal_position: no answer to write 5.*3 tries, silence"):
@@ -160,7 +173,7 @@ def test_damage_is_told_from_silence() -> None:
 
 def test_a_late_answer_answers_nothing_else() -> None:
     """The first try's answer comes during the second; what the second brings must not answer the next question."""
-    delays = iter([0.007, 0.004, 0.0005])
+    delays = iter([0.007, 0.003, 0.0045])
 
     def answer(request: bytes) -> Replies:
         return [(next(delays), protocol2.status(1, 0, bytes((request[8], 0, 0, 0))))]

@@ -79,6 +79,14 @@ def test_scan_finds_a_clash() -> None:
     assert [(servo.id, servo.clash) for servo in found] == [(1, False), (2, True), (3, False)]
 
 
+def test_scan_looks_again_when_one_of_two_answers_was_whole() -> None:
+    whole = protocol2.status(2, 0, b"\x06\x04\x26")
+    port = ScriptedPort(
+        lambda request: [(0.007, whole + _flipped(whole))] if request[4] == BROADCAST else [(0.001, _flipped(whole))]
+    )
+    assert OneOff(port, 2).scan([2]) == [Found(2, 2, clash=True)]
+
+
 def test_scan_finds_a_clash_of_whole_answers() -> None:
     def answer(request: bytes) -> Replies:
         frame = protocol1.status(2)

@@ -115,6 +115,10 @@ def test_8_the_flag_is_no_lock(monkeypatch: pytest.MonkeyPatch) -> None:
     entered.clear()
 
     class SlowPort(ScriptedPort):
+        def write(self, data: bytes) -> None:
+            assert hold.is_set() or not entered.is_set(), "two exchanges at a time"
+            super().write(data)
+
         def wait(self, deadline: float) -> bool:
             entered.set()
             assert hold.wait(10.0)

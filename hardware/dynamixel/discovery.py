@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.byte_port import BytePort
-from hardware.dynamixel.packets import BROADCAST, MAX_ID, Instruction, Status
+from hardware.dynamixel.packets import BROADCAST, MAX_ID, Status
 from hardware.dynamixel.parsers import parser1, parser2
 
 SLOT = 0.003
@@ -107,6 +107,6 @@ def _answers(protocol: int, request: bytes, heard: bytes) -> Heard:
     if protocol == 1:
         answers = [protocol1.status_of(frame) for frame in frames]
     else:
-        told = (protocol2.status_of(frame) for frame in frames if frame.code != Instruction.PING)
+        told = (protocol2.status_of(frame) for frame in frames)
         answers = [answer for answer in told if answer is not None]
     return Heard(tuple(answers), parser.skipped + len(parser.pending), echoed)
