@@ -19,7 +19,7 @@ from hardware.dynamixel.goal_packet import GoalPacket
 from hardware.dynamixel.packets import Status
 from hardware.dynamixel.readings import Names, Readings, names_of
 
-RETRIES = 2
+RETRIES = 3
 """Times that what did not answer is asked again in the same cycle."""
 LOST_AFTER = 3
 """Cycles without an answer after which a servo is no longer asked in every cycle."""

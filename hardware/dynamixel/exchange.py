@@ -89,9 +89,7 @@ class Ask:
         if self.kind is Kind.SYNC:
             statuses = (protocol2.status_of(frame) for frame in parser2().feed(heard))
         else:
-            # An adapter may echo; only in 2.0 a frame tells who sent it.
-            frames = parser1().feed(heard.removeprefix(self.request()))
-            statuses = (protocol1.status_of(frame) for frame in frames)
+            statuses = (protocol1.status_of(frame) for frame in parser1().feed(heard))
         for status in statuses:
             # An error without data, an echo or a stranger is no answer.
             if status is not None and len(status.data) == self.size and status.id in self.ids:
@@ -121,7 +119,7 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
 
     Raises BusError when the port is gone.
     """
-    heard, enough = b"", ask.reply_bytes
+    heard, enough, request = b"", ask.reply_bytes, ask.request()
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
     while True:
@@ -129,10 +127,15 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
         if data:
             heard += data
             if len(heard) >= enough:
+                heard = heard.removeprefix(request)  # an adapter may echo
+            if len(heard) >= enough:
                 answers = ask.answers(heard)
-                if len(answers) == len(ask.ids):
-                    return Heard(answers, False)
+                whole = len(answers) == len(ask.ids)
+                # All bytes are there: what is damaged comes no second time. (Stuffing makes answers longer.)
+                if whole or ask.kind is Kind.FAST:
+                    return Heard(answers, not whole)
             deadline = min(port.now() + timeouts.idle, end)
         elif not port.wait(deadline):
+            heard = heard.removeprefix(request)
             answers = ask.answers(heard)
             return Heard(answers, len(heard) > ask.bytes_of(len(answers)))
