@@ -182,7 +182,7 @@ class DynamixelBus:
             for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
                 line.cyclic.ask_status(device)
         self._exchange()
-        return readings.states(self._lines[0].port.now())
+        return readings.states(now)
 
     def _exchange(self) -> None:
         """Until no port has a request left: ask on all, then wait for each."""

@@ -53,12 +53,16 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errand:
-    """One request that is due, for a group's values or (names None) for the status of one servo."""
+    """One request that is due, for a group's values or (names None) for the status of one servo.
+
+    again: what is asked when an answer is missing.
+    """
 
     ask: Ask
     request: bytes
     timeouts: Timeouts
     block: Block
+    again: Block
     names: Names | None
     tries: int
 
@@ -99,8 +103,7 @@ class CyclicPort:
         for group in self._groups:
             first = [device for device in group.index_of if self._strikes[device] == 0]
             late = [device for device in group.index_of if 0 < self._strikes[device] < LOST_AFTER or device == lost]
-            block = group.wide if wide else group.motion
-            self._enqueue(group.kind, (*first, *late), block, group.names)
+            self._enqueue(group.kind, (*first, *late), group.wide if wide else group.motion, group.motion, group.names)
         if self._cycle % STATUS_EVERY == 0:
             servo = self.servos[self._cycle // STATUS_EVERY % len(self.servos)]
             if self._strikes[servo.id] == 0:
@@ -130,7 +133,8 @@ class CyclicPort:
 
     def ask_status(self, device: int) -> None:
         """Let the next request be for the torque, errors and watchdog of one servo."""
-        self._enqueue(self._kind[device], (device,), self._status_block[device], None)
+        block = self._status_block[device]
+        self._enqueue(self._kind[device], (device,), block, block, None)
 
     def end(self, readings: Readings) -> None:
         """The cycle is over: count who was silent, and look at who is back."""
@@ -173,7 +177,9 @@ class CyclicPort:
         kind = Kind.SYNC if errand.ask.kind is Kind.FAST else errand.ask.kind
         late = [device for device in silent if device in self._missed]
         order = [device for device in silent if device not in self._missed] + late
-        self._enqueue(kind, tuple(order), errand.block, errand.names, tries=errand.tries + 1)
+        if errand.names is not None:  # a status that is due can wait: this cycle takes long enough
+            self._queue = deque(later for later in self._queue if later.names is not None)
+        self._enqueue(kind, tuple(order), errand.again, errand.again, errand.names, tries=errand.tries + 1)
 
     def _probe(self) -> int | None:
         """A lost servo to be looked for in this cycle, each in its turn."""
@@ -184,22 +190,21 @@ class CyclicPort:
         self._probed = now
         return lost[self._cycle % len(lost)]
 
-    def _enqueue(self, kind: Kind, ids: tuple[int, ...], block: Block, names: Names | None, *, tries: int = 0) -> None:
+    def _enqueue(
+        self, kind: Kind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, *, tries: int = 0
+    ) -> None:
         most = 1 if kind is Kind.SINGLE1 else MAX_IDS
         for at in range(0, len(ids), most):
-            self._queue.append(self._errand(kind, ids[at : at + most], block, names, tries))
-
-    def _errand(self, kind: Kind, ids: tuple[int, ...], block: Block, names: Names | None, tries: int) -> Errand:
-        """Made once: in most cycles the same servos are asked for the same."""
-        key = (kind, ids, block.address, block.size, tries)
-        errand = self._errands.get(key)
-        if errand is None:
-            if len(self._errands) >= MAX_ERRANDS:
-                self._errands.clear()
-            ask = Ask(kind, ids, block.address, block.size)
-            timeouts = ask.timeouts(self.port, self._return_delay)
-            errand = self._errands[key] = Errand(ask, ask.request(), timeouts, block, names, tries)
-        return errand
+            part = ids[at : at + most]
+            key = (kind, part, block.address, block.size, tries)
+            errand = self._errands.get(key)
+            if errand is None:
+                if len(self._errands) >= MAX_ERRANDS:
+                    self._errands.clear()
+                ask = Ask(kind, part, block.address, block.size)
+                timeouts = ask.timeouts(self.port, self._return_delay)
+                errand = self._errands[key] = Errand(ask, ask.request(), timeouts, block, again, names, tries)
+            self._queue.append(errand)
 
 
 def status_block(table: ControlTable) -> Block:

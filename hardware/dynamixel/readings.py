@@ -129,7 +129,7 @@ class Readings:
             temperature=self._temperature.copy(),
             error=self._error.copy(),
             alert=self._alert.copy(),
-            age=np.where(self._valid, 0.0, now - self._answered),
+            age=np.where(self._valid, 0.0, np.maximum(now - self._answered, 0.0)),
             valid=self._valid.copy(),
             driven=self._driven.copy(),
         )
