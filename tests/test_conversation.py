@@ -154,3 +154,9 @@ def test_protocol_1_has_bulk_read_and_sync_write() -> None:
     assert [spoken.data for spoken in said] == [protocol1.status(2, 0, b"\x09\0"), protocol1.status(1, 0, b"\0")]
     assert _said(protocol1.sync_write(30, 1, [(1, b"\x07")]), devices) == []
     assert devices[0].memory[30] == 7
+
+
+def test_an_ax_knows_no_bulk_read() -> None:
+    devices = _row(1, 2, protocol=1)
+    devices[1].model = "AX-12A"
+    assert _who(_said(protocol1.bulk_read([(1, 36, 2), (2, 36, 2)]), devices)) == [1]

@@ -165,8 +165,8 @@ class Conversation:
 def _can(device: Device, code: int) -> bool:
     """Whether a device knows a group read: old firmware has no fast ones, an AX no bulk read."""
     if device.protocol == 2:
-        return code not in FAST_READS or getattr(device, "fast_read", True)
-    return getattr(device, "bulk_read", True)
+        return code not in FAST_READS or device.fast_read
+    return not device.model.startswith("AX-")
 
 
 def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:

@@ -45,6 +45,11 @@ class Device(Protocol):
         """Whether the status return level lets it answer reads (level 1 and 2)."""
         ...
 
+    @property
+    def fast_read(self) -> bool:
+        """Whether its model and firmware know Fast Sync Read and Fast Bulk Read."""
+        ...
+
     def booting(self, now: float) -> bool:
         """Whether it starts, or has no power: then it neither hears nor answers."""
         ...

@@ -7,6 +7,7 @@ import os
 import termios
 import tty
 
+from hardware.errors import HardwareError, describe
 from sim.emulator.line import Line
 from sim.emulator.link import Link
 
@@ -32,8 +33,14 @@ class PseudoTerminal:
         self._speed = array.array("I", bytes(44))
 
     def open(self) -> None:
-        """Make the pseudo-terminal and let the link lead to it. Raises UsageError."""
-        master, client = os.openpty()
+        """Make the pseudo-terminal and let the link lead to it. Raises UsageError, HardwareError."""
+        self.link.check()
+        try:
+            master, client = os.openpty()
+        except OSError as error:
+            raise HardwareError(
+                describe(what=f"no pseudo-terminal is to be had: {error.strerror}", where=str(self.link.path))
+            ) from None
         # The client's side stays open here as well: else a client that closes it would hang up the line.
         self.fd, self._client = master, client
         try:

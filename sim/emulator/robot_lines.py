@@ -23,11 +23,12 @@ def robot_lines(
     plan: FaultPlan | None = None,
     seed: int = 0,
     timing: Timing | None = None,
+    powered: bool = False,
 ) -> dict[str, Line]:
     """A line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults count.
 
-    Servos are set up as the profile says; ids that no servo has are controllers such as the OpenCR of an OP3, of which
-    the one with the power switch has it off at first. Raises HardwareError for what a model cannot be.
+    Servos are set up as the profile says; ids that no servo has are controllers such as the OpenCR of an OP3. powered:
+    whether the one with the power switch has it on at first. Raises HardwareError for what a model cannot be.
     """
     devices = devices_of(
         servos,
@@ -46,7 +47,8 @@ def robot_lines(
         for device in bus.ids:
             if device not in taken:
                 switches = bus.power is not None and bus.power.id == device
-                others.append(EmulatedController(own if switches else (), id=device, baud=bus.baud, on=not switches))
+                on = powered or not switches
+                others.append(EmulatedController(own if switches else (), id=device, baud=bus.baud, now=now, on=on))
         everyone = [*own, *others]
         faults = () if plan is None else plan.of_bus(bus.name)
         origin_seed = f"{seed if plan is None else plan.seed} {bus.name}"

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 BITS_PER_BYTE = 10.0
 """8N1: a start bit, eight bits, a stop bit."""
+REAL_TIME_GAP = 20e-3
+"""`Timing.gap` for clients in real time, s: a busy machine pauses a client for longer than any servo would wait."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,153 @@
+"""`retarget emulate`: a robot's servos on pseudo-terminals, for any program that opens a serial port."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hardware.bus_spec import BusSpec
+from hardware.clock import Clock, MonotonicClock
+from retarget.cli.buses import standing_ticks
+from retarget.cli.interrupt import stop_on_signals
+from retarget.cli.typed_lines import TypedLines
+from retarget.errors import UsageError
+from retarget.robot_body import RobotBody, load_robot
+from sim.emulator.fault_command import obey
+from sim.emulator.fault_file import Buses, FaultPlan, load_fault_plan
+from sim.emulator.faults import random_faults
+from sim.emulator.line import Line
+from sim.emulator.link import Link
+from sim.emulator.pseudo_terminal import PseudoTerminal
+from sim.emulator.robot_lines import robot_lines
+from sim.emulator.serve import serve
+from sim.emulator.wire import REAL_TIME_GAP, Timing
+
+__all__ = ["emulate"]
+
+RANDOM_SPAN = 60.0
+"""Time in s over which faults of a bare seed are spread."""
+
+
+def emulate(
+    robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")],
+    link: Annotated[
+        Path, typer.Option(help="Where clients find it; with several buses PATH-NAME for each.", metavar="PATH")
+    ],
+    faults: Annotated[Path | None, typer.Option(help="What goes wrong, and when.", metavar="FILE.yaml")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Of all chance in the faults; without a file: of the faults too.", metavar="N")
+    ] = None,
+    no_wire_delay: Annotated[
+        bool, typer.Option("--no-wire-delay", help="Answer at once, whatever the baud rate.")
+    ] = False,
+    power_off: Annotated[
+        bool, typer.Option("--power-off", help="Begin with the servos' power off, where the robot has a switch for it.")
+    ] = False,
+    seconds: Annotated[float | None, typer.Option("--for", help="End after so long.", metavar="SECONDS")] = None,
+) -> None:
+    """Answer as a robot's servos would, on a serial port that any program can open, until Ctrl-C.
+
+    Faults can be typed while it runs: 'missing 5', 'flip rate=0.01', 'clear', 'help'.
+    """
+    if seconds is not None and not 0.0 < seconds < float("inf"):
+        raise UsageError("how long to run is no time", where="--for", found=f"{seconds:g}", allowed="above 0 s")
+    if seed is not None and seed < 0:
+        raise UsageError("a seed is not negative", where="--seed", found=seed, allowed="0 and above")
+    body = load_robot(robot)
+    buses = body.profile.bus_specs()
+    links = _links(link, buses)
+    ids = {bus.name: bus.ids for bus in buses}
+    plan = _plan(faults, seed, ids)
+    clock = MonotonicClock()
+    lines = robot_lines(
+        body.joint_map.servos,
+        buses,
+        start=standing_ticks(body),
+        now=clock.now(),
+        plan=plan,
+        seed=plan.seed,
+        timing=replace(Timing.none() if no_wire_delay else Timing(), gap=REAL_TIME_GAP),
+        powered=not power_off,
+    )
+    terminals = [PseudoTerminal(lines[bus.name], links[bus.name]) for bus in buses]
+    _serve(body, buses, terminals, clock, ids, until=None if seconds is None else clock.now() + seconds)
+
+
+def _links(link: Path, buses: Sequence[BusSpec]) -> dict[str, Link]:
+    """The link of each bus, by its name. Raises UsageError where one cannot be made."""
+    if len(buses) == 1:
+        links = {buses[0].name: Link(link)}
+    else:
+        links = {bus.name: Link(link.with_name(f"{link.name}-{bus.name}")) for bus in buses}
+    for made in links.values():
+        made.check()
+    return links
+
+
+def _plan(faults: Path | None, seed: int | None, ids: Buses) -> FaultPlan:
+    if faults is not None:
+        plan = load_fault_plan(faults, ids)
+        return plan if seed is None else replace(plan, seed=seed)
+    if seed is None:
+        return FaultPlan()
+    everyone = sorted({device for some in ids.values() for device in some})
+    return FaultPlan(random_faults(seed, everyone, RANDOM_SPAN), seed)
+
+
+def _serve(
+    body: RobotBody,
+    buses: Sequence[BusSpec],
+    terminals: Sequence[PseudoTerminal],
+    clock: Clock,
+    ids: Buses,
+    *,
+    until: float | None,
+) -> None:
+    states = {bus.name: terminal.line.faults for bus, terminal in zip(buses, terminals, strict=True)}
+    typed = TypedLines(lambda line: _say(obey(line, states, ids, clock.now)))
+    with ExitStack() as stack:
+        stop = stack.enter_context(stop_on_signals())
+        wake = stack.enter_context(_woken_by_signals())
+        for bus, terminal in zip(buses, terminals, strict=True):
+            stack.callback(terminal.close)
+            terminal.open()
+            _announce(body.profile.name, bus, terminal)
+        listen: dict[int, Callable[[], bool]] = {wake: lambda: bool(os.read(wake, 512))}
+        keyboard = TypedLines.descriptor()
+        if keyboard is not None:
+            listen[keyboard] = typed.read
+        serve(terminals, clock, until=stop, listen=listen, deadline=float("inf") if until is None else until)
+
+
+def _announce(robot: str, bus: BusSpec, terminal: PseudoTerminal) -> None:
+    line: Line = terminal.line
+    typer.echo(
+        f"{robot}, bus {bus.name}: {len(line.devices)} devices answer on {terminal.link.path} "
+        f"(protocol {bus.protocol}.0, {bus.baud} baud). Ctrl-C ends it."
+    )
+
+
+def _say(text: str) -> None:
+    """What was typed is answered on stderr; a terminal that is gone stops nothing."""
+    if text:
+        with suppress(OSError):
+            typer.echo(text, err=True)
+
+
+@contextmanager
+def _woken_by_signals() -> Iterator[int]:
+    """A file descriptor that becomes readable by any signal with a handler."""
+    wake, poke = os.pipe()
+    os.set_blocking(poke, False)
+    before = signal.set_wakeup_fd(poke, warn_on_full_buffer=False)
+    try:
+        yield wake
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(wake)
+        os.close(poke)
