@@ -18,6 +18,7 @@ COMMANDS = {
     "inspect": "Say what is in a motion file.",
     "check": "Validate profiles, priorities, performers and scenes.",
     "robots": "List the robots known by name.",
+    "emulate": "Answer as a robot's servos would, on a serial port.",
     "fit-observers": "Propose collision observers from a robot's body.",
     "experiments": "Repeat the paper's experiments and figures.",
 }
