@@ -173,8 +173,9 @@ class CyclicPort:
         if errand.tries == RETRIES or (len(silent) == 1 and not noise and known):
             return
         self.retries += 1
-        # Damage in a fast reply spoils all that follows; in single answers only its own.
-        kind = Kind.SYNC if errand.ask.kind is Kind.FAST else errand.ask.kind
+        kind = errand.ask.kind
+        if kind is Kind.FAST and (answers or noise):
+            kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only its own
         late = [device for device in silent if device in self._missed]
         order = [device for device in silent if device not in self._missed] + late
         if errand.names is not None:  # a status that is due can wait: this cycle takes long enough

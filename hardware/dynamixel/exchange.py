@@ -86,10 +86,10 @@ class Ask:
         if self.kind is Kind.FAST:
             return self._parts(heard)
         found: dict[int, Status] = {}
-        if self.kind is Kind.SYNC:
-            statuses = (protocol2.status_of(frame) for frame in parser2().feed(heard))
-        else:
-            statuses = (protocol1.status_of(frame) for frame in parser1().feed(heard))
+        parser = parser2() if self.kind is Kind.SYNC else parser1()
+        status_of = protocol2.status_of if self.kind is Kind.SYNC else protocol1.status_of
+        # What a damaged length had claimed is looked through as well.
+        statuses = (status_of(frame) for frame in [*parser.feed(heard), *parser.flush()])
         for status in statuses:
             # An error without data, an echo or a stranger is no answer.
             if status is not None and len(status.data) == self.size and status.id in self.ids:
@@ -98,13 +98,14 @@ class Ask:
 
     def _parts(self, heard: bytes) -> list[Status]:
         """Parts of the fast reply, looked for at every header: an echo or a stale answer may precede it."""
+        best: list[Status] = []
         at = heard.find(protocol2.HEADER)
-        while at >= 0:
+        while at >= 0 and len(best) < len(self.ids):
             parts = sound_parts(heard[at:], (self.size,) * len(self.ids))
-            if parts:
-                return [part for part, device in zip(parts, self.ids, strict=False) if part.id == device]
+            sound = [part for part, device in zip(parts, self.ids, strict=False) if part.id == device]
+            best = max(best, sound, key=len)
             at = heard.find(protocol2.HEADER, at + 1)
-        return []
+        return best
 
 
 class Heard(NamedTuple):
