@@ -51,6 +51,11 @@ class VirtualClock:
         self._now += seconds
 
 
+def today() -> str:
+    """Return the day where the machine is, as 2026-12-31."""
+    return time.strftime("%Y-%m-%d")
+
+
 def thread_cpu() -> float:
     """Return the CPU time of the calling thread in s: what a computation costs, whatever else the machine does."""
     return time.thread_time()

@@ -110,6 +110,13 @@ class JointMap:
         last = np.minimum(np.floor(ends[1] + ROUND_OFF).astype(np.int64), self._highest)
         return first, last
 
+    def zeros(self, ticks: TickArray, positions: FloatArray) -> TickArray:
+        """Return the zero ticks (n,) with which shaft `ticks` (n,) would be joint `positions` (n,) in rad."""
+        exact = self._zero + self._scale * positions
+        for pair in self._pairs:
+            exact[pair.columns] = pair.exact_ticks(positions[pair.columns])
+        return np.rint(ticks - (exact - self._zero)).astype(np.int64)
+
     def heard(self, valid: BoolArray) -> BoolArray:
         """Return which joints (n,) are known when the servos `valid` (n,) are: of a coupled pair both or none."""
         known = valid.copy()

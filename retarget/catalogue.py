@@ -2,7 +2,7 @@
 
 Shipped: `configs/` inside the `retarget` package (an installed wheel) or beside it (a checkout). The user's:
 `$XDG_CONFIG_HOME/retarget/` (`~/.config/retarget/` by default), with the same folders inside; a user's file hides the
-shipped one of the same name.
+shipped one of the same name. What belongs to one specimen of a robot, its calibration, is the user's own only.
 """
 
 import os
@@ -68,6 +68,11 @@ def user_folder(environment: Mapping[str, str] | None = None) -> Path:
     if not base.is_absolute():
         base = Path(variables.get("HOME", "~")).expanduser() / ".config"
     return base / "retarget"
+
+
+def calibration_path(robot: str) -> Path:
+    """Where the calibration of the robot of that name is, or will be: always the user's own, never shipped."""
+    return user_folder() / "calibrations" / f"{robot}.yaml"
 
 
 def entries(kind: Kind) -> tuple[Entry, ...]:

@@ -11,18 +11,21 @@ from retarget.body import BodyModel, Frame, load_body
 from retarget.joint_limits import JointLimits
 from retarget.profile import RobotProfile, load_profile
 from retarget.rotations import FloatArray, multiply
+from retarget.servo_calibration import ServoCalibration, calibrated, read_calibration
 
-__all__ = ["RobotBody", "load_robot"]
+__all__ = ["RobotBody", "load_robot", "load_uncalibrated"]
 
 
 @dataclass(frozen=True, eq=False)
 class RobotBody:
-    """A robot. `servo_columns` (n,): where each servo's joint stands in q, in servo order."""
+    """A robot. `servo_columns` (n,): where each servo's joint stands in q, in servo order. calibration: what the zero
+    ticks of `joint_map` are from; None: those of the profile."""
 
     profile: RobotProfile
     body: BodyModel
     joint_map: JointMap
     servo_columns: NDArray[np.int64]
+    calibration: ServoCalibration | None = None
 
     @property
     def limits(self) -> JointLimits:
@@ -65,9 +68,22 @@ class RobotBody:
 
 
 def load_robot(name_or_path: str | Path) -> RobotBody:
-    """A robot by name or by path. Raises UsageError, ConfigError, InputError, HardwareError."""
+    """A robot by name or by path, with its calibration where the user has one.
+
+    Raises UsageError, ConfigError, InputError, HardwareError.
+    """
     profile = load_profile(name_or_path)
+    return _robot(profile, read_calibration(profile))
+
+
+def load_uncalibrated(name_or_path: str | Path) -> RobotBody:
+    """As `load_robot`, with the zero ticks of the profile, whatever calibration there is."""
+    return _robot(load_profile(name_or_path), None)
+
+
+def _robot(profile: RobotProfile, calibration: ServoCalibration | None) -> RobotBody:
     body = load_body(profile.body_path, root=profile.root)
-    joint_map = JointMap(profile.servo_specs())
+    specs = profile.servo_specs()
+    joint_map = JointMap(specs if calibration is None else calibrated(specs, calibration))
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joint_map.joints]]
-    return RobotBody(profile, body, joint_map, columns)
+    return RobotBody(profile, body, joint_map, columns, calibration)

@@ -1,4 +1,5 @@
-"""The command line: one file per command, each with a function of the command's name (_ for -).
+"""The command line: one file per command, each with a function of the command's name (_ for -). A folder is a group of
+commands, built in the same way.
 
 Only the command that is asked for is imported, so that `--help` and `--version` answer at once. Nothing of weight is
 imported before `main`, so that Ctrl-C at any moment is one line.
@@ -19,6 +20,7 @@ COMMANDS = {
     "check": "Validate profiles, priorities, performers and scenes.",
     "robots": "List the robots known by name.",
     "emulate": "Answer as a robot's servos would, on a serial port.",
+    "servo": "Work with a robot's servos: home them.",
     "fit-observers": "Propose collision observers from a robot's body.",
     "experiments": "Repeat the paper's experiments and figures.",
 }
@@ -28,13 +30,13 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line with `arguments` (those of the process by default) and leave with its exit code."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    chosen = next((word for word in words if not word.startswith("-")), None)
+    chosen = [word for word in words if not word.startswith("-")][:2]
     if arguments is None:
         _make_haste()
     sys.exit(exit_code_of(lambda: _call(chosen, words)))
 
 
-def _call(chosen: str | None, words: list[str]) -> None:
+def _call(chosen: list[str], words: list[str]) -> None:
     from retarget.cli.application import application
 
     application(chosen)(args=words, prog_name="retarget")

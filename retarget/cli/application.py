@@ -1,13 +1,12 @@
 """The commands as typer knows them: their words, their help, and the exit codes."""
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
 import typer
 
 import retarget
-from retarget.cli import COMMANDS
 
 __all__ = ["application"]
 
@@ -17,25 +16,33 @@ EPILOG = (
 )
 
 
-def application(chosen: str | None) -> typer.Typer:
-    """The application in which only the `chosen` command is real; the others lend their name and line to the help."""
-    known = typer.Typer(
-        add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EPILOG
-    )
+def application(chosen: Sequence[str]) -> typer.Typer:
+    """The application in which only the command of the words `chosen` is real (a group's: the group and its command);
+    the others lend their name and line to the help."""
+    known = _commands("retarget.cli", chosen, epilog=EPILOG)
     known.callback(invoke_without_command=True)(_options)
-    for name, summary in COMMANDS.items():
-        if name == chosen:
-            known.command(name)(_load(name))
-        else:
-            known.command(name, help=summary)(_not_chosen)
     return known
 
 
-def _load(name: str) -> Callable[..., Any]:
-    """Import a command's file and return its function."""
-    word = name.replace("-", "_")
-    function: Callable[..., Any] = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
-    return function
+def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None) -> typer.Typer:
+    """The commands of a package; its `COMMANDS` names them."""
+    group = typer.Typer(
+        add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=epilog
+    )
+    for name, summary in importlib.import_module(package).COMMANDS.items():
+        if name not in chosen[:1]:
+            group.command(name, help=summary)(_not_chosen)
+            continue
+        word = name.replace("-", "_")
+        module = importlib.import_module(f"{package}.{word}")
+        function: Callable[..., Any] = getattr(module, word)
+        if hasattr(module, "COMMANDS"):
+            inner = _commands(module.__name__, chosen[1:])
+            inner.callback()(function)
+            group.add_typer(inner, name=name)
+        else:
+            group.command(name)(function)
+    return group
 
 
 def _not_chosen() -> None:

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from retarget.catalogue import Kind, entries, find, kind_of
+from retarget.catalogue import Kind, calibration_path, entries, find, kind_of
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
 from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
 from retarget.profile import RobotProfile, load_profile
-from retarget.robot_body import load_robot
+from retarget.robot_body import RobotBody, load_robot
 from retarget.scene import Scene, load_scene
 from retarget.scene_parts import Obstacle
 from retarget.schema import Schema
@@ -115,7 +115,8 @@ def _robot(path: Path) -> str:
         problems = [*error.problems, *problems]
     if problems:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
-    observers = robot_observers(load_robot(path))
+    robot = load_robot(path)
+    observers = robot_observers(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (f"{name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids)" for name, bus in profile.buses.items())
     return _paragraph(
@@ -126,6 +127,7 @@ def _robot(path: Path) -> str:
             "body": f"{profile.body_path.name}, root {profile.root}",
             "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
             "buses": "; ".join(buses),
+            "calibration": _calibration(robot),
             "frames": f"{len(profile.frames)}",
             "landmarks": ", ".join(profile.landmarks),
             "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them looked at",
@@ -138,6 +140,17 @@ def _robot(path: Path) -> str:
             "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}",
         },
     )
+
+
+def _calibration(robot: RobotBody) -> str:
+    """Which servos are homed, when, and where the file is."""
+    if robot.calibration is None:
+        return "none: zero ticks of the profile"
+    servos = robot.calibration.servos
+    days = sorted({servo.date for servo in servos.values()})
+    when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
+    path = calibration_path(robot.profile.name)
+    return f"{len(servos)} of {len(robot.profile.servos)} servos homed on {when} ({path})"
 
 
 def _unknown_priorities(document: Document) -> list[Problem]:

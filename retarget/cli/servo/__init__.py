@@ -1,0 +1,11 @@
+"""`retarget servo COMMAND`: what is done with servos apart from a run. One file per command, with a function of its
+name."""
+
+COMMANDS = {
+    "home": "Find the zero of each servo: place the robot in a known posture.",
+}
+"""Every command and its line in the list of commands."""
+
+
+def servo() -> None:
+    """Work with a robot's servos: nothing here moves a joint."""
