@@ -12,6 +12,7 @@ from sim.emulator.power import BROWN_OUT, WINDOW, Electrics, Supply
 from sim.emulator.registers import Memory
 from sim.servo_load import AMBIENT
 
+MOST_LOAD = 3.0  # stall torques; beyond it the gears would break, and speeds mean nothing
 BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses that field software makes
 
 
@@ -182,9 +183,9 @@ class ServoBody:
 
     @property
     def load_share(self) -> float:
-        """Torque from outside as a share of the stall torque at the present supply."""
+        """Torque from outside as a share of the stall torque at the present supply, MOST_LOAD at most."""
         strength = self.servo_model.stall_torque * max(self.electrics.supplied, 0.01)
-        return self._torque_from_outside / strength
+        return min(max(self._torque_from_outside / strength, -MOST_LOAD), MOST_LOAD)
 
     def _power(self, now: float) -> None:
         """Let the power go, or come back, as cut and supply now have it."""

@@ -53,7 +53,7 @@ class Encoder:
         self._memory.put("goal_position", min(max(goal, low), high))
 
     def _reverse(self) -> bool:
-        return bool(self._memory.value("drive_mode") & REVERSE)
+        return bool(self._memory.value_or("drive_mode", 0) & REVERSE)
 
     def _honoured(self) -> int:
         offset = self._memory.value("homing_offset")

@@ -41,6 +41,8 @@ class ProfilePath:
 
     def at(self, now: float) -> Point:
         """Return where the path is at `now` (s); its goal, at rest, from its end on."""
+        if now >= self.end:
+            return Point(self.goal, 0.0, 0.0)
         left = now - self._start
         for phase in self._phases:
             if left < phase.duration:

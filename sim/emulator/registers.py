@@ -87,7 +87,7 @@ class Memory:
 
     def parts(self, address: int, data: bytes) -> list[Part] | Error2:
         """Return the registers that a write covers, in order, or the error that it deserves: DATA_LENGTH for a register
-        that is not covered to its end, ACCESS for a hole or the table's end. Nothing changes."""
+        that is not covered to its end, ACCESS for a hole, the table's end and what is read only. Nothing changes."""
         if not data:
             return Error2.DATA_LENGTH
         if address + len(data) > len(self.image):
@@ -117,7 +117,7 @@ class Memory:
         done = 0
         while done < len(data):
             register = self._starts[address + done]
-            if register is None:
+            if register is None or not register.writable:
                 return Error2.ACCESS
             chunk = data[done : done + register.size]
             if len(chunk) < register.size:

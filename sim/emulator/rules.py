@@ -63,7 +63,7 @@ def _known(memory: Memory, name: str, value: int) -> bool:
         return value in memory.table.modes
     if name in _BITS:
         return not value & ~(memory.table[name].highest or 0)
-    if name in ("profile_velocity", "profile_acceleration") and memory.value("drive_mode") & TIME_BASED:
+    if name in ("profile_velocity", "profile_acceleration") and memory.value_or("drive_mode", 0) & TIME_BASED:
         return value <= MAX_PROFILE_TIME
     if name == "protocol_type":
         # Protocol 1.0 and the radio protocols over the X tables are not emulated: the servo stays with 2.0.

@@ -264,7 +264,7 @@ class EmulatedServo(ServoBody):
         if "torque_enable" in names:
             self._set_torque(bool(memory.value("torque_enable")), now)
         if names & GOALS:
-            if memory.value("drive_mode") & TORQUE_BY_GOAL and not self.shaft.torque:
+            if memory.value_or("drive_mode", 0) & TORQUE_BY_GOAL and not self.shaft.torque:
                 self._set_torque(True, now)
             self._aim(now)
             self.tune()

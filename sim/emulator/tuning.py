@@ -54,7 +54,7 @@ def velocity_ramp(memory: Memory, tick: float, change: float) -> float:
     value = memory.value("profile_acceleration")
     if not value:
         return inf
-    if memory.value("drive_mode") & TIME_BASED:
+    if memory.value_or("drive_mode", 0) & TIME_BASED:
         return max(abs(change), 1.0) / (1e-3 * value)
     return value * (memory.table["profile_acceleration"].scale or 0.0) / tick
 
@@ -65,7 +65,7 @@ def path_to(goal: int, memory: Memory, tick: float, *, at: tuple[float, float], 
     if not top:
         return None
     position, velocity = at
-    if memory.value("drive_mode") & TIME_BASED:
+    if memory.value_or("drive_mode", 0) & TIME_BASED:
         return path_by_time(goal, position=position, velocity=velocity, total=1e-3 * top, ramp=1e-3 * ramp, now=now)
     speed = min(top, max(memory.value("velocity_limit"), 1)) * (memory.table["profile_velocity"].scale or 0.0) / tick
     rate = ramp * (memory.table["profile_acceleration"].scale or 0.0) / tick
