@@ -1,8 +1,10 @@
 """Clocks: virtual time jumps, real time does not go back."""
 
+from datetime import date
+
 import pytest
 
-from hardware.clock import MonotonicClock, VirtualClock, process_cpu, thread_cpu
+from hardware.clock import MonotonicClock, VirtualClock, process_cpu, thread_cpu, today
 
 
 def test_virtual_time_moves_only_forward() -> None:
@@ -34,3 +36,8 @@ def test_cpu_time_grows_with_work() -> None:
     sum(range(200_000))
     assert thread_cpu() > before[0]
     assert process_cpu() > before[1]
+
+
+def test_today_is_a_day() -> None:
+    before = date.today()
+    assert before <= date.fromisoformat(today()) <= date.today()

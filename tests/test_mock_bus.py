@@ -8,7 +8,7 @@ import pytest
 from hardware.bus import ServoAlert, ServoBus, ServoGoals
 from hardware.clock import VirtualClock
 from hardware.errors import BusError
-from servos import four_servos
+from servos import four_servos, waist_servos
 from sim.mock_bus import MockBus
 from sim.mock_faults import FaultKind, MockFault
 
@@ -180,3 +180,16 @@ def test_torque_that_a_servo_does_not_hear_is_named_and_the_others_are_off() -> 
             switch()
     assert bus._torque.tolist() == [False, True, False, False]
     bus.close()  # is closed, and allowed
+
+
+def test_servos_of_many_turns_take_goals_beyond_one() -> None:
+    clock = VirtualClock()
+    bus = MockBus(waist_servos(), clock)
+    bus.open()
+    goals = np.array([2048, -9000, 9000, 1500])
+    bus.write(ServoGoals(goals))
+    bus.torque(True)
+    clock.advance(30.0)
+    assert bus.read().position.tolist() == goals.tolist()
+    with pytest.raises(BusError, match="out of range"):
+        bus.write(ServoGoals(np.array([-1, 0, 0, 0])))

@@ -1,14 +1,21 @@
 """Faults that the servos' states show: each stops the robot along a braking way, with a reason that names the servo."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from guard_rig import Rig
 from hardware.arrays import FloatArray
 from hardware.bus import ServoStates
+from hardware.clock import VirtualClock
 from hardware.errors import GuardError
 from hardware.guard_state import GuardLimits, GuardState, StopCause
+from hardware.joint_map import JointMap
+from hardware.servo_health import ServoHealth
 from retarget.profile import load_profile
+from servos import waist_servos
+from sim.mock_bus import MockBus
 from sim.mock_faults import FaultKind, MockFault
 
 LIMITS = GuardLimits(max_age=0.1, max_temperature=65.0, voltage=(10.0, 14.8), following_error=0.35)
@@ -140,3 +147,20 @@ def test_values_that_are_not_reported_are_no_complaint() -> None:
     rig.guard.arm()
     rig.run(50)
     assert rig.state() is GuardState.MOVING
+
+
+def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
+    joint_map = JointMap(waist_servos())
+    bus = MockBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
+    bus.open()
+    health = ServoHealth(joint_map, LIMITS)
+    states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
+    # Both servos 0.9 rad off: the yaw by 0.38 rad (0.2083 of their sum), the roll not at all.
+    off = np.array([0, 587, -587, 0])
+    complaint = health.complaint(states, states.position - off)
+    assert complaint is not None
+    assert complaint[1] == "servo is more than 0.35 rad from its goal: yaw (id 3) 0.38 rad"
+    assert health.complaint(states, states.position - np.array([0, 587, 587, 0]) // 2) is None  # roll, 0.26 rad
+    # Where one of the two is silent, nothing is known of either joint.
+    silent = replace(states, valid=np.array([True, False, True, True]))
+    assert health.complaint(silent, states.position - off) is None
