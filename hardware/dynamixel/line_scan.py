@@ -1,0 +1,118 @@
+"""Everybody on one port, whatever their speed and protocol. Nothing is written to a servo."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from hardware.bus_spec import BAUDS
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.checks import alert_text
+from hardware.dynamixel.control_table import ControlTable, table_of_number
+from hardware.dynamixel.discovery import Found
+from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.packets import MAX_ID
+from hardware.dynamixel.servo_error import NoAnswer, ServoError
+from hardware.errors import BusError
+
+PROTOCOLS = (2, 1)
+"""In the order in which they are tried."""
+UNSAID = "reports an error, and does not say which"
+
+
+class Speed(NamedTuple):
+    """A way to talk: protocol 1 or 2, bits per second."""
+
+    protocol: int
+    baud: int
+
+    def __str__(self) -> str:
+        return f"protocol {self.protocol}.0, {self.baud} baud"
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A servo that answered. alert: its errors in words, "" when it reports none."""
+
+    found: Found
+    speed: Speed
+    alert: str = ""
+
+    @property
+    def table(self) -> ControlTable | None:
+        """Its registers; None for a model that is not known here."""
+        if self.found.model is None:
+            return None
+        return table_of_number(self.found.model, self.found.firmware)
+
+    @property
+    def model(self) -> str:
+        """Its model in words."""
+        if self.found.model is None:
+            return "does not say"
+        return self.table.model if self.table is not None else f"number {self.found.model}"
+
+
+@dataclass(frozen=True)
+class LineScan:
+    """Who answered, by speed and id; which speeds were tried; and why others could not be."""
+
+    sightings: tuple[Sighting, ...]
+    tried: tuple[Speed, ...]
+    skipped: tuple[str, ...]
+
+
+def all_speeds(protocols: Sequence[int] = PROTOCOLS, baud: int | None = None) -> list[Speed]:
+    """Every speed that servos can be set to, or one baud rate only, bits per second."""
+    return [Speed(one, rate) for one in protocols for rate in ((baud,) if baud is not None else BAUDS[one])]
+
+
+def all_ids(protocol: int) -> range:
+    """Ids that a servo of this protocol may have."""
+    return range(MAX_ID + (2 if protocol == 1 else 1))
+
+
+def scan_line(
+    port: BytePort,
+    speeds: Sequence[Speed],
+    *,
+    ids: Iterable[int] | None = None,
+    progress: Callable[[int], object] = lambda done: None,
+) -> LineScan:
+    """Look for `ids` (None: all) at each speed; the port must be open, and is left at the last speed.
+
+    progress: hears how many speeds are done. Raises BusError when the port is gone; a speed that the adapter does not
+    have is skipped.
+    """
+    wanted = None if ids is None else sorted(set(ids))
+    seen: list[Sighting] = []
+    tried: list[Speed] = []
+    skipped: list[str] = []
+    for done, speed in enumerate(speeds):
+        progress(done)
+        try:
+            port.set_baud(speed.baud)
+        except BusError as error:
+            port.drop()  # says so where the port is gone
+            skipped.append(f"{speed}: {error}")
+            continue
+        tried.append(speed)
+        client = OneOff(port, speed.protocol)
+        possible = all_ids(speed.protocol)
+        chosen = possible if wanted is None else [device for device in wanted if device in possible]
+        seen += [_sighting(client, one, speed) for one in client.scan(chosen)]
+    progress(len(speeds))
+    return LineScan(tuple(seen), tuple(tried), tuple(skipped))
+
+
+def _sighting(client: OneOff, found: Found, speed: Speed) -> Sighting:
+    bare = Sighting(found, speed)
+    if not found.alert:
+        return bare
+    table = bare.table
+    if table is None or not table.has("hardware_error_status"):
+        return Sighting(found, speed, UNSAID)
+    try:
+        bits = client.read(found.id, table["hardware_error_status"])
+    except (NoAnswer, ServoError):
+        bits = 0
+    return Sighting(found, speed, alert_text(bits) or UNSAID)
