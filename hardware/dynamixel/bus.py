@@ -56,6 +56,7 @@ class DynamixelBus:
         self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
         self._readings: Readings
         self._goals: TickArray | None = None
+        self._lost: BusError | None = None  # why nobody knows on which turn some servo is
         self._wide_at = -np.inf
         self._open = False
         self._powered = False  # torque may be on, through this bus
@@ -163,8 +164,12 @@ class DynamixelBus:
         self._goals = None
         self._wide_at = -np.inf
         states = self._cycle()
+        self._lost = None
         if states.valid.all():
-            self._readings.turns = resolve_turns(self._map, states.position)
+            try:
+                self._readings.turns = resolve_turns(self._map, states.position)
+            except HardwareError as error:
+                self._lost = BusError(str(error))  # it can be looked at and homed, but not driven
 
     def _cycle(self) -> ServoStates:
         """Ask everybody, on all ports at once; then who has something to add."""
@@ -196,6 +201,8 @@ class DynamixelBus:
 
     def _torque_on(self) -> None:
         """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""
+        if self._lost is not None:
+            raise self._lost
         if self._goals is None:
             raise BusError(
                 describe(what="no goals were sent", where="bus, torque on", then="Send the present posture first")
