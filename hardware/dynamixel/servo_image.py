@@ -7,6 +7,8 @@ from hardware.dynamixel.one_off import OneOff
 
 CHUNK = 64
 """Most bytes that are read at once."""
+LAST = ("present_temperature", "present_input_voltage", "present_voltage", "goal_acceleration")
+"""The registers behind which no table has one that is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +29,7 @@ class ServoImage:
 
 
 def read_image(client: OneOff, device: int, table: ControlTable) -> ServoImage:
-    """Everything from address 0 to the present values. Raises BusError when it does not answer."""
-    end = table["present_temperature"].end
-    last = max(end, table["present_input_voltage" if table.protocol == 2 else "present_voltage"].end)
+    """Everything from address 0 to the last register of LAST. Raises BusError when it does not answer."""
+    last = max(table[name].end for name in LAST if table.has(name))
     parts = [client.read_block(device, at, min(CHUNK, last - at)) for at in range(0, last, CHUNK)]
     return ServoImage(table, b"".join(parts))
