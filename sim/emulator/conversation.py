@@ -1,7 +1,7 @@
 """Who answers an instruction, with which bytes, in which order: the devices of a line, without any time of the wire."""
 
 import random
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from enum import Enum
 from typing import NamedTuple
 
@@ -44,6 +44,10 @@ class Spoken(NamedTuple):
     return_delay: float | None
 
 
+Turn = tuple[Sequence[Device], ReadItem]
+"""Who talks next in a group read (several: of one id), and what it is asked."""
+
+
 class Conversation:
     """Answers of devices to the sound frames of a line. `noise` makes what two talking at once sound like."""
 
@@ -67,9 +71,9 @@ class Conversation:
         second = listeners[0].protocol == 2
         if frame.code in (GROUP_READS2 if second else GROUP_READS1):
             items = reads2(frame.code, frame.params) if second else reads1(frame.params)
-            talk = self._fast if second and frame.code in FAST_READS else self._in_turn
-            able = [who for who in listeners if who.id not in cut and _can(who, frame.code)]
-            return talk(items, able, now)
+            fast = second and frame.code in FAST_READS
+            turns = self._turns(items, _able(listeners, frame.code, cut))
+            return self._fast(items, turns, now) if fast else self._in_turn(turns, now)
         if frame.code in GROUP_WRITES:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
@@ -110,63 +114,57 @@ class Conversation:
         longest = max(map(len, frames))
         return self._noise.randbytes(longest)
 
-    def _in_turn(self, items: Sequence[ReadItem], listeners: Sequence[Device], now: float) -> list[Spoken]:
+    def _in_turn(self, turns: Sequence[Turn], now: float) -> list[Spoken]:
         """Sync and bulk read: one status each, in the order of the frame."""
+        said: list[Spoken] = []
+        for devices, (own, address, length) in turns:
+            said += self._together(own, [(who, who.read(address, length, now)) for who in devices])
+        return said
 
-        def part(devices: Sequence[Device], item: ReadItem) -> list[Spoken]:
-            return self._together(item.id, [(who, who.read(item.address, item.length, now)) for who in devices])
-
-        return self._one_by_one(items, listeners, part)
-
-    def _fast(self, items: Sequence[ReadItem], listeners: Sequence[Device], now: float) -> list[Spoken]:
+    def _fast(self, items: Sequence[ReadItem], turns: Sequence[Turn], now: float) -> list[Spoken]:
         """Fast sync and bulk read: all parts in one frame, not stuffed; the first to talk sends its header, each
         closes its part with the CRC of everything so far (e-Manual, Fast Sync Read)."""
-        length = fast_length([item.length for item in items]) - protocol2.OVERHEAD
-        if length > 0xFFFF:
+        whole = fast_length([item.length for item in items]) - protocol2.OVERHEAD
+        if whole > 0xFFFF:
             return []
-        head = protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
-        total = 0
-
-        def part(devices: Sequence[Device], item: ReadItem) -> list[Spoken]:
-            nonlocal total, head
-            answer = devices[0].read(item.address, item.length, now)
-            body = head + bytes((answer.error, item.id)) + answer.data[: item.length].ljust(item.length, b"\0")
+        head = protocol2.HEADER + bytes((BROADCAST,)) + whole.to_bytes(2, "little") + bytes((STATUS,))
+        total, said = 0, []
+        for devices, (own, address, length) in turns:
+            error, data = devices[0].read(address, length, now)
+            if len(data) != length:
+                data = data[:length].ljust(length, b"\0")
+            body = head + bytes((error, own)) + data
             total = protocol2.crc(body, total)
             closing = total.to_bytes(2, "little")
             total = protocol2.crc(closing, total)
-            whole = body + closing if len(devices) == 1 else self._mixed([body + closing])
-            spoken = Spoken(item.id, whole, devices[0].return_delay if head else None)
+            part = body + closing if len(devices) == 1 else self._mixed([body + closing])
+            said.append(Spoken(own, part, devices[0].return_delay if head else None))
             head = b""
-            return [spoken]
+        return said
 
-        return self._one_by_one(items, listeners, part)
-
-    def _one_by_one(
-        self,
-        items: Sequence[ReadItem],
-        listeners: Sequence[Device],
-        part: Callable[[Sequence[Device], ReadItem], list[Spoken]],
-    ) -> list[Spoken]:
-        """The parts of a group read, up to the first device that says nothing; an id counts once."""
+    def _turns(self, items: Sequence[ReadItem], listeners: Sequence[Device]) -> list[Turn]:
+        """Who talks in a group read, up to the first device that says nothing; an id counts once."""
         talkers: dict[int, list[Device]] = {}
         for device in listeners:
             if device.answers_reads:
                 talkers.setdefault(device.id, []).append(device)
-        said: list[Spoken] = []
+        turns: list[Turn] = []
         for item in items:
             devices = talkers.pop(item.id, None)
             if devices is not None:
-                said += part(devices, item)
+                turns.append((devices, item))
             elif self._gaps is Gaps.SILENCE:
                 break
-        return said
+        return turns
 
 
-def _can(device: Device, code: int) -> bool:
-    """Whether a device knows a group read: old firmware has no fast ones, an AX no bulk read."""
-    if device.protocol == 2:
-        return code not in FAST_READS or device.fast_read
-    return not device.model.startswith("AX-")
+def _able(listeners: Sequence[Device], code: int, cut: Collection[int]) -> list[Device]:
+    """Those who know a group read (old firmware has no fast ones, an AX no bulk read) and get to talk."""
+    if listeners[0].protocol == 1:
+        able = [who for who in listeners if not who.model.startswith("AX-")]
+    else:
+        able = [who for who in listeners if who.fast_read] if code in FAST_READS else list(listeners)
+    return [who for who in able if who.id not in cut] if cut else able
 
 
 def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:

@@ -63,6 +63,8 @@ class FaultState:
             if fault.direction is not Direction.TO_HOST and fault.kind is not FaultKind.CRC_STORM and not fault.ids
         ]
         self._on_way_out = [fault for fault in hits if fault.direction is not Direction.TO_SERVOS]
+        self.spoil = bool(self._on_way_out or self.clashing)
+        """Whether `to_host` may change anything."""
 
     @property
     def active(self) -> tuple[Fault, ...]:

@@ -59,6 +59,17 @@ class Line:
         """When the next bytes arrive at the host, s; None while nothing is on its way."""
         return self._waiting[0].due if self._waiting else None
 
+    def last_due_within(self, span: float) -> float | None:
+        """When the last of those bytes arrives that come within `span` s of the next ones."""
+        if not self._waiting:
+            return None
+        last = first = self._waiting[0].due
+        for chunk in self._waiting:
+            if chunk.due - first > span:
+                break
+            last = chunk.due
+        return last
+
     def take(self, now: float) -> bytes:
         """Everything that has arrived at the host by `now`, and is not taken yet."""
         out = []
@@ -114,7 +125,12 @@ class Line:
         return at
 
     def _execute(self, protocol: int, frame: Frame, end: float) -> None:
-        listeners = [device for device in self.devices if device.protocol == protocol and self._hears(device, end)]
+        lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
+        listeners = [
+            device
+            for device in self.devices
+            if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(end)
+        ]
         if frame.code in GROUP_READS2 and frame.id == BROADCAST:
             self.faults.count_cycle()
             self.faults.update(end)
@@ -125,19 +141,20 @@ class Line:
         if said:
             self._speak(said, end)
 
-    def _hears(self, device: Device, now: float) -> bool:
-        return abs(device.baud - self.baud) <= BAUD_TOLERANCE * self.baud and not device.booting(now)
-
     def _speak(self, said: Sequence[Spoken], end: float) -> None:
         """Put answers on the wire, one after the other, from `end` of the instruction on."""
-        timing = self.timing
+        timing, faults = self.timing, self.faults
         at = max(end, self._servos_free)
+        if timing.instant and not faults.spoil:
+            self._servos_free = at
+            self._arrive(b"".join([spoken.data for spoken in said]), at + timing.latency)
+            return
         for spoken in said:
             if spoken.return_delay is not None:
                 at += timing.before_status(spoken.return_delay)
             at += timing.on_wire(len(spoken.data), self.baud)
             late = timing.latency
-            for part in self.faults.to_host(spoken.id, spoken.data):
+            for part in faults.to_host(spoken.id, spoken.data):
                 late += part.delay
                 self._arrive(part.data, at + late)
         self._servos_free = at

@@ -8,6 +8,9 @@ from sim.emulator.pseudo_terminal import PseudoTerminal
 
 EARLY = 50e-6
 """What is due within so many s is not slept for: a timer is no finer."""
+BATCH = 0.5e-3
+"""Answers that come within so many s of each other, and no more than the adapter's latency, are handed over together,
+when the last of them is due: an adapter passes packets on, not bytes."""
 LONGEST_SLEEP = 3600.0
 """Longest single sleep, s."""
 
@@ -36,7 +39,7 @@ def serve(
             before = terminal.fd
             terminal.follow(now)
             changed |= terminal.fd != before
-            due = terminal.line.next_due
+            due = _due(terminal)
             if due is not None and due <= now + EARLY:
                 terminal.speak(now + EARLY)
         if changed:
@@ -54,11 +57,17 @@ def _by_fd(terminals: Sequence[PseudoTerminal]) -> dict[int, PseudoTerminal]:
     return {terminal.fd: terminal for terminal in terminals if terminal.fd >= 0}
 
 
+def _due(terminal: PseudoTerminal) -> float | None:
+    """When to hand over what is on its way, s."""
+    line = terminal.line
+    return line.last_due_within(min(BATCH, line.timing.latency))
+
+
 def _sleep(terminals: Sequence[PseudoTerminal], now: float, deadline: float) -> float:
     """How long nothing is due, s."""
     wake = min(deadline, now + LONGEST_SLEEP)
     for terminal in terminals:
-        due, change = terminal.line.next_due, terminal.line.faults.next_change
+        due, change = _due(terminal), terminal.line.faults.next_change
         if due is not None and due - EARLY < wake:
             wake = due - EARLY
         if change is not None and change < wake:

@@ -30,6 +30,11 @@ class Timing:
         """A line on which nothing takes time: for logic, and for what the host itself costs."""
         return Timing(bits=0.0, return_delay=0.0, turnaround=0.0, latency=0.0)
 
+    @property
+    def instant(self) -> bool:
+        """Whether answers take no time on the wire."""
+        return not (self.bits or self.return_delay or self.turnaround)
+
     def on_wire(self, count: int, baud: int) -> float:
         """Time of `count` bytes in s."""
         return self.bits * count / baud
