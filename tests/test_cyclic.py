@@ -1,0 +1,229 @@
+"""The exchange of every cycle: whole with any models, whole but for the missing, never wrong."""
+
+import numpy as np
+import pytest
+
+from bus_rig import CYCLE, BusRig, bus_of, spec, specs
+from hardware.bus import ServoAlert, ServoStates
+from hardware.dynamixel.cyclic import PROBE_PERIOD, RETRIES, kind_of
+from hardware.dynamixel.exchange import Kind
+from hardware.dynamixel.packets import Instruction
+from sim.emulator.conversation import Gaps
+from sim.emulator.faults import Direction, Fault, FaultKind, Unit
+
+STEP = 3  # ticks by which every goal moves in a cycle
+WORST = 0.006  # [s] that a missing servo may cost in one cycle
+USED = 1e-9
+
+
+def codes(packets: list[bytes]) -> list[int]:
+    """Instructions of 2.0 packets."""
+    return [packet[7] for packet in packets]
+
+
+def whole(states: ServoStates, missing: tuple[int, ...] = ()) -> bool:
+    """Whether everyone (ids from 1) has answered, but for the missing."""
+    return bool((states.valid == [number not in missing for number in range(1, len(states.valid) + 1)]).all())
+
+
+def test_a_cycle_is_one_goal_packet_and_one_fast_read() -> None:
+    rig = BusRig().ready(torque=True)
+    for _ in range(10):
+        rig.tick()
+    rig.port.sent.clear()
+    goals = np.arange(20) + 2040
+    states = rig.tick(goals).states
+    rig.tick(goals)
+    rig.tick(goals)
+    asked = [code for code in codes(rig.port.sent) if code != Instruction.SYNC_READ]  # one servo's status
+    assert asked == [Instruction.FAST_SYNC_READ, Instruction.SYNC_WRITE] * 3
+    assert whole(states) and states.driven.all() and not states.alert.any()
+    for _ in range(30):
+        states = rig.tick(goals).states
+    assert np.abs(states.position - goals).max() <= 1
+    assert np.isfinite(states.voltage).all() and np.isfinite(states.temperature).all()
+    assert ((states.voltage > 11) & (states.voltage < 13) & (states.temperature > 20)).all()
+    assert rig.bus.retries == 0
+
+
+MODELS = ("XM430-W350", "2XL430-W250", "XL430-W250", "MX-28", "XH540-W270", "XC330-T288", "2XC430-W250")
+
+
+def test_models_that_differ_share_a_line() -> None:
+    servos = [spec(number, model) for number, model in enumerate(MODELS, 1)]
+    rig = BusRig(servos, buses=[bus_of(servos, baud=1_000_000)]).ready(torque=True)
+    rig.port.sent.clear()
+    goals = np.arange(len(servos)) * 7 + 2040
+    for _ in range(60):
+        states = rig.tick(goals).states
+        assert whole(states) and states.driven.all()
+    assert np.abs(states.position - rig.shafts()).max() <= 1
+    assert {Instruction.FAST_SYNC_READ, Instruction.SYNC_READ} <= set(codes(rig.port.sent))
+    assert np.isnan(states.current).tolist() == [servo.model.current_unit is None for servo in servos]
+
+
+def test_who_cannot_answer_a_fast_read_is_never_asked_for_one() -> None:
+    servos = [spec(1, "2XL430-W250"), spec(2, "2XL430-W250")]
+    rig = BusRig(servos, buses=[bus_of(servos, baud=1_000_000)]).ready()
+    for _ in range(5):
+        assert whole(rig.tick().states)
+    assert Instruction.FAST_SYNC_READ not in codes(rig.port.sent)
+
+
+def test_protocol_1_is_read_in_bulk_or_one_by_one() -> None:
+    servos = [spec(1, "MX-28"), spec(2, "MX-64"), spec(3, "AX-12A"), spec(4, "AX-12A")]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
+    tables = [one.table for one in rig.devices]
+    assert [kind_of(table) for table in tables] == [Kind.BULK1, Kind.BULK1, Kind.SINGLE1, Kind.SINGLE1]
+    goals = np.array([2100, 2000, 530, 500])
+    for _ in range(40):
+        rig.port.sent.clear()
+        states = rig.tick(goals).states
+        assert whole(states) and states.driven.all()
+    assert np.abs(states.position - goals).max() <= 2
+    bulk = [packet for packet in rig.port.sent if packet[4] == Instruction.BULK_READ]
+    assert len(bulk) == 1
+    assert {packet[2] for packet in rig.port.sent if packet[4] == Instruction.READ} >= {3, 4}
+    assert np.isfinite(states.voltage).all() and np.isnan(states.current).all()
+
+
+@pytest.mark.parametrize("gaps", list(Gaps))
+@pytest.mark.parametrize("gone", [1, 10, 20])
+def test_a_missing_servo_costs_little_and_the_others_nothing(gone: int, gaps: Gaps) -> None:
+    rig = BusRig(gaps=gaps).ready(torque=True)
+    goals = np.full(20, 2048)
+    usual = max(rig.tick(goals).took for _ in range(40))
+    rig.fault(Fault(FaultKind.MISSING, ids=(gone,)))
+    costs, others = [], np.arange(1, 21) != gone
+    for cycle in range(1, 101):
+        goals = goals + STEP
+        states, took = rig.tick(goals)
+        costs.append(took - usual)
+        assert whole(states, (gone,))
+        assert (states.age[others] == 0).all()
+        # It goes on falling behind its age; the others are where their shafts are now.
+        assert states.age[gone - 1] >= (cycle - 1) * CYCLE
+        assert np.abs(states.position - rig.shafts())[others].max() <= STEP
+    assert max(costs) <= WORST
+    assert np.median(costs[3:]) <= USED
+    looks = sum(cost > USED for cost in costs[3:])
+    assert looks <= 97 * CYCLE / PROBE_PERIOD + 1
+    rig.mend()
+    back = [bool(rig.tick(goals).states.valid.all()) for _ in range(round(PROBE_PERIOD / CYCLE) + 3)]
+    assert back[-1] and back == sorted(back)
+
+
+def test_a_servo_away_for_a_moment_is_never_given_up() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.fault(Fault(FaultKind.MISSING, ids=(10,), end=0.012))
+    seen = [rig.tick().states for _ in range(10)]
+    assert [bool(states.valid[9]) for states in seen] == [False] * 2 + [True] * 8
+    assert seen[-1].driven.all()
+
+
+@pytest.mark.parametrize("gone", [(1, 2, 3), (3, 10, 15), (18, 19, 20)])
+def test_three_missing_at_once_leave_the_rest(gone: tuple[int, ...]) -> None:
+    rig = BusRig().ready(torque=True)
+    rig.tick()
+    rig.fault(Fault(FaultKind.MISSING, ids=gone))
+    rig.tick()
+    for _ in range(60):
+        assert whole(rig.tick().states, gone)
+    rig.mend()
+    for _ in range(60):
+        states = rig.tick().states
+    assert whole(states)
+    # They have heard nobody for longer than their watchdogs allow, and say so.
+    assert (np.flatnonzero(~states.driven) + 1).tolist() == list(gone)
+
+
+def test_nobody_there_is_bounded_and_no_exception() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.fault(Fault(FaultKind.MISSING))
+    took = [rig.tick().took for _ in range(40)]
+    states, _ = rig.tick()
+    assert not states.valid.any() and (states.age > 0.3).all()
+    assert max(took) < 0.05
+
+
+DAMAGE = {
+    "flip": Fault(FaultKind.FLIP, rate=0.01),
+    "drop": Fault(FaultKind.DROP, rate=0.01),
+    "duplicate": Fault(FaultKind.DUPLICATE, rate=0.01),
+    "noise": Fault(FaultKind.NOISE, rate=0.01),
+    "late": Fault(FaultKind.LATE, rate=0.01, value=0.003),
+    "bytes": Fault(FaultKind.FLIP, rate=0.001, unit=Unit.BYTES),
+    "to host": Fault(FaultKind.FLIP, rate=0.03, direction=Direction.TO_HOST),
+}
+
+
+@pytest.mark.parametrize("case", list(DAMAGE))
+def test_damage_is_asked_again_and_never_believed(case: str) -> None:
+    rig = BusRig().ready(torque=True)
+    rig.fault(DAMAGE[case])
+    lost, cycles = 0, 200
+    for cycle in range(cycles):
+        states, took = rig.tick(np.arange(20) * 5 + 2048 + STEP * cycle % 200)
+        lost += int((~states.valid).sum())
+        # What is valid was so during the cycle: shafts move a few ticks in it.
+        truth = rig.shafts()
+        speed = np.abs(states.velocity) / rig.servos[0].model.tick_rad
+        assert (np.abs(states.position - truth)[states.valid] <= (speed * (took + CYCLE) + 12)[states.valid]).all()
+        assert not states.alert.any() and states.driven.all()
+    assert lost <= cycles * 20 * 0.002
+    assert case == "duplicate" or rig.bus.retries > 0
+    assert rig.bus.retries <= RETRIES * cycles
+
+
+def test_an_adapter_may_echo() -> None:
+    rig = BusRig()
+    rig.fault(Fault(FaultKind.ECHO))
+    rig.ready(torque=True)
+    for _ in range(30):
+        states = rig.tick().states
+        assert whole(states) and states.driven.all()
+    assert rig.bus.retries == 0
+
+
+def test_which_error_it_is_is_known_within_two_cycles() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.tick()
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(4,)))
+    rig.tick()
+    states = rig.tick().states
+    expected = np.zeros(20, dtype=int)
+    expected[3] = ServoAlert.OVERHEATING
+    assert states.alert.tolist() == expected.tolist()
+    assert ((states.error & 0x80) > 0).tolist() == (expected > 0).tolist()
+    assert whole(states)
+    for _ in range(90):  # it has switched its own torque off, and says so when asked in its turn
+        states = rig.tick().states
+    assert states.driven.tolist() == (expected == 0).tolist()
+
+
+def test_an_error_of_protocol_1_is_in_every_answer() -> None:
+    rig = BusRig(specs(3, "AX-12A"), buses=[bus_of(specs(3), protocol=1, baud=1_000_000)]).ready(torque=True)
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(2,)))
+    rig.tick()
+    assert rig.tick().states.alert.tolist() == [0, ServoAlert.OVERHEATING, 0]
+
+
+def test_a_servo_that_started_anew_says_that_it_is_limp() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.tick()
+    rig.device(7).reboot(rig.clock.now())
+    for _ in range(80):
+        states = rig.tick().states
+    assert whole(states)
+    assert states.driven.tolist() == [number != 7 for number in range(1, 21)]
+    assert rig.shown("torque_enable") == [int(number != 7) for number in range(1, 21)]
+
+
+def test_a_start_too_short_to_be_missed_is_seen_all_the_same() -> None:
+    rig = BusRig(specs(4)).ready(torque=True)
+    one = rig.device(3)
+    one.boot_time = 0.0
+    one.reboot(rig.clock.now())
+    for _ in range(20):
+        states = rig.tick().states
+    assert states.driven.tolist() == [True, True, False, True]
