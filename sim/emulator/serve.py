@@ -1,5 +1,6 @@
 """Serve lines on pseudo-terminals until told to stop: asleep whenever nothing is due."""
 
+import math
 import select
 from collections.abc import Callable, Mapping, Sequence
 
@@ -8,7 +9,7 @@ from sim.emulator.pseudo_terminal import PseudoTerminal
 
 EARLY = 50e-6
 """What is due within so many s is not slept for: a timer is no finer."""
-BATCH = 0.5e-3
+BATCH = 1e-3
 """Answers that come within so many s of each other, and no more than the adapter's latency, are handed over together,
 when the last of them is due: an adapter passes packets on, not bytes."""
 LONGEST_SLEEP = 3600.0
@@ -21,7 +22,7 @@ def serve(
     *,
     until: Callable[[], bool],
     listen: Mapping[int, Callable[[], bool]] | None = None,
-    deadline: float = float("inf"),
+    deadline: float = math.inf,
 ) -> None:
     """Serve opened terminals until `until()` or the `deadline`, s on the clock.
 
@@ -34,17 +35,14 @@ def serve(
         now = clock.now()
         if now >= deadline:
             return
-        changed = False
+        wake, changed = min(deadline, now + LONGEST_SLEEP), False
         for terminal in terminals:
             before = terminal.fd
-            terminal.follow(now)
+            wake = min(wake, _attend(terminal, now))
             changed |= terminal.fd != before
-            due = _due(terminal)
-            if due is not None and due <= now + EARLY:
-                terminal.speak(now + EARLY)
         if changed:
             plugged = _by_fd(terminals)
-        ready, _, _ = select.select([*plugged, *others], (), (), _sleep(terminals, clock.now(), deadline))
+        ready, _, _ = select.select([*plugged, *others], (), (), max(0.0, wake - clock.now()))
         now = clock.now()
         for fd in ready:
             if fd in plugged:
@@ -57,19 +55,15 @@ def _by_fd(terminals: Sequence[PseudoTerminal]) -> dict[int, PseudoTerminal]:
     return {terminal.fd: terminal for terminal in terminals if terminal.fd >= 0}
 
 
-def _due(terminal: PseudoTerminal) -> float | None:
-    """When to hand over what is on its way, s."""
+def _attend(terminal: PseudoTerminal, now: float) -> float:
+    """Do what is due on a terminal; returns when something will be, s."""
+    terminal.follow(now)
     line = terminal.line
-    return line.last_due_within(min(BATCH, line.timing.latency))
-
-
-def _sleep(terminals: Sequence[PseudoTerminal], now: float, deadline: float) -> float:
-    """How long nothing is due, s."""
-    wake = min(deadline, now + LONGEST_SLEEP)
-    for terminal in terminals:
-        due, change = _due(terminal), terminal.line.faults.next_change
-        if due is not None and due - EARLY < wake:
-            wake = due - EARLY
-        if change is not None and change < wake:
-            wake = change
-    return max(0.0, wake - now)
+    span = min(BATCH, line.timing.latency)
+    due = line.last_due_within(span)
+    if due is not None and due <= now + EARLY:
+        terminal.speak(now + EARLY)
+        due = line.last_due_within(span)
+    wake = math.inf if due is None else due - EARLY
+    change = line.faults.next_change
+    return wake if change is None else min(wake, change)
