@@ -118,10 +118,16 @@ class DynamixelBus:
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
         self._require_open("torque")
-        if on:
-            self._torque_on()
-        else:
+        if not on:
             self._torque_off()
+            return
+        try:
+            self._torque_on()
+        except BaseException:
+            if self._powered:
+                with suppress(BusError):  # what made torque fail is worth more than that it cannot be undone
+                    self._torque_off()
+            raise
 
     def close(self) -> None:
         """Torque that this bus switched on goes off; then the ports are closed. Raises BusError for servos that do not

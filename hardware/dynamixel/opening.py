@@ -50,6 +50,12 @@ def examine(port: BytePort, client: OneOff, bus: BusSpec, servos: Sequence[Servo
         if servo.id in found:
             _look_at(servo, found[servo.id], client, bus, opening)
     _look_at_adapter(port, opening)
+    unwatched = [str(device) for device, image in opening.images.items() if not image.table.has("bus_watchdog")]
+    if unwatched and bus.watchdog:
+        opening.notes.append(
+            f"bus {bus.name}: ids {', '.join(unwatched)} have no bus watchdog: they hold their last goal when the host "
+            "goes silent"
+        )
     return opening
 
 
@@ -113,8 +119,6 @@ def _look_at(servo: ServoSpec, found: Found, client: OneOff, bus: BusSpec, openi
         return
     opening.problems += [f"{where} {text}" for text in complaints(servo, bus, image)]
     opening.images[servo.id] = image
-    if bus.protocol == 1:
-        opening.notes.append(f"{where} has no bus watchdog: it holds its last goal when the host goes silent")
 
 
 def _look_at_adapter(port: BytePort, opening: Opening) -> None:

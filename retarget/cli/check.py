@@ -13,6 +13,7 @@ from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
 from retarget.profile import RobotProfile, load_profile
+from retarget.profile_parts import Bus
 from retarget.robot_body import RobotBody, load_robot
 from retarget.scene import Scene, load_scene
 from retarget.scene_parts import Obstacle
@@ -118,7 +119,10 @@ def _robot(path: Path) -> str:
     robot = load_robot(path)
     observers = robot_observers(robot)
     models = [servo.model for servo in profile.servos.values()]
-    buses = (f"{name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids)" for name, bus in profile.buses.items())
+    buses = (
+        f"{name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})"
+        for name, bus in profile.buses.items()
+    )
     return _paragraph(
         "robot",
         profile,
@@ -151,6 +155,13 @@ def _calibration(robot: RobotBody) -> str:
     when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
     path = calibration_path(robot.profile.name)
     return f"{len(servos)} of {len(robot.profile.servos)} servos homed on {when} ({path})"
+
+
+def _watchdog(bus: Bus) -> str:
+    """What the servos of a bus do when the host goes silent."""
+    if bus.protocol == 1:
+        return "no bus watchdog: servos of protocol 1.0 hold their last goal when the host goes silent"
+    return f"bus watchdog {bus.watchdog_s:g} s" if bus.watchdog_s else "bus watchdog off"
 
 
 def _unknown_priorities(document: Document) -> list[Problem]:
