@@ -51,7 +51,7 @@ def examine(port: BytePort, client: OneOff, bus: BusSpec, servos: Sequence[Servo
             _look_at(servo, found[servo.id], client, bus, opening)
     _look_at_adapter(port, opening)
     unwatched = [str(device) for device, image in opening.images.items() if not image.table.has("bus_watchdog")]
-    if unwatched and bus.watchdog:
+    if unwatched and (bus.watchdog or bus.protocol == 1):
         opening.notes.append(
             f"bus {bus.name}: ids {', '.join(unwatched)} have no bus watchdog: they hold their last goal when the host "
             "goes silent"

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
+from hardware.bus_spec import BusSpec
 from retarget.catalogue import Kind, calibration_path, entries, find, kind_of
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
 from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
 from retarget.profile import RobotProfile, load_profile
-from retarget.profile_parts import Bus
 from retarget.robot_body import RobotBody, load_robot
 from retarget.scene import Scene, load_scene
 from retarget.scene_parts import Obstacle
@@ -120,8 +120,7 @@ def _robot(path: Path) -> str:
     observers = robot_observers(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (
-        f"{name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})"
-        for name, bus in profile.buses.items()
+        f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
     )
     return _paragraph(
         "robot",
@@ -157,11 +156,11 @@ def _calibration(robot: RobotBody) -> str:
     return f"{len(servos)} of {len(robot.profile.servos)} servos homed on {when} ({path})"
 
 
-def _watchdog(bus: Bus) -> str:
+def _watchdog(bus: BusSpec) -> str:
     """What the servos of a bus do when the host goes silent."""
     if bus.protocol == 1:
         return "no bus watchdog: servos of protocol 1.0 hold their last goal when the host goes silent"
-    return f"bus watchdog {bus.watchdog_s:g} s" if bus.watchdog_s else "bus watchdog off"
+    return f"bus watchdog {bus.watchdog:g} s" if bus.watchdog else "bus watchdog off"
 
 
 def _unknown_priorities(document: Document) -> list[Problem]:
