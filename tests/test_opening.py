@@ -1,0 +1,178 @@
+"""Everything that keeps a bus from being used is said at once, with its cure; nothing is written then."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from bus_rig import BusRig, bus_of, moved, spec, specs
+from hardware.bus_spec import BusSpec
+from hardware.dynamixel.baud_codes import code_of
+from hardware.dynamixel.protocol2 import frame
+from hardware.errors import BusError
+from sim.emulator.faults import Fault, FaultKind
+from sim.emulator.wire import Timing
+
+Spoil = Callable[[BusRig], None]
+
+
+def register(number: int, **values: int) -> Spoil:
+    """Registers of one servo hold something else."""
+
+    def spoil(rig: BusRig) -> None:
+        one = rig.devices[number - 1]
+        for name, value in values.items():
+            one.memory.put(name, value)
+        one.tune()
+
+    return spoil
+
+
+def overheated(rig: BusRig) -> None:
+    rig.device(2).heat(90.0, 0.0)
+    rig.device(2).heat(30.0, 0.0)
+    rig.device(2).memory.put("hardware_error_status", 4)
+
+
+def supply(rig: BusRig) -> None:
+    for one in rig.devices:
+        one.supply(9.0, 0.0)
+
+
+def other_speed(rig: BusRig) -> None:
+    for one in rig.devices:
+        one.memory.put("baud_rate", code_of(one.table, 57_600) or 0)
+        one.refresh_port()
+
+
+def fault(kind: FaultKind, *ids: int) -> Spoil:
+    return lambda rig: rig.fault(Fault(kind, ids=ids))
+
+
+PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
+    "missing": (fault(FaultKind.MISSING, 2, 4), ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan")),
+    "nobody": (fault(FaultKind.MISSING), ("no servo answers", "57600", "4500000", "check the servos' power")),
+    "other speed": (other_speed, ("no servo answers", "answers at 57600", "correct `baud`", "servo setup")),
+    "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that the profile does not know: 9 (XM430-W350)")),
+    "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) answers in several voices", "one at a time")),
+    "errors": (overheated, ("servo j2 (id 2) has latched OVERHEATING (too hot)", "servo reboot")),
+    "voltage": (supply, ("has a supply of 9.0 V, allowed 9.5 to 16 V", "battery")),
+    "torque": (register(1, torque_enable=1), ("has torque on, and its EEPROM must be written", "servo rest")),
+    "by goal": (register(1, drive_mode=8), ("has drive mode 0x08, bit 3 (torque on by goal", "drive_mode to 0")),
+    "reverse": (register(1, drive_mode=5), ("has drive mode 0x05, bit 0 (reverse", "drive_mode to 4")),
+    "follower": (register(1, drive_mode=2), ("has drive mode 0x02, bit 1 (follower",)),
+    "at start": (register(1, startup_configuration=1), ("torque on by itself when it starts", "servo setup")),
+    "offset": (register(1, homing_offset=-50), ("has homing offset -50, the profile says 0",)),
+    "travel": (register(1, min_position_limit=1500), ("takes ticks 1500 to 4095 only, the joint needs 1070 to 3026",)),
+}
+
+
+def refusal(rig: BusRig) -> str:
+    """What opening says; nothing was written to a servo, and no port is left open."""
+    before = rig.images()
+    with pytest.raises(BusError) as caught:
+        rig.bus.open()
+    assert rig.images() == before
+    assert not any(port.opened for port in rig.ports.values())
+    writes = {3, 4, 5, 6, 8, 16, 131, 147}  # instructions of 2.0 that change something
+    assert not [packet for port in rig.ports.values() for packet in port.sent if packet[7] in writes]
+    with pytest.raises(BusError, match="closed"):
+        rig.bus.read()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("case", list(PROBLEMS))
+def test_each_problem_is_named_with_its_cure(case: str) -> None:
+    rig = BusRig(specs(4))
+    spoil, texts = PROBLEMS[case]
+    spoil(rig)
+    said = refusal(rig)
+    for text in texts:
+        assert text in said
+    assert "main" in said or "servo j" in said
+
+
+def test_a_sound_bus_opens_and_says_nothing_of_that_kind() -> None:
+    rig = BusRig(specs(4))
+    rig.bus.open()
+    assert rig.port.opened
+    assert all("return_delay_time" in note for note in rig.notes)
+
+
+def test_another_model_is_named() -> None:
+    rig = BusRig(specs(4))
+    rig.devices[2].memory.put("model_number", 1060)
+    assert "servo j3 (id 3) is XL430-W250, the profile says XM430-W350" in refusal(rig)
+    rig.devices[2].memory.put("model_number", 4242)
+    assert "model number 4242, which is not known here" in refusal(rig)
+
+
+def test_a_slow_adapter_is_named_with_the_command() -> None:
+    rig = BusRig(specs(2), timing=Timing(latency=0.016))
+    said = refusal(rig)
+    assert "keeps bytes for up to 16 ms" in said
+    assert "echo 1 | sudo tee latency_timer" in said
+
+
+def test_everything_is_said_at_once_on_all_ports() -> None:
+    servos = [*specs(6), moved(spec(7), "arms"), moved(spec(8), "arms"), moved(spec(9), "head")]
+    buses = [bus_of(servos, name=name) for name in ("main", "arms", "head")]
+    rig = BusRig(servos, buses=buses, strangers=[spec(40)])
+    overheated(rig)
+    register(1, drive_mode=8, homing_offset=3)(rig)
+    rig.devices[3].memory.put("model_number", 1060)
+    rig.lines["main"].faults.add(Fault(FaultKind.MISSING, ids=(6,)), 0.0)
+    rig.lines["arms"].faults.add(Fault(FaultKind.UNPLUG), 0.0)
+    rig.lines["head"].faults.add(Fault(FaultKind.MISSING), 0.0)
+    said = refusal(rig)
+    for text in (
+        "j1 (id 1) has drive mode",
+        "j1 (id 1) has homing",
+        "OVERHEATING",
+        "j4 (id 4) is XL430",
+        "j6 (id 6) did not",
+    ):
+        assert text in said
+    for text in ("40 (XM430-W350)", "bus arms: emulated arms: there is no such port", "bus head", "no servo answers"):
+        assert text in said
+    assert said.startswith("the bus cannot be used, for 8 reasons:")
+    assert said.count("\n") == 8
+
+
+def test_wheel_mode_of_protocol_1_is_refused() -> None:
+    servos = specs(2, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    rig.devices[1].memory.put("ccw_angle_limit", 0)
+    before = rig.images()
+    with pytest.raises(BusError, match=r"j2 \(id 2\) is in wheel mode"):
+        rig.bus.open()
+    assert rig.images() == before
+
+
+def test_protocol_1_is_told_to_have_no_watchdog() -> None:
+    servos = specs(1, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready()
+    assert "servo j1 (id 1) has no bus watchdog: it holds its last goal when the host goes silent" in rig.notes
+
+
+def test_limits_that_are_just_wide_enough_do() -> None:
+    rig = BusRig(specs(1))
+    register(1, min_position_limit=1071, max_position_limit=3025)(rig)
+    rig.bus.open()
+
+
+def test_the_speed_is_the_bus_s_again_after_others_were_tried() -> None:
+    rig = BusRig(specs(2))
+    rig.fault(Fault(FaultKind.MISSING))
+    refusal(rig)
+    assert rig.line.baud == rig.buses[0].baud
+    rig.mend()
+    rig.bus.open()
+
+
+def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
+    servos = specs(2)
+    buses: list[BusSpec] = [replace(bus_of(servos), ids=(1, 2, 30))]
+    rig = BusRig(servos, buses=buses)
+    assert "device 30 did not answer" in refusal(rig)
+    assert frame(30, 1, b"") in rig.port.sent
