@@ -25,7 +25,7 @@ CUT_POWER = " (torque could not be switched off: cut the power)"
 
 
 def _text(error: BaseException) -> str:
-    return str(error) or type(error).__name__
+    return str(error).rstrip(".") or type(error).__name__
 
 
 def _no_way() -> None:
