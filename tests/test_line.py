@@ -1,5 +1,6 @@
 """One segment of wire: pieces of frames, baud rates, both protocols, collisions, a host that never reads."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -171,3 +172,15 @@ def test_a_late_answer_holds_up_what_follows() -> None:
     line.hear(protocol2.sync_read(0, 1, [1, 2]), 1.0)
     assert line.take(1.2499) == b""
     assert line.take(1.25) == protocol2.status(1, 0, b"\0") + protocol2.status(2, 0, b"\0")
+
+
+def test_what_comes_together_ends_at_its_last_byte() -> None:
+    line = _line(*(StubDevice(id=index) for index in (1, 2, 3)), timing=Timing())
+    assert line.last_due_within(1.0) is None
+    line.hear(protocol2.sync_read(0, 1, [1, 2, 3]), 0.0)
+    first = line.next_due
+    assert first is not None
+    one = 120 / 57600 + 20e-6  # a status of 12 bytes
+    assert line.last_due_within(0.0) == first
+    assert line.last_due_within(1.5 * one) == pytest.approx(first + one)
+    assert line.last_due_within(1.0) == pytest.approx(first + 2 * one)

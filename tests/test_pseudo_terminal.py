@@ -12,6 +12,7 @@ import pytest
 from serial import Serial
 
 from hardware.dynamixel import protocol2
+from hardware.errors import HardwareError
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line
@@ -110,4 +111,14 @@ def test_unplugged_it_is_gone_and_then_a_new_one_is_there(tmp_path: Path) -> Non
     with Serial(str(terminal.link.path), 1_000_000, timeout=0.5) as client:
         assert _exchange(terminal, client, protocol2.ping(1), 2.5) == STATUS
     terminal.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_where_there_is_no_pseudo_terminal_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left() -> tuple[int, int]:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "openpty", none_left)
+    with pytest.raises(HardwareError, match="no pseudo-terminal is to be had: No space left"):
+        _terminal(tmp_path)
     assert list(tmp_path.iterdir()) == []
