@@ -84,7 +84,8 @@ class CyclicPort:
         self._strikes = dict.fromkeys(self._index_of, 0)
         self._missed: set[int] = set()  # of this cycle: the first that did not answer, each time
         self._queue: deque[Errand] = deque()
-        self._sent = 0.0
+        self._sent = 0.0  # [s]
+        self._line_free = -np.inf  # [s] when the last goals have left the wire
         self._cycle = 0
         self._probed = -np.inf
         self._errands: dict[tuple[object, ...], Errand] = {}
@@ -93,6 +94,7 @@ class CyclicPort:
         """Send goals (n,), of all servos of the robot, ticks. Raises BusError."""
         for packet in self._goals.packets(ticks):
             self.port.write(packet)
+            self._line_free = max(self.port.now(), self._line_free) + 10 * len(packet) / self.port.baud
 
     def begin(self, *, wide: bool) -> None:
         """A new cycle. wide: voltage and temperature too."""
@@ -118,7 +120,7 @@ class CyclicPort:
         """Send the next request. Raises BusError."""
         self.port.drop()
         self.port.write(self._queue[0].request)
-        self._sent = self.port.now()
+        self._sent = max(self.port.now(), self._line_free)  # goals may still be on the wire
 
     def collect(self, readings: Readings) -> None:
         """Wait for the answers to the last request, and keep them. Raises BusError."""

@@ -78,7 +78,8 @@ class Ask:
         """How long the answers may take; return_delay: of each servo, s."""
         sending, coming = (10 * count / port.baud for count in (len(self.request()), self.reply_bytes))
         pause = return_delay + TURNAROUND
-        idle = pause + port.latency + SLACK
+        # An adapter may hand over an answer in one piece, when it is whole.
+        idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
         return Timeouts(sending + idle, idle, sending + coming + (self.delays - 1) * pause + idle)
 
     def answers(self, heard: bytes) -> list[Status]:
