@@ -22,6 +22,8 @@ class ServoLab:
         self._make = places.emulated_lines
         self.before: dict[tuple[int, str], int] = {}
         self.faults: list[Fault] = []
+        self.upon: dict[int, Fault] = {}
+        """Faults that begin when an instruction (2.0) has gone over the line."""
         self.sent: list[bytes] = []
         self.lines: dict[str, Line] = {}
         patch.setattr(places, "emulated_lines", self._lines)
@@ -39,6 +41,8 @@ class ServoLab:
         def heard(data: bytes, now: float) -> None:
             self.sent.append(data)
             hear(data, now)
+            if len(data) > 7 and data[7] in self.upon:
+                line.faults.add(self.upon.pop(data[7]), now)
 
         self._patch.setattr(line, "hear", heard)
         return self.lines

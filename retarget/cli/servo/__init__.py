@@ -2,6 +2,9 @@
 name."""
 
 COMMANDS = {
+    "scan": "Find every servo on a port.",
+    "rest": "Switch torque off: the robot goes limp.",
+    "reboot": "Clear latched errors by a restart.",
     "home": "Find the zero of each servo: place the robot in a known posture.",
 }
 """Every command and its line in the list of commands."""

@@ -1,0 +1,118 @@
+"""Servos that were found on a port, as a line that can be read, whatever is wrong with them. Nothing is written."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hardware.bus_spec import BusSpec
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.line_scan import Sighting
+from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.servo_error import NoAnswer, ServoError
+from hardware.dynamixel.servo_image import ServoImage, read_image
+from hardware.errors import BusError, describe
+from hardware.servo import ServoSpec, find_model
+
+Placed = tuple[int, ServoSpec]
+"""A servo and its place in the robot's order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What was found. line: every servo that is expected; its `images` are of those that answered.
+
+    missing: ids that did not answer; clashing: those that two servos have; notes: what else is worth one, a line each.
+    """
+
+    line: BusLine
+    missing: tuple[int, ...]
+    clashing: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Sequence[Sighting]) -> Look:
+    """Read everybody who was sighted at the speed of the bus. Raises BusError when the port is gone."""
+    port.set_baud(spec.baud)
+    line = BusLine(spec, port, servos)
+    seen = {one.found.id: one for one in sightings}
+    notes, images = [], {}
+    for device, servo in line.servos.items():
+        if device not in seen:
+            continue
+        try:
+            image = _image(line.client, seen[device])
+        except (NoAnswer, ServoError) as error:
+            notes.append(f"{servo.joint}: {error}")
+            continue
+        if image is None:
+            notes.append(f"{servo.joint} (id {device}) is a model that is not known here: {seen[device].model}")
+            continue
+        if image.table.model != servo.model.name:
+            notes.append(f"{servo.joint} (id {device}) is {image.table.model}, the profile says {servo.model.name}")
+        images[device] = image
+    line.adopt(images)
+    strangers = [f"{one.found.id} ({one.model})" for one in sightings if one.found.id not in spec.ids]
+    if strangers:
+        notes.append(f"ids that the profile does not know: {', '.join(strangers)}")
+    missing = tuple(device for device in line.servos if device not in images)
+    if missing:
+        notes += _power_note(line)
+    return Look(line, missing, tuple(device for device, one in seen.items() if one.found.clash), tuple(notes))
+
+
+def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
+    """A bus without a profile: the servos that answered, in order of their ids, from place `first` on.
+
+    Raises BusError when they have several speeds; servos of unknown models are left out.
+    """
+    speeds = sorted({one.speed for one in sightings if one.table is not None})
+    if len(speeds) != 1:
+        found = "; ".join(map(str, speeds)) or ", ".join(f"id {one.found.id}: {one.model}" for one in sightings)
+        raise BusError(
+            describe(
+                what="servos at several speeds" if speeds else "no servo of a known model answers",
+                where=name,
+                found=found or None,
+                allowed="one protocol and one baud rate" if speeds else None,
+                then="Name one with --protocol and --baud" if speeds else "See `retarget servo scan`",
+            )
+        )
+    known = [one for one in sightings if one.table is not None]
+    spec = BusSpec(name, name, speeds[0].baud, speeds[0].protocol, tuple(one.found.id for one in sightings))
+    return spec, [(first + place, _servo(one, name)) for place, one in enumerate(known)]
+
+
+def _servo(sighting: Sighting, bus: str) -> ServoSpec:
+    """A servo of which only the model is known: its angle is that of its shaft."""
+    table = sighting.table
+    assert table is not None
+    model, device = find_model(table.model), sighting.found.id
+    return ServoSpec(
+        joint=f"servo {device}",
+        id=device,
+        model=model,
+        bus=bus,
+        direction=1,
+        zero_tick=model.centre_tick,
+        lower=-math.pi,
+        upper=math.pi,
+        max_velocity=model.no_load_speed,
+        max_acceleration=model.no_load_speed,
+    )
+
+
+def _image(client: OneOff, sighting: Sighting) -> ServoImage | None:
+    return None if sighting.table is None else read_image(client, sighting.found.id, sighting.table)
+
+
+def _power_note(line: BusLine) -> list[str]:
+    """Whether a device has the servos' power switched off."""
+    switch = line.spec.power
+    if switch is None:
+        return []
+    try:
+        on = line.client.read_block(switch.id, switch.register, 1)[0] == switch.value
+    except (NoAnswer, ServoError):
+        return [f"device {switch.id}, which switches the servos' power, does not answer"]
+    return [] if on else [f"device {switch.id} has the servos' power switched off"]

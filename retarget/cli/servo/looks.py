@@ -1,0 +1,55 @@
+"""Every servo of the open ports, by the profile of the robot or as found."""
+
+from collections.abc import Sequence
+
+import typer
+
+from hardware.dynamixel.line_scan import scan_line
+from hardware.dynamixel.looking import Look, as_bus, look
+from hardware.errors import BusError, describe
+from retarget.cli.progress import progress_bar
+from retarget.cli.servo.places import Place, chosen_speeds
+from retarget.errors import UsageError
+
+
+def look_at(places: Sequence[Place], *, protocol: int | None = None, baud: int | None = None) -> list[Look]:
+    """A look at each port. protocol, baud: narrow the search where there is no profile.
+
+    Raises BusError when nobody answers, UsageError for a speed beside a profile.
+    """
+    looks: list[Look] = []
+    for place in places:
+        if place.spec is not None and (protocol is not None or baud is not None):
+            raise UsageError(
+                "the profile says the speed",
+                where="--protocol, --baud",
+                next_step="Leave them out, or leave --robot out",
+            )
+        speeds = chosen_speeds(place, protocol, baud, everywhere=False)
+        with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
+            ids = None if place.spec is None else place.spec.ids
+            seen = scan_line(place.port, speeds, ids=ids, progress=progress)
+        if place.spec is not None:
+            looks.append(look(place.port, place.spec, place.servos, seen.sightings))
+        elif seen.sightings:
+            first = sum(len(one.line.servos) for one in looks)
+            looks.append(look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings))
+    if not any(one.line.images for one in looks):
+        told = [note for one in looks for note in one.notes]
+        raise BusError(
+            describe(
+                what="no servo answers",
+                where=", ".join(place.where for place in places),
+                found="; ".join(told) or None,
+                then="Check power and wiring, and see `retarget servo scan`",
+            )
+        )
+    for one in looks:
+        for note in one.notes:
+            typer.echo(f"note: bus {one.line.spec.name}: {note}", err=True)
+    return looks
+
+
+def names(look_: Look, ids: Sequence[int]) -> str:
+    """Servos by joint and id."""
+    return ", ".join(f"{look_.line.servos[device].joint} (id {device})" for device in ids)

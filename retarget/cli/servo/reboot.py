@@ -1,0 +1,97 @@
+"""`retarget servo reboot`: latched errors are shown, explained, and cleared by a restart."""
+
+from typing import Annotated
+
+import typer
+
+from hardware.dynamixel.checks import alert_text
+from hardware.dynamixel.looking import Look
+from hardware.dynamixel.restarting import restart
+from hardware.errors import BusError, describe
+from retarget.cli.servo.looks import look_at, names
+from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, opened
+from retarget.cli.servo.question import agreed
+from retarget.cli.servo.scan import ids_of
+from retarget.errors import UsageError
+
+
+def reboot(
+    robot: Robot = None,
+    port: Port = None,
+    ids: Annotated[str, typer.Option("--id", help="These servos.", metavar="1,2,5-9")] = "",
+    everyone: Annotated[bool, typer.Option("--all", help="Every servo that is found.")] = False,
+    baud: Baud = None,
+    protocol: Protocol = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; also where torque is on.")] = False,
+    faults: Faults = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Restart servos, which clears their latched errors; their torque goes off, and their RAM is the maker's again.
+
+    Shows what they have latched and what it means, and afterwards sees that they are back, without errors and limp.
+    """
+    wanted = ids_of(ids)
+    if (wanted is None) != everyone:
+        raise UsageError("which servos", where="servo reboot", allowed="either --id 1,2 or --all")
+    places = find_places(robot, port, faults=faults)
+    if dry_run:
+        who = "all servos" if everyone else f"ids {ids}"
+        for place in places:
+            typer.echo(f"would read errors and torque of {who} on {place.where}, and after a question restart them")
+        return
+    with opened(places):
+        looks = look_at(places, protocol=protocol, baud=baud)
+        chosen = [(one, _chosen(one, wanted)) for one in looks]
+        _refuse(chosen, wanted, yes=yes)
+        for one, some in chosen:
+            for device in some:
+                typer.echo(_said(one, device))
+        count = sum(len(some) for _, some in chosen)
+        if not agreed(f"Restart {count} servo{'s' * (count > 1)}? Their torque goes off.", yes=yes):
+            return
+        problems = [problem for one, some in chosen if some for problem in restart(one.line, some)]
+    if problems:
+        raise BusError("\n  ".join(["after the restart not all is well:", *problems]))
+    typer.echo(f"{count} servo{'s are' if count > 1 else ' is'} back, without errors, torque off")
+
+
+def _chosen(one: Look, wanted: list[int] | None) -> list[int]:
+    return [device for device in one.line.images if wanted is None or device in wanted]
+
+
+def _refuse(chosen: list[tuple[Look, list[int]]], wanted: list[int] | None, *, yes: bool) -> None:
+    """Raise for ids that nobody has or two have, for protocol 1.0, and for torque that nobody agreed to lose."""
+    there = {device for _, some in chosen for device in some}
+    absent = sorted(set(wanted or ()) - there)
+    if absent:
+        raise BusError(
+            describe(
+                what=f"no servo answers to id {', '.join(map(str, absent))}",
+                where="servo reboot",
+                then="See `retarget servo scan`; nothing was restarted",
+            )
+        )
+    for one, some in chosen:
+        where = f"bus {one.line.spec.name}"
+        if some and one.line.spec.protocol == 1:
+            then = "Switch their power off and on"
+            raise BusError(describe(what="servos of protocol 1.0 know no reboot", where=where, then=then))
+        driven = [device for device in some if one.line.images[device].value("torque_enable")]
+        if driven and not yes:
+            raise BusError(
+                describe(
+                    what="torque is on, and a restart drops what these servos hold",
+                    where=where,
+                    found=names(one, driven),
+                    then="Secure the robot, then `retarget servo rest`, or agree with --yes",
+                )
+            )
+
+
+def _said(one: Look, device: int) -> str:
+    """What a servo has latched, in words."""
+    image = one.line.images[device]
+    bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
+    torque = ", torque on" if image.value("torque_enable") else ""
+    clash = ", two servos have this id" if device in one.clashing else ""
+    return f"{names(one, [device])}, {image.table.model}: {alert_text(bits) or 'no error'}{torque}{clash}"

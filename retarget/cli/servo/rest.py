@@ -1,0 +1,77 @@
+"""`retarget servo rest`: torque off on every servo, confirmed by each."""
+
+import typer
+
+from hardware.dynamixel import torque
+from hardware.dynamixel.looking import Look
+from hardware.errors import BusError, TorqueError, describe
+from retarget.cli.servo.looks import look_at, names
+from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, Yes, find_places, opened
+from retarget.cli.servo.question import agreed
+
+
+def rest(
+    robot: Robot = None,
+    port: Port = None,
+    baud: Baud = None,
+    protocol: Protocol = None,
+    yes: Yes = False,
+    faults: Faults = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Switch torque off on all servos at once, wherever they are: a robot that stands falls, so hold it.
+
+    Each servo is read back; one that does not confirm is named, and the exit code is 1. Nothing else is written but the
+    bus watchdog, which is cleared.
+    """
+    places = find_places(robot, port, faults=faults)
+    if dry_run:
+        for place in places:
+            typer.echo(f"would look for servos on {place.where}, and after a question write to all of them")
+            typer.echo("torque_enable := 0 and bus_watchdog := 0, and read torque_enable back")
+        return
+    with opened(places):
+        looks = look_at(places, protocol=protocol, baud=baud)
+        count = sum(len(one.line.images) for one in looks)
+        driven = [names(one, on) for one in looks if (on := _driven(one))]
+        if not driven and not any(one.missing for one in looks):
+            typer.echo(f"torque is off already on all {count} servos")
+            return
+        typer.echo(f"torque is on: {', '.join(driven) or 'nowhere that is known'}")
+        for one in looks:
+            if one.missing:
+                typer.echo(f"no answer: {names(one, one.missing)}")
+        if not agreed(f"Switch torque off on {count} servos? A robot that stands falls.", yes=yes):
+            return
+        _switch_off(looks)
+    typer.echo(f"torque is off on all {count} servos")
+
+
+def _driven(one: Look) -> list[int]:
+    """Servos that have torque, or do not say just now."""
+    table = next(iter(one.line.images.values())).table if one.line.images else None
+    if table is None:
+        return []
+    said = one.line.read_all(table["torque_enable"], list(one.line.images))
+    return [device for device in one.line.images if said.get(device) != 0]
+
+
+def _switch_off(looks: list[Look]) -> None:
+    """All are told, whichever fails. Raises TorqueError with those that did not confirm."""
+    unsure: list[str] = []
+    for one in looks:
+        if not one.line.images:
+            unsure.append(f"all of bus {one.line.spec.name}")
+            continue
+        try:
+            unsure += torque.disable(one.line)
+        except BusError as error:
+            unsure.append(f"all of bus {one.line.spec.name} ({error})")
+    if unsure:
+        raise TorqueError(
+            describe(
+                what=f"{', '.join(unsure)} did not confirm that torque is off",
+                where="servo rest",
+                then="Cut the power by hand",
+            )
+        )

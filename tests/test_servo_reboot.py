@@ -1,0 +1,72 @@
+"""`retarget servo reboot` on the emulator: errors in words, cleared, and seen to be cleared."""
+
+import pytest
+
+from hardware.dynamixel.packets import Instruction
+from servo_lab import ServoLab
+from sim.emulator.faults import Fault, FaultKind
+
+
+@pytest.fixture
+def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
+    return ServoLab(monkeypatch, capsys)
+
+
+HOT = Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0, end=0.3)
+
+
+def test_a_latched_error_is_explained_and_cleared(lab: ServoLab) -> None:
+    lab.faults = [HOT]
+    code, out, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "7", typed="y\n")
+    assert (code, err) == (0, "")
+    assert "OVERHEATING (too hot)" in out and "1 servo is back, without errors, torque off" in out
+    assert lab.memory(7).value("hardware_error_status") == 0
+
+
+def test_a_cause_that_lasts_is_told(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--yes")
+    assert code == 2 and "(id 7) still has OVERHEATING" in err and "id 8" not in err
+
+
+def test_torque_is_not_dropped_unasked(lab: ServoLab) -> None:
+    lab.before = {(13, "torque_enable"): 1}
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", typed="y\n")
+    assert code == 2 and "r_knee (id 13)" in err and "servo rest" in err
+    assert Instruction.REBOOT not in lab.instructions()
+    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+    assert code == 0 and "torque on" in out and lab.memory(13).value("torque_enable") == 0
+
+
+def test_a_servo_that_switches_its_torque_on_at_start_is_told(lab: ServoLab) -> None:
+    lab.before = {(13, "startup_configuration"): 1}
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+    assert code == 2 and "r_knee (id 13) has its torque on again" in err
+
+
+def test_a_servo_that_does_not_come_back_is_told(lab: ServoLab) -> None:
+    lab.upon = {Instruction.REBOOT: Fault(FaultKind.MISSING, ids=(13,))}
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+    assert code == 2 and "r_knee (id 13) has not come back" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ((), "either --id 1,2 or --all"),
+        (("--all", "--id", "3"), "either --id 1,2 or --all"),
+        (("--id", "33"), "no servo answers to id 33"),
+        (("--id", "200"), "no servo answers to id 200"),
+    ],
+)
+def test_bad_options(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", *words)
+    assert code == 2 and text in err and Instruction.REBOOT not in lab.instructions()
+
+
+def test_no_and_dry_run_restart_nothing(lab: ServoLab) -> None:
+    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", typed="n\n")
+    assert code == 0 and "nothing was done" in out and Instruction.REBOOT not in lab.instructions()
+    lab.sent.clear()
+    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--dry-run")
+    assert code == 0 and "would read errors" in out and lab.sent == []

@@ -1,0 +1,73 @@
+"""`retarget servo rest` on the emulator: limp and confirmed, or said who is not."""
+
+import pytest
+
+from hardware.dynamixel.packets import Instruction
+from servo_lab import ServoLab
+from sim.emulator.faults import Fault, FaultKind
+
+
+@pytest.fixture
+def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
+    made = ServoLab(monkeypatch, capsys)
+    made.before = {(device, "torque_enable"): 1 for device in range(1, 21)}
+    return made
+
+
+def _torques(lab: ServoLab) -> list[int]:
+    return [lab.memory(device).value("torque_enable") for device in range(1, 21)]
+
+
+@pytest.mark.parametrize("words", [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2"), ()])
+def test_all_go_limp_after_a_yes(words: tuple[str, ...], lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", *words, "--port", "emulator", typed="y\n")
+    assert code == 0 and "torque is off on all 20 servos" in out and "A robot that stands falls" in out
+    assert not any(_torques(lab))
+
+
+@pytest.mark.parametrize("typed", ["n\n", "\n", "what\n"])
+def test_without_a_yes_nothing_is_written(typed: str, lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", typed=typed)
+    assert code == 0 and "nothing was done" in out and all(_torques(lab))
+    assert not lab.instructions() & {Instruction.WRITE, Instruction.SYNC_WRITE}
+
+
+def test_nobody_there_to_answer_is_refused(lab: ServoLab) -> None:
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator")
+    assert code == 2 and "--yes" in err and all(_torques(lab))
+
+
+def test_a_limp_robot_is_left_alone(lab: ServoLab) -> None:
+    lab.before = {}
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator")
+    assert code == 0 and "off already on all 20" in out and Instruction.SYNC_WRITE not in lab.instructions()
+
+
+def test_a_silent_servo_is_named_and_the_others_are_limp(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
+    code, out, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 1 and "no answer: r_knee (id 13)" in out
+    assert "r_knee (id 13) did not confirm that torque is off" in err and "Cut the power" in err
+    assert [device for device, on in enumerate(_torques(lab), 1) if on] == [13]
+
+
+def test_nobody_answers(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.SHORT)]
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 2 and "no servo answers" in err
+
+
+def test_a_power_switch_that_is_off_is_told(lab: ServoLab) -> None:
+    lab.before = {(200, "dynamixel_power"): 0}
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 2 and "device 200 has the servos' power switched off" in err
+
+
+def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--dry-run")
+    assert code == 0 and "torque_enable := 0" in out and lab.sent == []
+
+
+def test_a_speed_beside_a_profile_is_refused(lab: ServoLab) -> None:
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--baud", "57600")
+    assert code == 2 and "the profile says the speed" in err
