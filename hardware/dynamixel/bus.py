@@ -219,7 +219,11 @@ class DynamixelBus:
             off = torque.limp(line)
             for device in off:
                 provision(line, line.servos[device])
-            torque.check_goals(line, {device: int(raw[index]) for device, index in line.index_of.items()})
+            goals = {device: int(raw[index]) for device, index in line.index_of.items()}
+            torque.check_still(line, goals)
+            if len(off) < len(goals):  # whom its watchdog has stopped takes no goal until that is cleared
+                torque.arm_watchdogs(line)
+            torque.confirm_goals(line, goals)
             risen.append((line, off))
         self._powered = True
         for line, off in risen:

@@ -28,8 +28,8 @@ class BusLine:
         self.client = OneOff(port, spec.protocol)
         self.images: dict[int, ServoImage] = {}
         """Registers as read last, by id."""
-        tables = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
-        self._cyclic = self._wire(tables)
+        self._expected = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
+        self._cyclic = self._wire(self._expected)
 
     @property
     def cyclic(self) -> CyclicPort:
@@ -37,9 +37,15 @@ class BusLine:
         return self._cyclic
 
     def adopt(self, images: dict[int, ServoImage]) -> None:
-        """Go by what the servos say of themselves: their firmware tells their tables."""
+        """Go by what the servos say of themselves: their firmware tells their tables. Of others the usual is
+        expected."""
         self.images = images
-        self._cyclic = self._wire({device: image.table for device, image in images.items()})
+        self._cyclic = self._wire(self.tables)
+
+    @property
+    def tables(self) -> dict[int, ControlTable]:
+        """Control tables of all its servos, by id."""
+        return self._expected | {device: image.table for device, image in self.images.items()}
 
     def write_all(self, register: Register, values: Iterable[tuple[int, int]]) -> None:
         """Send (id, counts) for one register; nobody answers. Raises BusError when the port is gone."""
@@ -52,13 +58,15 @@ class BusLine:
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
         """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""
         found: dict[int, int] = {}
+        silent = list(ids)
         for _ in range(TRIES):
-            silent = [device for device in ids if device not in found]
-            if not silent:
-                break
+            if silent:
+                found |= self._read_some(register, tuple(silent))
+            silent = [device for device in silent if device not in found]
             # Whoever silenced the rest is asked last.
-            order = (*silent[1:], silent[0])
-            found |= self._read_some(register, order)
+            silent = [*silent[1:], *silent[:1]]
+        for device in silent:  # where several are missing, nobody is silenced by another one
+            found |= self._read_some(register, (device,))
         return found
 
     def _read_some(self, register: Register, ids: tuple[int, ...]) -> dict[int, int]:

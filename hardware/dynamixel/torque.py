@@ -34,16 +34,10 @@ def arm_watchdogs(line: BusLine) -> None:
         _write_and_read(line, [(device, Setting(register, value)) for device in ids], "bus watchdog")
 
 
-def check_goals(line: BusLine, goals: dict[int, int]) -> None:
-    """See that every goal register holds the goal (by id, ticks) that was sent, and that its servo is there.
-
-    Nobody confirms a goal, and torque moves a servo to what is in its register. Raises BusError.
-    """
-    ids = list(goals)
-    table = line.images[ids[0]].table
-    _write_and_read(line, [(device, Setting(table["goal_position"], goals[device])) for device in ids], "goal position")
-    present = _read(line, "present_position", ids)
-    far = [device for device in ids if abs(present[device] - goals[device]) > GOAL_SLACK]
+def check_still(line: BusLine, goals: dict[int, int]) -> None:
+    """See that every servo is there, and still where its goal (by id, ticks) is. Raises BusError."""
+    present = _read(line, "present_position", list(goals))
+    far = [device for device in goals if abs(present[device] - goals[device]) > GOAL_SLACK]
     if far:
         raise BusError(
             describe(
@@ -54,6 +48,15 @@ def check_goals(line: BusLine, goals: dict[int, int]) -> None:
                 then="Torque was not switched on. Keep the robot still and try again",
             )
         )
+
+
+def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
+    """See that every goal register holds the goal (by id, ticks) that was sent.
+
+    Nobody confirms a goal, and torque moves a servo to what is in its register. Raises BusError.
+    """
+    register = _register(line, "goal_position")
+    _write_and_read(line, [(device, Setting(register, goals[device])) for device in goals], "goal position")
 
 
 def drive(line: BusLine, ids: Sequence[int], share: float) -> None:

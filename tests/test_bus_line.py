@@ -1,0 +1,27 @@
+"""Registers of all servos of a bus at once: nobody is taken for silent because another one is."""
+
+import pytest
+
+from bus_rig import BusRig, specs
+from sim.emulator.faults import Fault, FaultKind
+
+
+@pytest.mark.parametrize("gone", [(), (1,), (2,), (3,), (5,), (1, 2), (1, 3, 5), (1, 2, 3, 4), (1, 2, 3, 4, 5)])
+def test_who_is_there_is_read_whoever_is_missing(gone: tuple[int, ...]) -> None:
+    rig = BusRig(specs(5)).ready()
+    if gone:
+        rig.fault(Fault(FaultKind.MISSING, ids=gone))
+    (line,) = rig.bus.lines
+    register = rig.device(1).table["id"]
+    there = [device for device in range(1, 6) if device not in gone]
+    assert line.read_all(register, range(1, 6)) == {device: device for device in there}
+
+
+def test_nobody_asked_is_nobody_told() -> None:
+    rig = BusRig(specs(2)).ready()
+    (line,) = rig.bus.lines
+    rig.port.sent.clear()
+    register = rig.device(1).table["goal_position"]
+    assert line.read_all(register, []) == {}
+    line.write_all(register, [])
+    assert rig.port.sent == []
