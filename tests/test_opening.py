@@ -152,7 +152,7 @@ def test_wheel_mode_of_protocol_1_is_refused() -> None:
 def test_protocol_1_is_told_to_have_no_watchdog() -> None:
     servos = specs(1, "AX-12A")
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready()
-    assert "servo j1 (id 1) has no bus watchdog: it holds its last goal when the host goes silent" in rig.notes
+    assert "bus main: ids 1 have no bus watchdog: they hold their last goal when the host goes silent" in rig.notes
 
 
 def test_limits_that_are_just_wide_enough_do() -> None:
