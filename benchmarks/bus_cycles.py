@@ -1,0 +1,129 @@
+"""Cycles of several sides by turns, with their time and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.bodies import Floats
+from benchmarks.bus_emulator import CENTRE, EmulatorProcess
+from benchmarks.bus_sides import BusSide
+from hardware.arrays import TickArray
+from hardware.clock import MonotonicClock, thread_cpu
+
+WARM_UP = 50
+"""Cycles at first that do not count."""
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Times of one side's cycles in ms: wall, and CPU of its thread; lost: servos without values, of all cycles."""
+
+    side: str
+    p50: float
+    p99: float
+    cpu: float
+    lost: int
+
+
+def by_turns(sides: Sequence[BusSide], count: int, cycles: int) -> list[Cycles]:
+    """Each side does a cycle, then the next: whatever else the machine does meets all of them."""
+    clock = MonotonicClock()
+    wall, cpu = np.zeros((cycles, len(sides))), np.zeros((cycles, len(sides)))
+    lost = [0] * len(sides)
+    for k in range(-WARM_UP, cycles):
+        ticks = goals(count, k)
+        for s, side in enumerate(sides):
+            begun, before = clock.now(), thread_cpu()
+            heard = side.cycle(ticks)
+            if k >= 0:
+                cpu[k, s], wall[k, s] = thread_cpu() - before, clock.now() - begun
+                lost[s] += count - heard
+    return [
+        Cycles(side.name, *_percentiles(wall[:, s]), float(np.median(cpu[:, s])) * 1e3, lost[s])
+        for s, side in enumerate(sides)
+    ]
+
+
+def goals(count: int, k: int) -> TickArray:
+    """A slow wave, ticks (count,)."""
+    ticks: TickArray = CENTRE + np.rint(300.0 * np.sin(0.01 * k + 0.3 * np.arange(count))).astype(np.int64)
+    return ticks
+
+
+@dataclass(frozen=True)
+class Load:
+    """Shares of a core of the host's thread and of the emulator's process; cycles per s; servos without values."""
+
+    host: float
+    emulator: float
+    rate: float
+    lost: int
+
+
+def load(side: BusSide, emulator: EmulatorProcess, *, count: int, seconds: float, period: float) -> Load:
+    """Cycle every `period` s, or (0) as soon as the last has ended."""
+    clock = MonotonicClock()
+    for k in range(WARM_UP):
+        side.cycle(goals(count, k))
+    begun, host, theirs = clock.now(), thread_cpu(), emulator.cpu()
+    done = lost = 0
+    while clock.now() < begun + seconds:
+        lost += count - side.cycle(goals(count, done))
+        done += 1
+        if period:
+            clock.sleep_until(begun + done * period)
+    elapsed = clock.now() - begun
+    return Load((thread_cpu() - host) / elapsed, (emulator.cpu() - theirs) / elapsed, done / elapsed, lost)
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A servo goes missing. Times of a cycle in ms: before; slowest of the first without it; median and slowest of
+    later ones. others: smallest number of the others that had values in any cycle."""
+
+    before: float
+    first: float
+    later: float
+    later_slowest: float
+    others: int
+
+
+def missing(side: BusSide, emulator: EmulatorProcess, *, count: int, device: int, cycles: int) -> Missing:
+    """Let `device` be silent for some cycles."""
+    before, _ = _timed(side, count, cycles)
+    emulator.tell(f"missing {device}")
+    first, heard_first = _timed(side, count, 5)
+    later, heard_later = _timed(side, count, cycles)
+    emulator.tell("clear")
+    for k in range(WARM_UP * 4):
+        side.cycle(goals(count, k))
+    others = int(min(heard_first.min(), heard_later.min()))
+    return Missing(float(np.median(before)), float(first.max()), float(np.median(later)), float(later.max()), others)
+
+
+def _timed(side: BusSide, count: int, cycles: int) -> tuple[Floats, Floats]:
+    clock = MonotonicClock()
+    spent, heard = np.zeros(cycles), np.zeros(cycles)
+    for k in range(cycles):
+        begun = clock.now()
+        heard[k] = side.cycle(goals(count, k))
+        spent[k] = (clock.now() - begun) * 1e3
+    return spent, heard
+
+
+def median_cycle(cycle: Callable[[TickArray], int], now: Callable[[], float], *, count: int, cycles: int) -> float:
+    """Median time of a cycle in ms, on a given clock."""
+    spent = []
+    for k in range(cycles):
+        begun = now()
+        cycle(goals(count, k))
+        spent.append((now() - begun) * 1e3)
+    return float(np.median(spent))
+
+
+def _percentiles(seconds: Floats) -> tuple[float, float]:
+    p50, p99 = np.percentile(seconds, [50.0, 99.0]) * 1e3
+    return float(p50), float(p99)

@@ -1,0 +1,128 @@
+"""Emulated XM430-W350 on a pseudo-terminal, in a process of their own; what that process costs can be asked.
+
+`python -m benchmarks.bus_emulator LINK COUNT BAUD [wire]`: until the end of its input, whose lines are faults.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from hardware.bus_spec import BusSpec
+from hardware.clock import MonotonicClock
+from hardware.servo import ServoSpec, find_model
+from sim.emulator.fault_command import obey
+from sim.emulator.line import Line
+from sim.emulator.link import Link
+from sim.emulator.pseudo_terminal import PseudoTerminal
+from sim.emulator.robot_lines import robot_lines
+from sim.emulator.serve import serve
+from sim.emulator.wire import REAL_TIME_GAP, Timing
+
+CENTRE = 2048
+"""Tick at which every servo begins."""
+READY = "ready\n"
+
+
+def servo_specs(count: int) -> list[ServoSpec]:
+    """`count` servos with ids from 1 on, on one bus."""
+    model = find_model("XM430-W350")
+    return [
+        ServoSpec(f"joint{device}", device, model, "bench", 1, CENTRE, -3.0, 3.0, 4.0, 40.0)
+        for device in range(1, count + 1)
+    ]
+
+
+def bus_spec(count: int, baud: int, port: str = "") -> BusSpec:
+    """Their bus, without return delay."""
+    return BusSpec("bench", port, baud, 2, tuple(range(1, count + 1)))
+
+
+def make_line(count: int, baud: int, timing: Timing, now: float) -> Line:
+    """Their line."""
+    lines = robot_lines(
+        servo_specs(count), [bus_spec(count, baud)], start=np.full(count, CENTRE), now=now, timing=timing, powered=True
+    )
+    return lines["bench"]
+
+
+class EmulatorProcess:
+    """The process; `path` is its port."""
+
+    def __init__(self, folder: Path, count: int, baud: int, *, wire: bool) -> None:
+        self.path = str(folder / f"servos-{count}-{baud}-{int(wire)}")
+        words = [sys.executable, "-m", "benchmarks.bus_emulator", self.path, str(count), str(baud)]
+        self._process = subprocess.Popen(
+            [*words, *(["wire"] if wire else [])], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdin and self._process.stdout
+        self._input, self._output = self._process.stdin, self._process.stdout
+        if self._output.readline() != READY:
+            raise RuntimeError("the emulator's process did not start")
+
+    def __enter__(self) -> EmulatorProcess:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._input.close()
+        self._process.wait()
+        self._output.close()
+
+    def tell(self, line: str) -> None:
+        """Begin or end a fault, as typed into `retarget emulate`; returns when it is done."""
+        self._input.write(line + "\n")
+        self._input.flush()
+        self._output.readline()
+
+    def cpu(self) -> float:
+        """CPU time in s that the process has used (Linux)."""
+        return int(Path(f"/proc/{self._process.pid}/schedstat").read_text(encoding="ascii").split()[0]) * 1e-9
+
+
+def main() -> None:
+    """The process itself."""
+    path, count, baud, *wire = sys.argv[1:]
+    clock = MonotonicClock()
+    timing = replace(Timing() if wire else Timing.none(), gap=REAL_TIME_GAP)
+    line = make_line(int(count), int(baud), timing, clock.now())
+    terminal = PseudoTerminal(line, Link(Path(path)))
+    terminal.open()
+    ended: list[bool] = []
+    try:
+        _say(READY)
+        serve([terminal], clock, until=lambda: bool(ended), listen={0: _listener(line, clock.now, ended)})
+    finally:
+        terminal.close()
+
+
+def _listener(line: Line, now: Callable[[], float], ended: list[bool]) -> Callable[[], bool]:
+    ids = {"bench": tuple(device.id for device in line.devices)}
+
+    def listen() -> bool:
+        words = os.read(0, 4096).decode()
+        if not words:
+            ended.append(True)
+        for typed in words.splitlines():
+            obey(typed, {"bench": line.faults}, ids, now)
+            _say(READY)
+        return bool(words)
+
+    return listen
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text)
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""Sides of the comparison on the bus: a cycle is goals to all servos, then current, velocity, position of all."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler, port_handler
+
+from benchmarks.bus_emulator import CENTRE, bus_spec, servo_specs
+from hardware.arrays import TickArray
+from hardware.bus import ServoGoals
+from hardware.clock import MonotonicClock
+from hardware.dynamixel.bus import DynamixelBus
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.control_table import find_table
+from hardware.dynamixel.cyclic import CyclicPort, Wired
+from hardware.dynamixel.exchange import Kind
+from hardware.dynamixel.protocol2 import sync_write
+from hardware.dynamixel.readings import Readings
+from hardware.dynamixel.serial_port import SerialPort
+from hardware.joint_map import JointMap
+
+MODEL = "XM430-W350"
+GOAL, GOAL_SIZE = 116, 4
+PRESENT, PRESENT_SIZE = 126, 10
+TORQUE = 64
+
+
+class BusSide(Protocol):
+    """Somebody who can do a cycle."""
+
+    name: str
+
+    def cycle(self, ticks: TickArray) -> int:
+        """Send goals (n,), get everybody's state. Returns how many servos it has values of."""
+
+    def close(self) -> None:
+        """Let go of the port."""
+
+
+class OurPort:
+    """`CyclicPort` over a port that is open. plain: by Sync Read, as with servos that know no fast one."""
+
+    def __init__(self, port: BytePort, count: int, *, plain: bool = False) -> None:
+        self.name = f"CyclicPort, {'sync' if plain else 'fast sync'} read"
+        table = find_table(MODEL, 2)
+        self.port = port
+        self.cyclic = CyclicPort(port, [Wired(i, i + 1, table) for i in range(count)], return_delay=0.0)
+        self.readings = Readings([table] * count)
+        port.write(sync_write(TORQUE, 1, [(device, b"\x01") for device in range(1, count + 1)]))
+        if plain:
+            use_plain_reads(self.cyclic)
+
+    def cycle(self, ticks: TickArray) -> int:
+        """One cycle."""
+        cyclic, readings = self.cyclic, self.readings
+        cyclic.write(ticks)
+        readings.begin()
+        cyclic.begin(wide=False)
+        while cyclic.busy:
+            cyclic.send()
+            cyclic.collect(readings)
+        cyclic.end(readings)
+        return int(readings.states(self.port.now()).valid.sum())
+
+    def close(self) -> None:
+        """Close the port."""
+        self.port.close()
+
+
+def use_plain_reads(cyclic: CyclicPort) -> None:
+    """Make the groups of a port ask by Sync Read."""
+    for group in cyclic._groups:
+        object.__setattr__(group, "kind", Kind.SYNC)
+
+
+def our_port(path: str, count: int, baud: int, *, plain: bool = False) -> OurPort:
+    """On a serial port."""
+    port = SerialPort(path, MonotonicClock())
+    port.open(baud)
+    return OurPort(port, count, plain=plain)
+
+
+class OurBus:
+    """`DynamixelBus` as `retarget run` has it: `write`, then `read`, at times of voltage and temperature too."""
+
+    name = "DynamixelBus"
+
+    def __init__(self, path: str, count: int, baud: int) -> None:
+        clock = MonotonicClock()
+        self.bus = DynamixelBus(
+            JointMap(servo_specs(count)), [bus_spec(count, baud, path)], lambda spec: SerialPort(spec.port, clock)
+        )
+        self.bus.open()
+        self.bus.write(ServoGoals(np.full(count, CENTRE)))
+        self.bus.torque(True)
+
+    def cycle(self, ticks: TickArray) -> int:
+        """One cycle."""
+        self.bus.write(ServoGoals(ticks))
+        return int(self.bus.read().valid.sum())
+
+    def close(self) -> None:
+        """Torque off, port closed."""
+        self.bus.close()
+
+
+class SdkGroups:
+    """dynamixel-sdk's GroupSyncWrite and GroupSyncRead, `latency_ms` its LATENCY_TIMER (as delivered: 16).
+
+    values: take the three values of each servo out of the group; without, the bytes stay where they are.
+    """
+
+    def __init__(
+        self, path: str, count: int, baud: int, *, plain: bool = False, values: bool = True, latency_ms: int = 16
+    ) -> None:
+        self.name = f"dynamixel-sdk, {'sync' if plain else 'fast sync'} read{'' if values else ', values not taken'}"
+        self._ids, self._plain, self._values = range(1, count + 1), plain, values
+        self._port = PortHandler(path)
+        self._latency = latency_ms
+        if not self._port.openPort() or not self._port.setBaudRate(baud):
+            raise RuntimeError(f"the SDK cannot open {path} at {baud} baud")
+        packets = PacketHandler(2.0)
+        self._goals = GroupSyncWrite(self._port, packets, GOAL, GOAL_SIZE)
+        self._states = GroupSyncRead(self._port, packets, PRESENT, PRESENT_SIZE)
+        for device in self._ids:
+            self._goals.addParam(device, list(CENTRE.to_bytes(GOAL_SIZE, "little")))
+            self._states.addParam(device)
+
+    def cycle(self, ticks: TickArray) -> int:
+        """One cycle."""
+        port_handler.LATENCY_TIMER = self._latency
+        for device, tick in zip(self._ids, ticks.tolist(), strict=True):
+            self._goals.changeParam(device, list(tick.to_bytes(GOAL_SIZE, "little", signed=True)))
+        self._goals.txPacket()
+        result = self._states.txRxPacket() if self._plain else self._states.fastSyncRead()
+        if result != COMM_SUCCESS:
+            return 0
+        if not self._values:
+            return len(self._ids)
+        states = self._states
+        taken = [(states.getData(i, 126, 2), states.getData(i, 128, 4), states.getData(i, 132, 4)) for i in self._ids]
+        return len(taken)
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.closePort()
