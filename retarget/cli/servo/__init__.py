@@ -4,6 +4,7 @@ name."""
 COMMANDS = {
     "scan": "Find every servo on a port.",
     "setup": "Give one servo its id, speed and settings.",
+    "monitor": "Watch all servos; nothing is written.",
     "rest": "Switch torque off: the robot goes limp.",
     "reboot": "Clear latched errors by a restart.",
     "home": "Find the zero of each servo: place the robot in a known posture.",

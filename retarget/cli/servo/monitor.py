@@ -1,0 +1,97 @@
+"""`retarget servo monitor`: a live table of all servos, which writes nothing."""
+
+import math
+from typing import Annotated
+
+import typer
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from hardware.bus import ServoStates
+from hardware.clock import MonotonicClock
+from hardware.dynamixel.checks import alert_text
+from hardware.dynamixel.watch import Watch
+from hardware.servo import ServoSpec
+from retarget.cli.interrupt import stop_on_signals
+from retarget.cli.servo.looks import look_at
+from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, opened
+from retarget.errors import UsageError
+
+FIRST = 5
+"""Cycles before one table is printed."""
+DRAWN = 5.0
+"""[Hz] Tables on a terminal."""
+
+
+def monitor(
+    robot: Robot = None,
+    port: Port = None,
+    baud: Baud = None,
+    protocol: Protocol = None,
+    rate: Annotated[float, typer.Option(help="Cycles per second.", metavar="HZ")] = 50.0,
+    once: Annotated[bool, typer.Option("--once", help="One table, as in a pipe.")] = False,
+    faults: Faults = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Show what all servos say, until Ctrl-C: nothing is written, and torque stays as it is."""
+    if not 1.0 <= rate <= 500.0:
+        raise UsageError("an impossible rate", where="--rate", found=f"{rate:g}", allowed="1 to 500 Hz")
+    console = Console()
+    once = once or not console.is_terminal
+    places = find_places(robot, port, faults=faults, clock=None if once else MonotonicClock())
+    if dry_run:
+        typer.echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
+        return
+    with opened(places):
+        lines = [one.line for one in look_at(places, protocol=protocol, baud=baud) if one.line.servos]
+        placed = {line.index_of[device]: servo for line in lines for device, servo in line.servos.items()}
+        servos = [placed[index] for index in sorted(placed)]
+        watch, clock = Watch(lines), lines[0].port
+        if once:
+            for _ in range(FIRST):
+                states = watch.read()
+                clock.sleep_until(states.time + 1.0 / rate)
+            console.print(shown(servos, states, watch, rate))
+            return
+        drawn = -math.inf
+        with stop_on_signals() as stop, Live(console=console, auto_refresh=False) as live:
+            due = clock.now()
+            while not stop():
+                states = watch.read()
+                if states.time >= drawn + 1.0 / DRAWN:
+                    drawn = states.time
+                    live.update(shown(servos, states, watch, rate), refresh=True)
+                due = max(due + 1.0 / rate, clock.now())
+                clock.sleep_until(due)
+
+
+def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: float) -> Group:
+    """The table, and a line about the cycles."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "id", "ticks", "deg", "A", "C", "V", "torque", "age, s", "lost", "errors"):
+        table.add_column(heading, justify="left" if heading in ("joint", "errors") else "right")
+    for at, servo in enumerate(servos):
+        angle = math.degrees((int(states.position[at]) - servo.zero_tick) / servo.ticks_per_rad)
+        heard = math.isfinite(states.age[at])
+        values = (f"{states.position[at]}", f"{angle:.1f}") if heard else ("-", "-")
+        table.add_row(
+            servo.joint,
+            str(servo.id),
+            *values,
+            _number(states.current[at], 3),
+            _number(states.temperature[at], 0),
+            _number(states.voltage[at], 1),
+            "on" if states.driven[at] else "off",
+            f"{states.age[at]:.1f}" if heard else "never",
+            str(watch.losses[at]),
+            alert_text(int(states.alert[at])) if states.alert[at] else "",
+        )
+    low, high = watch.times()
+    line = f"cycle p50 {1e3 * low:.2f} ms, p99 {1e3 * high:.2f} ms; {rate:g} Hz asked; {watch.retries} retries"
+    return Group(table, Text(line))
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"

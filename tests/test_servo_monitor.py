@@ -1,0 +1,38 @@
+"""`retarget servo monitor` on the emulator: what it shows, and that it writes nothing."""
+
+import pytest
+
+from hardware.dynamixel.packets import Instruction
+from servo_lab import ServoLab
+from sim.emulator.faults import Fault, FaultKind
+
+READING = {Instruction.PING, Instruction.READ, Instruction.SYNC_READ, Instruction.FAST_SYNC_READ}
+
+
+@pytest.fixture
+def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
+    return ServoLab(monkeypatch, capsys)
+
+
+@pytest.mark.parametrize("words", [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")])
+def test_a_table_of_everybody_and_nothing_written(words: tuple[str, ...], lab: ServoLab) -> None:
+    lab.before = {(13, "torque_enable"): 1}
+    lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
+    code, out, _ = lab.run("monitor", *words, "--port", "emulator", "--once")
+    assert code == 0 and len(out.splitlines()) == 1 + 20 + 1 and "cycle p50" in out
+    rows = out.splitlines()[1:21]
+    assert "OVERHEATING (too hot)" in rows[6] and " on " in rows[12] and " on " not in rows[7]
+    assert lab.instructions() <= READING and lab.memory(13).value("torque_enable") == 1
+
+
+def test_a_missing_servo_is_shown_as_never_heard(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
+    code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
+    assert code == 0 and "never" in out.splitlines()[13] and out.count("never") == 1
+
+
+def test_bad_rate_and_dry_run(lab: ServoLab) -> None:
+    code, _, err = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--rate", "0")
+    assert code == 2 and "impossible rate" in err
+    code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--dry-run")
+    assert code == 0 and "nothing is written" in out and lab.sent == []
