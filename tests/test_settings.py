@@ -26,7 +26,7 @@ def image(**values: int) -> ServoImage:
     return ServoImage(TABLE, bytes(data))
 
 
-@pytest.mark.parametrize(("mode", "value"), zip(ServoMode, (3, 4, 5), strict=True))
+@pytest.mark.parametrize(("mode", "value"), list(zip(ServoMode, (3, 4, 5), strict=True)))
 def test_eeprom_holds_mode_and_delay(mode: ServoMode, value: int) -> None:
     servo, bus = replace(PLAIN, mode=mode, current_limit=1.0), replace(bus_of([PLAIN]), return_delay=20e-6)
     assert named(eeprom_settings(servo, bus, TABLE)) == {"return_delay_time": 10, "operating_mode": value}
