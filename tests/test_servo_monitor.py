@@ -1,8 +1,15 @@
 """`retarget servo monitor` on the emulator: what it shows, and that it writes nothing."""
 
-import pytest
+import functools
+import signal
 
+import pytest
+from rich.console import Console
+
+from hardware.bus import ServoStates
+from hardware.clock import VirtualClock
 from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.watch import Watch
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
 
@@ -36,3 +43,20 @@ def test_bad_rate_and_dry_run(lab: ServoLab) -> None:
     assert code == 2 and "impossible rate" in err
     code, out, _ = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--dry-run")
     assert code == 0 and "nothing is written" in out and lab.sent == []
+
+
+def test_ctrl_c_ends_the_live_table(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    read, cycles = Watch.read, []
+
+    def interrupted(watch: Watch) -> ServoStates:
+        cycles.append(1)
+        if len(cycles) == 20:
+            signal.raise_signal(signal.SIGINT)
+        return read(watch)
+
+    monkeypatch.setattr(Watch, "read", interrupted)
+    monkeypatch.setattr("retarget.cli.servo.monitor.MonotonicClock", VirtualClock)
+    monkeypatch.setattr("retarget.cli.servo.monitor.Console", functools.partial(Console, force_terminal=True))
+    code, out, err = lab.run("monitor", "--robot", "op3", "--port", "emulator")
+    assert (code, err) == (0, "") and len(cycles) == 20 and "head_tilt" in out
+    assert lab.instructions() <= READING

@@ -5,6 +5,7 @@ import signal
 import pytest
 
 from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.setup_write import write_setting
 from servo_lab import ServoLab
 
 BUS = ("--robot", "op3", "--port", "emulator")
@@ -57,15 +58,11 @@ def test_nothing_is_written_without_a_yes(words: tuple[str, ...], typed: str, la
 
 
 def test_ctrl_c_ends_after_the_value_that_is_written(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
-    from retarget.cli.servo import setup as file
-
-    write = file.write_setting
-
     def interrupted(*arguments: object) -> object:
         signal.raise_signal(signal.SIGINT)
-        return write(*arguments)  # type: ignore[arg-type]
+        return write_setting(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(file, "write_setting", interrupted)
+    monkeypatch.setattr("retarget.cli.servo.setup.write_setting", interrupted)
     code, _, err = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "1", "--new-id", "33", "--yes")
     assert code == 1 and "written: drive_mode; not written: id" in err
     assert lab.memory(13).value("drive_mode") == 1

@@ -1,5 +1,7 @@
 """One EEPROM value written and seen to be kept, also where the servo then answers elsewhere."""
 
+from contextlib import suppress
+
 from hardware.dynamixel.baud_codes import baud_of
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.control_table import ControlTable
@@ -27,10 +29,9 @@ def write_setting(
     assert rate is not None
     for _ in range(TRIES):
         port.set_baud(speed.baud)
-        try:
+        # The answer comes at the new speed, or is lost: the servo is looked for below.
+        with suppress(NoAnswer):
             OneOff(port, speed.protocol, retries=0).write(device, register, value)
-        except NoAnswer:
-            pass  # the answer comes at the new speed, or is lost: the servo is looked for below
         port.sleep_until(port.now() + SETTLE)
         port.set_baud(rate)
         there = OneOff(port, speed.protocol)
