@@ -170,6 +170,7 @@ def test_faults_by_cycle_count_group_reads() -> None:
 def test_a_late_answer_holds_up_what_follows() -> None:
     line = _line(StubDevice(id=1), StubDevice(id=2), faults=(Fault(FaultKind.LATE, ids=(1,), value=0.25),))
     line.hear(protocol2.sync_read(0, 1, [1, 2]), 1.0)
+    assert line.last_due_within(1.0) == 1.25
     assert line.take(1.2499) == b""
     assert line.take(1.25) == protocol2.status(1, 0, b"\0") + protocol2.status(2, 0, b"\0")
 
