@@ -20,7 +20,7 @@ COMMANDS = {
     "check": "Validate profiles, priorities, performers and scenes.",
     "robots": "List the robots known by name.",
     "emulate": "Answer as a robot's servos would, on a serial port.",
-    "servo": "Work with a robot's servos: home them.",
+    "servo": "Work with servos: find, set up, watch, rest, reboot, home.",
     "fit-observers": "Propose collision observers from a robot's body.",
     "experiments": "Repeat the paper's experiments and figures.",
 }
