@@ -81,7 +81,6 @@ def test_turns_are_added() -> None:
     take(readings, 0, answer(1, position=5), 0.0)
     take(readings, 1, answer(2, position=-5), 0.0)
     assert readings.states(0.0).position.tolist() == [-4091, 8187]
-    assert readings.position_of(1) == 8187
 
 
 @pytest.mark.parametrize(("speed", "sign"), [(0x3FF, 1), (0x7FF, -1), (0x401, -1), (0, 0)])

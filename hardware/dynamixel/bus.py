@@ -11,6 +11,7 @@ from hardware.bus_spec import BusSpec
 from hardware.dynamixel import torque
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.cycle import read_cycle
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.provisioning import provision
 from hardware.dynamixel.readings import Readings
@@ -178,32 +179,13 @@ class DynamixelBus:
                 self._lost = BusError(str(error))  # it can be looked at and homed, but not driven
 
     def _cycle(self) -> ServoStates:
-        """Ask everybody, on all ports at once; then who has something to add."""
-        readings, now = self._readings, self._lines[0].port.now()
+        """One cycle of all ports; now and then with voltage and temperature."""
+        now = self._lines[0].port.now()
         wide = now >= self._wide_at + WIDE_PERIOD
         if wide:
             self._wide_at = now
-        readings.begin()
-        for line in self._lines:
-            line.cyclic.begin(wide=wide)
-        self._exchange()
-        alarmed = set(readings.alarmed().tolist())
-        for line in self._lines:
-            line.cyclic.end(readings)
-            for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
-                line.cyclic.ask_status(device)
-        self._exchange()
-        return readings.states(now)
-
-    def _exchange(self) -> None:
-        """Until no port has a request left: ask on all, then wait for each."""
-        busy = [line.cyclic for line in self._lines if line.cyclic.busy]
-        while busy:
-            for cyclic in busy:
-                cyclic.send()
-            for cyclic in busy:
-                cyclic.collect(self._readings)
-            busy = [cyclic for cyclic in busy if cyclic.busy]
+        read_cycle(self._lines, self._readings, wide=wide)
+        return self._readings.states(now)
 
     def _torque_on(self) -> None:
         """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""

@@ -109,10 +109,6 @@ class Readings:
         """Whether it follows its goals, as it said just now."""
         self._driven[servo] = driven
 
-    def position_of(self, servo: int) -> int:
-        """Where it was last, ticks."""
-        return int(self._position[servo])
-
     @property
     def valid(self) -> BoolArray:
         """Who has answered in this cycle, (n,); a copy."""

@@ -53,7 +53,6 @@ class SerialPort:
         self._handler = _AnyBaudPort(path)
         self._fd = -1
         self._baud = 0
-        self._low_latency = False
         self.latency_timer_ms: int | None = None
         """The adapter's latency timer as of `open`; None where there is none (not an FTDI)."""
 
@@ -79,11 +78,6 @@ class SerialPort:
             return None
         return latency_timer.timer_command(self._path)
 
-    @property
-    def low_latency(self) -> bool:
-        """Whether the driver took our request for low latency."""
-        return self._low_latency
-
     def open(self, baud: int) -> None:
         """Open it for this process alone; what had arrived is dropped. Raises BusError."""
         self.close()
@@ -92,7 +86,7 @@ class SerialPort:
             self._handler.setBaudRate(baud)
             self._take_over()
             self._verify_baud(baud)
-            self._low_latency = latency_timer.ask_low_latency(self._line)
+            latency_timer.ask_low_latency(self._line)
         except (OSError, termios.error, ValueError, OverflowError) as cause:
             self.close()
             raise port_trouble.why_not_open(self._path, baud, _with_number(cause)) from cause

@@ -7,6 +7,7 @@ import numpy as np
 
 from hardware.bus import ServoStates
 from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.cycle import read_cycle
 from hardware.dynamixel.readings import Readings
 
 KEPT = 500
@@ -44,24 +45,9 @@ class Watch:
     def read(self) -> ServoStates:
         """One cycle of all ports, with voltage and temperature. Raises BusError when a port is gone."""
         begun = self._lines[0].port.now()
-        self._readings.begin()
-        for line in self._lines:
-            line.cyclic.begin(wide=True)
-        self._exchange()
-        alarmed = set(self._readings.alarmed().tolist())
-        for line in self._lines:
-            line.cyclic.end(self._readings)
-            for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
-                line.cyclic.ask_status(device)
-        self._exchange()
+        read_cycle(self._lines, self._readings, wide=True)
         now = self._lines[0].port.now()
         self._times.append(now - begun)
         states = self._readings.states(now)
         self.losses += ~states.valid
         return states
-
-    def _exchange(self) -> None:
-        for line in self._lines:
-            while line.cyclic.busy:
-                line.cyclic.send()
-                line.cyclic.collect(self._readings)

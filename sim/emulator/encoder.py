@@ -3,12 +3,12 @@
 Source: e-Manual, Present Position (132), Homing Offset (20), Drive Mode (10).
 """
 
+from hardware.servo import HOMING_REACH
 from sim.emulator.motion import Shaft
 from sim.emulator.registers import Memory
 from sim.emulator.rules import POSITION, goal_bounds
 
 TURN = 4096
-HOMING_REACH = 1024  # an offset beyond it is ignored in mode 3
 REVERSE = 0x01  # bit of Drive Mode
 
 

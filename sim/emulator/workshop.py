@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from hardware.arrays import TickArray
 from hardware.dynamixel.baud_codes import code_of
 from hardware.dynamixel.control_table import ControlTable, find_table
+from hardware.dynamixel.settings import MODES
 from hardware.errors import HardwareError, describe
-from hardware.servo import ServoMode, ServoSpec
+from hardware.servo import ServoSpec
 from sim.emulator.body import BOOT_TIME
 from sim.emulator.power import Supply
 from sim.emulator.servo import EmulatedServo
@@ -15,7 +16,6 @@ from sim.emulator.servo1 import EmulatedServo1
 from sim.servo_load import AMBIENT
 
 WARMER = 3.0  # [degrees Celsius] most by which a servo is above the room at first
-_MODES = {ServoMode.POSITION: 3, ServoMode.EXTENDED_POSITION: 4, ServoMode.CURRENT_BASED_POSITION: 5}
 
 
 def devices_of(
@@ -57,7 +57,7 @@ def devices_of(
         if return_delays is not None and spec.bus in return_delays:
             device.memory.put("return_delay_time", return_delays[spec.bus])
         if table.protocol == 2:
-            device.memory.put("operating_mode", _MODES[spec.mode])
+            device.memory.put("operating_mode", MODES[spec.mode])
             device.memory.put("homing_offset", spec.homing_offset)
         device.place(position)
         devices.append(device)
