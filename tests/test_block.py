@@ -2,6 +2,7 @@
 
 import pytest
 
+from hardware.dynamixel.answers import side_by_side
 from hardware.dynamixel.block import block_of
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Status
@@ -14,7 +15,7 @@ def test_every_register_is_where_its_table_says(model: str, protocol: int) -> No
     block = block_of(table, "torque_enable", "present_temperature")
     assert block.size == table["present_temperature"].end - table["torque_enable"].address
     data = bytes((7 * k + 130) % 256 for k in range(block.size))
-    (row,) = block.unpack([Status(1, 0, data)])
+    (row,) = block.unpack(side_by_side([Status(1, 0, data)]))
     for name in block.dtype.names or ():
         register = table[name]
         if register.direction_bit is None:
@@ -24,7 +25,7 @@ def test_every_register_is_where_its_table_says(model: str, protocol: int) -> No
 
 def test_rows_are_in_the_order_of_the_answers() -> None:
     block = block_of(find_table("XM430-W350", 2), "present_position", "present_position")
-    rows = block.unpack([Status(9, 0, b"\x01\0\0\0"), Status(3, 0, b"\xfe\xff\xff\xff")])
+    rows = block.unpack(side_by_side([Status(9, 0, b"\x01\0\0\0"), Status(3, 0, b"\xfe\xff\xff\xff")]))
     assert rows["present_position"].tolist() == [1, -2]
 
 

@@ -59,7 +59,7 @@ def run(ask: Ask, *pieces: bytes, gap: float = 0.0) -> tuple[list[Status], bool,
     port = ScriptedPort(lambda request: [(0.0005 + gap * k, piece) for k, piece in enumerate(pieces)])
     port.write(ask.request())
     answers, noise = collect(port, ask, 0.0, ask.timeouts(port, 0.0))
-    return answers, noise, port.now(), port.looks
+    return answers.statuses, noise, port.now(), port.looks
 
 
 @pytest.mark.parametrize("echo", [False, True])
@@ -134,7 +134,7 @@ def test_a_stream_that_never_ends_is_left() -> None:
     port.write(SYNC.request())
     timeouts = SYNC.timeouts(port, 0.0)
     answers, noise = collect(port, SYNC, 0.0, timeouts)
-    assert (answers, noise) == ([], True)
+    assert (answers.statuses, noise) == ([], True)
     assert port.now() <= timeouts.whole + 0.0004
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hardware.bus import ServoAlert
+from hardware.dynamixel.answers import side_by_side
 from hardware.dynamixel.block import block_of
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Status
@@ -31,7 +32,7 @@ def answer(device: int, *, position: int = 2048, velocity: int = 0, error: int =
 
 def take(readings: Readings, servo: int, said: Status, now: float) -> None:
     errors = np.array([said.error], dtype=np.uint8)
-    readings.take(np.array([servo]), BLOCK.unpack([said]), errors, NAMES, now)
+    readings.take(np.array([servo]), BLOCK.unpack(side_by_side([said])), errors, NAMES, now)
 
 
 def test_values_are_in_si_and_of_their_servo_alone() -> None:
@@ -91,7 +92,7 @@ def test_a_speed_of_protocol_1_has_a_direction_bit(speed: int, sign: int) -> Non
     data = (512).to_bytes(2, "little") + speed.to_bytes(2, "little") + bytes((0, 0, 119, 30))
     readings = Readings([table])
     errors = np.array([4], dtype=np.uint8)
-    readings.take(np.array([0]), block.unpack([Status(1, 4, data)]), errors, names, 0.0)
+    readings.take(np.array([0]), block.unpack(side_by_side([Status(1, 4, data)])), errors, names, 0.0)
     states = readings.states(0.0)
     assert np.sign(states.velocity[0]) == sign
     assert states.voltage[0] == pytest.approx(11.9)

@@ -71,7 +71,7 @@ def _ours(ids: range, answers: list[bytes]) -> list[Status]:
     port = ScriptedPort(always(b"".join(answers)))
     ask = Ask(Kind.SYNC, tuple(ids), 132, 4)
     port.write(ask.request())
-    return collect(port, ask, port.now(), ask.timeouts(port, 0.0)).answers
+    return collect(port, ask, port.now(), ask.timeouts(port, 0.0)).answers.statuses
 
 
 def test_5_one_missing_servo_voids_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,7 +126,7 @@ def test_9_bulk_read_of_protocol_1_is_a_type_error(monkeypatch: pytest.MonkeyPat
     port = ScriptedPort(always(protocol1.status(1, 0, b"\x00\x08")))
     ask = Ask(Kind.BULK1, (1,), 36, 2)
     port.write(ask.request())
-    assert collect(port, ask, port.now(), ask.timeouts(port, 0.0)).answers == [Status(1, 0, b"\x00\x08")]
+    assert collect(port, ask, port.now(), ask.timeouts(port, 0.0)).answers.statuses == [Status(1, 0, b"\x00\x08")]
 
 
 class _Place:

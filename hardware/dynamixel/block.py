@@ -1,13 +1,12 @@
 """Registers side by side that a group read fetches in one go, as named values."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.dynamixel.answers import Answers
 from hardware.dynamixel.control_table import ControlTable, Register
-from hardware.dynamixel.packets import Status
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,9 +17,9 @@ class Block:
     size: int
     dtype: "np.dtype[np.void]"
 
-    def unpack(self, answers: Sequence[Status]) -> NDArray[np.void]:
+    def unpack(self, answers: Answers) -> NDArray[np.void]:
         """A row (k,) of named values for each answer."""
-        return np.frombuffer(b"".join([answer.data for answer in answers]), dtype=self.dtype)
+        return np.frombuffer(answers.data, dtype=self.dtype)
 
     @property
     def layout(self) -> tuple[int, int, tuple[tuple[str, str], ...]]:

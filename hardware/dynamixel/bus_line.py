@@ -76,7 +76,7 @@ class BusLine:
         self.port.drop()
         self.port.write(ask.request())
         answers, _ = collect(self.port, ask, self.port.now(), ask.timeouts(self.port, self.longest_delay))
-        return {answer.id: register.decode(answer.data) for answer in answers}
+        return {status.id: register.decode(status.data) for status in answers.statuses}
 
     def _read_alone(self, register: Register, device: int) -> int | None:
         try:

@@ -6,17 +6,17 @@ left out and looked for every PROBE_PERIOD.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.dynamixel.answers import Answers
 from hardware.dynamixel.block import Block, block_of
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.exchange import MAX_IDS, Ask, Kind, Timeouts, collect
 from hardware.dynamixel.goal_packet import GoalPacket
-from hardware.dynamixel.packets import Status
 from hardware.dynamixel.readings import Names, Readings, names_of
 
 RETRIES = 3
@@ -42,23 +42,24 @@ class Wired:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """Servos that can be asked in one request. index_of: servo order by id."""
+    """Servos that can be asked in one request."""
 
     kind: Kind
     names: Names
     motion: Block
     wide: Block
-    index_of: dict[int, int]
+    ids: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errand:
     """One request that is due, for a group's values or (names None) for the status of one servo.
 
-    again: what is asked when an answer is missing.
+    who: where those that are asked stand in servo order. again: what is asked when an answer is missing.
     """
 
     ask: Ask
+    who: NDArray[np.int64]
     request: bytes
     timeouts: Timeouts
     block: Block
@@ -101,11 +102,14 @@ class CyclicPort:
         self._cycle += 1
         self._queue.clear()
         self._missed.clear()
-        lost = self._probe()
+        lost, strikes = self._probe(), self._strikes
         for group in self._groups:
-            first = [device for device in group.index_of if self._strikes[device] == 0]
-            late = [device for device in group.index_of if 0 < self._strikes[device] < LOST_AFTER or device == lost]
-            self._enqueue(group.kind, (*first, *late), group.wide if wide else group.motion, group.motion, group.names)
+            ids = group.ids
+            if any(strikes.values()):
+                first = [device for device in ids if strikes[device] == 0]
+                late = [device for device in ids if 0 < strikes[device] < LOST_AFTER or device == lost]
+                ids = (*first, *late)
+            self._enqueue(group.kind, ids, group.wide if wide else group.motion, group.motion, group.names)
         if self._cycle % STATUS_EVERY == 0:
             servo = self.servos[self._cycle // STATUS_EVERY % len(self.servos)]
             if self._strikes[servo.id] == 0:
@@ -127,9 +131,9 @@ class CyclicPort:
         errand = self._queue.popleft()
         answers, noise = collect(self.port, errand.ask, self._sent, errand.timeouts)
         if answers and errand.names is not None:
-            self._keep(readings, errand.names, errand.block, answers)
+            self._keep(readings, errand, answers)
         elif answers:
-            self._keep_status(readings, errand.block, answers[0])
+            self._keep_status(readings, errand.block, answers)
         if len(answers) < len(errand.ask.ids):
             self._again(errand, answers, noise=noise)
 
@@ -150,25 +154,30 @@ class CyclicPort:
                 self._strikes[device] = 0
                 self.ask_status(device)
 
-    def _keep(self, readings: Readings, names: Names, block: Block, answers: Sequence[Status]) -> None:
-        who = np.array([self._index_of[answer.id] for answer in answers])
-        errors = np.array([answer.error for answer in answers], dtype=np.uint8)
-        readings.take(who, block.unpack(answers), errors, names, self.port.now())
+    def _keep(self, readings: Readings, errand: Errand, answers: Answers) -> None:
+        assert errand.names is not None
+        who = errand.who if answers.ids == errand.ask.ids else self._places(answers.ids)
+        errors = np.frombuffer(answers.errors, dtype=np.uint8)
+        readings.take(who, errand.block.unpack(answers), errors, errand.names, self.port.now())
 
-    def _keep_status(self, readings: Readings, block: Block, answer: Status) -> None:
-        row, index = block.unpack([answer])[0], self._index_of[answer.id]
+    def _places(self, ids: Sequence[int]) -> NDArray[np.int64]:
+        """Where servos stand in servo order."""
+        return np.array([self._index_of[device] for device in ids])
+
+    def _keep_status(self, readings: Readings, block: Block, answers: Answers) -> None:
+        row, index = block.unpack(answers)[0], self._index_of[answers.ids[0]]
         fields = block.dtype.names or ()
         tripped = "bus_watchdog" in fields and row["bus_watchdog"] in (-1, 0xFF)
         readings.take_drive(index, bool(row["torque_enable"]) and not tripped)
         if "hardware_error_status" in fields:
             readings.take_alert(index, int(row["hardware_error_status"]))
 
-    def _again(self, errand: Errand, answers: Sequence[Status], *, noise: bool) -> None:
+    def _again(self, errand: Errand, answers: Answers, *, noise: bool) -> None:
         """Ask those that did not answer once more, the first of them last: it may be the one that silenced the rest.
 
         One alone that said nothing at all, though it was asked twice or missed before, is left to the next cycle.
         """
-        heard = {answer.id for answer in answers}
+        heard = set(answers.ids)
         silent = [device for device in errand.ask.ids if device not in heard]
         known = silent[0] in self._missed or self._strikes[silent[0]]
         self._missed.add(silent[0])
@@ -187,8 +196,10 @@ class CyclicPort:
     def _probe(self) -> int | None:
         """A lost servo to be looked for in this cycle, each in its turn."""
         now = self.port.now()
+        if now < self._probed + PROBE_PERIOD:
+            return None
         lost = [device for device, strikes in self._strikes.items() if strikes >= LOST_AFTER]
-        if not lost or now < self._probed + PROBE_PERIOD:
+        if not lost:
             return None
         self._probed = now
         return lost[self._cycle % len(lost)]
@@ -206,7 +217,9 @@ class CyclicPort:
                     self._errands.clear()
                 ask = Ask(kind, part, block.address, block.size)
                 timeouts = ask.timeouts(self.port, self._return_delay)
-                errand = self._errands[key] = Errand(ask, ask.request(), timeouts, block, again, names, tries)
+                errand = self._errands[key] = Errand(
+                    ask, self._places(part), ask.request(), timeouts, block, again, names, tries
+                )
             self._queue.append(errand)
 
 
@@ -230,6 +243,6 @@ def _groups(servos: Sequence[Wired]) -> list[Group]:
         names, kind = names_of(servo.table), kind_of(servo.table)
         motion, wide = (block_of(servo.table, *ends) for ends in (names.motion, names.wide))
         key = (kind, names, motion.layout, wide.layout)
-        group = groups.setdefault(key, Group(kind, names, motion, wide, {}))
-        group.index_of[servo.id] = servo.index
+        group = groups.get(key) or Group(kind, names, motion, wide, ())
+        groups[key] = replace(group, ids=(*group.ids, servo.id))
     return list(groups.values())

@@ -9,10 +9,12 @@ from enum import Enum
 from typing import NamedTuple
 
 from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.answers import Answers, side_by_side
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.fast_status import fast_length, sound_parts
 from hardware.dynamixel.packets import Status
 from hardware.dynamixel.parsers import parser1, parser2
+from hardware.dynamixel.whole_reply import whole_reply
 
 TURNAROUND = 100e-6
 """[s] That a servo may take, beside its return delay, before it answers."""
@@ -82,10 +84,10 @@ class Ask:
         idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
         return Timeouts(sending + idle, idle, sending + coming + (self.delays - 1) * pause + idle)
 
-    def answers(self, heard: bytes) -> list[Status]:
+    def answers(self, heard: bytes) -> Answers:
         """The sound answers in what was heard so far, each servo at most once."""
         if self.kind is Kind.FAST:
-            return self._parts(heard)
+            return whole_reply(heard, self.ids, self.size) or side_by_side(self._parts(heard))
         found: dict[int, Status] = {}
         parser = parser2() if self.kind is Kind.SYNC else parser1()
         status_of = protocol2.status_of if self.kind is Kind.SYNC else protocol1.status_of
@@ -95,7 +97,7 @@ class Ask:
             # An error without data, an echo or a stranger is no answer.
             if status is not None and len(status.data) == self.size and status.id in self.ids:
                 found.setdefault(status.id, status)
-        return list(found.values())
+        return side_by_side(list(found.values()))
 
     def _parts(self, heard: bytes) -> list[Status]:
         """Parts of the fast reply, looked for at every header: an echo or a stale answer may precede it."""
@@ -112,7 +114,7 @@ class Ask:
 class Heard(NamedTuple):
     """Sound answers, and whether there was more than them: something was said, and lost."""
 
-    answers: list[Status]
+    answers: Answers
     noise: bool
 
 
@@ -121,7 +123,7 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
 
     Raises BusError when the port is gone.
     """
-    heard, enough, request = b"", ask.reply_bytes, ask.request()
+    heard, enough = b"", ask.reply_bytes
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
     while True:
@@ -129,15 +131,18 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
         if data:
             heard += data
             if len(heard) >= enough:
-                heard = heard.removeprefix(request)  # an adapter may echo
-            if len(heard) >= enough:
                 answers = ask.answers(heard)
-                whole = len(answers) == len(ask.ids)
-                # All bytes are there: what is damaged comes no second time. (Stuffing makes answers longer.)
-                if whole or ask.kind is Kind.FAST:
-                    return Heard(answers, not whole)
+                if len(answers) == len(ask.ids):
+                    return Heard(answers, False)
+                # All bytes are there: what is damaged comes no second time. (Stuffing makes other answers longer.)
+                if ask.kind is Kind.FAST and len(_without_echo(heard, ask)) >= enough:
+                    return Heard(answers, True)
             deadline = min(port.now() + timeouts.idle, end)
         elif not port.wait(deadline):
-            heard = heard.removeprefix(request)
             answers = ask.answers(heard)
-            return Heard(answers, len(heard) > ask.bytes_of(len(answers)))
+            return Heard(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
+
+
+def _without_echo(heard: bytes, ask: Ask) -> bytes:
+    """An adapter may let the host hear itself."""
+    return heard.removeprefix(ask.request())

@@ -18,15 +18,19 @@ def fast_length(sizes: Sequence[int]) -> int:
     return BEFORE_PARTS + sum(sizes) + PART_OVERHEAD * len(sizes)
 
 
+def fast_start(sizes: Sequence[int]) -> bytes:
+    """The bytes before the first part."""
+    length = fast_length(sizes) - protocol2.OVERHEAD
+    return protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
+
+
 def sound_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
     """The parts of a reply, maybe cut short or damaged, up to the first that is not whole and sound.
 
     reply: from its header on. sizes: bytes of data of each part, as asked. Each part's CRC runs over everything sent
     so far, earlier CRCs included (e-Manual, Fast Sync Read).
     """
-    length = fast_length(sizes) - protocol2.OVERHEAD
-    start = protocol2.HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
-    if not reply.startswith(start):
+    if not reply.startswith(fast_start(sizes)):
         return []
     parts: list[Status] = []
     at, total, begun = BEFORE_PARTS, 0, 0

@@ -89,9 +89,10 @@ class Readings:
             self._alert[who] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
         else:
             self._velocity[who] = rows[names.velocity]
-            # Which error it is, the servo says when it is asked; once it reports none, none is left.
-            known = np.maximum(self._alert[who], UNKNOWN_ALERT * (self._alert[who] == 0))
-            self._alert[who] = np.where(errors & ALERT, known, 0)
+            if errors.any() or self._alert.any():
+                # Which error it is, the servo says when it is asked; once it reports none, none is left.
+                known = np.maximum(self._alert[who], UNKNOWN_ALERT * (self._alert[who] == 0))
+                self._alert[who] = np.where(errors & ALERT, known, 0)
         self._error[who] = errors
         self._valid[who] = True
         self._answered[who] = now

@@ -5,6 +5,8 @@ from collections.abc import Collection, Sequence
 from enum import Enum
 from typing import NamedTuple
 
+from fastcrc.crc16 import umts
+
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.fast_status import fast_length
 from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Instruction
@@ -128,15 +130,14 @@ class Conversation:
         if whole > 0xFFFF:
             return []
         head = protocol2.HEADER + bytes((BROADCAST,)) + whole.to_bytes(2, "little") + bytes((STATUS,))
-        total, said = 0, []
+        total, closing, said = 0, b"", []
         for devices, (own, address, length) in turns:
             error, data = devices[0].read(address, length, now)
             if len(data) != length:
                 data = data[:length].ljust(length, b"\0")
             body = head + bytes((error, own)) + data
-            total = protocol2.crc(body, total)
+            total = umts(closing + body, total)
             closing = total.to_bytes(2, "little")
-            total = protocol2.crc(closing, total)
             part = body + closing if len(devices) == 1 else self._mixed([body + closing])
             said.append(Spoken(own, part, devices[0].return_delay if head else None))
             head = b""

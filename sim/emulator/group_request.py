@@ -1,5 +1,6 @@
 """What a group instruction asks of each device, read from its parameters; what is cut short asks of nobody."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 from hardware.dynamixel.packets import Instruction
@@ -31,19 +32,24 @@ GROUP_READS1 = frozenset((Instruction.BULK_READ,))
 """As GROUP_READS2, of protocol 1.0."""
 GROUP_WRITES = frozenset((Instruction.SYNC_WRITE, Instruction.BULK_WRITE))
 """Instructions that many obey and nobody answers (bulk write: 2.0 only)."""
+REQUESTS = 64
+"""Different read requests that are remembered: a host repeats a few."""
 
 
-def reads2(code: int, params: bytes) -> list[ReadItem]:
+@lru_cache(REQUESTS)
+def reads2(code: int, params: bytes) -> tuple[ReadItem, ...]:
     """Parts of a group read of protocol 2.0, in the order of the frame."""
     if code in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
         address, length = _word(params, 0), _word(params, 2)
-        return [ReadItem(device, address, length) for device in params[4:]]
-    return [ReadItem(params[at], _word(params, at + 1), _word(params, at + 3)) for at in range(0, len(params) - 4, 5)]
+        return tuple(ReadItem(device, address, length) for device in params[4:])
+    ends = range(0, len(params) - 4, 5)
+    return tuple(ReadItem(params[at], _word(params, at + 1), _word(params, at + 3)) for at in ends)
 
 
-def reads1(params: bytes) -> list[ReadItem]:
+@lru_cache(REQUESTS)
+def reads1(params: bytes) -> tuple[ReadItem, ...]:
     """Parts of a bulk read of protocol 1.0 (00, then length, id, address), in the order of the frame."""
-    return [ReadItem(params[at + 1], params[at + 2], params[at]) for at in range(1, len(params) - 2, 3)]
+    return tuple(ReadItem(params[at + 1], params[at + 2], params[at]) for at in range(1, len(params) - 2, 3))
 
 
 def writes2(code: int, params: bytes) -> list[WriteItem]:

@@ -12,7 +12,10 @@ from sim.servo_motion import FULL_PWM
 FIRST, END = 120, 147
 IN_POSITION = 16  # [tick] not documented
 FOLLOWING_ERROR = 512  # [tick] not documented
+MOTION, MOTION_END = 126, 136
+"""Of it what hosts read most: current or load, velocity, position."""
 _PIECE = Struct("<HBBhhiiiiHB")
+_MOTION_PIECE = Struct("<hii")
 _WRAP = 0x80000000  # positions are shown in 32 bits
 _TICKS = 32768  # the realtime tick wraps, ms
 _FULL_LOAD = 1000  # load register, 0.1 %
@@ -39,6 +42,14 @@ class Live:
         self._strained = self._strain()
         self.tenths = max(round(10.0 * electrics.voltage), 0)
         self._warmth = min(max(round(electrics.warmth), 0), 255)
+
+    def motion(self) -> bytes:
+        """The registers from MOTION up to MOTION_END."""
+        shaft = self._shaft
+        count = round(shaft.position)
+        if not -_WRAP <= count < _WRAP:
+            count = _wrapped(count)
+        return _MOTION_PIECE.pack(self._strained, round(shaft.velocity / self.speed_unit), count)
 
     def show(self, image: bytearray, *, uptime: float, threshold: float) -> None:
         """Refresh the registers. uptime: s since the start; threshold: of moving, tick/s."""

@@ -14,7 +14,7 @@ from sim.emulator.device import Answer
 from sim.emulator.encoder import Encoder
 from sim.emulator.goals import aim, bound_goals, goal_to_present, open_limits, reset_for_mode
 from sim.emulator.keeping import restore_ram
-from sim.emulator.live import END, FIRST, Live
+from sim.emulator.live import END, FIRST, MOTION, MOTION_END, Live
 from sim.emulator.motion import Law
 from sim.emulator.power import Supply
 from sim.emulator.registers import Part
@@ -94,14 +94,15 @@ class EmulatedServo(ServoBody):
     def read(self, address: int, length: int, now: float) -> Answer:
         """Return the bytes of a range, or the error that it deserves."""
         self.catch_up(now)
+        end = address + length
+        if MOTION <= address < end <= MOTION_END:
+            return Answer(self._alert, self._live.motion()[address - MOTION : end - MOTION])
         memory = self.memory
         if not memory.readable(address, length):
             return self.answer(Error2.ACCESS if length else Error2.DATA_LENGTH)
-        end = address + length
-        plain = end <= memory.plain_end
-        if address < END and end > FIRST if plain else memory.touches(address, length, FIRST, END):
+        if memory.touches(address, length, FIRST, END):
             self._live.show(memory.image, uptime=now - self.started, threshold=self._threshold)
-        return Answer(self._alert, bytes(memory.image[address:end]) if plain else memory.slice(address, length))
+        return Answer(self._alert, memory.slice(address, length))
 
     def write(self, address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
         """Take a write; what is refused is lost."""
