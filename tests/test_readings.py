@@ -65,13 +65,13 @@ def test_an_alert_is_unknown_until_it_is_told_and_gone_when_it_is() -> None:
     readings = Readings([TABLE] * 2)
     take(readings, 0, answer(1, error=0x80), 0.0)
     assert readings.states(0.0).alert.tolist() == [UNKNOWN_ALERT, 0]
-    assert readings.alarmed().tolist() == [0]
+    assert readings.alarmed() == [0]
     readings.take_alert(0, 0)
-    assert readings.alarmed().tolist() == [0]
+    assert readings.alarmed() == [0]
     readings.take_alert(0, ServoAlert.OVERLOAD)
     take(readings, 0, answer(1, error=0x80), 0.1)
     assert readings.states(0.1).alert.tolist() == [ServoAlert.OVERLOAD, 0]
-    assert readings.alarmed().size == 0
+    assert readings.alarmed() == []
     take(readings, 0, answer(1), 0.2)
     assert readings.states(0.2).alert.tolist() == [0, 0]
 

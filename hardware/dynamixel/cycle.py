@@ -15,9 +15,9 @@ def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool) -> N
     for line in lines:
         line.cyclic.begin(wide=wide)
     _exchange(lines, readings)
-    alarmed = set(readings.alarmed().tolist())
     for line in lines:
         line.cyclic.end(readings)
+    for line in lines if (alarmed := readings.alarmed()) else ():
         for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
             line.cyclic.ask_status(device)
     _exchange(lines, readings)

@@ -126,21 +126,20 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
     heard, enough = b"", ask.reply_bytes
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
-    while True:
+    while port.wait(deadline):
         data = port.read()
         if data:
             heard += data
-            if len(heard) >= enough:
-                answers = ask.answers(heard)
-                if len(answers) == len(ask.ids):
-                    return Heard(answers, False)
-                # All bytes are there: what is damaged comes no second time. (Stuffing makes other answers longer.)
-                if ask.kind is Kind.FAST and len(_without_echo(heard, ask)) >= enough:
-                    return Heard(answers, True)
             deadline = min(port.now() + timeouts.idle, end)
-        elif not port.wait(deadline):
+        if len(heard) >= enough:
             answers = ask.answers(heard)
-            return Heard(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
+            if len(answers) == len(ask.ids):
+                return Heard(answers, False)
+            # All bytes are there: what is damaged comes no second time. (Stuffing makes other answers longer.)
+            if ask.kind is Kind.FAST and len(_without_echo(heard, ask)) >= enough:
+                return Heard(answers, True)
+    answers = ask.answers(heard)
+    return Heard(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
 
 
 def _without_echo(heard: bytes, ask: Ask) -> bytes:

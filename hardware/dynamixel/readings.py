@@ -97,9 +97,9 @@ class Readings:
         self._valid[who] = True
         self._answered[who] = now
 
-    def alarmed(self) -> NDArray[np.int64]:
+    def alarmed(self) -> list[int]:
         """Servos that say that they have an error, and not yet which."""
-        return np.flatnonzero(self._alert == UNKNOWN_ALERT)
+        return np.flatnonzero(self._alert == UNKNOWN_ALERT).tolist() if self._alert.any() else []
 
     def take_alert(self, servo: int, bits: int) -> None:
         """Its Hardware Error Status; 0 bits leave an error that it reports unknown."""

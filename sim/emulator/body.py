@@ -71,6 +71,7 @@ class ServoBody:
         """When it last woke, s: its realtime tick counts from there."""
         self._awake_at = now
         self._starting = False
+        self._eventless = -inf  # [s] before then nothing happens but motion
         self._cut = False
         self._torque_from_outside = 0.0  # [N m]
         self.defaults(0, table.eeprom_end)
@@ -81,6 +82,13 @@ class ServoBody:
 
     def catch_up(self, now: float) -> None:
         """Let time pass up to `now` (s)."""
+        if now < self._eventless:
+            self.shaft.advance(now)
+        else:
+            self.pass_events(now)
+
+    def pass_events(self, now: float) -> None:
+        """Let time pass up to `now` (s), with what happens on the way."""
         if self._starting and now >= self._awake_at:
             self._starting = False
             self.shaft.time = max(self.shaft.time, self._awake_at)
@@ -88,6 +96,7 @@ class ServoBody:
         self.shaft.advance(now)
         if now - self.electrics.time >= WINDOW:
             self.measure(now)
+        self._eventless = min(self.electrics.time + WINDOW, self._awake_at if self._starting else inf)
 
     def measure(self, now: float) -> None:
         """Bring current, voltage and heat up to `now` (s), and see whether anything is wrong."""
@@ -114,14 +123,6 @@ class ServoBody:
         self.started = self._awake_at
         self.electrics.rest(now)
         self._reset()
-
-    def refresh_port(self) -> None:
-        """Take id, baud rate and delays from the registers."""
-        memory = self.memory
-        self.id = memory.value("id")
-        self.baud = baud_of(self.table, memory.value("baud_rate")) or 0
-        self.return_delay = memory.value("return_delay_time") * 2e-6
-        self.answers_reads = memory.value("status_return_level") >= 1
 
     def keep(self) -> Kept:
         """Return what outlives a power cut."""
@@ -203,6 +204,12 @@ class ServoBody:
 
     def tune(self) -> None:
         """Take every setting from the registers to where it works."""
+        self._eventless = -inf
+        memory = self.memory
+        self.id = memory.value("id")
+        self.baud = baud_of(self.table, memory.value("baud_rate")) or 0
+        self.return_delay = memory.value("return_delay_time") * 2e-6
+        self.answers_reads = memory.value("status_return_level") >= 1
 
     def check(self) -> None:
         """See whether voltage, temperature and effort are as they should be, and note what is not."""

@@ -174,12 +174,12 @@ def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) 
     for item in items:
         parts.setdefault(item.id, []).append(item)
     for device in listeners:
-        for item in parts.get(device.id, ()):
-            device.write(item.address, item.data, now)
+        for _, address, data in parts.get(device.id, ()):
+            device.write(address, data, now)
         second = device.secondary_id
         if second is not None and second != device.id:
-            for item in parts.get(second, ()):
-                device.write(item.address, item.data, now, secondary=True)
+            for _, address, data in parts.get(second, ()):
+                device.write(address, data, now, secondary=True)
 
 
 def _status(protocol: int, device: int, answer: Answer) -> bytes:

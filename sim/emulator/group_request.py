@@ -1,6 +1,7 @@
 """What a group instruction asks of each device, read from its parameters; what is cut short asks of nobody."""
 
 from functools import lru_cache
+from struct import iter_unpack
 from typing import NamedTuple
 
 from hardware.dynamixel.packets import Instruction
@@ -75,8 +76,8 @@ def writes1(params: bytes) -> list[WriteItem]:
 
 
 def _same_registers(rest: bytes, address: int, length: int) -> list[WriteItem]:
-    step = length + 1
-    return [WriteItem(rest[at], address, rest[at + 1 : at + step]) for at in range(0, len(rest) - length, step)]
+    whole = rest[: len(rest) - len(rest) % (length + 1)]
+    return [WriteItem(device, address, data) for device, data in iter_unpack(f"B{length}s", whole)]
 
 
 def _word(params: bytes, at: int) -> int:

@@ -153,19 +153,20 @@ class EmulatedServo(ServoBody):
             self.shaft.target = self.shaft.position if self.tripped else self.memory.value("goal_position")
         self.tune()
 
-    def catch_up(self, now: float) -> None:
+    def pass_events(self, now: float) -> None:
         """Let time pass up to `now`; the bus watchdog stops the servo on the way."""
         deadline = self._watchdog.deadline
         if now > deadline:
-            super().catch_up(deadline)
+            super().pass_events(deadline)
             if self._watchdog.deadline == deadline:  # not switched off on the way
                 self._trip()
-        super().catch_up(now)
+        super().pass_events(now)
+        self._eventless = min(self._eventless, self._watchdog.deadline)
 
     def tune(self) -> None:
         """Take every setting from the registers."""
         memory, shaft = self.memory, self.shaft
-        self.refresh_port()
+        super().tune()
         second = memory.value_or("secondary_id", 255)
         self.secondary_id = second if second <= 252 else None
         self._lowest, self._highest = goal_bounds(memory, "goal_position")

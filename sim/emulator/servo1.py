@@ -81,7 +81,7 @@ class EmulatedServo1(ServoBody):
 
     def tune(self) -> None:
         """Take every setting from the registers."""
-        self.refresh_port()
+        super().tune()
         tune_loop1(self.shaft, self.memory, self.servo_model, self.electrics.supplied)
         self.shaft.load = self.load_share
         self.shaft.refresh()
