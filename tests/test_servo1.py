@@ -1,9 +1,16 @@
 """Emulated servos of protocol 1.0."""
 
+from collections.abc import Callable
+
 import pytest
 
 from emulated import servo1, shown1, told1
+from hardware.dynamixel import protocol1
+from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Error1, Instruction
+from hardware.dynamixel.parsers import parser1
+from hardware.servo import find_model
+from sim.emulator.conversation import Conversation
 from sim.emulator.device import Answer, Device, Faulty
 from sim.emulator.servo1 import EmulatedServo1
 
@@ -26,10 +33,78 @@ def test_it_goes_to_its_goal(model: str, goal: int) -> None:
     speaks(servo)
     hurts(servo)
     assert said(servo, Instruction.PING) == (0, b"")
+    assert shown1(servo, "torque_enable") == 0
     assert told1(servo, "goal_position", goal) == 0
-    assert shown1(servo, "present_position", 1.0) == 512  # no torque yet
+    assert shown1(servo, "torque_enable") == 1
+    assert shown1(servo, "present_position", 3.0) == goal and shown1(servo, "moving", 3.0) == 0
+
+
+def test_it_waits_for_torque_where_a_goal_does_not_switch_it_on() -> None:
+    servo = EmulatedServo1(find_table("MX-28", 1), find_model("MX-28"), position=512.0, torque_by_goal=False)
+    assert told1(servo, "goal_position", 2500) == 0
+    assert told1(servo, "moving_speed", 0) == 0
+    assert shown1(servo, "torque_enable", 1.0) == 0 and shown1(servo, "present_position", 1.0) == 512
     assert told1(servo, "torque_enable", 1, 1.0) == 0
-    assert shown1(servo, "present_position", 4.0) == goal and shown1(servo, "moving", 4.0) == 0
+    assert shown1(servo, "present_position", 4.0) == 2500
+
+
+def _single(servo: EmulatedServo1, address: int, data: bytes) -> None:
+    said(servo, Instruction.WRITE, bytes((address,)) + data)
+
+
+def _sync(servo: EmulatedServo1, address: int, data: bytes) -> None:
+    (frame,) = parser1().feed(protocol1.sync_write(address, len(data), [(1, data)]))
+    assert Conversation().answers(frame, [servo], 0.0) == []
+
+
+def _registered(servo: EmulatedServo1, address: int, data: bytes) -> None:
+    said(servo, Instruction.REG_WRITE, bytes((address,)) + data)
+    assert shown1(servo, "torque_enable") == 0  # not before the Action
+    said(servo, Instruction.ACTION)
+
+
+@pytest.mark.parametrize("write", [_single, _sync, _registered])
+@pytest.mark.parametrize(
+    ("address", "data", "torque"),
+    [
+        (30, (700).to_bytes(2, "little"), 1),
+        (32, bytes(2), 1),
+        (30, (700).to_bytes(2, "little") + bytes(2), 1),
+        (28, bytes((32, 32)) + (700).to_bytes(2, "little"), 1),
+        (28, bytes((32, 32)), 0),
+        (34, (500).to_bytes(2, "little"), 0),
+        (30, (1024).to_bytes(2, "little"), 0),  # refused
+    ],
+)
+def test_what_reaches_goal_or_speed_switches_torque_on(
+    write: Callable[[EmulatedServo1, int, bytes], None], address: int, data: bytes, torque: int
+) -> None:
+    servo = servo1("AX-12A", position=512.0)
+    write(servo, address, data)
+    assert shown1(servo, "torque_enable") == torque
+    assert servo.shaft.torque is bool(torque)
+
+
+def test_a_goal_switches_no_torque_on_that_an_error_bars() -> None:
+    servo = servo1("AX-12A", position=512.0)
+    servo.heat(71.0, 1.0)
+    assert told1(servo, "goal_position", 700, 1.0) == Error1.OVERHEATING
+    assert shown1(servo, "torque_enable", 1.0) == 0 and shown1(servo, "present_position", 3.0) == 512
+    servo.heat(None, 3.0)
+    assert told1(servo, "goal_position", 700, 3.0) == 0
+    assert shown1(servo, "torque_enable", 3.0) == 1
+
+
+def test_a_goal_does_not_undo_an_overload() -> None:
+    servo = servo1()
+    told1(servo, "torque_enable", 1)
+    servo.jam(True, 0.0)
+    told1(servo, "goal_position", 4000)
+    overloaded = [servo.read(24, 1, 0.05 * step) for step in range(60)][-1]
+    assert overloaded == (Error1.OVERLOAD, b"\0")
+    servo.jam(False, 3.0)
+    assert told1(servo, "goal_position", 3000, 3.0) == Error1.OVERLOAD
+    assert shown1(servo, "torque_enable", 3.0) == 0
 
 
 def test_moving_speed_slows_down() -> None:

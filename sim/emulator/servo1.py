@@ -3,6 +3,10 @@
 Source: e-Manual, protocol 1.0, MX-28, MX-64 and AX-12A. Its errors are not latched: they stand in every status as long
 as the cause lasts (an overload: until torque or torque limit are written again). What Shutdown (18) names takes the
 torque and sets Torque Limit (34) to 0. There is no bus watchdog. The D gain has no effect here.
+
+A write that reaches Goal Position (30) or Moving Speed (32) switches torque on by itself. The e-Manual is silent on
+that; it is public field knowledge (vanadiumlabs/arbotix_ros #9, Luos-io/Pyluos #59, poppy-docs #36), not verified on
+hardware.
 """
 
 from math import inf
@@ -21,10 +25,14 @@ from sim.servo_load import AMBIENT
 
 _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
 _LIVE_FIRST, _LIVE_END = 36, 52
+_MOVERS = frozenset(("goal_position", "moving_speed"))  # a write to them switches torque on
 
 
 class EmulatedServo1(ServoBody):
-    """A `sim.emulator.device.Device` (and `Faulty`) with the table of a 1.0 model."""
+    """A `sim.emulator.device.Device` (and `Faulty`) with the table of a 1.0 model.
+
+    torque_by_goal: whether a goal position or moving speed switches torque on (field knowledge, not verified).
+    """
 
     def __init__(
         self,
@@ -36,8 +44,10 @@ class EmulatedServo1(ServoBody):
         supply: Supply | None = None,
         boot_time: float = BOOT_TIME,
         warmth: float = AMBIENT,
+        torque_by_goal: bool = True,
     ) -> None:
         super().__init__(table, model, position=position, now=now, supply=supply, boot_time=boot_time, warmth=warmth)
+        self.torque_by_goal = torque_by_goal
         self.registered: tuple[int, bytes] | None = None
         self._wrong = Error1(0)  # as every status says it
         self._overload = False
@@ -154,6 +164,8 @@ class EmulatedServo1(ServoBody):
         self.tune()
         if "torque_enable" in names:
             self._set_torque(bool(self.memory.value("torque_enable")))
+        if self.torque_by_goal and not self.shaft.torque and names & _MOVERS:
+            self._set_torque(True)
         self._aim(now)
         return Error1(0)
 
