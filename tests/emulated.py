@@ -3,6 +3,7 @@
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Instruction
 from hardware.servo import find_model
+from sim.emulator.body import ServoBuild
 from sim.emulator.device import Answer
 from sim.emulator.servo import EmulatedServo
 from sim.emulator.servo1 import EmulatedServo1
@@ -10,12 +11,12 @@ from sim.emulator.servo1 import EmulatedServo1
 
 def servo2(model: str = "XM430-W350", *, position: float = 2048.0, firmware: int | None = None) -> EmulatedServo:
     """A 2.0 servo at time 0."""
-    return EmulatedServo(find_table(model, 2, firmware), find_model(model), position=position)
+    return EmulatedServo(find_table(model, 2, firmware), find_model(model), ServoBuild(position))
 
 
 def servo1(model: str = "MX-28", *, position: float = 2048.0) -> EmulatedServo1:
     """A 1.0 servo at time 0."""
-    return EmulatedServo1(find_table(model, 1), find_model(model), position=position)
+    return EmulatedServo1(find_table(model, 1), find_model(model), ServoBuild(position))
 
 
 def told(servo: EmulatedServo, name: str, value: int, now: float = 0.0) -> int:

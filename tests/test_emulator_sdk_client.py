@@ -10,6 +10,7 @@ from emulated_port import served
 from hardware.dynamixel.baud_codes import code_of
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import find_model
+from sim.emulator.body import ServoBuild
 from sim.emulator.device import Device
 from sim.emulator.line import Line
 from sim.emulator.servo import EmulatedServo
@@ -22,7 +23,7 @@ TORQUE, LED, RETURN_DELAY, POSITION = 64, 65, 9, 132
 
 def _servo2(device: int) -> EmulatedServo:
     table = find_table("XM430-W350", 2)
-    servo = EmulatedServo(table, find_model("XM430-W350"), position=1000.0 + device, boot_time=0.05)
+    servo = EmulatedServo(table, find_model("XM430-W350"), ServoBuild(1000.0 + device, boot_time=0.05))
     servo.memory.put("id", device)
     servo.memory.put("baud_rate", code_of(table, BAUD) or 0)
     servo.memory.put("return_delay_time", 0)
@@ -31,7 +32,7 @@ def _servo2(device: int) -> EmulatedServo:
 
 
 def _servo1(device: int) -> EmulatedServo1:
-    servo = EmulatedServo1(find_table("MX-28", 1), find_model("MX-28"), position=1000.0 + device)
+    servo = EmulatedServo1(find_table("MX-28", 1), find_model("MX-28"), ServoBuild(1000.0 + device))
     servo.memory.put("id", device)
     servo.memory.put("baud_rate", 1)
     servo.memory.put("return_delay_time", 0)

@@ -42,7 +42,7 @@ def supply(rig: BusRig) -> None:
 def other_speed(rig: BusRig) -> None:
     for one in rig.devices:
         one.memory.put("baud_rate", code_of(one.table, 57_600) or 0)
-        one.refresh_port()
+        one.tune()
 
 
 def fault(kind: FaultKind, *ids: int) -> Spoil:

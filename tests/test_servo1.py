@@ -10,6 +10,7 @@ from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Error1, Instruction
 from hardware.dynamixel.parsers import parser1
 from hardware.servo import find_model
+from sim.emulator.body import ServoBuild
 from sim.emulator.conversation import Conversation
 from sim.emulator.device import Answer, Device, Faulty
 from sim.emulator.servo1 import EmulatedServo1
@@ -40,7 +41,7 @@ def test_it_goes_to_its_goal(model: str, goal: int) -> None:
 
 
 def test_it_waits_for_torque_where_a_goal_does_not_switch_it_on() -> None:
-    servo = EmulatedServo1(find_table("MX-28", 1), find_model("MX-28"), position=512.0, torque_by_goal=False)
+    servo = EmulatedServo1(find_table("MX-28", 1), find_model("MX-28"), ServoBuild(512.0), torque_by_goal=False)
     assert told1(servo, "goal_position", 2500) == 0
     assert told1(servo, "moving_speed", 0) == 0
     assert shown1(servo, "torque_enable", 1.0) == 0 and shown1(servo, "present_position", 1.0) == 512

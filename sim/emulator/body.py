@@ -28,38 +28,41 @@ class Kept:
     position: float
 
 
+@dataclass(frozen=True, slots=True)
+class ServoBuild:
+    """How a servo begins: awake at `now` (s), its shaft at `position` (tick), with the `warmth` (degrees Celsius) of
+    what it did before. supply: shared with others, None: its own. boot_time: s of every later start."""
+
+    position: float
+    now: float = 0.0
+    supply: Supply | None = None
+    boot_time: float = BOOT_TIME
+    warmth: float = AMBIENT
+
+
 class ServoBody:
-    """A servo of a table, as the maker delivers it, awake at time `now` (s) with its shaft at `position` (tick).
+    """A servo of a table, as the maker delivers it, at the beginning that `build` says.
 
     A subclass says what its protocol does at a start (`_reset`), after a change of settings (`tune`), and when
     something is wrong (`check`).
     """
 
-    def __init__(
-        self,
-        table: ControlTable,
-        model: ServoModel,
-        *,
-        position: float,
-        now: float = 0.0,
-        supply: Supply | None = None,
-        boot_time: float = BOOT_TIME,
-        warmth: float = AMBIENT,
-    ) -> None:
+    def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
         self.model = model.name
         self.number = table.number
         self.protocol = table.protocol
         self.table = table
         self.servo_model = model
-        self.boot_time = boot_time
+        self.boot_time = build.boot_time
         self.memory = Memory(table)
         top = model.no_load_speed / model.tick_rad
         self.top = top
         """No-load speed at the nominal voltage, tick/s."""
-        self.shaft = Shaft(position, top)
-        self.shaft.time = now
-        self.electrics = Electrics(supply or Supply(), model.voltage, turn=model.tick_rad, top=top, warmth=warmth)
-        self.electrics.time = now
+        self.shaft = Shaft(build.position, top)
+        self.shaft.time = build.now
+        supply = build.supply or Supply()
+        self.electrics = Electrics(supply, model.voltage, turn=model.tick_rad, top=top, warmth=build.warmth)
+        self.electrics.time = build.now
         self.backup: bytes | None = None
         self.id = 0
         self.secondary_id: int | None = None
@@ -67,9 +70,9 @@ class ServoBody:
         self.return_delay = 0.0
         self.answers_reads = True
         self.fast_read = table.fast_read
-        self.started = now
+        self.started = build.now
         """When it last woke, s: its realtime tick counts from there."""
-        self._awake_at = now
+        self._awake_at = build.now
         self._starting = False
         self._eventless = -inf  # [s] before then nothing happens but motion
         self._cut = False

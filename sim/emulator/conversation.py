@@ -10,6 +10,7 @@ from fastcrc.crc16 import umts
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.fast_status import fast_length
 from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Instruction
+from sim.emulator.damage import complaint
 from sim.emulator.device import Answer, Device
 from sim.emulator.group_request import (
     FAST_READS,
@@ -23,6 +24,7 @@ from sim.emulator.group_request import (
     writes1,
     writes2,
 )
+from sim.emulator.watchdog import FedBy
 
 
 class Gaps(Enum):
@@ -53,18 +55,23 @@ Turn = tuple[Sequence[Device], ReadItem]
 class Conversation:
     """Answers of devices to the sound frames of a line. `noise` makes what two talking at once sound like."""
 
-    def __init__(self, *, gaps: Gaps = Gaps.SILENCE, noise: random.Random | None = None) -> None:
+    def __init__(
+        self, *, gaps: Gaps = Gaps.SILENCE, fed_by: FedBy = FedBy.ANY, noise: random.Random | None = None
+    ) -> None:
         self._gaps = gaps
+        self._fed_by = fed_by
         self._noise = noise or random.Random(0)
 
     def answers(
         self, frame: Frame, listeners: Sequence[Device], now: float, *, cut: Collection[int] = ()
     ) -> list[Spoken]:
-        """All that is said to `frame`, in order. `listeners`: those that hear it, of one protocol, each told so.
+        """All that is said to `frame`, in order. `listeners`: those that hear it, of one protocol; whose watchdogs it
+        feeds are told so.
 
         cut: devices that do not get to talk in group reads.
         """
-        for device in listeners:
+        everybody = frame.id == BROADCAST or self._fed_by is FedBy.ANY
+        for device in listeners if everybody else _of_id(frame.id, listeners):
             device.hear(now)
         if not listeners or (frame.code == STATUS and listeners[0].protocol == 2):
             return []
@@ -80,6 +87,11 @@ class Conversation:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
         return self._to_all(frame, listeners, now)
+
+    def complaints(self, own: int, listeners: Sequence[Device], now: float) -> list[Spoken]:
+        """What devices of id `own` say to an instruction that came damaged."""
+        answers = [(device, complaint(device, now)) for device in listeners if device.id == own]
+        return self._together(own, [(device, answer) for device, answer in answers if answer is not None])
 
     def _addressed(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Spoken]:
         """A frame for one id: its devices answer, those whose secondary id it is obey in silence."""
@@ -166,6 +178,11 @@ def _able(listeners: Sequence[Device], code: int, cut: Collection[int]) -> list[
     else:
         able = [who for who in listeners if who.fast_read] if code in FAST_READS else list(listeners)
     return [who for who in able if who.id not in cut] if cut else able
+
+
+def _of_id(own: int, listeners: Sequence[Device]) -> list[Device]:
+    """Those who have an id as their first or second."""
+    return [device for device in listeners if own in (device.id, device.secondary_id)]
 
 
 def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:

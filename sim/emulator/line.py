@@ -8,9 +8,11 @@ from hardware.dynamixel import protocol2
 from hardware.dynamixel.packets import BROADCAST, Frame
 from hardware.dynamixel.parsers import Parser, parser1, parser2
 from sim.emulator.conversation import Conversation, Gaps, Spoken
+from sim.emulator.damage import damaged_address
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
 from sim.emulator.group_request import GROUP_READS2
+from sim.emulator.watchdog import FedBy
 from sim.emulator.wire import Chunk, Timing
 
 MAX_WAITING = 1 << 16
@@ -23,7 +25,9 @@ class Line:
     """Devices on one pair of wires, and the adapter between them and the host.
 
     `hear` takes what the host sends; `take` gives what has arrived by a time, `next_due` says when more will. Frames
-    are carried out when they are heard, with the time at which their last byte is on the wire.
+    are carried out when they are heard, with the time at which their last byte is on the wire. answers_damage: whether
+    a device says that a frame for it came damaged; what is documented is the error number, not whether all hardware
+    does.
     """
 
     def __init__(
@@ -33,6 +37,8 @@ class Line:
         baud: int = 57600,
         timing: Timing | None = None,
         gaps: Gaps = Gaps.SILENCE,
+        fed_by: FedBy = FedBy.ANY,
+        answers_damage: bool = False,
         faults: FaultState | None = None,
         seed: int = 0,
     ) -> None:
@@ -44,7 +50,8 @@ class Line:
         self.lost = 0
         """Bytes that a host which did not read never gets."""
         self._noise = random.Random(seed)
-        self._conversation = Conversation(gaps=gaps, noise=self._noise)
+        self._conversation = Conversation(gaps=gaps, fed_by=fed_by, noise=self._noise)
+        self._answers_damage = answers_damage
         self._parsers: dict[int, Parser] = {
             protocol: parser2() if protocol == 2 else parser1() for protocol in {device.protocol for device in devices}
         }
@@ -120,17 +127,14 @@ class Line:
                     parser.reset()
             self._heard = at = at + self.timing.on_wire(len(part.data), self.baud)
             for protocol, parser in self._parsers.items():
+                if self._answers_damage:
+                    self._complain(protocol, parser.pending + part.data, at)
                 for frame in parser.feed(part.data):
                     self._execute(protocol, frame, at)
         return at
 
     def _execute(self, protocol: int, frame: Frame, end: float) -> None:
-        lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
-        listeners = [
-            device
-            for device in self.devices
-            if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(end)
-        ]
+        listeners = self._awake(protocol, end)
         if frame.code in GROUP_READS2 and frame.id == BROADCAST:
             self.faults.count_cycle()
             self.faults.update(end)
@@ -140,6 +144,23 @@ class Line:
         said = self._conversation.answers(frame, listeners, end, cut=self.faults.silent_tail)
         if said:
             self._speak(said, end)
+
+    def _complain(self, protocol: int, heard: bytes, end: float) -> None:
+        """Let those speak up for whom a frame was that came damaged."""
+        own = damaged_address(protocol, heard)
+        if own is not None and own not in self.faults.missing:
+            said = self._conversation.complaints(own, self._awake(protocol, end), end)
+            if said:
+                self._speak(said, end)
+
+    def _awake(self, protocol: int, now: float) -> list[Device]:
+        """Devices of a protocol that hear the host."""
+        lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
+        return [
+            device
+            for device in self.devices
+            if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(now)
+        ]
 
     def _speak(self, said: Sequence[Spoken], end: float) -> None:
         """Put answers on the wire, one after the other, from `end` of the instruction on."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from hardware.arrays import TickArray
 from hardware.bus_spec import BusSpec
 from hardware.servo import ServoSpec
+from sim.emulator.conduct import Conduct
 from sim.emulator.controller import EmulatedController
 from sim.emulator.device import Device
 from sim.emulator.fault_file import FaultPlan
@@ -23,13 +24,16 @@ def robot_lines(
     plan: FaultPlan | None = None,
     seed: int = 0,
     timing: Timing | None = None,
+    conduct: Conduct | None = None,
     powered: bool = False,
 ) -> dict[str, Line]:
     """A line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults count.
 
     Servos are set up as the profile says; ids that no servo has are controllers such as the OpenCR of an OP3. powered:
-    whether the one with the power switch has it on at first. Raises HardwareError for what a model cannot be.
+    whether the one with the power switch has it on at first. conduct: None: the usual. Raises HardwareError for what
+    a model cannot be.
     """
+    ways = conduct or Conduct()
     devices = devices_of(
         servos,
         protocols={bus.name: bus.protocol for bus in buses},
@@ -38,6 +42,7 @@ def robot_lines(
         start=start,
         seed=seed,
         now=now,
+        conduct=ways,
     )
     lines = {}
     for bus in buses:
@@ -53,5 +58,14 @@ def robot_lines(
         faults = () if plan is None else plan.of_bus(bus.name)
         origin_seed = f"{seed if plan is None else plan.seed} {bus.name}"
         state = FaultState(everyone, faults=faults, origin=now, seed=origin_seed)
-        lines[bus.name] = Line(everyone, baud=bus.baud, timing=timing, faults=state, seed=seed)
+        lines[bus.name] = Line(
+            everyone,
+            baud=bus.baud,
+            timing=timing,
+            gaps=ways.gaps,
+            fed_by=ways.fed_by,
+            answers_damage=ways.answers_damage,
+            faults=state,
+            seed=seed,
+        )
     return lines

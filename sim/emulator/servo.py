@@ -8,7 +8,7 @@ from math import inf
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import ALERT, Error2
 from hardware.servo import ServoModel
-from sim.emulator.body import BOOT_TIME, ServoBody
+from sim.emulator.body import ServoBody, ServoBuild
 from sim.emulator.commands import carry_out
 from sim.emulator.device import Answer
 from sim.emulator.encoder import Encoder
@@ -16,12 +16,10 @@ from sim.emulator.goals import aim, bound_goals, goal_to_present, open_limits, r
 from sim.emulator.keeping import restore_ram
 from sim.emulator.live import END, FIRST, MOTION, MOTION_END, Live
 from sim.emulator.motion import Law
-from sim.emulator.power import Supply
 from sim.emulator.registers import Part
 from sim.emulator.rules import GOALS, POSITION, Condition, goal_bounds, refusal
 from sim.emulator.tuning import tune_loop
 from sim.emulator.watchdog import BusWatchdog
-from sim.servo_load import AMBIENT
 
 TORQUE_BY_GOAL = 0x08  # bit of Drive Mode (10)
 TORQUE_AT_START = 0x01  # bit of Startup Configuration (60)
@@ -33,18 +31,8 @@ _GOAL, _GOAL_END = 116, 120  # goal position
 class EmulatedServo(ServoBody):
     """A `sim.emulator.device.Device` (and `Faulty`) with the table of a 2.0 model."""
 
-    def __init__(
-        self,
-        table: ControlTable,
-        model: ServoModel,
-        *,
-        position: float,
-        now: float = 0.0,
-        supply: Supply | None = None,
-        boot_time: float = BOOT_TIME,
-        warmth: float = AMBIENT,
-    ) -> None:
-        super().__init__(table, model, position=position, now=now, supply=supply, boot_time=boot_time, warmth=warmth)
+    def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
+        super().__init__(table, model, build)
         self.registered: tuple[int, bytes] | None = None
         """Address and data of a Reg Write that waits for its Action."""
         self._watchdog = BusWatchdog()
@@ -56,7 +44,7 @@ class EmulatedServo(ServoBody):
         self._lowest = self._highest = 0  # bounds of the goal position
         self._direct = False  # a goal position needs no more than to become the target
         self._fill_ram()
-        self.place(position)
+        self.place(build.position)
 
     @property
     def tripped(self) -> bool:

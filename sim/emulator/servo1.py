@@ -14,14 +14,12 @@ from math import inf
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import Error1, Error2, Instruction
 from hardware.servo import ServoModel
-from sim.emulator.body import BOOT_TIME, ServoBody
+from sim.emulator.body import ServoBody, ServoBuild
 from sim.emulator.device import Answer
 from sim.emulator.motion import Law
-from sim.emulator.power import Supply
 from sim.emulator.profile_path import path_by_velocity
 from sim.emulator.registers import Part
 from sim.emulator.settings1 import Mode1, goal_bounds1, live1, mode_of, shown_position, tune_loop1
-from sim.servo_load import AMBIENT
 
 _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
 _LIVE_FIRST, _LIVE_END = 36, 52
@@ -35,18 +33,9 @@ class EmulatedServo1(ServoBody):
     """
 
     def __init__(
-        self,
-        table: ControlTable,
-        model: ServoModel,
-        *,
-        position: float,
-        now: float = 0.0,
-        supply: Supply | None = None,
-        boot_time: float = BOOT_TIME,
-        warmth: float = AMBIENT,
-        torque_by_goal: bool = True,
+        self, table: ControlTable, model: ServoModel, build: ServoBuild, *, torque_by_goal: bool = True
     ) -> None:
-        super().__init__(table, model, position=position, now=now, supply=supply, boot_time=boot_time, warmth=warmth)
+        super().__init__(table, model, build)
         self.torque_by_goal = torque_by_goal
         self.registered: tuple[int, bytes] | None = None
         self._wrong = Error1(0)  # as every status says it

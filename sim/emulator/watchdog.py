@@ -1,8 +1,19 @@
 """The bus watchdog of a 2.0 servo (register 98, 20 ms steps): when the bus has been silent for too long."""
 
+from enum import Enum
 from math import inf
 
 STEP = 0.02  # [s] of register 98
+
+
+class FedBy(Enum):
+    """Which sound instructions are a life sign. The e-Manual says 'all instruction packets', and not whether those for
+    other ids count."""
+
+    ANY = "any"
+    """All on the line."""
+    OWN = "own"
+    """Those to the servo's id or secondary id, and broadcasts (group reads and writes are, whomever they name)."""
 
 
 class BusWatchdog:

@@ -8,8 +8,9 @@ from hardware.dynamixel.baud_codes import code_of
 from hardware.dynamixel.control_table import ControlTable, find_table
 from hardware.dynamixel.settings import MODES
 from hardware.errors import HardwareError, describe
-from hardware.servo import ServoSpec
-from sim.emulator.body import BOOT_TIME
+from hardware.servo import ServoModel, ServoSpec
+from sim.emulator.body import ServoBuild
+from sim.emulator.conduct import Conduct
 from sim.emulator.power import Supply
 from sim.emulator.servo import EmulatedServo
 from sim.emulator.servo1 import EmulatedServo1
@@ -27,30 +28,24 @@ def devices_of(
     start: TickArray | Sequence[int] | None = None,
     seed: int = 0,
     now: float = 0.0,
-    boot_time: float = BOOT_TIME,
+    conduct: Conduct | None = None,
     supply: Supply | None = None,
 ) -> tuple[EmulatedServo | EmulatedServo1, ...]:
     """Return one device per servo, in order, with id, mode and homing offset of the profile, all else as delivered.
 
     By bus: `protocols` 1 or 2, `bauds` bits/s and `return_delays` register value, where given. start: ticks (n,), None:
-    zero ticks. All share one supply. Raises HardwareError for a model without a table and a baud that it lacks.
+    zero ticks. conduct: None: the usual. All share one supply. Raises HardwareError for a model without a table and a
+    baud that it lacks.
     """
     chance = random.Random(seed)
-    shared = supply or Supply()
+    shared, ways = supply or Supply(), conduct or Conduct()
     devices: list[EmulatedServo | EmulatedServo1] = []
     for index, spec in enumerate(specs):
         table = find_table(spec.model.name, protocols[spec.bus])
-        kind = EmulatedServo if table.protocol == 2 else EmulatedServo1
         position = float(spec.zero_tick if start is None else start[index])
-        device = kind(
-            table,
-            spec.model,
-            position=position,
-            now=now,
-            supply=shared,
-            boot_time=boot_time,
-            warmth=AMBIENT + WARMER * chance.random(),
-        )
+        warmth = AMBIENT + WARMER * chance.random()
+        build = ServoBuild(position, now=now, supply=shared, boot_time=ways.boot_time, warmth=warmth)
+        device = _built(table, spec.model, build, ways)
         device.memory.put("id", spec.id)
         if bauds is not None and spec.bus in bauds:
             device.memory.put("baud_rate", _code(table, bauds[spec.bus], spec))
@@ -62,6 +57,12 @@ def devices_of(
         device.place(position)
         devices.append(device)
     return tuple(devices)
+
+
+def _built(table: ControlTable, model: ServoModel, build: ServoBuild, ways: Conduct) -> EmulatedServo | EmulatedServo1:
+    if table.protocol == 2:
+        return EmulatedServo(table, model, build)
+    return EmulatedServo1(table, model, build, torque_by_goal=ways.torque_by_goal)
 
 
 def _code(table: ControlTable, baud: int, spec: ServoSpec) -> int:
