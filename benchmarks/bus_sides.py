@@ -55,7 +55,7 @@ class OurPort:
     def cycle(self, ticks: TickArray) -> int:
         """One cycle."""
         cyclic, readings = self.cyclic, self.readings
-        cyclic.write(ticks)
+        cyclic.write(ticks, readings.driven)
         readings.begin()
         cyclic.begin(wide=False)
         while cyclic.busy:

@@ -113,10 +113,9 @@ class Guard:
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
         except BaseException as error:
-            if self._state is GuardState.ARMED:
+            had_torque = self._states is not None and self._states.driven.any()  # from before
+            if self._state is GuardState.ARMED or (not self._torque_off() and had_torque):
                 self.cut(_text(error), StopCause.BUS)
-            else:
-                self._torque_off()
             raise
         return present
 

@@ -140,6 +140,11 @@ class ServoSpec:
     coupling: Coupling | None = None
 
     @property
+    def label(self) -> str:
+        """The servo in messages."""
+        return f"{self.joint} (id {self.id})"
+
+    @property
     def ticks_per_rad(self) -> float:
         """Signed ticks per radian of the joint; of the shaft where it is coupled."""
         return self.direction * self.gear / self.model.tick_rad

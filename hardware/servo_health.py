@@ -12,7 +12,7 @@ from hardware.joint_map import JointMap
 
 
 class ServoHealth:
-    """Judges the states of one robot's servos. A value that a servo does not report (NaN) is never a complaint."""
+    """Judges the states of one robot's servos. A temperature or voltage that nobody knows (NaN) is a complaint."""
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._servos = joint_map.servos
@@ -35,14 +35,14 @@ class ServoHealth:
                 -np.inf,
                 limits.max_temperature,
                 f"is hotter than {limits.max_temperature:g} degrees Celsius:",
-                lambda _, value: f"{value:.0f}",
+                lambda _, value: _known(f"{value:.0f}"),
             ),
             (
                 StopCause.VOLTAGE,
                 low,
                 high,
                 f"has a supply outside {low:g} to {high:g} V:",
-                lambda _, value: f"{value:.1f} V",
+                lambda _, value: _known(f"{value:.1f} V"),
             ),
             (
                 StopCause.FOLLOWING_ERROR,
@@ -91,7 +91,7 @@ class ServoHealth:
         # Before goals are sent torque may well be off.
         seen[2] = 0 if sent is None else ~states.driven
         seen[5] = 0 if sent is None else self._joint_map.turned(states.position - sent)
-        return np.asarray((seen < self._least) | (seen > self._most))
+        return np.asarray(~((seen >= self._least) & (seen <= self._most)))
 
     def _complaints(self, wrong: BoolArray) -> list[tuple[StopCause, str]]:
         """All complaints about the servos (rows, n), in order of the rows."""
@@ -112,6 +112,10 @@ class ServoHealth:
 
 def _untold(index: int, value: float) -> str:
     return ""
+
+
+def _known(value: str) -> str:
+    return "not known" if value.startswith("nan") else value
 
 
 def _alert_text(bits: int) -> str:

@@ -9,23 +9,18 @@ from hardware.errors import HardwareError, describe
 from hardware.joint_map import JointMap
 
 SLACK = 0.05  # [rad] by which a limp joint may lie beyond its limits
-NEAR = 0.25
-"""A joint is at the last known place only if it is nearer to it than this share of a shaft's turn."""
 
 
-def resolve_turns(
-    joint_map: JointMap, ticks: TickArray, *, previous: TickArray | None = None, slack: float = SLACK
-) -> TickArray:
+def resolve_turns(joint_map: JointMap, ticks: TickArray, *, slack: float = SLACK) -> TickArray:
     """Return what has to be added to every reported tick (n,), a multiple of the ticks of a turn, (n,).
 
-    Of all whole turns those count that put the joint inside its limits (and `slack` rad beyond); with `previous` (n,),
-    the last known ticks, only the turn that is nearest to them. Raises HardwareError with all joints for which none is
-    left, or more than one. A servo of one turn is never shifted.
+    Of all whole turns those count that put the joint inside its limits (and `slack` rad beyond). Raises HardwareError
+    with all joints for which none is left, or more than one. A servo of one turn is never shifted.
     """
     offsets = np.zeros(len(joint_map), dtype=np.int64)
     problems: list[str] = []
     for group in _groups(joint_map):
-        turns = [_turns(joint_map, column, int(ticks[column]), slack, previous) for column in group]
+        turns = [_turns(joint_map, column, int(ticks[column]), slack) for column in group]
         found = [
             shift
             for shift in product(*turns)
@@ -60,15 +55,12 @@ def _groups(joint_map: JointMap) -> list[list[int]]:
     return [list(group) for group in groups]
 
 
-def _turns(joint_map: JointMap, column: int, tick: int, slack: float, previous: TickArray | None) -> list[int]:
+def _turns(joint_map: JointMap, column: int, tick: int, slack: float) -> list[int]:
     """Shifts of one servo, ticks, that may put its joint (or one of its two) inside the limits."""
     servo = joint_map.servos[column]
     if not servo.mode.many_turns:
         return [0]
     turn = servo.model.ticks
-    if previous is not None:
-        shift = turn * round((int(previous[column]) - tick) / turn)
-        return [shift] if abs(tick + shift - int(previous[column])) <= NEAR * turn else []
     first, last = (int(ends[column]) for ends in joint_map.tick_limits(slack=slack))
     lowest = -((tick - first) // turn)
     highest = (last - tick) // turn

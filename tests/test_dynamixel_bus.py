@@ -7,7 +7,8 @@ import pytest
 
 from bus_rig import CYCLE, BusRig, bus_of, moved, spec, specs
 from hardware.bus import ServoGoals
-from hardware.dynamixel import torque
+from hardware.dynamixel.drive import FIRST_DRIVE
+from hardware.dynamixel.powering import RAMP_TIME
 from hardware.errors import BusError
 from hardware.guard import Guard
 from hardware.guard_state import GuardState, StopCause
@@ -113,7 +114,7 @@ def test_torque_rises_from_a_tenth_within_half_a_second() -> None:
     rig.port.write = write  # type: ignore[method-assign]
     begun = rig.clock.now()
     rig.bus.torque(True)
-    assert enabled == [[round(torque.FIRST_DRIVE * FULL)] * 3]
+    assert enabled == [[round(FIRST_DRIVE * FULL)] * 3]
     on = [(time, drive[0]) for time, drive in drives if drive[0] >= 88]
     levels = [drive for _, drive in on]
     steps = np.diff(levels[levels.index(88) :])
@@ -121,7 +122,7 @@ def test_torque_rises_from_a_tenth_within_half_a_second() -> None:
     assert (steps[: levels[first:].index(FULL)] >= 0).all()
     assert steps.max() <= 0.05 * FULL
     assert rig.shown("goal_pwm") == [FULL] * 3
-    assert torque.RAMP_TIME <= rig.clock.now() - begun <= torque.RAMP_TIME + 0.1
+    assert RAMP_TIME <= rig.clock.now() - begun <= RAMP_TIME + 0.1
     assert rig.bus.read().driven.all()
 
 

@@ -161,7 +161,7 @@ def test_tries_are_bounded_and_silence_is_told() -> None:
     with pytest.raises(NoAnswer, match=r"scripted, id 1, goal_position: no answer to write 5.*3 tries, silence"):
         OneOff(port, 2).write(1, GOAL, 5)
     assert len(port.sent) == 3
-    assert port.now() < 0.05
+    assert port.now() < 0.1  # after each, a late answer may pass
 
 
 def test_damage_is_told_from_silence() -> None:

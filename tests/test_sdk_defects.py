@@ -143,7 +143,7 @@ def test_14_a_group_write_takes_data_that_are_too_short(monkeypatch: pytest.Monk
 
     with pytest.raises(ValueError, match="2 bytes for device 1; allowed: 4"):
         protocol2.sync_write(116, 4, [(1, b"\x96\0")])
-    assert list(GoalPacket([_Place()]).packets(np.array([0x96]))) == [
+    assert list(GoalPacket([_Place()]).packets(np.array([0x96]), np.array([True]))) == [
         protocol2.sync_write(116, 4, [(1, b"\x96\0\0\0")])
     ]
 

@@ -1,5 +1,6 @@
 """Faults that the servos' states show: each stops the robot along a braking way, with a reason that names the servo."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -140,13 +141,15 @@ def test_the_limits_are_those_of_the_profile() -> None:
     }
 
 
-def test_values_that_are_not_reported_are_no_complaint() -> None:
-    nothing = float("nan")
-    faults = (MockFault(kind, 0, 99, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
-    rig = Rig(*faults, limits=LIMITS)
+@pytest.mark.parametrize(
+    ("kind", "told"), [(FaultKind.HOT, "is hotter than .*not known"), (FaultKind.SUPPLY, "has a supply .*not known")]
+)
+def test_a_value_that_nobody_knows_stops_the_robot(kind: FaultKind, told: str) -> None:
+    rig = Rig(MockFault(kind, 20, 99, servo=1, value=float("nan")), limits=LIMITS)
     rig.guard.arm()
     rig.run(50)
-    assert rig.state() is GuardState.MOVING
+    assert rig.guard.stop_reason is not None
+    assert re.search(told, rig.guard.stop_reason.reason)
 
 
 def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:

@@ -25,7 +25,7 @@ def test_a_lost_packet_is_sent_again(on: bool) -> None:
     if on:
         torque.enable(line, [1, 2, 3, 4])
     else:
-        assert torque.disable(line) == []
+        assert torque.off_everywhere([line]) == []
     assert rig.shown("torque_enable") == [int(on)] * 4
 
 
@@ -35,11 +35,3 @@ def test_who_does_not_take_its_torque_is_named() -> None:
     rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
     with pytest.raises(BusError, match=r"found j1 \(id 1\) does not answer\."):
         torque.enable(line, [1, 2, 3])
-
-
-def test_the_drive_is_a_share_of_the_full_one_and_never_nothing() -> None:
-    rig = BusRig(specs(2)).ready()
-    (line,) = rig.bus.lines
-    for share, counts in ((0.5, 442), (1.0, 885), (0.0, 1)):
-        torque.confirm_drive(line, [1, 2], share)
-        assert rig.shown("goal_pwm") == [counts] * 2

@@ -48,20 +48,6 @@ def test_found_or_refused_as_a_search_by_hand_says(angle: float, direction: int,
             resolve_turns(joint_map, true % 4096)
 
 
-@given(st.floats(-4.7, 4.7), st.floats(-1.5, 1.5))
-def test_a_known_place_nearby_decides(angle: float, moved: float) -> None:
-    joint_map = one(-4.7, 4.7)
-    true = joint_map.to_ticks(np.array([angle]))
-    known = joint_map.to_ticks(np.array([angle + moved]))
-    np.testing.assert_array_equal(resolve_turns(joint_map, true % 4096, previous=known) + true % 4096, true)
-
-
-def test_a_known_place_half_a_turn_away_decides_nothing() -> None:
-    joint_map = one(-4.7, 4.7)
-    with pytest.raises(HardwareError, match=r"arm \(id 5\) at tick 2048: on no turn within -4.700 to 4.700 rad"):
-        resolve_turns(joint_map, np.array([2048]), previous=np.array([2048 + 2048]))
-
-
 def test_a_limp_joint_may_lie_a_little_beyond_its_limit() -> None:
     joint_map = one(-1.0, 1.0, zero_tick=0)
     low = joint_map.to_ticks(np.array([-1.04])) + 4096

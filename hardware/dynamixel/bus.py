@@ -1,6 +1,6 @@
 """The real thing: every servo of a robot on its Dynamixel buses, as a `hardware.bus.ServoBus`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -8,12 +8,12 @@ import numpy as np
 from hardware.arrays import TickArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.bus_spec import BusSpec
-from hardware.dynamixel import torque
+from hardware.dynamixel import powering, torque
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.cycle import read_cycle
 from hardware.dynamixel.opening import Opening, examine
-from hardware.dynamixel.provisioning import provision
 from hardware.dynamixel.readings import Readings
 from hardware.errors import BusError, HardwareError, describe
 from hardware.joint_map import JointMap
@@ -22,8 +22,8 @@ from hardware.turns import resolve_turns
 MakePort = Callable[[BusSpec], BytePort]
 """From a bus of the profile to the way to it."""
 
-WIDE_PERIOD = 0.2
-"""[s] Between two looks at voltage and temperature."""
+FIRST_CYCLES = 5
+"""Cycles at opening after which a servo that never answered is left for later."""
 
 
 def _quiet(note: str) -> None:
@@ -57,8 +57,6 @@ class DynamixelBus:
         self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
         self._readings: Readings
         self._goals: TickArray | None = None
-        self._lost: BusError | None = None  # why nobody knows on which turn some servo is
-        self._wide_at = -np.inf
         self._open = False
         self._powered = False  # torque may be on, through this bus
 
@@ -75,8 +73,11 @@ class DynamixelBus:
     def open(self) -> None:
         """Open the ports, look at every servo, write what the profile wants. Torque stays as it is.
 
-        Raises BusError with everything that is wrong, on all ports at once; then nothing was written to a servo.
+        Raises BusError with everything that is wrong, on all ports at once; then nothing was written to a servo. Where
+        one refuses what is written, it is told what others have taken by then.
         """
+        if self._open:
+            raise BusError(describe(what="the bus is open already", where="bus, open", then="Call close first"))
         try:
             found = self._examine()
             problems = [problem for opening in found for problem in opening.problems]
@@ -86,7 +87,7 @@ class DynamixelBus:
                 line.adopt(opening.images)
                 for note in opening.notes:
                     self._tell(note)
-            self._provision()
+            powering.prepare(self._lines, self._tell, limp_only=True)
             self._begin()
         except BaseException:
             self._close_ports()
@@ -114,7 +115,7 @@ class DynamixelBus:
         self._goals = np.array(ticks)
         raw = ticks - self._readings.turns
         for line in self._lines:
-            line.cyclic.write(raw)
+            line.cyclic.write(raw, self._readings.driven)
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
@@ -153,93 +154,84 @@ class DynamixelBus:
                 found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
         return found
 
-    def _provision(self) -> None:
-        """Write what the profile wants into servos without torque; one that has it keeps what it has."""
-        for line in self._lines:
-            for device in torque.limp(line):
-                servo = line.servos[device]
-                changed = provision(line, servo)
-                if changed:
-                    self._tell(f"servo {servo.joint} (id {device}): {', '.join(changed)}")
-            line.adopt(line.images)
-
     def _begin(self) -> None:
         """Read everybody once, and find the turns that servos of many turns have forgotten."""
         servos = self._map.servos
         tables = {line.index_of[device]: image.table for line in self._lines for device, image in line.images.items()}
         self._readings = Readings([tables[index] for index in range(len(servos))])
         self._goals = None
-        self._wide_at = -np.inf
-        states = self._cycle()
-        self._lost = None
-        if states.valid.all():
-            try:
-                self._readings.turns = resolve_turns(self._map, states.position)
-            except HardwareError as error:
-                self._lost = BusError(str(error))  # it can be looked at and homed, but not driven
+        for _ in range(FIRST_CYCLES):
+            if self._cycle().valid.all():
+                break
+        with suppress(HardwareError):  # it can be looked at and homed, but not driven: torque asks again
+            self._count_turns(range(len(servos)))
+
+    def _count_turns(self, limp: Iterable[int]) -> None:
+        """Find the whole turns of servos without torque (places in servo order), which may have forgotten them.
+
+        Raises BusError for those that do not say.
+        """
+        states = self._readings.states(self._lines[0].port.now())
+        shown = states.position - self._readings.turns
+        turns = self._readings.turns.copy()
+        limp = list(limp)
+        turns[limp] = resolve_turns(self._map, shown)[limp]
+        self._readings.turns = turns
 
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
         now = self._lines[0].port.now()
-        wide = now >= self._wide_at + WIDE_PERIOD
-        if wide:
-            self._wide_at = now
-        read_cycle(self._lines, self._readings, wide=wide)
+        read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
         return self._readings.states(now)
 
     def _torque_on(self) -> None:
         """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""
-        if self._lost is not None:
-            raise self._lost
         if self._goals is None:
             raise BusError(
                 describe(what="no goals were sent", where="bus, torque on", then="Send the present posture first")
             )
+        ready = powering.prepare(self._lines, self._tell)
+        self._recount(ready)
         raw = self._goals - self._readings.turns
-        risen: list[tuple[BusLine, list[int]]] = []
-        for line in self._lines:
-            off = torque.limp(line)
-            for device in off:
-                provision(line, line.servos[device])
-            goals = {device: int(raw[index]) for device, index in line.index_of.items()}
-            torque.check_still(line, goals)
-            if len(off) < len(goals):  # whom its watchdog has stopped takes no goal until that is cleared
-                torque.arm_watchdogs(line)
-            torque.confirm_goals(line, goals)
-            risen.append((line, off))
+        goals = [{device: int(raw[index]) for device, index in line.index_of.items()} for line in self._lines]
+        for line, own in zip(self._lines, goals, strict=True):
+            torque.check_still(line, own)
         self._powered = True
-        for line, off in risen:
-            torque.arm_watchdogs(line)
-            if off:
-                torque.confirm_drive(line, off, torque.FIRST_DRIVE)
-                torque.enable(line, off)
-        self._ramp([(line, off) for line, off in risen if off])
-        for line in self._lines:
-            for index in line.index_of.values():
-                self._readings.take_drive(index, True)
+        drives = powering.switch_on(ready, goals)
+        for index in range(len(self._map)):
+            self._readings.take_drive(index, True)
+        powering.raise_drive(self._lines, drives, self._watch_rise)
 
-    def _ramp(self, risen: Sequence[tuple[BusLine, list[int]]]) -> None:
-        """From the first drive to the full one."""
-        if not risen:
-            return
-        begun = risen[0][0].port.now()
-        steps = round(torque.RAMP_TIME / torque.RAMP_STEP)
-        for step in range(1, steps + 1):
-            share = torque.FIRST_DRIVE + (1.0 - torque.FIRST_DRIVE) * step / steps
-            for line, ids in risen:
-                torque.drive(line, ids, share)
-            risen[0][0].port.sleep_until(begun + step * torque.RAMP_STEP)
-        for line, ids in risen:
-            torque.confirm_drive(line, ids, 1.0)
+    def _recount(self, ready: Sequence[powering.Ready]) -> None:
+        """See on which turn limp servos are now. Raises BusError where that is not known, or not what it was."""
+        states = self._cycle()
+        if not states.valid.all():
+            silent = [servo.label for servo, valid in zip(self._map.servos, states.valid, strict=True) if not valid]
+            raise BusError(describe(what=f"no answer from {', '.join(silent)}", where="bus, torque on"))
+        before = self._readings.turns
+        self._count_turns(line.index_of[device] for line, limp in ready for device in limp)
+        moved = np.flatnonzero(self._readings.turns != before)
+        if moved.size:
+            raise BusError(
+                describe(
+                    what="servos have started anew and count their turns from elsewhere",
+                    where="bus, torque on",
+                    found=", ".join(self._map.servos[index].label for index in moved),
+                    then="Torque was not switched on. Read the posture, send it, and try again",
+                )
+            )
+
+    def _watch_rise(self) -> None:
+        """One cycle while torque rises. Raises BusError for a servo that has an error or lets go."""
+        states = self._cycle()
+        wrong = np.flatnonzero(states.alert.astype(bool) | ~states.driven)
+        if wrong.size:
+            names = [f"{self._map.servos[k].label} {alert_text(int(states.alert[k])) or 'let go'}" for k in wrong]
+            raise BusError(describe(what="torque did not come up", where="bus", found=", ".join(names)))
 
     def _torque_off(self) -> None:
         """All are told, whichever fails."""
-        unsure: list[str] = []
-        for line in self._lines:
-            try:
-                unsure += torque.disable(line)
-            except BusError as error:
-                unsure.append(f"all of bus {line.spec.name} ({error})")
+        unsure = torque.off_everywhere(self._lines)
         for index in range(len(self._map)):
             self._readings.take_drive(index, False)
         if unsure:

@@ -1,13 +1,14 @@
 """One bus of a robot at work: its port, its servos, and registers of all of them written and read at once."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 
 from hardware.bus_spec import BusSpec
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.control_table import ControlTable, find_table
 from hardware.dynamixel.cyclic import CyclicPort, Wired
-from hardware.dynamixel.exchange import Ask, Kind, collect
+from hardware.dynamixel.exchange import Ask, Kind, collect, settle
 from hardware.dynamixel.one_off import OneOff
 from hardware.dynamixel.register import Register
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
@@ -32,6 +33,15 @@ class BusLine:
         self._cyclic = self._wire(self._expected)
 
     @property
+    def where(self) -> str:
+        """The bus, in messages."""
+        return f"bus {self.spec.name}"
+
+    def name_of(self, device: int) -> str:
+        """The servo with this id, in messages."""
+        return self.servos[device].label
+
+    @property
     def cyclic(self) -> CyclicPort:
         """The exchange of every cycle."""
         return self._cyclic
@@ -53,36 +63,38 @@ class BusLine:
         if not items:
             return
         make = protocol1.sync_write if self.spec.protocol == 1 else protocol2.sync_write
-        self.port.write(make(register.address, register.size, items))
+        self._cyclic.post(make(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
         """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""
-        found: dict[int, int] = {}
+        said = self.read_span(register.address, register.size, ids)
+        return {device: register.decode(data) for device, data in said.items()}
+
+    def read_span(self, address: int, size: int, ids: Sequence[int]) -> dict[int, bytes]:
+        """`size` bytes from `address` by id, of those that answer. Raises BusError when the port is gone."""
+        found: dict[int, bytes] = {}
+        if self.spec.protocol == 1:  # no group read that all models know
+            for device in ids:
+                with suppress(NoAnswer, ServoError):
+                    found[device] = self.client.read_block(device, address, size)
+            return found
         silent = list(ids)
         for _ in range(TRIES):
             if silent:
-                found |= self._read_some(register, tuple(silent))
+                found |= self._ask(Ask(Kind.SYNC, tuple(silent), address, size))
             silent = [device for device in silent if device not in found]
             # Whoever silenced the rest is asked last.
             silent = [*silent[1:], *silent[:1]]
         for device in silent:  # where several are missing, nobody is silenced by another one
-            found |= self._read_some(register, (device,))
+            found |= self._ask(Ask(Kind.SYNC, (device,), address, size))
         return found
 
-    def _read_some(self, register: Register, ids: tuple[int, ...]) -> dict[int, int]:
-        if self.spec.protocol == 1:
-            return {device: value for device in ids if (value := self._read_alone(register, device)) is not None}
-        ask = Ask(Kind.SYNC, ids, register.address, register.size)
-        self.port.drop()
-        self.port.write(ask.request())
-        answers, _ = collect(self.port, ask, self.port.now(), ask.timeouts(self.port, self.longest_delay))
-        return {status.id: register.decode(status.data) for status in answers.statuses}
-
-    def _read_alone(self, register: Register, device: int) -> int | None:
-        try:
-            return self.client.read(device, register)
-        except (NoAnswer, ServoError):
-            return None
+    def _ask(self, ask: Ask) -> dict[int, bytes]:
+        sent = self._cyclic.ask(ask.request())
+        answers, _ = collect(self.port, ask, sent, ask.timeouts(self.port, self.longest_delay))
+        if len(answers) < len(ask.ids):
+            settle(self.port)
+        return {status.id: status.data for status in answers.statuses}
 
     @property
     def longest_delay(self) -> float:

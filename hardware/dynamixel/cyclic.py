@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.arrays import BoolArray
 from hardware.dynamixel.answers import Answers
 from hardware.dynamixel.block import Block, block_of
 from hardware.dynamixel.byte_port import BytePort
@@ -91,11 +92,25 @@ class CyclicPort:
         self._probed = -np.inf
         self._errands: dict[tuple[object, ...], Errand] = {}
 
-    def write(self, ticks: NDArray[np.int64]) -> None:
-        """Send goals (n,), of all servos of the robot, ticks. Raises BusError."""
-        for packet in self._goals.packets(ticks):
-            self.port.write(packet)
-            self._line_free = max(self.port.now(), self._line_free) + 10 * len(packet) / self.port.baud
+    def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
+        """Send goals (n,), of all servos of the robot, ticks; driven (n,): who has torque. Raises BusError."""
+        silent = [self._index_of[device] for device, strikes in self._strikes.items() if strikes]
+        if silent:  # whoever it is may have started anew
+            driven = driven.copy()
+            driven[silent] = False
+        for packet in self._goals.packets(ticks, driven):
+            self.post(packet)
+
+    def post(self, packet: bytes) -> None:
+        """Send what nobody answers. Raises BusError."""
+        self.port.write(packet)
+        self._line_free = max(self.port.now(), self._line_free) + 10 * len(packet) / self.port.baud
+
+    def ask(self, request: bytes) -> float:
+        """Send a request; when it begins to be on the wire, s. Raises BusError."""
+        self.port.drop()
+        self.port.write(request)
+        return max(self.port.now(), self._line_free)  # goals may still be on the wire
 
     def begin(self, *, wide: bool) -> None:
         """A new cycle. wide: voltage and temperature too."""
@@ -122,9 +137,7 @@ class CyclicPort:
 
     def send(self) -> None:
         """Send the next request. Raises BusError."""
-        self.port.drop()
-        self.port.write(self._queue[0].request)
-        self._sent = max(self.port.now(), self._line_free)  # goals may still be on the wire
+        self._sent = self.ask(self._queue[0].request)
 
     def collect(self, readings: Readings) -> None:
         """Wait for the answers to the last request, and keep them. Raises BusError."""

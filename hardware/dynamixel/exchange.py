@@ -20,6 +20,8 @@ TURNAROUND = 100e-6
 """[s] That a servo may take, beside its return delay, before it answers."""
 SLACK = 1e-3
 """[s] That this machine, or the adapter's driver, may be late."""
+QUIET = 20e-3
+"""[s] After an answer that did not come: what is later than this is not expected."""
 MAX_IDS = 100
 """Servos asked in one request; their answers fit any adapter's buffer."""
 
@@ -145,3 +147,13 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
 def _without_echo(heard: bytes, ask: Ask) -> bytes:
     """An adapter may let the host hear itself."""
     return heard.removeprefix(ask.request())
+
+
+def settle(port: BytePort) -> None:
+    """Let an answer that is late pass, so that it answers nothing else: a status does not say what it is the answer to.
+
+    Raises BusError when the port is gone.
+    """
+    deadline = port.now() + QUIET + port.latency
+    while port.now() < deadline and port.wait(deadline):
+        port.read()

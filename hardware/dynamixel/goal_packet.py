@@ -1,4 +1,8 @@
-"""Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle."""
+"""Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle.
+
+A goal switches the torque of a 1.0 servo on (field knowledge, in no manual): one that is limp, or may have started
+anew, is sent none.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Protocol
@@ -6,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.arrays import BoolArray
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import BROADCAST, Instruction
@@ -32,9 +37,9 @@ class GoalPacket:
             places.setdefault((servo.table.protocol, goal.address, goal.size), []).append(servo)
         self._parts = [_Part(*place, members) for place, members in places.items()]
 
-    def packets(self, ticks: NDArray[np.int64]) -> Iterator[bytes]:
-        """The packets for goals (n,) of the whole robot, in ticks."""
-        return (part.packet(ticks) for part in self._parts)
+    def packets(self, ticks: NDArray[np.int64], driven: BoolArray) -> Iterator[bytes]:
+        """The packets for goals (n,) of the whole robot, in ticks. driven (n,): who has torque."""
+        return (packet for part in self._parts if (packet := part.packet(ticks, driven)))
 
 
 class _Part:
@@ -48,8 +53,10 @@ class _Part:
         width = 1 if protocol == 1 else 2
         self._span = address.to_bytes(width, "little") + size.to_bytes(width, "little")
 
-    def packet(self, ticks: NDArray[np.int64]) -> bytes:
-        """The packet for goals (n,)."""
+    def packet(self, ticks: NDArray[np.int64], driven: BoolArray) -> bytes:
+        """The packet for goals (n,); none when nobody is to have one."""
         self._rows["goal"] = ticks[self._who]
-        frame = protocol1.frame if self._protocol == 1 else protocol2.frame
-        return frame(BROADCAST, Instruction.SYNC_WRITE, self._span + self._rows.tobytes())
+        if self._protocol == 2:
+            return protocol2.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + self._rows.tobytes())
+        rows = self._rows[driven[self._who]]
+        return protocol1.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + rows.tobytes()) if rows.size else b""

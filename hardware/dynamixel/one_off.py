@@ -13,6 +13,7 @@ from dynamixel_sdk import COMM_SUCCESS
 from hardware.dynamixel import discovery, servo_error
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.discovery import Found
+from hardware.dynamixel.exchange import settle
 from hardware.dynamixel.packets import MAX_ID, Error1, Error2, Instruction, Status
 from hardware.dynamixel.register import Register
 from hardware.dynamixel.sdk_port import SLACK, SdkPort, packet_handler
@@ -170,8 +171,8 @@ class OneOff:
                 self._sdk.slack = SLACK * 2**done
                 answer = self._exchange(device, code, params)
                 unfit = answer is None or not self._fits(answer, size)
-                if done or (unfit and self._sdk.heard):
-                    self._settle()
+                if done or unfit:
+                    settle(self.port)
                 if answer is None or unfit:
                     damaged += self._sdk.heard > 0
                     continue
@@ -211,11 +212,6 @@ class OneOff:
         number = servo_error.refusal(self.protocol, answer.error)
         garbled = number & Error1.CHECKSUM if self.protocol == 1 else number == Error2.CRC
         return not garbled and (bool(number) or size is None or len(answer.data) == size)
-
-    def _settle(self) -> None:
-        """After a try that failed, its answer may still come: let it pass, so that it answers nothing else."""
-        self.port.sleep_until(self.port.now() + SLACK)
-        self.port.drop()
 
     def _probe(self, device: int) -> Found | None:
         """Ping one id and listen for a second answer."""

@@ -2,14 +2,16 @@
 
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.servo_image import read_image
-from hardware.dynamixel.settings import differing, eeprom_settings, ram_settings
+from hardware.dynamixel.settings import WAKING, differing, eeprom_settings, ram_settings
 from hardware.servo import ServoSpec
 
 
-def provision(line: BusLine, servo: ServoSpec) -> list[str]:
+def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     """Bring one servo to what its profile wants; what was changed, one text each. What is right is not written.
 
-    Raises BusError (NoAnswer, ServoError) when it does not answer, refuses, or does not keep what it was told.
+    limp: it has no torque. One that has takes nothing in EEPROM; of one of protocol 1.0 that has none, what would
+    switch it on is left for `torque.wake`. Raises BusError (NoAnswer, ServoError) when it does not answer, refuses, or
+    does not keep what it was told.
     """
     table = line.images[servo.id].table
     image = read_image(line.client, servo.id, table)
@@ -21,7 +23,11 @@ def provision(line: BusLine, servo: ServoSpec) -> list[str]:
         changed.append(f"{register.name} {image.value(register.name)} -> {value}")
     if eeprom:
         image = read_image(line.client, servo.id, table)
-    for register, value in differing(ram_settings(servo, table), image):
+    for register, value in differing(ram_settings(servo, image), image):
+        if limp and table.protocol == 1 and register.name in WAKING:
+            continue
         line.client.write(servo.id, register, value, verify=True)
+        if not limp:
+            changed.append(f"{register.name} {image.value(register.name)} -> {value}")
     line.images[servo.id] = read_image(line.client, servo.id, table)
     return changed

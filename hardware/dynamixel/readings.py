@@ -11,6 +11,10 @@ from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import ALERT, Error1
 
+SLOW_PERIOD = 0.2
+"""[s] Between two looks at voltage and temperature."""
+SLOW_AGE = 1.0
+"""[s] After which what was said of them is forgotten."""
 UNKNOWN_ALERT = 0x80
 """Alert bits of a servo that says that it has an error, until it has said which."""
 
@@ -68,6 +72,7 @@ class Readings:
         self._driven = np.zeros(count, dtype=np.bool_)
         self._valid = np.zeros(count, dtype=np.bool_)
         self._answered = np.full(count, -np.inf)  # [s]
+        self._slow_at = np.full(count, -np.inf)  # [s] when voltage and temperature were told
 
     def begin(self) -> None:
         """A new cycle: nobody has answered yet."""
@@ -83,6 +88,7 @@ class Readings:
         if rows.dtype.fields and names.voltage in rows.dtype.fields:
             self._voltage[who] = rows[names.voltage]
             self._temperature[who] = rows[names.temperature]
+            self._slow_at[who] = now
         if names is NAMES1:
             speed = rows[names.velocity].astype(np.int64)
             self._velocity[who] = np.where(speed & _SIGN1, -(speed & _SIZE1), speed)
@@ -96,6 +102,11 @@ class Readings:
         self._error[who] = errors
         self._valid[who] = True
         self._answered[who] = now
+
+    def slow_due(self, now: float) -> bool:
+        """Whether somebody who answered in the last cycle owes voltage and temperature; at first everybody does."""
+        old = self._slow_at < now - SLOW_PERIOD
+        return bool((old & self._valid).any()) or not np.isfinite(self._slow_at).any()
 
     def alarmed(self) -> list[int]:
         """Servos that say that they have an error, and not yet which."""
@@ -111,19 +122,25 @@ class Readings:
         self._driven[servo] = driven
 
     @property
+    def driven(self) -> BoolArray:
+        """Who follows its goals, as far as it said last, (n,); not a copy."""
+        return self._driven
+
+    @property
     def valid(self) -> BoolArray:
         """Who has answered in this cycle, (n,); a copy."""
         return self._valid.copy()
 
     def states(self, now: float) -> ServoStates:
-        """Everything, as of `now`, s; arrays of its own."""
+        """Everything, as of `now`, s; arrays of its own. Voltages and temperatures beyond SLOW_AGE are not known."""
+        known = self._slow_at >= now - SLOW_AGE
         return ServoStates(
             time=now,
             position=self._position.copy(),
             velocity=self._velocity * self._velocity_unit,
             current=self._current * self._current_unit,
-            voltage=self._voltage * self._voltage_unit,
-            temperature=self._temperature.copy(),
+            voltage=np.where(known, self._voltage * self._voltage_unit, np.nan),
+            temperature=np.where(known, self._temperature, np.nan),
             error=self._error.copy(),
             alert=self._alert.copy(),
             age=np.where(self._valid, 0.0, np.maximum(now - self._answered, 0.0)),

@@ -1,26 +1,21 @@
-"""Torque of all servos of one bus: on by a ramp, after everything it needs was written; off at once, and confirmed."""
+"""Torque of all servos of a bus: who has it, where their goals are, on and off, all of it confirmed."""
 
+import math
 from collections.abc import Sequence
 
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.register import Register
-from hardware.dynamixel.settings import Setting, full_drive
+from hardware.dynamixel.confirm import TRIES, not_kept, read_everybody, register_of, write_and_read
+from hardware.dynamixel.settings import WAKING, Setting
 from hardware.errors import BusError, describe
 
-RAMP_TIME = 0.5
-"""[s] From the first drive to the full one."""
-RAMP_STEP = 0.02
-"""[s] Between two steps of the ramp."""
-FIRST_DRIVE = 0.1
-"""Share of the full drive with which torque comes on."""
-GOAL_SLACK = 40
-"""Ticks that a limp joint may have moved since its goal was set where it was."""
+GOAL_SLACK = 0.06
+"""[rad] of the shaft that a limp joint may have moved since its goal was set where it was."""
 
 
 def limp(line: BusLine) -> list[int]:
     """Servos of the bus without torque. Raises BusError with those that do not say."""
-    found = _read(line, "torque_enable", list(line.servos))
+    found = read_everybody(line, "torque_enable", list(line.servos))
     return [device for device in line.servos if not found[device]]
 
 
@@ -31,92 +26,122 @@ def arm_watchdogs(line: BusLine) -> None:
         return
     register = line.images[ids[0]].table["bus_watchdog"]
     for value in (0, line.spec.watchdog_value):
-        _write_and_read(line, [(device, Setting(register, value)) for device in ids], "bus watchdog")
+        write_and_read(line, [(device, Setting(register, value)) for device in ids])
 
 
 def check_still(line: BusLine, goals: dict[int, int]) -> None:
     """See that every servo is there, and still where its goal (by id, ticks) is. Raises BusError."""
-    present = _read(line, "present_position", list(goals))
-    far = [device for device in goals if abs(present[device] - goals[device]) > GOAL_SLACK]
-    if far:
-        raise BusError(
-            describe(
-                what="servos moved since their goals were set where they were",
-                where=_where(line),
-                found=", ".join(f"{_name(line, one)} from {goals[one]} to {present[one]}" for one in far),
-                allowed=f"{GOAL_SLACK} ticks",
-                then="Torque was not switched on. Keep the robot still and try again",
-            )
-        )
+    _refuse_moved(line, read_everybody(line, "present_position", list(goals)), goals)
 
 
 def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
-    """See that every goal register holds the goal (by id, ticks) that was sent.
+    """Send goals (by id, ticks), and see that every register holds its own and every servo is still there.
 
-    Nobody confirms a goal, and torque moves a servo to what is in its register. Raises BusError.
+    Nobody confirms a goal, and torque moves a servo to what is in its register. Goal and position are read in one
+    piece: no late answer to another question can be taken for it. Raises BusError.
     """
-    register = _register(line, "goal_position")
-    _write_and_read(line, [(device, Setting(register, goals[device])) for device in goals], "goal position")
+    goal, present = (register_of(line, name) for name in ("goal_position", "present_position"))
+    left, kept = list(goals), dict[int, bytes]()
+    for _ in range(TRIES):
+        line.write_all(goal, [(device, goals[device]) for device in left])
+        kept |= line.read_span(goal.address, present.end - goal.address, left)
+        left = [one for one in goals if one not in kept or goal.decode(kept[one][: goal.size]) != goals[one]]
+        if not left:
+            break
+    if left:
+        held = {one: goal.decode(kept[one][: goal.size]) for one in left if one in kept}
+        raise not_kept(line, [(one, held.get(one), Setting(goal, goals[one])) for one in left])
+    _refuse_moved(line, {one: present.decode(kept[one][-present.size :]) for one in goals}, goals)
 
 
-def drive(line: BusLine, ids: Sequence[int], share: float) -> None:
-    """Limit the drive of servos to a share of the full one; nobody confirms."""
-    by_register: dict[str, list[tuple[int, Setting]]] = {}
-    for device in ids:
-        full = full_drive(line.servos[device], line.images[device])
-        by_register.setdefault(full.register.name, []).append((device, full))
-    for settings in by_register.values():
-        line.write_all(
-            settings[0][1].register, [(device, max(round(share * full.value), 1)) for device, full in settings]
-        )
-
-
-def confirm_drive(line: BusLine, ids: Sequence[int], share: float) -> None:
-    """See that the drive is limited so. Raises BusError."""
-    by_register: dict[str, list[tuple[int, Setting]]] = {}
-    for device in ids:
-        full = full_drive(line.servos[device], line.images[device])
-        setting = Setting(full.register, max(round(share * full.value), 1))
-        by_register.setdefault(full.register.name, []).append((device, setting))
-    for name, settings in by_register.items():
-        _write_and_read(line, settings, name.replace("_", " "))
+def wake(line: BusLine, ids: Sequence[int]) -> None:
+    """Write what switches torque on by itself (protocol 1.0), now that it may come. Raises BusError."""
+    for name, value in WAKING.items():
+        held = [device for device in ids if line.images[device].table.has(name) and line.spec.protocol == 1]
+        if held:
+            register = register_of(line, name)
+            write_and_read(line, [(device, Setting(register, value)) for device in held])
 
 
 def enable(line: BusLine, ids: Sequence[int]) -> None:
     """Switch torque on and see that it is. Raises BusError with those that refuse, and why."""
-    register = _register(line, "torque_enable")
-    line.write_all(register, [(device, 1) for device in ids])
-    said = line.read_all(register, ids)
-    off = [device for device in ids if said.get(device) != 1]
-    if off:  # once more: the packet may have been lost
+    register = register_of(line, "torque_enable")
+    said: dict[int, int] = {}
+    off = list(ids)
+    for _ in range(TRIES):  # a packet may be lost
         line.write_all(register, [(device, 1) for device in off])
         said |= line.read_all(register, off)
         off = [device for device in ids if said.get(device) != 1]
-    if off:
-        raise BusError(
-            describe(
-                what="servos do not switch their torque on",
-                where=_where(line),
-                found=", ".join(_why_off(line, device, said) for device in off),
-                then="See `retarget servo monitor`; a latched error is cleared by `retarget servo reboot`",
-            )
+        if not off:
+            return
+    raise BusError(
+        describe(
+            what="servos do not switch their torque on",
+            where=line.where,
+            found=", ".join(_why_off(line, device, said) for device in off),
+            then="See `retarget servo monitor`; a latched error is cleared by `retarget servo reboot`",
         )
+    )
 
 
-def disable(line: BusLine) -> list[str]:
-    """Switch all torque off; names of the servos that did not confirm it. Raises BusError when the port is gone."""
-    register = _register(line, "torque_enable")
-    left = list(line.servos)
-    for _ in range(2):
+def off_everywhere(lines: Sequence[BusLine]) -> list[str]:
+    """Switch all torque of all buses off: everybody is told before anybody is asked.
+
+    Returns what did not confirm it, a text each. An interrupt does not keep it from the buses that are left, and is
+    raised at the end.
+    """
+    unsure: list[str] = []
+    interrupt: BaseException | None = None
+    told = [line for line in lines if line.images]
+    unsure += [f"all of {line.where}" for line in lines if not line.images]
+    for act in (_tell_off, _tell_off, _confirm_off):
+        for line in list(told):
+            try:
+                unsure += act(line)
+            except BusError as error:
+                unsure.append(f"all of {line.where} ({error})")
+                told.remove(line)
+            except BaseException as error:  # noqa: BLE001 - the robot's torque comes first
+                interrupt = error
+    if interrupt is not None:
+        raise interrupt
+    return unsure
+
+
+def _tell_off(line: BusLine) -> list[str]:
+    line.write_all(register_of(line, "torque_enable"), [(device, 0) for device in line.images])
+    return []
+
+
+def _confirm_off(line: BusLine) -> list[str]:
+    """Ask everybody, tell again who has not heard; and free the watchdogs of those that are off."""
+    register = register_of(line, "torque_enable")
+    said = line.read_all(register, list(line.images))
+    left = [device for device in line.images if said.get(device) != 0]
+    if left:
         line.write_all(register, [(device, 0) for device in left])
-        said = line.read_all(register, left)
+        said |= line.read_all(register, left)
         left = [device for device in left if said.get(device) != 0]
-        if not left:
-            break
-    watched = _watched(line)
+    watched = [device for device in _watched(line) if device not in left]
     if watched:
         line.write_all(line.images[watched[0]].table["bus_watchdog"], [(device, 0) for device in watched])
-    return [_name(line, device) for device in left]
+    return [line.name_of(device) for device in left]
+
+
+def _refuse_moved(line: BusLine, present: dict[int, int], goals: dict[int, int]) -> None:
+    """Raise BusError for servos that are not where their goals are."""
+    slack = {device: GOAL_SLACK / line.servos[device].model.tick_rad for device in goals}
+    far = [device for device in goals if abs(present[device] - goals[device]) > slack[device]]
+    if far:
+        raise BusError(
+            describe(
+                what="servos moved since their goals were set where they were",
+                where=line.where,
+                found=", ".join(f"{line.name_of(one)} from {goals[one]} to {present[one]}" for one in far),
+                allowed=f"{math.degrees(GOAL_SLACK):.1f} degrees",
+                then="Torque was not switched on. Keep the robot still and try again",
+            )
+        )
 
 
 def _watched(line: BusLine) -> list[int]:
@@ -125,48 +150,10 @@ def _watched(line: BusLine) -> list[int]:
 
 
 def _why_off(line: BusLine, device: int, said: dict[int, int]) -> str:
+    name = line.name_of(device)
     if device not in said:
-        return f"{_name(line, device)} does not answer"
+        return f"{name} does not answer"
     if line.spec.protocol == 1:
-        return f"{_name(line, device)} stays off"
-    register = _register(line, "hardware_error_status")
-    bits = line.read_all(register, [device]).get(device, 0)
-    return f"{_name(line, device)} " + (f"has latched {alert_text(bits)}" if bits else "stays off")
-
-
-def _write_and_read(line: BusLine, wanted: Sequence[tuple[int, Setting]], what: str) -> None:
-    """Write, read back, and once more what was lost. Raises BusError with what is still wrong."""
-    left = list(wanted)
-    kept: dict[int, int] = {}
-    for _ in range(2):
-        line.write_all(left[0][1].register, [(device, setting.value) for device, setting in left])
-        kept = line.read_all(left[0][1].register, [device for device, _ in left])
-        left = [(device, setting) for device, setting in left if kept.get(device) != setting.value]
-        if not left:
-            return
-    found = ", ".join(f"{_name(line, device)} {kept.get(device, 'silent')}" for device, _ in left)
-    allowed = ", ".join(str(value) for value in sorted({setting.value for _, setting in left}))
-    raise BusError(describe(what=f"servos do not keep their {what}", where=_where(line), found=found, allowed=allowed))
-
-
-def _read(line: BusLine, name: str, ids: list[int]) -> dict[int, int]:
-    found = line.read_all(_register(line, name), ids)
-    silent = [_name(line, device) for device in ids if device not in found]
-    if silent:
-        raise BusError(
-            describe(what=f"no answer from {', '.join(silent)}", where=_where(line), then="Check power and wiring")
-        )
-    return found
-
-
-def _register(line: BusLine, name: str) -> Register:
-    """The servos of one bus keep these in one place."""
-    return next(iter(line.images.values())).table[name]
-
-
-def _name(line: BusLine, device: int) -> str:
-    return f"{line.servos[device].joint} (id {device})"
-
-
-def _where(line: BusLine) -> str:
-    return f"bus {line.spec.name}"
+        return f"{name} stays off"
+    bits = line.read_all(register_of(line, "hardware_error_status"), [device]).get(device, 0)
+    return f"{name} " + (f"has latched {alert_text(bits)}" if bits else "stays off")
