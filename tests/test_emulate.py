@@ -1,19 +1,26 @@
 """`retarget emulate`: served until told to stop, hurt by what is typed, refused in one message when it cannot be."""
 
+import importlib
 import os
 import select
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from serial import Serial
 
+from hardware.clock import MonotonicClock
 from hardware.dynamixel import protocol2
 from retarget import cli
 from retarget.cli.boundary import DONE, REFUSED
+from sim.emulator.conduct import Conduct
+from sim.emulator.conversation import Gaps
+from sim.emulator.line import Line
+from sim.emulator.watchdog import FedBy
 
 OP3 = Path(__file__).resolve().parent.parent / "configs/robots/op3"
 
@@ -89,6 +96,61 @@ def test_a_bus_each_has_a_link_of_its_name(tmp_path: Path, capsys: pytest.Captur
     assert f"bus head: 1 devices answer on {link}-head" in said
 
 
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Conduct, Line]]:
+    """How servos were told to behave, and their lines."""
+    module = importlib.import_module("retarget.cli.emulate")
+    make, made = module.robot_lines, []
+
+    def spy(*args: Any, conduct: Conduct, **more: Any) -> dict[str, Line]:
+        lines: dict[str, Line] = make(*args, conduct=conduct, **more)
+        made.append((conduct, lines["main"]))
+        return lines
+
+    monkeypatch.setattr(module, "robot_lines", spy)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("options", "conduct"),
+    [
+        ((), Conduct()),
+        (("--gaps", "silence", "--watchdog-fed-by", "any"), Conduct()),
+        (("--gaps", "skip"), Conduct(gaps=Gaps.SKIP)),
+        (("--boot", "1.5"), Conduct(boot_time=1.5)),
+        (("--boot", "0"), Conduct(boot_time=0.0)),
+        (("--watchdog-fed-by", "own"), Conduct(fed_by=FedBy.OWN)),
+        (("--answers-damage",), Conduct(answers_damage=True)),
+        (("--no-torque-by-goal",), Conduct(torque_by_goal=False)),
+    ],
+)
+def test_what_the_manual_leaves_open_is_an_option(
+    tmp_path: Path, built: list[tuple[Conduct, Line]], options: tuple[str, ...], conduct: Conduct
+) -> None:
+    assert leave("emulate", "--robot", "op3", "--link", str(tmp_path / "op3"), "--for", "1e-3", *options) == DONE
+    assert [made[0] for made in built] == [conduct]
+
+
+@pytest.mark.parametrize(("options", "parts"), [((), 1), (("--gaps", "skip"), 2)])
+def test_an_option_reaches_the_wire(
+    tmp_path: Path, built: list[tuple[Conduct, Line]], options: tuple[str, ...], parts: int
+) -> None:
+    words = ("--robot", "op3", "--link", str(tmp_path / "op3"), "--no-wire-delay", "--for", "1e-3", *options)
+    assert leave("emulate", *words) == DONE
+    ((_, line),) = built
+    later = MonotonicClock().now() + 10.0
+    line.hear(protocol2.sync_read(64, 1, [1, 77, 2]), later)
+    assert line.take(later) == b"".join(protocol2.status(device, 0, b"\0") for device in (1, 2)[:parts])
+
+
+def test_every_option_is_in_the_help_and_on_the_page(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (OP3.parents[2] / "docs/emulator.md").read_text(encoding="utf-8")
+    assert leave("emulate", "--help") == DONE
+    options = {word for word in capsys.readouterr().out.split() if word.startswith("--")} - {"--help"}
+    assert {"--gaps", "--boot", "--watchdog-fed-by", "--answers-damage", "--no-torque-by-goal"} <= options
+    assert [option for option in sorted(options) if option not in page] == []
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -100,6 +162,11 @@ def test_a_bus_each_has_a_link_of_its_name(tmp_path: Path, capsys: pytest.Captur
         (("--robot", "op3", "--link", "LINK", "--for", "0"), "--for"),
         (("--robot", "op3", "--link", "LINK", "--for", "nan"), "--for"),
         (("--robot", "op3", "--link", "LINK", "--seed", "-1"), "--seed"),
+        (("--robot", "op3", "--link", "LINK", "--boot", "-0.1"), "--boot"),
+        (("--robot", "op3", "--link", "LINK", "--boot", "inf"), "--boot"),
+        (("--robot", "op3", "--link", "LINK", "--boot", "nan"), "--boot"),
+        (("--robot", "op3", "--link", "LINK", "--gaps", "fill"), "'silence', 'skip'"),
+        (("--robot", "op3", "--link", "LINK", "--watchdog-fed-by", "none"), "'any', 'own'"),
     ],
 )
 def test_what_cannot_be_is_one_message(
@@ -113,7 +180,7 @@ def test_what_cannot_be_is_one_message(
     assert leave("emulate", *words) == REFUSED
     said = capsys.readouterr()
     assert message in said.err
-    assert said.err.count("error:") == 1
+    assert said.err.lower().count("error:") == 1
     assert said.out == ""
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
     assert (tmp_path / "file").read_text() == content

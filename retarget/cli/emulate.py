@@ -17,6 +17,9 @@ from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.typed_lines import TypedLines
 from retarget.errors import UsageError
 from retarget.robot_body import RobotBody, load_robot
+from sim.emulator.body import BOOT_TIME
+from sim.emulator.conduct import Conduct
+from sim.emulator.conversation import Gaps
 from sim.emulator.fault_command import obey
 from sim.emulator.fault_file import Buses, FaultPlan, load_fault_plan
 from sim.emulator.faults import random_faults
@@ -25,6 +28,7 @@ from sim.emulator.link import Link
 from sim.emulator.pseudo_terminal import PseudoTerminal
 from sim.emulator.robot_lines import robot_lines
 from sim.emulator.serve import serve
+from sim.emulator.watchdog import FedBy
 from sim.emulator.wire import REAL_TIME_GAP, Timing
 
 __all__ = ["emulate"]
@@ -48,6 +52,19 @@ def emulate(
     power_off: Annotated[
         bool, typer.Option("--power-off", help="Begin with the servos' power off, where the robot has a switch for it.")
     ] = False,
+    gaps: Annotated[
+        Gaps, typer.Option(help="What a missing servo does to those behind it in a group read.")
+    ] = Gaps.SILENCE,
+    boot: Annotated[float, typer.Option(help="Time of a servo's start.", metavar="SECONDS")] = BOOT_TIME,
+    watchdog_fed_by: Annotated[
+        FedBy, typer.Option(help="Packets that feed a bus watchdog: all, or those to the servo and to everybody.")
+    ] = FedBy.ANY,
+    answers_damage: Annotated[
+        bool, typer.Option("--answers-damage", help="Servos answer damaged instructions by an error, not by silence.")
+    ] = False,
+    no_torque_by_goal: Annotated[
+        bool, typer.Option("--no-torque-by-goal", help="Goal or speed do not switch torque on in Protocol 1.0.")
+    ] = False,
     seconds: Annotated[float | None, typer.Option("--for", help="End after so long.", metavar="SECONDS")] = None,
 ) -> None:
     """Answer as a robot's servos would, on a serial port that any program can open, until Ctrl-C.
@@ -58,6 +75,8 @@ def emulate(
         raise UsageError("how long to run is no time", where="--for", found=f"{seconds:g}", allowed="above 0 s")
     if seed is not None and seed < 0:
         raise UsageError("a seed is not negative", where="--seed", found=seed, allowed="0 and above")
+    if not 0.0 <= boot < float("inf"):
+        raise UsageError("no servo starts in that time", where="--boot", found=f"{boot:g}", allowed="0 s and above")
     body = load_robot(robot)
     buses = body.profile.bus_specs()
     links = _links(link, buses)
@@ -72,6 +91,13 @@ def emulate(
         plan=plan,
         seed=plan.seed,
         timing=replace(Timing.none() if no_wire_delay else Timing(), gap=REAL_TIME_GAP),
+        conduct=Conduct(
+            gaps=gaps,
+            fed_by=watchdog_fed_by,
+            answers_damage=answers_damage,
+            boot_time=boot,
+            torque_by_goal=not no_torque_by_goal,
+        ),
         powered=not power_off,
     )
     terminals = [PseudoTerminal(lines[bus.name], links[bus.name]) for bus in buses]
