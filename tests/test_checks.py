@@ -1,14 +1,17 @@
 """What a servo's registers say against driving it."""
 
+import re
 from dataclasses import replace
 
 import pytest
 
 from bus_rig import bus_of, spec
 from hardware.bus import ServoAlert
-from hardware.dynamixel.checks import alert_text, complaints
+from hardware.bus_spec import BusSpec
+from hardware.dynamixel.checks import alert_text, complaints, notes
 from hardware.dynamixel.servo_image import ServoImage
-from hardware.servo import ServoMode
+from hardware.dynamixel.travel import needed_ticks
+from hardware.servo import ServoMode, ServoSpec
 from sim.emulator.servo import EmulatedServo
 from sim.emulator.workshop import devices_of
 
@@ -22,7 +25,8 @@ def said(mode: ServoMode = ServoMode.POSITION, **values: int) -> list[str]:
     for name, value in {"present_input_voltage": 120, **values}.items():
         memory.put(name, value)
     image = ServoImage(one.table, bytes(memory.image[: one.table["present_temperature"].end]))
-    return complaints(replace(PLAIN, mode=mode, current_limit=1.0), bus_of([PLAIN]), image)
+    servo = replace(PLAIN, mode=mode, current_limit=1.0)
+    return complaints(servo, bus_of([PLAIN]), image, needed_ticks([servo])["j1"])
 
 
 def test_a_servo_as_delivered_may_be_driven() -> None:
@@ -49,3 +53,70 @@ def test_every_alert_bit_has_a_name() -> None:
         assert (alert.name or "?") in alert_text(alert)
     assert alert_text(0x42) == "0x42"
     assert alert_text(0x05).startswith("INPUT_VOLTAGE (supply")
+
+
+def test_a_second_id_is_refused_and_none_is_not() -> None:
+    assert [bool(said(secondary_id=value)) for value in (0, 252, 253, 255)] == [True, True, False, False]
+
+
+def test_every_cure_that_names_the_setup_says_a_whole_command() -> None:
+    found = said(drive_mode=0x0B, startup_configuration=1, secondary_id=3, homing_offset=9, min_position_limit=1500)
+    assert len(found) == 7
+    for text in found:
+        assert re.search(r"`retarget servo setup --port /dev/main --id 1( --register [a-z_]+=\d+)+`", text), text
+
+
+def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec, ServoImage]:
+    servo = spec(1, model)
+    (one,) = devices_of([servo], protocols={"main": protocol})
+    for name, value in values.items():
+        one.memory.put(name, value)
+    last = "lock" if protocol == 1 else "present_temperature"
+    volts = "present_voltage" if protocol == 1 else "present_input_voltage"
+    one.memory.put(volts, 120)
+    image = ServoImage(one.table, bytes(one.memory.image[: one.table[last].end]))
+    return servo, bus_of([servo], protocol=protocol), image
+
+
+@pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
+def test_a_locked_eeprom_is_told_with_what_opens_it(model: str) -> None:
+    for lock, told in ((0, False), (1, True)):
+        servo, bus, image = _image(model, 1, lock=lock)
+        text = " ".join(complaints(servo, bus, image, needed_ticks([servo])["j1"]))
+        assert ("EEPROM locked" in text and "power off and on" in text) == told
+
+
+def test_a_follower_of_protocol_1_is_refused() -> None:
+    servo, bus, image = _image("MX-106", 1, drive_mode=2)
+    assert "follower" in complaints(servo, bus, image, needed_ticks([servo])["j1"])[0]
+
+
+@pytest.mark.parametrize(
+    ("model", "protocol", "fine"),
+    [("XL430-W250", 2, False), ("AX-12A", 1, False), ("MX-64", 1, False), ("MX-64", 2, True), ("XM430-W350", 2, True)],
+)
+def test_a_current_that_nobody_limits_is_refused(model: str, protocol: int, fine: bool) -> None:
+    servo, bus, image = _image(model, protocol)
+    needed = needed_ticks([servo])["j1"]
+    assert complaints(servo, bus, image, needed) == []
+    found = complaints(replace(servo, current_limit=0.5), bus, image, needed)
+    assert (found == []) == fine and (fine or "remove `current`" in found[0])
+
+
+@pytest.mark.parametrize(
+    ("model", "protocol", "mode", "values", "noted"),
+    [
+        ("XM430-W350", 2, ServoMode.POSITION, {}, []),
+        ("XM430-W350", 2, ServoMode.POSITION, {"pwm_limit": 442, "current_limit": 3}, ["pwm_limit 442"]),
+        ("XM430-W350", 2, ServoMode.CURRENT_BASED_POSITION, {"current_limit": 596}, ["current_limit 596"]),
+        ("XM430-W350", 2, ServoMode.CURRENT_BASED_POSITION, {"current_limit": 597}, []),
+        ("AX-12A", 1, ServoMode.POSITION, {"max_torque": 511}, ["max_torque 511"]),
+        ("AX-12A", 1, ServoMode.POSITION, {"max_torque": 512}, []),
+    ],
+)
+def test_a_small_share_of_the_drive_is_noted(
+    model: str, protocol: int, mode: ServoMode, values: dict[str, int], noted: list[str]
+) -> None:
+    servo, _, image = _image(model, protocol, **values)
+    found = notes(replace(servo, mode=mode), image)
+    assert len(found) == len(noted) and all(text in line for text, line in zip(noted, found, strict=True))

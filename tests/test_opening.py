@@ -9,7 +9,10 @@ from bus_rig import BusRig, bus_of, moved, spec, specs
 from hardware.bus_spec import BusSpec
 from hardware.dynamixel.baud_codes import code_of
 from hardware.dynamixel.protocol2 import frame
+from hardware.dynamixel.travel import needed_ticks
 from hardware.errors import BusError
+from hardware.servo import ServoMode
+from servos import waist_servos
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.wire import Timing
 
@@ -45,6 +48,12 @@ def other_speed(rig: BusRig) -> None:
         one.tune()
 
 
+def one_at_another_speed(rig: BusRig) -> None:
+    one = rig.devices[2]
+    one.memory.put("baud_rate", code_of(one.table, 57_600) or 0)
+    one.tune()
+
+
 def fault(kind: FaultKind, *ids: int) -> Spoil:
     return lambda rig: rig.fault(Fault(kind, ids=ids))
 
@@ -52,18 +61,30 @@ def fault(kind: FaultKind, *ids: int) -> Spoil:
 PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
     "missing": (fault(FaultKind.MISSING, 2, 4), ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan")),
     "nobody": (fault(FaultKind.MISSING), ("no servo answers", "57600", "4500000", "check the servos' power")),
-    "other speed": (other_speed, ("no servo answers", "answers at 57600", "correct `baud`", "servo setup")),
+    "other speed": (
+        other_speed,
+        ("no servo answers", "id 1 answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),
+    ),
+    "one at another speed": (
+        one_at_another_speed,
+        ("j3 (id 3) did not answer", "servo j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
+    ),
+    "second id": (register(2, secondary_id=1), ("servo j2 (id 2) also obeys what is meant for id 1",)),
+    "mute": (register(2, status_return_level=0), ("servo j2 (id 2) answers pings only", "status_return_level=2`")),
     "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that the profile does not know: 9 (XM430-W350)")),
     "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) answers in several voices", "one at a time")),
     "errors": (overheated, ("servo j2 (id 2) has latched OVERHEATING (too hot)", "servo reboot")),
     "voltage": (supply, ("has a supply of 9.0 V, allowed 9.5 to 16 V", "battery")),
     "torque": (register(1, torque_enable=1), ("has torque on, and its EEPROM must be written", "servo rest")),
-    "by goal": (register(1, drive_mode=8), ("has drive mode 0x08, bit 3 (torque on by goal", "drive_mode to 0")),
-    "reverse": (register(1, drive_mode=5), ("has drive mode 0x05, bit 0 (reverse", "drive_mode to 4")),
+    "by goal": (
+        register(1, drive_mode=8),
+        ("has drive mode 0x08, bit 3 (torque on by goal", "--register drive_mode=0"),
+    ),
+    "reverse": (register(1, drive_mode=5), ("has drive mode 0x05, bit 0 (reverse", "drive_mode=4`")),
     "follower": (register(1, drive_mode=2), ("has drive mode 0x02, bit 1 (follower",)),
     "at start": (register(1, startup_configuration=1), ("torque on by itself when it starts", "servo setup")),
     "offset": (register(1, homing_offset=-50), ("has homing offset -50, the profile says 0",)),
-    "travel": (register(1, min_position_limit=1500), ("takes ticks 1500 to 4095 only, the joint needs 1070 to 3026",)),
+    "travel": (register(1, min_position_limit=1500), ("takes ticks 1500 to 4095 only, the joint needs 1071 to 3025",)),
 }
 
 
@@ -176,3 +197,57 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
     rig = BusRig(servos, buses=buses)
     assert "device 30 did not answer" in refusal(rig)
     assert frame(30, 1, b"") in rig.port.sent
+
+
+def test_strangers_are_found_whatever_their_id() -> None:
+    rig = BusRig(specs(2), strangers=[spec(252)])
+    begun = rig.clock.now()
+    assert "ids that the profile does not know: 252 (XM430-W350)" in refusal(rig)
+    assert rig.clock.now() - begun < 1.0
+
+
+def test_a_stranger_of_protocol_1_is_found() -> None:
+    servos = specs(2, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], strangers=[spec(252, "AX-12A")])
+    begun = rig.clock.now()
+    with pytest.raises(BusError, match=r"the profile does not know: 252 \(AX-12A\)"):
+        rig.bus.open()
+    assert rig.clock.now() - begun < 1.5
+
+
+def test_a_mute_servo_of_protocol_1_is_told_from_a_silent_one() -> None:
+    servos = specs(2, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    register(2, status_return_level=0)(rig)
+    with pytest.raises(BusError, match=r"j2 \(id 2\) answers pings only \(status return level 0\)") as caught:
+        rig.bus.open()
+    assert "check power" not in str(caught.value)
+
+
+def test_a_weak_servo_is_noted_and_may_be_driven() -> None:
+    rig = BusRig(specs(3))
+    register(2, pwm_limit=442)(rig)
+    register(3, pwm_limit=443)(rig)
+    rig.bus.open()
+    assert [note for note in rig.notes if "pwm" in note] == [
+        "servo j2 (id 2) has pwm_limit 442, the maximum is 885: it is weak, or slow"
+    ]
+
+
+def test_an_adapter_that_is_slower_than_it_says_is_refused() -> None:
+    rig = BusRig(specs(3), timing=Timing(turnaround=0.004))
+    said = refusal(rig)
+    assert "slower than a cycle allows" in said and "ms to the first byte at best" in said
+    assert said.count("slower than") == 1
+
+
+def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints() -> None:
+    servos = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]
+    low, high = needed_ticks(servos)["roll"]
+    rig = BusRig(servos)
+    rig.devices[0].memory.put("min_position_limit", low)
+    rig.devices[0].memory.put("max_position_limit", high)
+    rig.bus.open()
+    rig = BusRig(servos)
+    rig.devices[0].memory.put("min_position_limit", low + 1)
+    assert f"servo roll (id 2) takes ticks {low + 1} to 4095 only, the joint needs {low} to {high}" in refusal(rig)

@@ -4,9 +4,14 @@ import signal
 
 import pytest
 
+from bus_rig import bus_of, spec
+from hardware.dynamixel.checks import complaints
 from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.servo_image import ServoImage
 from hardware.dynamixel.setup_write import write_setting
+from hardware.dynamixel.travel import needed_ticks
 from servo_lab import ServoLab
+from sim.emulator.registers import Memory
 
 BUS = ("--robot", "op3", "--port", "emulator")
 
@@ -66,3 +71,48 @@ def test_ctrl_c_ends_after_the_value_that_is_written(lab: ServoLab, monkeypatch:
     code, _, err = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "1", "--new-id", "33", "--yes")
     assert code == 1 and "written: drive_mode; not written: id" in err
     assert lab.memory(13).value("drive_mode") == 1
+
+
+CURED = [
+    {"drive_mode": 9},
+    {"drive_mode": 5},
+    {"startup_configuration": 3},
+    {"secondary_id": 7},
+    {"homing_offset": -50},
+    {"min_position_limit": 1500},
+    {"min_position_limit": 1500, "max_position_limit": 2500},
+]
+
+
+def _complaints(memory: Memory) -> list[str]:
+    servo = spec(13)
+    memory.put("present_input_voltage", 120)
+    image = ServoImage(memory.table, bytes(memory.image[: memory.table["present_temperature"].end]))
+    return complaints(servo, bus_of([servo]), image, needed_ticks([servo])["j13"])
+
+
+@pytest.mark.parametrize("values", CURED)
+def test_the_command_that_a_complaint_names_does_it(values: dict[str, int], lab: ServoLab) -> None:
+    lab.before = {(13, name): value for name, value in values.items()}
+    assert lab.run("setup", *BUS, "--id", "13", "--register", "shutdown=52", "--dry-run")[0] == 0
+    said = _complaints(lab.memory(13))
+    assert said
+    command = said[0].split("`")[1].split()
+    assert command[:5] == ["retarget", "servo", "setup", "--port", "/dev/main"]
+    code, _, err = lab.run("setup", *BUS, *command[5:], "--yes")
+    assert (code, err) == (0, "")
+    assert _complaints(lab.memory(13)) == []
+
+
+def test_a_servo_that_answers_pings_only_is_written_blind(lab: ServoLab) -> None:
+    lab.before = {(13, "status_return_level"): 0}
+    code, _, err = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "4", "--yes")
+    assert code == 2 and "answers pings only" in err and "--register status_return_level=2" in err
+    assert Instruction.WRITE not in lab.instructions()
+    words = ("--id", "13", "--register", "status_return_level=2", "--drive-mode", "4")
+    for typed, more in (("n\n", ()), ("", ("--dry-run",))):
+        code, out, _ = lab.run("setup", *BUS, *words, *more, typed=typed)
+        assert code == 0 and "status_return_level: 0 -> 2" in out and Instruction.WRITE not in lab.instructions()
+    code, out, err = lab.run("setup", *BUS, *words, "--yes")
+    assert (code, err) == (0, "") and "written and read back: status_return_level" in out
+    assert [lab.memory(13).value(name) for name in ("status_return_level", "drive_mode")] == [2, 4]

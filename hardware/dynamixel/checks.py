@@ -4,10 +4,16 @@ from hardware.bus import ServoAlert
 from hardware.bus_spec import BusSpec
 from hardware.dynamixel.servo_image import ServoImage
 from hardware.dynamixel.settings import differing, eeprom_settings
+from hardware.dynamixel.setup_plan import setup_command
+from hardware.dynamixel.travel import Span, travel_complaints
 from hardware.servo import ServoMode, ServoSpec
 
 REVERSE, FOLLOWER, TORQUE_BY_GOAL = 0x01, 0x02, 0x08  # bits of Drive Mode
 TORQUE_AT_BOOT = 0x01  # bit of Startup Configuration
+HIGHEST_SECONDARY = 252
+"""A Secondary ID above it is none."""
+CRIPPLED = 0.5
+"""Share of its maximum below which a limit of the drive is worth a note."""
 
 MEANINGS = {
     ServoAlert.INPUT_VOLTAGE: "supply out of the servo's range",
@@ -26,17 +32,36 @@ def alert_text(bits: int) -> str:
     return ", ".join([*known, *([f"0x{rest:02x}"] if rest else [])])
 
 
-def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
-    """What keeps this servo from being driven as it is, one text each; empty when it can be."""
-    found = _supply(image) + _travel(servo, image)
+def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:
+    """What keeps this servo from being driven as it is, one text each; empty when it can be.
+
+    needed: ticks that its joint needs, see `travel.needed_ticks`; None: not known.
+    """
+    found = _supply(image) + travel_complaints(servo, bus, image, needed) + _current(servo, image)
+    found += _drive_mode(servo, bus, image)
     if image.table.protocol == 2:
-        found += _errors(image) + _drive_mode(image) + _homing(servo, image)
+        found += _errors(image) + _homing(servo, bus, image) + _secondary(servo, bus, image)
+    elif image.has("lock") and image.value("lock"):
+        found.append("has its EEPROM locked (register lock): switch its power off and on, nothing else opens it")
     due = differing(eeprom_settings(servo, bus, image.table), image)
     if due and image.value("torque_enable"):
         names = ", ".join(f"{setting.register.name} := {setting.value}" for setting in due)
         found.append(
             f"has torque on, and its EEPROM must be written ({names}): secure the robot, then `retarget servo rest`"
         )
+    return found
+
+
+def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
+    """What a person should know of a servo that may be driven: limits that leave it little of its drive."""
+    names = ["max_torque"] if image.table.protocol == 1 else ["pwm_limit"]
+    if servo.mode is ServoMode.CURRENT_BASED_POSITION:
+        names.append("current_limit")
+    found = []
+    for name in names:
+        highest = image.table[name].highest if image.has(name) else None
+        if highest is not None and image.value(name) < CRIPPLED * highest:
+            found.append(f"has {name} {image.value(name)}, the maximum is {highest}: it is weak, or slow")
     return found
 
 
@@ -55,51 +80,48 @@ def _supply(image: ServoImage) -> list[str]:
     return [f"has a supply of {volts:.1f} V, allowed {low:g} to {high:g} V: check battery, supply and fuse"]
 
 
-def _drive_mode(image: ServoImage) -> list[str]:
-    if not image.has("drive_mode"):
-        return []  # firmware before 38
-    mode, found = image.value("drive_mode"), []
+def _current(servo: ServoSpec, image: ServoImage) -> list[str]:
+    if servo.current_limit is None or image.table.has("current_limit"):
+        return []
+    return [
+        f"is to draw {servo.current_limit:g} A at most, and {image.table.model} with protocol {image.table.protocol}.0 "
+        "cannot limit its current: remove `current` from the profile"
+    ]
+
+
+def _drive_mode(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
+    found = []
+    mode = image.value("drive_mode") if image.has("drive_mode") else 0  # firmware before 38, and most 1.0
+    sound = mode & ~(REVERSE | FOLLOWER | TORQUE_BY_GOAL)
     for bit, meaning in (
         (REVERSE, "reverse: it turns the other way than the profile's direction says"),
         (FOLLOWER, "follower: it obeys another servo"),
         (TORQUE_BY_GOAL, "torque on by goal update: a goal alone would switch its torque on"),
     ):
         if mode & bit:
-            cure = f"`retarget servo setup` sets drive_mode to {mode & ~bit}"
+            cure = setup_command(bus, servo.id, {"drive_mode": sound})
             found.append(f"has drive mode 0x{mode:02x}, bit {bit.bit_length() - 1} ({meaning}): {cure}")
-    if image.has("startup_configuration") and image.value("startup_configuration") & TORQUE_AT_BOOT:
-        found.append("switches its torque on by itself when it starts: `retarget servo setup` clears that")
+    startup = image.value("startup_configuration") if image.has("startup_configuration") else 0
+    if startup & TORQUE_AT_BOOT:
+        cure = setup_command(bus, servo.id, {"startup_configuration": startup & ~TORQUE_AT_BOOT})
+        found.append(f"switches its torque on by itself when it starts: {cure}")
     return found
 
 
-def _homing(servo: ServoSpec, image: ServoImage) -> list[str]:
+def _homing(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
     offset = image.value("homing_offset")
     if offset == servo.homing_offset:
         return []
+    cure = setup_command(bus, servo.id, {"homing_offset": servo.homing_offset})
     return [
         f"has homing offset {offset}, the profile says {servo.homing_offset}: every angle of the joint would be off; "
-        "correct the profile, or the servo with `retarget servo setup`"
+        f"correct the profile, or {cure}"
     ]
 
 
-def _travel(servo: ServoSpec, image: ServoImage) -> list[str]:
-    """The servo's own limits, which would silently refuse goals."""
-    if image.table.protocol == 1:
-        low, high = image.value("cw_angle_limit"), image.value("ccw_angle_limit")
-        if low == high == 0:
-            return ["is in wheel mode (both angle limits 0): set them with `retarget servo setup`"]
-        if image.has("multi_turn_offset") and low == high == servo.model.ticks - 1:
-            return ["is in multi-turn mode (both angle limits at their end): set them with `retarget servo setup`"]
-    elif servo.mode is ServoMode.POSITION:
-        low, high = image.value("min_position_limit"), image.value("max_position_limit")
-    else:
+def _secondary(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
+    second = image.value("secondary_id") if image.has("secondary_id") else HIGHEST_SECONDARY + 1
+    if second > HIGHEST_SECONDARY:
         return []
-    if servo.coupling is not None:
-        return []
-    ends = sorted(servo.zero_tick + servo.ticks_per_rad * q for q in (servo.lower, servo.upper))
-    if low - 1 <= ends[0] and ends[1] <= high + 1:
-        return []
-    return [
-        f"takes ticks {low} to {high} only, the joint needs {ends[0]:.0f} to {ends[1]:.0f}: set its limits with "
-        "`retarget servo setup`, or narrow those of the profile"
-    ]
+    cure = setup_command(bus, servo.id, {"secondary_id": 255})
+    return [f"also obeys what is meant for id {second} (its secondary id), torque and goals included: {cure}"]

@@ -3,16 +3,22 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from hardware.bus_spec import BAUDS, BusSpec
+from hardware.bus_spec import RETURN_DELAY_STEP, BusSpec
+from hardware.dynamixel.answer_time import too_slow
 from hardware.dynamixel.byte_port import BytePort
-from hardware.dynamixel.checks import complaints
+from hardware.dynamixel.checks import complaints, notes
 from hardware.dynamixel.control_table import find_table, table_of_number
 from hardware.dynamixel.discovery import Found
+from hardware.dynamixel.muted import LEVEL, PINGS_ONLY, answers_pings_only
 from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.other_speeds import MOST, heard_elsewhere, other_bauds
 from hardware.dynamixel.register import Register
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
 from hardware.dynamixel.servo_image import ServoImage, read_image
-from hardware.errors import HardwareError
+from hardware.dynamixel.settings import ANSWER_ALL
+from hardware.dynamixel.setup_plan import setup_command
+from hardware.dynamixel.strangers import everybody
+from hardware.dynamixel.travel import Span, needed_ticks
 from hardware.servo import ServoSpec
 
 SLOW_LATENCY = 0.004
@@ -28,27 +34,30 @@ class Opening:
     images: dict[int, ServoImage] = field(default_factory=dict)
 
 
-def examine(port: BytePort, client: OneOff, bus: BusSpec, servos: Sequence[ServoSpec]) -> Opening:
-    """Look at everything on an open port; nothing is written but the power switch. Raises BusError when it is gone."""
+def examine(
+    port: BytePort, client: OneOff, bus: BusSpec, servos: Sequence[ServoSpec], *, robot: Sequence[ServoSpec] = ()
+) -> Opening:
+    """Look at everything on an open port; nothing is written but the power switch. Raises BusError when it is gone.
+
+    robot: the servos of all its buses, where a coupled pair is on two of them.
+    """
     opening = Opening()
-    where = f"bus {bus.name} ({port.name}, {bus.baud} baud, protocol {bus.protocol}.0)"
+    where = _where(port, bus)
     _power_on(port, client, bus, opening)
-    found = {one.id: one for one in client.scan(bus.ids)}
+    everyone, told = everybody(port, client, bus)
+    opening.notes += told
+    found = {one.id: one for one in everyone}
     if not found:
-        opening.problems.append(f"{where}: no servo answers; {_other_speeds(port, client, bus)}")
+        opening.problems.append(f"{where}: no servo answers; {_other_speeds(port, bus)}")
         return opening
-    named = {servo.id: f"servo {servo.joint} (id {servo.id})" for servo in servos}
-    missing = [named.get(device, f"device {device}") for device in bus.ids if device not in found]
-    if missing:
-        opening.problems.append(
-            f"{where}: {', '.join(missing)} did not answer: check power, wiring and id (`retarget servo scan`)"
-        )
+    _name_missing(port, bus, servos, found, opening)
     strangers = [f"{one.id} ({_model(one)})" for one in found.values() if one.id not in bus.ids]
     if strangers:
         opening.problems.append(f"{where}: ids that the profile does not know: {', '.join(strangers)}")
+    needed = needed_ticks(robot or servos)
     for servo in servos:
         if servo.id in found:
-            _look_at(servo, found[servo.id], client, bus, opening)
+            _look_at(servo, found[servo.id], client, bus, opening, needed.get(servo.joint))
     _look_at_adapter(port, opening)
     unwatched = [str(device) for device, image in opening.images.items() if not image.table.has("bus_watchdog")]
     if unwatched and (bus.watchdog or bus.protocol == 1):
@@ -57,6 +66,23 @@ def examine(port: BytePort, client: OneOff, bus: BusSpec, servos: Sequence[Servo
             "goes silent"
         )
     return opening
+
+
+def _name_missing(
+    port: BytePort, bus: BusSpec, servos: Sequence[ServoSpec], found: dict[int, Found], opening: Opening
+) -> None:
+    """Who did not answer; the first few are looked for at other speeds."""
+    missing = [device for device in bus.ids if device not in found]
+    if not missing:
+        return
+    named = {servo.id: f"servo {servo.joint} (id {servo.id})" for servo in servos}
+    where = _where(port, bus)
+    names = ", ".join(named.get(device, f"device {device}") for device in missing)
+    opening.problems.append(f"{where}: {names} did not answer: check power, wiring and id (`retarget servo scan`)")
+    for device, bauds in heard_elsewhere(port, bus, missing).items():
+        speeds, cure = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
+        name = named.get(device, f"device {device}")
+        opening.problems.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {cure}")
 
 
 def _power_on(port: BytePort, client: OneOff, bus: BusSpec, opening: Opening) -> None:
@@ -79,56 +105,66 @@ def _switch_register(address: int) -> Register:
     return Register("power", address, 1, False, True, None, None, 0, 255, None)
 
 
-def _other_speeds(port: BytePort, client: OneOff, bus: BusSpec) -> str:
-    """What else was tried; the port is at the bus's speed again."""
-    heard = []
-    others = [baud for baud in BAUDS[bus.protocol] if baud != bus.baud]
-    try:
-        for baud in others:
-            port.set_baud(baud)
-            probe = client.ping(bus.ids[0])
-            if probe is not None:
-                heard.append(baud)
-    except HardwareError:
-        pass  # a speed that the adapter does not have
-    finally:
-        port.set_baud(bus.baud)
-    tried = f"id {bus.ids[0]} was also tried at {', '.join(map(str, others))} baud"
-    if heard:
-        speeds = ", ".join(map(str, heard))
-        return f"{tried} and answers at {speeds}: correct `baud`, or set it with `retarget servo setup`"
-    return f"{tried}: check the servos' power, the wiring, and that this is the right port"
+def _other_speeds(port: BytePort, bus: BusSpec) -> str:
+    """What else was tried where nobody answers."""
+    ids = ", ".join(map(str, bus.ids[:MOST]))
+    tried = f"ids {ids} were also tried at {', '.join(map(str, other_bauds(bus)))} baud"
+    heard = heard_elsewhere(port, bus, bus.ids)
+    if not heard:
+        return f"{tried}: check the servos' power, the wiring, and that this is the right port"
+    said = ", ".join(f"id {device} answers at {' and '.join(map(str, bauds))}" for device, bauds in heard.items())
+    return f"{tried}; {said}: correct `baud`, or {setup_command(bus, next(iter(heard)), baud=bus.baud)}"
 
 
-def _look_at(servo: ServoSpec, found: Found, client: OneOff, bus: BusSpec, opening: Opening) -> None:
+def _look_at(
+    servo: ServoSpec, found: Found, client: OneOff, bus: BusSpec, opening: Opening, needed: Span | None
+) -> None:
     where = f"servo {servo.joint} (id {servo.id})"
     if found.clash:
         opening.problems.append(
             f"{where} answers in several voices: two servos have this id; connect one at a time and "
-            "give it another with `retarget servo setup`"
+            f"give it another: `retarget servo setup --port {bus.port} --id {servo.id} --new-id N`"
         )
         return
     expected = find_table(servo.model.name, bus.protocol, found.firmware)
-    if found.model != expected.number:
-        opening.problems.append(f"{where} is {_model(found)}, the profile says {servo.model.name}")
-        return
     try:
+        if found.model != expected.number:
+            muted = found.model is None and answers_pings_only(client, servo.id)
+            other = f"is {_model(found)}, the profile says {servo.model.name}"
+            opening.problems.append(f"{where} {_muted(bus, servo) if muted else other}")
+            return
         image = read_image(client, servo.id, expected)
-    except (NoAnswer, ServoError) as error:
+    except NoAnswer as error:
+        muted = not error.damaged and answers_pings_only(client, servo.id)
+        opening.problems.append(f"{where} {_muted(bus, servo)}" if muted else f"{where}: {error}")
+        return
+    except ServoError as error:
         opening.problems.append(f"{where}: {error}")
         return
-    opening.problems += [f"{where} {text}" for text in complaints(servo, bus, image)]
+    opening.problems += [f"{where} {text}" for text in complaints(servo, bus, image, needed)]
+    opening.notes += [f"{where} {text}" for text in notes(servo, image)]
     opening.images[servo.id] = image
 
 
+def _muted(bus: BusSpec, servo: ServoSpec) -> str:
+    return f"{PINGS_ONLY}: {setup_command(bus, servo.id, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
+
+
 def _look_at_adapter(port: BytePort, opening: Opening) -> None:
-    if port.latency < SLOW_LATENCY:
-        return
-    command = getattr(port, "latency_command", None)
-    cure = f": {command}" if command else ""
-    opening.problems.append(
-        f"{port.name}: the adapter keeps bytes for up to {1e3 * port.latency:.0f} ms; allowed: 1 ms{cure}"
-    )
+    if port.latency >= SLOW_LATENCY:
+        command = getattr(port, "latency_command", None)
+        cure = f": {command}" if command else ""
+        opening.problems.append(
+            f"{port.name}: the adapter keeps bytes for up to {1e3 * port.latency:.0f} ms; allowed: 1 ms{cure}"
+        )
+    for device, image in list(opening.images.items())[:1]:
+        late = too_slow(port, image.table, device, RETURN_DELAY_STEP * image.value("return_delay_time"))
+        if late:
+            opening.problems.append(late)
+
+
+def _where(port: BytePort, bus: BusSpec) -> str:
+    return f"bus {bus.name} ({port.name}, {bus.baud} baud, protocol {bus.protocol}.0)"
 
 
 def _model(found: Found) -> str:

@@ -7,7 +7,7 @@ from hardware.dynamixel.one_off import OneOff
 
 CHUNK = 64
 """Most bytes that are read at once."""
-LAST = ("present_temperature", "present_input_voltage", "present_voltage", "goal_acceleration")
+LAST = ("present_temperature", "present_input_voltage", "present_voltage", "lock", "goal_acceleration")
 """The registers behind which no table has one that is looked at."""
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from hardware.bus_spec import MAX_RETURN_DELAY, RETURN_DELAY_STEP
+from hardware.bus_spec import MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
 from hardware.dynamixel.baud_codes import baud_of, code_of
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.servo_image import ServoImage
@@ -13,6 +13,16 @@ HIGHEST_ID = 252
 OWN_OPTION = {"id": "--new-id", "baud_rate": "--baud", "return_delay_time": "--return-delay"}
 SILENCING = "protocol_type"
 """Whoever changes it is no longer understood."""
+
+
+def setup_command(
+    bus: BusSpec, device: int, registers: Mapping[str, int] | None = None, *, baud: int | None = None
+) -> str:
+    """What a person types to write these into a servo; baud: bits/s."""
+    words = [f"--register {name}={value}" for name, value in (registers or {}).items()]
+    if baud is not None:
+        words.append(f"--baud {baud}")
+    return " ".join([f"`retarget servo setup --port {bus.port} --id {device}", *words]) + "`"
 
 
 def plan(

@@ -4,10 +4,12 @@ from typing import Annotated
 
 import typer
 
+from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.line_scan import Sighting, Speed, scan_line
+from hardware.dynamixel.muted import LEVEL, PINGS_ONLY, answers_pings_only, unmute
 from hardware.dynamixel.one_off import OneOff
 from hardware.dynamixel.servo_image import read_image
-from hardware.dynamixel.settings import Setting
+from hardware.dynamixel.settings import ANSWER_ALL, Setting
 from hardware.dynamixel.setup_plan import plan
 from hardware.dynamixel.setup_write import write_setting
 from hardware.errors import BusError, describe
@@ -44,9 +46,10 @@ def setup(
         raise UsageError("which bus", where="--robot", found=f"{len(places)} buses", allowed="--port PATH alone")
     place = places[0]
     with opened(places):
-        seen = _find(place, device, protocol)
-        table = seen.table
-        assert table is not None
+        heard = _voice(place, device, _find(place, device, protocol), registers, yes=yes, dry_run=dry_run)
+        if heard is None:
+            return
+        seen, table = _known(place, heard)
         place.port.set_baud(seen.speed.baud)
         image = read_image(OneOff(place.port, seen.speed.protocol), device, table)
         delay = None if return_delay is None else 1e-6 * return_delay
@@ -62,6 +65,34 @@ def setup(
             typer.echo("dry run: nothing was written")
         elif agreed("Write this?", yes=yes):
             _write(place, seen, due)
+
+
+def _voice(
+    place: Place, device: int, seen: Sighting, registers: dict[str, int], *, yes: bool, dry_run: bool
+) -> Sighting | None:
+    """The servo as it talks: one that answers pings only is written blind, where that is asked for; None: all is done.
+
+    Takes what it wrote out of `registers`. Raises BusError where it is not asked for.
+    """
+    place.port.set_baud(seen.speed.baud)
+    client = OneOff(place.port, seen.speed.protocol)
+    if not answers_pings_only(client, device):
+        return seen
+    name = LEVEL[client.protocol].name
+    if registers.get(name) != ANSWER_ALL:
+        then = f"Add --register {name}={ANSWER_ALL}: that is written without its answer, and read back"
+        raise BusError(describe(what=f"id {device} {PINGS_ONLY}", where=place.where, then=then))
+    del registers[name]
+    typer.echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
+    typer.echo(f"  {name}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
+    if dry_run:
+        typer.echo("dry run: nothing was written")
+        return None
+    if not agreed("Write this?", yes=yes):
+        return None
+    unmute(client, device)
+    typer.echo(f"written and read back: {name}")
+    return _find(place, device, seen.speed.protocol)
 
 
 def _registers(words: list[str]) -> dict[str, int]:
@@ -89,12 +120,18 @@ def _find(place: Place, device: int, protocol: int | None) -> Sighting:
         what = f"no servo answers to id {device} at any speed"
     elif len(seen) > 1 or seen[0].found.clash:
         what = f"several servos have id {device}"
-    elif seen[0].table is None:
-        what = f"id {device} is a model that is not known here ({seen[0].model})"
     if what:
         then = "Connect one servo at a time; `retarget servo scan` shows who is there"
         raise BusError(describe(what=what, where=place.where, then=then))
     return seen[0]
+
+
+def _known(place: Place, seen: Sighting) -> tuple[Sighting, ControlTable]:
+    """A servo and its registers. Raises BusError for a model that is not known."""
+    if seen.table is None:
+        what = f"id {seen.found.id} is a model that is not known here ({seen.model})"
+        raise BusError(describe(what=what, where=place.where, then="See `retarget servo scan`"))
+    return seen, seen.table
 
 
 def _refuse_taken(place: Place, seen: Sighting, new_id: int, baud: int) -> None:
