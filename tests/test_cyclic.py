@@ -1,9 +1,11 @@
 """The exchange of every cycle: whole with any models, whole but for the missing, never wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bus_rig import CYCLE, BusRig, bus_of, spec, specs
+from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.cyclic import PROBE_PERIOD, RETRIES, kind_of
 from hardware.dynamixel.exchange import Kind
@@ -237,3 +239,28 @@ def test_a_slow_wire_is_not_taken_for_silence(baud: int, model: str) -> None:
     for _ in range(8):
         assert whole(rig.tick(np.full(20, 2050)).states)
     assert rig.bus.retries == 0
+
+
+def test_an_adapter_that_is_slower_than_it_says_is_noted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = BusRig(specs(3)).ready(torque=True)
+    monkeypatch.setattr(Tapped, "latency", 1e-3)
+    rig.line.timing = replace(rig.line.timing, latency=4e-3)
+    for _ in range(200):
+        rig.tick()
+    assert sum("had to be repeated" in note for note in rig.notes) == 1
+
+
+def test_temperatures_that_nobody_hears_are_forgotten() -> None:
+    rig = BusRig(specs(3)).ready(torque=True)
+    two, read = rig.device(2), rig.device(2).read
+    two.read = lambda address, length, now: (  # type: ignore[method-assign]
+        read(address, length, now) if length < 20 else two.answer(7)
+    )
+    for _ in range(40):
+        assert rig.tick().states.temperature[1] > 0
+    for _ in range(120):
+        states = rig.tick().states
+    assert np.isnan(states.temperature[1]) and np.isnan(states.voltage[1]) and states.valid.all()
+    assert np.isfinite(states.temperature[[0, 2]]).all()
+    two.read = read  # type: ignore[method-assign]
+    assert np.isfinite(rig.tick().states.temperature).all()

@@ -24,6 +24,8 @@ MakePort = Callable[[BusSpec], BytePort]
 
 FIRST_CYCLES = 5
 """Cycles at opening after which a servo that never answered is left for later."""
+RESTLESS = 50
+"""Cycles with repeated requests, one after the other, that are worth a note."""
 
 
 def _quiet(note: str) -> None:
@@ -57,6 +59,7 @@ class DynamixelBus:
         self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
         self._readings: Readings
         self._goals: TickArray | None = None
+        self._restless = 0  # cycles
         self._open = False
         self._powered = False  # torque may be on, through this bus
 
@@ -180,8 +183,14 @@ class DynamixelBus:
 
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
-        now = self._lines[0].port.now()
+        now, before = self._lines[0].port.now(), self.retries
         read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
+        self._restless = self._restless + 1 if self.retries > before else 0
+        if self._restless == RESTLESS:
+            self._tell(
+                f"requests had to be repeated in {RESTLESS} cycles on end: a noisy line, or an adapter that is slower "
+                "than it says"
+            )
         return self._readings.states(now)
 
     def _torque_on(self) -> None:

@@ -12,7 +12,7 @@ from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.answers import Answers, side_by_side
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.fast_status import fast_length, sound_parts
-from hardware.dynamixel.packets import Status
+from hardware.dynamixel.packets import ALERT, Status
 from hardware.dynamixel.parsers import parser1, parser2
 from hardware.dynamixel.whole_reply import whole_reply
 
@@ -96,10 +96,14 @@ class Ask:
         # What a damaged length had claimed is looked through as well.
         statuses = (status_of(frame) for frame in [*parser.feed(heard), *parser.flush()])
         for status in statuses:
-            # An error without data, an echo or a stranger is no answer.
-            if status is not None and len(status.data) == self.size and status.id in self.ids:
+            if status is not None and self._fits(status):
                 found.setdefault(status.id, status)
         return side_by_side(list(found.values()))
+
+    def _fits(self, status: Status) -> bool:
+        """Whether it is an answer to this: no refusal, no echo, no stranger."""
+        said_no = self.kind is Kind.SYNC and _refused(status)
+        return len(status.data) == self.size and status.id in self.ids and not said_no
 
     def _parts(self, heard: bytes) -> list[Status]:
         """Parts of the fast reply, looked for at every header: an echo or a stale answer may precede it."""
@@ -107,10 +111,17 @@ class Ask:
         at = heard.find(protocol2.HEADER)
         while at >= 0 and len(best) < len(self.ids):
             parts = sound_parts(heard[at:], (self.size,) * len(self.ids))
-            sound = [part for part, device in zip(parts, self.ids, strict=False) if part.id == device]
+            sound = [
+                part for part, device in zip(parts, self.ids, strict=False) if part.id == device and not _refused(part)
+            ]
             best = max(best, sound, key=len)
             at = heard.find(protocol2.HEADER, at + 1)
         return best
+
+
+def _refused(status: Status) -> bool:
+    """Whether a 2.0 servo says no: what stands in place of its data means nothing."""
+    return bool(status.error & ~ALERT)
 
 
 class Heard(NamedTuple):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hardware.dynamixel.answers import Answers
 from hardware.dynamixel.fast_status import BEFORE_PARTS, PART_OVERHEAD, fast_length, fast_start
+from hardware.dynamixel.packets import ALERT
 
 LAYOUTS = 64
 """Different requests that are remembered."""
@@ -47,9 +48,12 @@ def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None
     low, high = parts[:, -2], parts[:, -1]
     total[0] ^= layout.first
     total[1:] ^= layout.folded.take(low[:-1] ^ high[:-1])
-    if (total.astype("<u2").tobytes()) != parts[:, -2:].tobytes():
+    if total.astype("<u2").tobytes() != parts[:, -2:].tobytes():
         return None
-    return Answers(ids, parts[:, 0].tobytes(), parts[:, 2:-2].tobytes())
+    errors = parts[:, 0].tobytes()
+    if any(errors) and (parts[:, 0] & ~np.uint8(ALERT)).any():  # a refusal: its data mean nothing
+        return None
+    return Answers(ids, errors, parts[:, 2:-2].tobytes())
 
 
 @lru_cache(LAYOUTS)
