@@ -21,6 +21,10 @@ class ServoLab:
         self._patch, self._capsys = patch, capsys
         self._make = places.emulated_lines
         self.before: dict[tuple[int, str], int] = {}
+        self.models: dict[int, int] = {}
+        """Model numbers by id, where a servo is to be of a model that nobody knows."""
+        self.moved: dict[int, int] = {}
+        """New ids by id."""
         self.faults: list[Fault] = []
         self.upon: dict[int, Fault] = {}
         """Faults that begin when an instruction (2.0) has gone over the line."""
@@ -33,6 +37,12 @@ class ServoLab:
         self.lines = self._make(body, clock, faults)
         for (device, name), value in self.before.items():
             self.tell(device, name, value)
+        for device, number in self.models.items():
+            self.memory(device).put("model_number", number)
+        for device, other in self.moved.items():
+            servo = next(one for one in self.line.devices if one.id == device)
+            self.memory(device).put("id", other)
+            servo.tune()  # type: ignore[attr-defined]
         line = self.line
         for fault in self.faults:
             line.faults.add(fault, clock.now())

@@ -1,8 +1,15 @@
 """`retarget servo reboot` on the emulator: errors in words, cleared, and seen to be cleared."""
 
+import signal
+from collections.abc import Callable
+
 import pytest
 
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.one_off import OneOff
 from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.restarting import Restarted, restart
+from retarget.cli.servo import reboot as reboot_file
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
 
@@ -70,3 +77,33 @@ def test_no_and_dry_run_restart_nothing(lab: ServoLab) -> None:
     lab.sent.clear()
     code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--dry-run")
     assert code == 0 and "would read errors" in out and lab.sent == []
+
+
+@pytest.mark.parametrize(
+    ("at", "code", "told"), [(0, 130, "restarted: nobody; not: r_sho_pitch"), (2, 1, "r_sho_pitch")]
+)
+def test_ctrl_c_ends_before_the_next_servo_and_tells_who_is_done(
+    at: int, code: int, told: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[int] = []
+    reboot = OneOff.reboot
+
+    def counted(client: OneOff, device: int) -> None:
+        done.append(device)
+        reboot(client, device)
+        if len(done) == at:
+            signal.raise_signal(signal.SIGINT)
+
+    def asked(question: str, *, yes: bool) -> bool:
+        monkeypatch.setattr(reboot_file, "restart", interrupted if at == 0 else restart)
+        return True
+
+    def interrupted(line: BusLine, ids: list[int], stop: Callable[[], bool]) -> Restarted:
+        signal.raise_signal(signal.SIGINT)
+        return restart(line, ids, stop)
+
+    monkeypatch.setattr(OneOff, "reboot", counted)
+    monkeypatch.setattr(reboot_file, "agreed", asked)
+    left, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "1,2,3")
+    assert left == code and told in err and "interrupted; restarted: " in err
+    assert done == [1, 2, 3][:at] and "(id 3)" in err.partition("; not: ")[2]

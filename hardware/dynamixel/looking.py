@@ -11,6 +11,7 @@ from hardware.dynamixel.line_scan import Sighting
 from hardware.dynamixel.one_off import OneOff
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
 from hardware.dynamixel.servo_image import ServoImage, read_image
+from hardware.dynamixel.unread import is_controller
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec, find_model
 
@@ -22,11 +23,13 @@ Placed = tuple[int, ServoSpec]
 class Look:
     """What was found. line: every servo that is expected; its `images` are of those that answered.
 
-    missing: ids that did not answer; clashing: those that two servos have; notes: what else is worth one, a line each.
+    missing: ids that did not answer, or not enough; strange: servos that the line does not have, or whose model is not
+    known here; clashing: ids that two servos have; notes: what else is worth one, a line each.
     """
 
     line: BusLine
     missing: tuple[int, ...]
+    strange: tuple[Sighting, ...]
     clashing: tuple[int, ...]
     notes: tuple[str, ...]
 
@@ -46,40 +49,59 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
             notes.append(f"{servo.joint}: {error}")
             continue
         if image is None:
-            notes.append(f"{servo.joint} (id {device}) is a model that is not known here: {seen[device].model}")
-            continue
+            continue  # a strange one
         if image.table.model != servo.model.name:
             notes.append(f"{servo.joint} (id {device}) is {image.table.model}, the profile says {servo.model.name}")
         images[device] = image
     line.adopt(images)
-    strangers = [f"{one.found.id} ({one.model})" for one in sightings if one.found.id not in spec.ids]
+    strange = tuple(one for one in sightings if one.found.id not in images and _is_strange(one, line))
+    for one in strange:
+        if one.table is None:
+            notes.append(f"{_called(line, one)} is a model that is not known here: {one.model}")
+    strangers = [f"{one.found.id} ({one.model})" for one in strange if one.found.id not in line.servos and one.table]
     if strangers:
         notes.append(f"ids that the profile does not know: {', '.join(strangers)}")
-    missing = tuple(device for device in line.servos if device not in images)
+    named = {one.found.id for one in strange}
+    missing = tuple(device for device in line.servos if device not in images and device not in named)
     if missing:
         notes += _power_note(line)
-    return Look(line, missing, tuple(device for device, one in seen.items() if one.found.clash), tuple(notes))
+    clashing = tuple(device for device, one in seen.items() if one.found.clash)
+    return Look(line, missing, strange, clashing, tuple(notes))
+
+
+def _is_strange(one: Sighting, line: BusLine) -> bool:
+    """Whether a servo that was not read is one that nobody can name the registers of, or that nobody expects."""
+    device = one.found.id
+    if is_controller(one.found):
+        return False
+    if device in line.servos:
+        return one.table is None and one.found.model is not None
+    return device not in line.spec.ids  # a device of the bus is no servo
+
+
+def _called(line: BusLine, one: Sighting) -> str:
+    servo = line.servos.get(one.found.id)
+    return f"{servo.joint} (id {one.found.id})" if servo is not None else f"id {one.found.id}"
 
 
 def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
     """A bus without a profile: the servos that answered, in order of their ids, from place `first` on.
 
-    Raises BusError when they have several speeds; servos of unknown models are left out.
+    Those of unknown models are not among them. Raises BusError when there are several speeds.
     """
-    speeds = sorted({one.speed for one in sightings if one.table is not None})
+    speeds = sorted({one.speed for one in sightings})
     if len(speeds) != 1:
-        found = "; ".join(map(str, speeds)) or ", ".join(f"id {one.found.id}: {one.model}" for one in sightings)
         raise BusError(
             describe(
-                what="servos at several speeds" if speeds else "no servo of a known model answers",
+                what="servos at several speeds",
                 where=name,
-                found=found or None,
-                allowed="one protocol and one baud rate" if speeds else None,
-                then="Name one with --protocol and --baud" if speeds else "See `retarget servo scan`",
+                found="; ".join(map(str, speeds)) or None,
+                allowed="one protocol and one baud rate",
+                then="Name one with --protocol and --baud",
             )
         )
     known = [one for one in sightings if one.table is not None]
-    spec = BusSpec(name, name, speeds[0].baud, speeds[0].protocol, tuple(one.found.id for one in sightings))
+    spec = BusSpec(name, name, speeds[0].baud, speeds[0].protocol, tuple(one.found.id for one in known))
     return spec, [(first + place, _servo(one, name)) for place, one in enumerate(known)]
 
 

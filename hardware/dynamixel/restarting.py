@@ -1,6 +1,7 @@
 """Servos started anew, to clear their latched errors; and whether they are back, well and limp."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.checks import alert_text
@@ -14,13 +15,25 @@ STEP = 0.1
 """[s] Between two looks for it."""
 
 
-def restart(line: BusLine, ids: Sequence[int]) -> list[str]:
-    """Reboot servos (protocol 2.0), all before any is waited for; what is wrong afterwards, a line each.
+@dataclass(frozen=True)
+class Restarted:
+    """Who was restarted, by id, in order; and what is wrong with them afterwards, a line each."""
+
+    ids: tuple[int, ...]
+    problems: tuple[str, ...]
+
+
+def restart(line: BusLine, ids: Sequence[int], stop: Callable[[], bool] = lambda: False) -> Restarted:
+    """Reboot servos (protocol 2.0), all before any is waited for. stop: asked before each; True leaves the rest alone.
 
     Raises BusError when the port is gone.
     """
+    told: list[int] = []
     problems: list[str] = []
     for device in ids:
+        if stop():
+            break
+        told.append(device)
         try:
             line.client.reboot(device)
         except NoAnswer:
@@ -28,10 +41,11 @@ def restart(line: BusLine, ids: Sequence[int]) -> list[str]:
         except ServoError as error:
             problems.append(str(error))
     deadline = line.port.now() + PATIENCE
-    line.port.sleep_until(line.port.now() + BOOT)
-    for device in ids:
+    if told:
+        line.port.sleep_until(line.port.now() + BOOT)
+    for device in told:
         problems += _afterwards(line, device, deadline)
-    return problems
+    return Restarted(tuple(told), tuple(problems))
 
 
 def _afterwards(line: BusLine, device: int, deadline: float) -> list[str]:

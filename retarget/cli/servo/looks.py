@@ -12,10 +12,13 @@ from retarget.cli.servo.places import Place, chosen_speeds
 from retarget.errors import UsageError
 
 
-def look_at(places: Sequence[Place], *, protocol: int | None = None, baud: int | None = None) -> list[Look]:
+def look_at(
+    places: Sequence[Place], *, protocol: int | None = None, baud: int | None = None, strange_too: bool = False
+) -> list[Look]:
     """A look at each port. protocol, baud: narrow the search where there is no profile.
 
-    Raises BusError when nobody answers, UsageError for a speed beside a profile.
+    strange_too: servos of unknown models are worth a look by themselves. Raises BusError when nobody answers,
+    UsageError for a speed beside a profile.
     """
     looks: list[Look] = []
     for place in places:
@@ -34,7 +37,7 @@ def look_at(places: Sequence[Place], *, protocol: int | None = None, baud: int |
         elif seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
             looks.append(look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings))
-    if not any(one.line.images for one in looks):
+    if not any(one.line.images or (strange_too and one.strange) for one in looks):
         told = [note for one in looks for note in one.notes]
         raise BusError(
             describe(
@@ -51,5 +54,10 @@ def look_at(places: Sequence[Place], *, protocol: int | None = None, baud: int |
 
 
 def names(look_: Look, ids: Sequence[int]) -> str:
-    """Servos by joint and id."""
-    return ", ".join(f"{look_.line.servos[device].joint} (id {device})" for device in ids)
+    """Servos by joint and id; strange ones by id and model."""
+    models = {one.found.id: one.model for one in look_.strange}
+    servos = look_.line.servos
+    return ", ".join(
+        f"{servos[device].joint} (id {device})" if device in servos else f"id {device} ({models[device]})"
+        for device in ids
+    )

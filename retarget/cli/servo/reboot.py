@@ -1,5 +1,6 @@
 """`retarget servo reboot`: latched errors are shown, explained, and cleared by a restart."""
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -8,6 +9,7 @@ from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.looking import Look
 from hardware.dynamixel.restarting import restart
 from hardware.errors import BusError, describe
+from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.servo.looks import look_at, names
 from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, opened
 from retarget.cli.servo.question import agreed
@@ -29,6 +31,7 @@ def reboot(
     """Restart servos, which clears their latched errors; their torque goes off, and their RAM is the maker's again.
 
     Shows what they have latched and what it means, and afterwards sees that they are back, without errors and limp.
+    Ctrl-C ends it before the next servo, and tells who is done.
     """
     wanted = ids_of(ids)
     if (wanted is None) != everyone:
@@ -49,10 +52,29 @@ def reboot(
         count = sum(len(some) for _, some in chosen)
         if not agreed(f"Restart {count} servo{'s' * (count > 1)}? Their torque goes off.", yes=yes):
             return
-        problems = [problem for one, some in chosen if some for problem in restart(one.line, some)]
+        problems = _restart(chosen)
     if problems:
         raise BusError("\n  ".join(["after the restart not all is well:", *problems]))
     typer.echo(f"{count} servo{'s are' if count > 1 else ' is'} back, without errors, torque off")
+
+
+def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
+    """What is wrong afterwards. An interrupt is heard between two servos: then it is told who is done, and it ends."""
+    done: list[str] = []
+    left: list[str] = []
+    problems: list[str] = []
+    with stop_on_signals() as stop:
+        for one, some in chosen:
+            restarted = restart(one.line, some, stop)
+            problems += restarted.problems
+            done += [names(one, [device]) for device in restarted.ids]
+            left += [names(one, [device]) for device in some if device not in restarted.ids]
+        if left:
+            typer.echo(f"interrupted; restarted: {', '.join(done) or 'nobody'}; not: {', '.join(left)}", err=True)
+            for problem in problems:
+                typer.echo(problem, err=True)
+            raise typer.Exit(1 if done else 130)
+    return problems
 
 
 def _chosen(one: Look, wanted: list[int] | None) -> list[int]:
