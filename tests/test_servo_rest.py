@@ -1,8 +1,13 @@
 """`retarget servo rest` on the emulator: limp and confirmed, or said who is not."""
 
+import signal
+from collections.abc import Sequence
+
 import pytest
 
+from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.torque import off_everywhere
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
 
@@ -71,3 +76,54 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
 def test_a_speed_beside_a_profile_is_refused(lab: ServoLab) -> None:
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--baud", "57600")
     assert code == 2 and "the profile says the speed" in err
+
+
+XM540 = 1120
+"""A model without a table."""
+WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
+
+
+@pytest.mark.parametrize("words", WAYS)
+@pytest.mark.parametrize("strange", [(7,), tuple(range(1, 21))])
+def test_servos_of_unknown_models_go_limp_too(words: tuple[str, ...], strange: tuple[int, ...], lab: ServoLab) -> None:
+    lab.models = dict.fromkeys(strange, XM540)
+    code, out, err = lab.run("rest", *words, "--port", "emulator", "--yes")
+    assert code == 0 and "torque is off on all 20 servos" in out and not any(_torques(lab))
+    assert f"(id {strange[0]}) is a model" in err or f"id {strange[0]} is a model" in err
+    assert "number 1120" in err
+
+
+def test_a_stranger_to_the_profile_goes_limp_too(lab: ServoLab) -> None:
+    lab.moved = {7: 30}
+    code, out, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 1 and "id 30 (XM430-W350)" in out and "(id 7) did not confirm" in err
+    assert lab.memory(30).value("torque_enable") == 0
+
+
+@pytest.mark.parametrize("words", WAYS)
+def test_an_unknown_one_that_does_not_confirm_is_named(words: tuple[str, ...], lab: ServoLab) -> None:
+    lab.models = {7: XM540}
+    lab.upon = {Instruction.SYNC_WRITE: Fault(FaultKind.MISSING, ids=(7,))}
+    code, out, err = lab.run("rest", *words, "--port", "emulator", "--yes")
+    assert code == 1 and "torque is off" not in out
+    assert "(id 7) did not confirm" in err or "id 7 (number 1120) did not confirm" in err
+
+
+def test_unknown_ones_without_torque_are_left_alone(lab: ServoLab) -> None:
+    lab.before, lab.models = {}, {7: XM540}
+    code, out, _ = lab.run("rest", "--port", "emulator", "--baud", "2000000", "--protocol", "2")
+    assert code == 0 and "off already on all 20" in out and Instruction.SYNC_WRITE not in lab.instructions()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_does_not_leave_half_of_them_powered(
+    number: signal.Signals, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(lines: Sequence[BusLine]) -> list[str]:
+        signal.raise_signal(number)
+        signal.raise_signal(number)
+        return off_everywhere(lines)
+
+    monkeypatch.setattr("retarget.cli.servo.rest.off_everywhere", interrupted)
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 0 and "torque is off on all 20 servos" in out and not any(_torques(lab))

@@ -1,10 +1,15 @@
 """`retarget servo rest`: torque off on every servo, confirmed by each."""
 
+from collections.abc import Sequence
+from contextlib import suppress
+
 import typer
 
-from hardware.dynamixel import torque
 from hardware.dynamixel.looking import Look
+from hardware.dynamixel.torque import off_everywhere
+from hardware.dynamixel.unread import not_limp, tell_off
 from hardware.errors import BusError, TorqueError, describe
+from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.servo.looks import look_at, names
 from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, Yes, find_places, opened
 from retarget.cli.servo.question import agreed
@@ -21,8 +26,8 @@ def rest(
 ) -> None:
     """Switch torque off on all servos at once, wherever they are: a robot that stands falls, so hold it.
 
-    Each servo is read back; one that does not confirm is named, and the exit code is 1. Nothing else is written but the
-    bus watchdog, which is cleared.
+    Each servo is read back, also of unknown models; one that does not confirm is named, and the exit code is 1. Nothing
+    else is written but the bus watchdog, which is cleared. Ctrl-C does not end it half way.
     """
     places = find_places(robot, port, faults=faults)
     if dry_run:
@@ -31,8 +36,8 @@ def rest(
             typer.echo("torque_enable := 0 and bus_watchdog := 0, and read torque_enable back")
         return
     with opened(places):
-        looks = look_at(places, protocol=protocol, baud=baud)
-        count = sum(len(one.line.images) for one in looks)
+        looks = look_at(places, protocol=protocol, baud=baud, strange_too=True)
+        count = sum(len(one.line.images) + len(one.strange) for one in looks)
         driven = [names(one, on) for one in looks if (on := _driven(one))]
         if not driven and not any(one.missing for one in looks):
             typer.echo(f"torque is off already on all {count} servos")
@@ -43,34 +48,45 @@ def rest(
                 typer.echo(f"no answer: {names(one, one.missing)}")
         if not agreed(f"Switch torque off on {count} servos? A robot that stands falls.", yes=yes):
             return
-        _switch_off(looks)
+        with stop_on_signals():  # which nobody asks: half of a robot with torque is the worst
+            _switch_off(looks)
     typer.echo(f"torque is off on all {count} servos")
+
+
+def _strange(one: Look) -> list[int]:
+    return [sighting.found.id for sighting in one.strange]
 
 
 def _driven(one: Look) -> list[int]:
     """Servos that have torque, or do not say just now."""
-    table = next(iter(one.line.images.values())).table if one.line.images else None
-    if table is None:
-        return []
+    strange = not_limp(one.line, _strange(one))
+    if not one.line.images:
+        return strange
+    table = next(iter(one.line.images.values())).table
     said = one.line.read_all(table["torque_enable"], list(one.line.images))
-    return [device for device in one.line.images if said.get(device) != 0]
+    return [device for device in one.line.images if said.get(device) != 0] + strange
 
 
-def _switch_off(looks: list[Look]) -> None:
-    """All are told, whichever fails. Raises TorqueError with those that did not confirm."""
+def _switch_off(looks: Sequence[Look]) -> None:
+    """All are told before anybody is asked, whichever fails. Raises TorqueError with those that did not confirm."""
     unsure: list[str] = []
     for one in looks:
-        if not one.line.images:
-            unsure.append(f"all of bus {one.line.spec.name}")
-            continue
+        with suppress(BusError):  # whether they heard is asked below
+            tell_off(one.line, [*one.missing, *_strange(one)])
+    unsure += off_everywhere([one.line for one in looks if one.line.images])
+    for one in looks:
         try:
-            unsure += torque.disable(one.line)
+            left = not_limp(one.line, [*one.missing, *_strange(one)])
+            if left:
+                tell_off(one.line, left)
+                left = not_limp(one.line, left)
+            unsure += [names(one, [device]) for device in left]
         except BusError as error:
             unsure.append(f"all of bus {one.line.spec.name} ({error})")
     if unsure:
         raise TorqueError(
             describe(
-                what=f"{', '.join(unsure)} did not confirm that torque is off",
+                what=f"{', '.join(dict.fromkeys(unsure))} did not confirm that torque is off",
                 where="servo rest",
                 then="Cut the power by hand",
             )
