@@ -48,6 +48,11 @@ def write_and_read(line: BusLine, wanted: Sequence[tuple[int, Setting]]) -> None
 def not_kept(line: BusLine, wrong: Sequence[tuple[int, int | None, Setting]]) -> BusError:
     """Servos (id, what its register holds, None: it does not say; what it was to hold) that were told in vain."""
     name = wrong[0][2].register.name.replace("_", " ")
-    found = ", ".join(f"{line.name_of(one)} {'silent' if kept is None else kept}" for one, kept, _ in wrong)
-    allowed = ", ".join(str(value) for value in sorted({setting.value for _, _, setting in wrong}))
-    return BusError(describe(what=f"servos do not keep their {name}", where=line.where, found=found, allowed=allowed))
+    found = ", ".join(
+        f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {setting.value}")
+        for one, kept, setting in wrong
+    )
+    then = (
+        "Try again; where it stays, `retarget servo monitor` shows what they say, `retarget servo setup` their limits"
+    )
+    return BusError(describe(what=f"servos do not keep their {name}", where=line.where, found=found, then=then))

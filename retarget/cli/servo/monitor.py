@@ -83,7 +83,7 @@ def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: floa
             _number(states.current[at], 3),
             _number(states.temperature[at], 0),
             _number(states.voltage[at], 1),
-            "on" if states.driven[at] else "off",
+            watch.torque[at],
             f"{states.age[at]:.1f}" if heard else "never",
             str(watch.losses[at]),
             alert_text(int(states.alert[at])) if states.alert[at] else "",
