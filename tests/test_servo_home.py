@@ -171,3 +171,22 @@ def test_an_unknown_command_of_the_group_is_refused(capsys: pytest.CaptureFixtur
 def test_a_posture_of_zeros_is_told_in_short(lab: Lab) -> None:
     robot = load_robot("op3")
     assert home_file._angles(robot, np.zeros(20)) == "all joints at 0"
+
+
+OPENING = (
+    "device 200 switches the servos' power on, servos without torque get the profile's operating mode, return delay"
+)
+
+
+def test_a_dry_run_says_what_opening_writes(lab: Lab) -> None:
+    code, out, _ = lab.home("--dry-run")
+    assert code == 0 and OPENING in out and "(EEPROM)" in out and lab.buses == []
+
+
+@pytest.mark.parametrize("bus", ["profile", "/dev/ttyUSB7"])
+def test_a_real_bus_is_opened_only_after_that_was_said_and_agreed_to(bus: str, lab: Lab) -> None:
+    code, out, _ = lab.home("--bus", bus, typed="n\n")
+    assert code == 0 and f"The bus is opened: {OPENING}" in out and out.rstrip().endswith("nothing was written")
+    assert lab.buses == [] and not calibration_path("op3").exists()
+    code, _, err = lab.home("--bus", bus, typed="\n\n")
+    assert code == 2 and "nobody answers" in err and len(lab.buses) == 1

@@ -92,7 +92,8 @@ def scan_line(
         try:
             port.set_baud(speed.baud)
         except BusError as error:
-            port.drop()  # says so where the port is gone
+            if _gone(port):
+                raise
             skipped.append(f"{speed}: {error}")
             continue
         tried.append(speed)
@@ -102,6 +103,15 @@ def scan_line(
         seen += [_sighting(client, one, speed) for one in client.scan(chosen)]
     progress(len(speeds))
     return LineScan(tuple(seen), tuple(tried), tuple(skipped))
+
+
+def _gone(port: BytePort) -> bool:
+    """Whether it is the port that is missing, and not only a speed."""
+    try:
+        port.drop()
+    except BusError:
+        return True
+    return False
 
 
 def _sighting(client: OneOff, found: Found, speed: Speed) -> Sighting:

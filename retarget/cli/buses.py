@@ -1,5 +1,6 @@
 """From what a person calls a bus to the bus: servos of this process, an emulated wire, or real ones."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -53,8 +54,11 @@ def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
             next_step="Write the ports into the profile",
         )
 
+    if name != "profile":
+        buses = tuple(replace(bus, port=name) for bus in buses)
+
     def port(bus: BusSpec) -> SerialPort:
-        return SerialPort(bus.port if name == "profile" else name, clock)
+        return SerialPort(bus.port, clock)
 
     return DynamixelBus(robot.joint_map, buses, port, tell=_note)
 

@@ -44,7 +44,8 @@ def home(
 ) -> None:
     """Find the zero of each servo: with torque off a person places the robot in a known posture, and keeps it still.
 
-    What is read is shown, and written only when you agree, as the robot's calibration; the last one is kept beside it.
+    Opening the bus switches the servos' power on where a device does that, and brings servos without torque to the
+    profile's settings. What is read is shown, and written only when you agree; the last calibration is kept beside it.
     """
     body = load_uncalibrated(robot)
     posture = _posture(body, pose)
@@ -58,9 +59,13 @@ def home(
         )
     path = calibration_path(body.profile.name)
     if dry_run:
-        typer.echo(f"would open the bus {bus!r}, switch torque off on all {len(chosen)} servos,")
+        typer.echo(f"would open the bus {bus!r}: {_opening(body)};")
+        typer.echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
         typer.echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {_angles(body, posture)},")
         typer.echo(f"and, after a question, write {path}")
+        return
+    if not options.simulated and not ask(f"The bus is opened: {_opening(body)}. Go on?"):
+        typer.echo("nothing was written")
         return
     clock = VirtualClock() if options.simulated else MonotonicClock()
     homing = _read(make_bus(bus, body, clock), body, posture, clock=clock, chosen=chosen, pose=pose)
@@ -79,6 +84,15 @@ def home(
     typer.echo(f"calibration: {write_calibration(new)}")
     if kept:
         typer.echo(f"the one before: {previous_path(path)}")
+
+
+def _opening(body: RobotBody) -> str:
+    """What opening the bus of a robot does to its servos."""
+    buses = body.profile.bus_specs()
+    power = [f"device {bus.power.id} switches the servos' power on" for bus in buses if bus.power is not None]
+    old = ", status return level" if any(bus.protocol == 1 for bus in buses) else ""
+    text = f"servos without torque get the profile's operating mode, return delay{old} (EEPROM) and gains (RAM)"
+    return ", ".join([*power, text + " where they have others"])
 
 
 def _read(

@@ -1,0 +1,76 @@
+"""Everybody on one port, at whatever speed; nothing is written."""
+
+from dataclasses import replace
+
+import pytest
+
+from bus_rig import BusRig, specs
+from hardware.dynamixel.baud_codes import code_of
+from hardware.dynamixel.line_scan import Speed, all_ids, all_speeds, scan_line
+from hardware.errors import BusError
+from sim.emulator.faults import Fault, FaultKind
+
+
+def _rig(**bauds: int) -> BusRig:
+    """Three servos at 2 Mbps, but for s<id>=baud; the port is open."""
+    rig = BusRig(specs(3))
+    for name, baud in bauds.items():
+        one = rig.device(int(name[1:]))
+        one.memory.put("baud_rate", code_of(one.table, baud) or 0)
+        one.tune()
+    rig.port.open(2_000_000)
+    return rig
+
+
+def test_each_servo_is_seen_once_at_its_own_speed() -> None:
+    rig = _rig(s2=57_600, s3=4_500_000)
+    images = rig.images()
+    seen = scan_line(rig.port, all_speeds())
+    assert {one.found.id: one.speed for one in seen.sightings} == {
+        1: Speed(2, 2_000_000),
+        2: Speed(2, 57_600),
+        3: Speed(2, 4_500_000),
+    }
+    assert seen.tried == tuple(all_speeds()) and not seen.skipped
+    assert {one.model for one in seen.sightings} == {"XM430-W350"}
+    assert rig.images() == images
+
+
+def test_the_choice_of_ids_and_speeds_is_kept_to() -> None:
+    rig = _rig(s2=57_600)
+    heard: list[int] = []
+    seen = scan_line(rig.port, [Speed(2, 57_600)], ids=[2, 2, 300], progress=heard.append)
+    assert [one.found.id for one in seen.sightings] == [2]
+    assert heard == [0, 1] and rig.port.baud == 57_600
+    assert all_speeds((1,), 9600) == [Speed(1, 9600)]
+    assert (all_ids(1)[-1], all_ids(2)[-1]) == (253, 252)
+
+
+def test_a_speed_that_the_adapter_lacks_is_told_and_a_port_that_is_gone_ends_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = _rig()
+    set_baud = rig.port.set_baud
+
+    def limited(baud: int) -> None:
+        if baud > 3_000_000:
+            raise BusError("no such baud rate.")
+        set_baud(baud)
+
+    monkeypatch.setattr(rig.port, "set_baud", limited)
+    seen = scan_line(rig.port, all_speeds((2,)))
+    assert len(seen.sightings) == 3 and len(seen.skipped) == 2
+    assert "protocol 2.0, 4500000 baud: no such" in seen.skipped[-1]
+    rig.fault(Fault(FaultKind.UNPLUG))
+    with pytest.raises(BusError, match="no such port"):
+        scan_line(rig.port, all_speeds((2,)))
+
+
+def test_errors_are_told_in_words_and_unknown_models_by_number() -> None:
+    rig = _rig()
+    rig.device(2).memory.put("model_number", 1120)
+    rig.fault(replace(Fault(FaultKind.OVER_TEMPERATURE), ids=(3,)))
+    rig.clock.advance(0.1)
+    one, two, three = scan_line(rig.port, [Speed(2, 2_000_000)]).sightings
+    assert (one.alert, two.alert) == ("", "") and "OVERHEATING" in three.alert
+    assert two.table is None and two.model == "number 1120"
