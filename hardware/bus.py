@@ -48,6 +48,8 @@ class ServoStates:
     """Whether the servo answered in this cycle."""
     driven: BoolArray
     """Whether the servo follows its goals, as far as it said last: torque on, not stopped by its bus watchdog."""
+    retries: int = 0
+    """Requests that had to be repeated since the bus was opened, of all servos."""
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,8 @@ class RobotRecord:
     with the root that the robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is
     read at the start of the tick. gated (T,): the gate sent something else than was asked. unled (T,): nobody knew a
     goal, and the filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,):
-    servos that were silent or alarmed. observer_modes (T, o): of the stage that asked. start (n,) rad: where the
+    servos that were silent or alarmed. temperature (T, n) degrees Celsius, voltage (T, n) V; retries (T,): requests
+    repeated on the bus since it was opened. observer_modes (T, o): of the stage that asked. start (n,) rad: where the
     robot stood before the first tick.
     """
 
@@ -75,6 +76,9 @@ class RobotRecord:
     unled: BoolArray
     bus_time: FloatArray
     faults: IntArray
+    temperature: FloatArray
+    voltage: FloatArray
+    retries: IntArray
     observer_modes: ModeArray
     start: FloatArray
 
@@ -94,6 +98,9 @@ class RobotRecord:
             unled=np.zeros(ticks, dtype=np.bool_),
             bus_time=np.full(ticks, np.nan),
             faults=np.zeros(ticks, dtype=np.int64),
+            temperature=np.full((ticks, servos), np.nan),
+            voltage=np.full((ticks, servos), np.nan),
+            retries=np.zeros(ticks, dtype=np.int64),
             observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
             start=np.array(start, dtype=np.float64),
         )

@@ -57,16 +57,28 @@ class Clearances:
 
 
 @dataclass(frozen=True)
+class ServoExtreme:
+    """The servo of this joint had the most, or the least, of all ticks."""
+
+    joint: str
+    value: float
+
+
+@dataclass(frozen=True)
 class BusReport:
     """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
 
     faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock.
+    retries: requests that had to be repeated. hottest degrees Celsius, lowest_voltage V, null where no servo told.
     """
 
     rate_hz: float | None
     cycle_ms: Percentiles
     faults: int
     longest_period_ms: float | None
+    retries: int
+    hottest: ServoExtreme | None
+    lowest_voltage: ServoExtreme | None
 
 
 @dataclass(frozen=True)

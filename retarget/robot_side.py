@@ -190,6 +190,8 @@ class RobotSide:
         if states is not None:
             record.bus_time[row] = states.time
             record.present[row] = self.robot.joint_map.to_radians(states.position)
+            record.temperature[row], record.voltage[row] = states.temperature, states.voltage
+            record.retries[row] = states.retries
             record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
 
     def _went(self) -> None:

@@ -10,7 +10,7 @@ from retarget.metrics import bus
 from retarget.metrics.measure import measure
 from retarget.pipeline import INTERRUPTED, Watch
 from retarget.prepare import Prepared
-from retarget.report import BusReport
+from retarget.report import BusReport, ServoExtreme
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 from rig import Rig, StubReconstructor, five, person, short_clip
@@ -42,6 +42,17 @@ def swing() -> FloatArray:
 def test_the_rate_is_the_profiles_where_nothing_stalls() -> None:
     found, _ = played(Rig(still()))
     assert found.rate_hz == pytest.approx(125.0) and found.longest_period_ms == pytest.approx(8.0)
+
+
+def test_the_hottest_servo_and_the_lowest_voltage_are_named() -> None:
+    hot = MockFault(FaultKind.HOT, 20, 10, servo=3, value=61.5)
+    low = MockFault(FaultKind.SUPPLY, 30, 1, servo=7, value=10.4)
+    found, run = played(Rig(still(), faults=(hot, low)))
+    assert run.robot is not None
+    joints = run.robot.joint_map.joints
+    assert found.hottest == ServoExtreme(joints[3], 61.5)
+    assert found.lowest_voltage == ServoExtreme(joints[7], 10.4)
+    assert found.retries == 0
 
 
 def test_a_stall_of_the_bus_shows(monkeypatch: pytest.MonkeyPatch) -> None:

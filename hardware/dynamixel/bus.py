@@ -185,13 +185,14 @@ class DynamixelBus:
         """One cycle of all ports; now and then with voltage and temperature."""
         now, before = self._lines[0].port.now(), self.retries
         read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
-        self._restless = self._restless + 1 if self.retries > before else 0
+        retries = self.retries
+        self._restless = self._restless + 1 if retries > before else 0
         if self._restless == RESTLESS:
             self._tell(
                 f"requests had to be repeated in {RESTLESS} cycles on end: a noisy line, or an adapter that is slower "
                 "than it says"
             )
-        return self._readings.states(now)
+        return self._readings.states(now, retries=retries)
 
     def _torque_on(self) -> None:
         """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""

@@ -131,7 +131,7 @@ class Readings:
         """Who has answered in this cycle, (n,); a copy."""
         return self._valid.copy()
 
-    def states(self, now: float) -> ServoStates:
+    def states(self, now: float, *, retries: int = 0) -> ServoStates:
         """Everything, as of `now`, s; arrays of its own. Voltages and temperatures beyond SLOW_AGE are not known."""
         known = self._slow_at >= now - SLOW_AGE
         return ServoStates(
@@ -146,6 +146,7 @@ class Readings:
             age=np.where(self._valid, 0.0, np.maximum(now - self._answered, 0.0)),
             valid=self._valid.copy(),
             driven=self._driven.copy(),
+            retries=retries,
         )
 
 

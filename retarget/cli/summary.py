@@ -1,5 +1,6 @@
 """The report of a run for a person: the numbers that say whether it went well."""
 
+import math
 from collections.abc import Iterable
 
 from rich.console import Console
@@ -157,7 +158,7 @@ def _observers(report: Report) -> str:
 
 def _cost(report: Report) -> str:
     def both(cost: Percentiles) -> str:
-        return f"{cost.p50:.0f} us (p99 {cost.p99:.0f})"
+        return f"{cost.p50:.0f} us (p99 {cost.p99:.0f})" if math.isfinite(cost.p50) else "not measured"
 
     robot = "" if report.retarget_us is None else f", robot {both(report.retarget_us)}"
     return f"human {both(report.reconstruct_us)}{robot}; {report.frames_per_s:.0f} frames/s"

@@ -13,7 +13,17 @@ from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
 from retarget.metrics.observer_activity import ModeSwitches, observer_activity
 from retarget.metrics.priority import top_level_error
 from retarget.metrics.reach import reachable_hands
-from retarget.report import BusReport, DeepReport, ObserversReport, Percentiles, Report, Soles, Spread, StopReport
+from retarget.report import (
+    BusReport,
+    DeepReport,
+    ObserversReport,
+    Percentiles,
+    Report,
+    ServoExtreme,
+    Soles,
+    Spread,
+    StopReport,
+)
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
@@ -243,7 +253,18 @@ def _bus(run: RunResult) -> BusReport | None:
         cycle_ms=_percentiles(run.record.timing.cycle, 1e3),
         faults=bus.fault_count(run),
         longest_period_ms=None if longest is None else 1e3 * longest,
+        retries=int(sent.retries.max(initial=0)),
+        hottest=_extreme(run, sent.temperature),
+        lowest_voltage=_extreme(run, -sent.voltage, sign=-1.0),
     )
+
+
+def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoExtreme | None:
+    """The servo with the largest of the values (T, n), which are told times `sign`."""
+    if run.robot is None or not np.isfinite(values).any():
+        return None
+    column = int(np.nanargmax(values)) % values.shape[1]
+    return ServoExtreme(run.robot.joint_map.joints[column], sign * float(np.nanmax(values)))
 
 
 def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
