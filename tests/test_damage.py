@@ -8,6 +8,7 @@ from emulated import servo1, servo2
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2
 from sim.emulator.damage import complaint, damaged_address
+from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line
 from sim.emulator.wire import Timing
 from stub_devices import StubDevice
@@ -59,6 +60,10 @@ def test_a_frame_that_is_not_whole_is_none(protocol: int) -> None:
     assert damaged_address(protocol, frame + b"\0") is None
 
 
+def test_behind_a_frame_that_broke_off_the_last_one_counts() -> None:
+    assert damaged_address(2, protocol2.ping(5)[:9] + _spoilt(protocol2.ping(7))) == 7
+
+
 def test_what_is_said_has_the_errors_that_stand() -> None:
     new, old = servo2(), servo1()
     assert complaint(new, 0.0) == (Error2.CRC, b"") and complaint(old, 0.0) == (Error1.CHECKSUM, b"")
@@ -92,6 +97,17 @@ def test_a_line_answers_damage_only_where_it_is_told_to(protocol: int, error: in
     assert _ask(line, words.write(2, 30, b"\x07"), 1.0) == words.status(2) and devices[1].memory[30] == 7
     assert _ask(line, _spoilt(words.write(BROADCAST, 30, b"\x08")), 2.0) == b""
     assert _ask(line, _spoilt(words.ping(9)), 3.0) == b""
+
+
+def test_who_is_missing_starts_or_has_another_speed_says_nothing() -> None:
+    frame = _spoilt(protocol2.ping(1))
+    deaf = (StubDevice(boots=True), StubDevice(baud=1_000_000), StubDevice(id=2))
+    assert [_ask(_line(device), frame) for device in deaf] == [b"", b"", b""]
+    line = _line(StubDevice())
+    line.faults.add(Fault(FaultKind.MISSING, ids=(1,)), 0.0)
+    assert _ask(line, frame) == b""
+    line.faults.clear(1.0)
+    assert _ask(line, frame, 1.0) == protocol2.status(1, Error2.CRC)
 
 
 def test_a_damaged_frame_in_pieces_is_answered_once() -> None:
