@@ -241,13 +241,16 @@ def test_an_adapter_that_is_slower_than_it_says_is_refused() -> None:
     assert said.count("slower than") == 1
 
 
-def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints() -> None:
-    servos = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]
+@pytest.mark.parametrize("other", ["main", "arms"])
+def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints(other: str) -> None:
+    roll, yaw = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]
+    servos = [roll, moved(yaw, other)]
+    buses = [bus_of(servos, name=name) for name in dict.fromkeys(("main", other))]
     low, high = needed_ticks(servos)["roll"]
-    rig = BusRig(servos)
+    rig = BusRig(servos, buses=buses)
     rig.devices[0].memory.put("min_position_limit", low)
     rig.devices[0].memory.put("max_position_limit", high)
     rig.bus.open()
-    rig = BusRig(servos)
+    rig = BusRig(servos, buses=buses)
     rig.devices[0].memory.put("min_position_limit", low + 1)
     assert f"servo roll (id 2) takes ticks {low + 1} to 4095 only, the joint needs {low} to {high}" in refusal(rig)

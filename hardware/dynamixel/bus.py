@@ -152,7 +152,8 @@ class DynamixelBus:
         for line in self._lines:
             try:
                 line.port.open(line.spec.baud)
-                found.append(examine(line.port, line.client, line.spec, list(line.servos.values())))
+                servos = list(line.servos.values())
+                found.append(examine(line.port, line.client, line.spec, servos, robot=self._map.servos))
             except HardwareError as error:
                 found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
         return found
