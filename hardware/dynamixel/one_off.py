@@ -171,7 +171,7 @@ class OneOff:
                 self._sdk.slack = SLACK * 2**done
                 answer = self._exchange(device, code, params)
                 unfit = answer is None or not self._fits(answer, size)
-                if done or unfit:
+                if (done or unfit) and (code is not Instruction.PING or self._sdk.heard):
                     settle(self.port)
                 if answer is None or unfit:
                     damaged += self._sdk.heard > 0
