@@ -118,5 +118,13 @@ def test_a_small_share_of_the_drive_is_noted(
     model: str, protocol: int, mode: ServoMode, values: dict[str, int], noted: list[str]
 ) -> None:
     servo, _, image = _image(model, protocol, **values)
-    found = notes(replace(servo, mode=mode), image)
+    found = notes(replace(servo, mode=mode, current_limit=0.1), image)
     assert len(found) == len(noted) and all(text in line for text, line in zip(noted, found, strict=True))
+
+
+def test_a_servo_that_may_draw_less_than_the_profile_says_is_noted() -> None:
+    servo, _, image = _image("XM430-W350", 2, current_limit=700)
+    driven = replace(servo, mode=ServoMode.CURRENT_BASED_POSITION)
+    assert notes(replace(driven, current_limit=1.88), image) == []
+    (note,) = notes(replace(driven, current_limit=1.89), image)
+    assert "current_limit 1.88 A, the profile says 1.89 A" in note

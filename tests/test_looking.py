@@ -43,6 +43,17 @@ def test_a_bus_of_what_answers_holds_every_known_servo_in_order() -> None:
     assert "id 3 is a model that is not known here: number 1120" in seen.notes
 
 
+def test_a_mute_servo_is_told_from_a_silent_one() -> None:
+    rig = BusRig(specs(3))
+    rig.device(2).memory.put("status_return_level", 0)
+    rig.device(2).tune()
+    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
+    seen = look(rig.port, rig.buses[0], list(enumerate(rig.servos)), _sightings(rig))
+    (note,) = seen.notes
+    assert seen.missing == (2, 3) and note.startswith("j2 (id 2) answers pings only (status return level 0): `retarget")
+    assert "--id 2 --register status_return_level=2`" in note
+
+
 def test_a_controller_is_no_servo() -> None:
     rig = BusRig(specs(2))
     rig.device(2).memory.put("model_number", 0x7400)

@@ -93,11 +93,12 @@ def test_servos_of_unknown_models_go_limp_too(words: tuple[str, ...], strange: t
     assert "number 1120" in err
 
 
-def test_a_stranger_to_the_profile_goes_limp_too(lab: ServoLab) -> None:
-    lab.moved = {7: 30}
+@pytest.mark.parametrize("moved", [30, 252])
+def test_a_stranger_to_the_profile_goes_limp_too(moved: int, lab: ServoLab) -> None:
+    lab.moved = {7: moved}
     code, out, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
-    assert code == 1 and "id 30 (XM430-W350)" in out and "(id 7) did not confirm" in err
-    assert lab.memory(30).value("torque_enable") == 0
+    assert code == 1 and f"id {moved} (XM430-W350)" in out and "(id 7) did not confirm" in err
+    assert lab.memory(moved).value("torque_enable") == 0
 
 
 @pytest.mark.parametrize("words", WAYS)

@@ -5,6 +5,7 @@ import pytest
 from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.one_off import OneOff
 from hardware.dynamixel.strangers import everybody
+from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.wire import Timing
 
 
@@ -21,6 +22,14 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
     assert rig.clock.now() - begun < 1.1
     rig.clock.advance(1.0)
     assert rig.port.read() == b""
+
+
+def test_noise_is_no_stranger() -> None:
+    rig = BusRig(specs(2))
+    rig.port.open(2_000_000)
+    rig.fault(Fault(FaultKind.SHORT, value=40))
+    found, _ = everybody(rig.port, OneOff(rig.port, 2), rig.buses[0])
+    assert {one.id for one in found} <= {1, 2}
 
 
 def test_where_it_would_take_too_long_it_is_told() -> None:

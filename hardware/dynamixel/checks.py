@@ -55,9 +55,12 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span |
 def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
     """What a person should know of a servo that may be driven: limits that leave it little of its drive."""
     names = ["max_torque"] if image.table.protocol == 1 else ["pwm_limit"]
+    found = []
     if servo.mode is ServoMode.CURRENT_BASED_POSITION:
         names.append("current_limit")
-    found = []
+        most = image.value("current_limit") * (image.table["current_limit"].scale or 1.0)
+        if servo.current_limit is not None and servo.current_limit > most:
+            found.append(f"has current_limit {most:.3g} A, the profile says {servo.current_limit:g} A: it draws less")
     for name in names:
         highest = image.table[name].highest if image.has(name) else None
         if highest is not None and image.value(name) < CRIPPLED * highest:

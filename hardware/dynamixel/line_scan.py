@@ -92,7 +92,7 @@ def scan_line(
         try:
             port.set_baud(speed.baud)
         except BusError as error:
-            if _gone(port):
+            if is_gone(port):
                 raise
             skipped.append(f"{speed}: {error}")
             continue
@@ -105,7 +105,7 @@ def scan_line(
     return LineScan(tuple(seen), tuple(tried), tuple(skipped))
 
 
-def _gone(port: BytePort) -> bool:
+def is_gone(port: BytePort) -> bool:
     """Whether it is the port that is missing, and not only a speed."""
     try:
         port.drop()

@@ -8,6 +8,7 @@ from hardware.bus_spec import BusSpec
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.line_scan import Sighting
+from hardware.dynamixel.muted import answers_pings_only, muted_text
 from hardware.dynamixel.one_off import OneOff
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
 from hardware.dynamixel.servo_image import ServoImage, read_image
@@ -46,10 +47,15 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
         try:
             image = _image(line.client, seen[device])
         except (NoAnswer, ServoError) as error:
-            notes.append(f"{servo.joint}: {error}")
+            mute = isinstance(error, NoAnswer) and answers_pings_only(line.client, device)
+            notes.append(
+                f"{servo.joint} (id {device}) {muted_text(spec, device)}" if mute else f"{servo.joint}: {error}"
+            )
             continue
         if image is None:
-            continue  # a strange one
+            if seen[device].found.model is None and answers_pings_only(line.client, device):
+                notes.append(f"{servo.joint} (id {device}) {muted_text(spec, device)}")
+            continue
         if image.table.model != servo.model.name:
             notes.append(f"{servo.joint} (id {device}) is {image.table.model}, the profile says {servo.model.name}")
         images[device] = image

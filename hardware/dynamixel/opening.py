@@ -9,13 +9,12 @@ from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.checks import complaints, notes
 from hardware.dynamixel.control_table import find_table, table_of_number
 from hardware.dynamixel.discovery import Found
-from hardware.dynamixel.muted import LEVEL, PINGS_ONLY, answers_pings_only
+from hardware.dynamixel.muted import answers_pings_only, muted_text
 from hardware.dynamixel.one_off import OneOff
 from hardware.dynamixel.other_speeds import MOST, heard_elsewhere, other_bauds
 from hardware.dynamixel.register import Register
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
 from hardware.dynamixel.servo_image import ServoImage, read_image
-from hardware.dynamixel.settings import ANSWER_ALL
 from hardware.dynamixel.setup_plan import setup_command
 from hardware.dynamixel.strangers import everybody
 from hardware.dynamixel.travel import Span, needed_ticks
@@ -131,12 +130,12 @@ def _look_at(
         if found.model != expected.number:
             muted = found.model is None and answers_pings_only(client, servo.id)
             other = f"is {_model(found)}, the profile says {servo.model.name}"
-            opening.problems.append(f"{where} {_muted(bus, servo) if muted else other}")
+            opening.problems.append(f"{where} {muted_text(bus, servo.id) if muted else other}")
             return
         image = read_image(client, servo.id, expected)
     except NoAnswer as error:
         muted = not error.damaged and answers_pings_only(client, servo.id)
-        opening.problems.append(f"{where} {_muted(bus, servo)}" if muted else f"{where}: {error}")
+        opening.problems.append(f"{where} {muted_text(bus, servo.id)}" if muted else f"{where}: {error}")
         return
     except ServoError as error:
         opening.problems.append(f"{where}: {error}")
@@ -144,10 +143,6 @@ def _look_at(
     opening.problems += [f"{where} {text}" for text in complaints(servo, bus, image, needed)]
     opening.notes += [f"{where} {text}" for text in notes(servo, image)]
     opening.images[servo.id] = image
-
-
-def _muted(bus: BusSpec, servo: ServoSpec) -> str:
-    return f"{PINGS_ONLY}: {setup_command(bus, servo.id, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
 
 
 def _look_at_adapter(port: BytePort, opening: Opening) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from hardware.bus_spec import BAUDS, BusSpec
 from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.line_scan import is_gone
 from hardware.dynamixel.one_off import OneOff
 from hardware.errors import BusError
 
@@ -23,18 +24,17 @@ def heard_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[in
     A speed that the adapter does not have is left out. Raises BusError when the port is gone.
     """
     found: dict[int, list[int]] = {}
-    try:
-        for baud in other_bauds(bus):
-            try:
-                port.set_baud(baud)
-            except BusError:
-                port.drop()  # says so where the port is gone
-                continue
-            client = OneOff(port, bus.protocol, retries=0)
-            for device in ids[:MOST]:
-                answer = client.ping(device)
-                if answer is not None and not answer.clash:
-                    found.setdefault(device, []).append(baud)
-    finally:
-        port.set_baud(bus.baud)
+    for baud in other_bauds(bus):
+        try:
+            port.set_baud(baud)
+        except BusError:
+            if is_gone(port):
+                raise
+            continue
+        client = OneOff(port, bus.protocol, retries=0)
+        for device in ids[:MOST]:
+            answer = client.ping(device)
+            if answer is not None and not answer.clash:
+                found.setdefault(device, []).append(baud)
+    port.set_baud(bus.baud)
     return found

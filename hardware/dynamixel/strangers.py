@@ -20,7 +20,8 @@ def everybody(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found]
     is pinged, once those that are not expected.
     """
     if bus.protocol == 2:
-        return client.scan({*bus.ids, MAX_ID}), []  # the window is that of the highest id asked for
+        heard = client.scan({*bus.ids, MAX_ID})  # the window is that of the highest id asked for
+        return [one for one in heard if one.id in bus.ids or one.model is not None], []  # noise is no stranger
     found = {one.id: one for one in client.scan(bus.ids)}
     wait = MAX_RETURN_DELAY + port.latency + SLACK
     others = [device for device in range(MAX_ID + 2) if device not in bus.ids]

@@ -4,8 +4,12 @@ from collections.abc import Sequence
 
 import typer
 
-from hardware.dynamixel.line_scan import scan_line
+from hardware.bus_spec import BusSpec
+from hardware.dynamixel.byte_port import BytePort
+from hardware.dynamixel.line_scan import Sighting, Speed, scan_line
 from hardware.dynamixel.looking import Look, as_bus, look
+from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.strangers import everybody
 from hardware.errors import BusError, describe
 from retarget.cli.progress import progress_bar
 from retarget.cli.servo.places import Place, chosen_speeds
@@ -28,13 +32,13 @@ def look_at(
                 where="--protocol, --baud",
                 next_step="Leave them out, or leave --robot out",
             )
+        if place.spec is not None:
+            looks.append(look(place.port, place.spec, place.servos, _everybody(place.port, place.spec)))
+            continue
         speeds = chosen_speeds(place, protocol, baud, everywhere=False)
         with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
-            ids = None if place.spec is None else place.spec.ids
-            seen = scan_line(place.port, speeds, ids=ids, progress=progress)
-        if place.spec is not None:
-            looks.append(look(place.port, place.spec, place.servos, seen.sightings))
-        elif seen.sightings:
+            seen = scan_line(place.port, speeds, progress=progress)
+        if seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
             looks.append(look(place.port, *as_bus(place.port.name, seen.sightings, first=first), seen.sightings))
     if not any(one.line.images or (strange_too and one.strange) for one in looks):
@@ -51,6 +55,14 @@ def look_at(
         for note in one.notes:
             typer.echo(f"note: bus {one.line.spec.name}: {note}", err=True)
     return looks
+
+
+def _everybody(port: BytePort, spec: BusSpec) -> list[Sighting]:
+    """Who answers at the speed of a bus, whether its profile knows them or not."""
+    found, told = everybody(port, OneOff(port, spec.protocol), spec)
+    for note in told:
+        typer.echo(f"note: {note}", err=True)
+    return [Sighting(one, Speed(spec.protocol, spec.baud)) for one in found]
 
 
 def names(look_: Look, ids: Sequence[int]) -> str:
