@@ -4,12 +4,13 @@ import signal
 
 import pytest
 
-from bus_rig import bus_of, spec
+from bus_rig import BusRig, bus_of, spec, specs
 from hardware.dynamixel.checks import complaints
 from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.servo_image import ServoImage
 from hardware.dynamixel.setup_write import write_setting
 from hardware.dynamixel.travel import needed_ticks
+from retarget.cli.servo.places import Place
 from servo_lab import ServoLab
 from sim.emulator.registers import Memory
 
@@ -116,3 +117,18 @@ def test_a_servo_that_answers_pings_only_is_written_blind(lab: ServoLab) -> None
     code, out, err = lab.run("setup", *BUS, *words, "--yes")
     assert (code, err) == (0, "") and "written and read back: status_return_level" in out
     assert [lab.memory(13).value(name) for name in ("status_return_level", "drive_mode")] == [2, 4]
+
+
+@pytest.mark.parametrize("model", ["MX-28", "AX-12A"])
+def test_a_mute_servo_of_protocol_1_too(model: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    servos = specs(2, model)
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    rig.devices[1].memory.put("status_return_level", 0)
+    rig.devices[1].tune()
+    monkeypatch.setattr("retarget.cli.servo.setup.find_places", lambda *words, **more: [Place(rig.port)])
+    words = ("setup", "--port", "/dev/x", "--protocol", "1", "--id", "2")
+    code, _, err = lab.run(*words, "--return-delay", "0", "--yes")
+    assert code == 2 and "answers pings only" in err
+    code, out, err = lab.run(*words, "--return-delay", "0", "--register", "status_return_level=2", "--yes")
+    assert (code, err) == (0, "") and "written and read back: return_delay_time" in out
+    assert rig.shown("status_return_level") == [2, 2] and rig.shown("return_delay_time")[1] == 0
