@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -104,6 +105,21 @@ def refused_because_of_an_interrupted_import() -> None:
 def test_an_interrupt_is_one_line(command: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code_of(command) == INTERRUPTED == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_to_be_told_to_end_is_an_interrupt_too(number: signal.Signals, capsys: pytest.CaptureFixture[str]) -> None:
+    closed: list[bool] = []
+
+    def command() -> None:
+        try:
+            signal.raise_signal(number)
+        finally:
+            closed.append(True)
+
+    assert exit_code_of(command) == INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n" and closed == [True]
+    assert signal.getsignal(number) is signal.SIG_DFL
 
 
 def test_an_interrupt_inside_a_command_is_the_same(

@@ -1,10 +1,11 @@
 """Signals ask to stop, a second Ctrl-C insists; none of them raises in the middle of a tick."""
 
 import signal
+import threading
 
 import pytest
 
-from retarget.cli.interrupt import SIGNALS, stop_on_signals
+from retarget.cli.interrupt import SIGNALS, all_as_ctrl_c, stop_on_signals
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -43,3 +44,39 @@ def test_what_is_ignored_stays_ignored() -> None:
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_outside_of_a_motion_each_of_them_is_as_ctrl_c(number: signal.Signals) -> None:
+    before = {each: signal.getsignal(each) for each in SIGNALS}
+    with pytest.raises(KeyboardInterrupt), all_as_ctrl_c():
+        with stop_on_signals() as asked:
+            signal.raise_signal(number)
+            assert asked()
+        signal.raise_signal(number)
+    assert {each: signal.getsignal(each) for each in SIGNALS} == before
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
+def test_what_somebody_else_handles_or_ignores_is_left_to_them(handler: signal.Handlers) -> None:
+    before = signal.signal(signal.SIGTERM, handler)
+    try:
+        with all_as_ctrl_c():
+            signal.raise_signal(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) is handler
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_another_thread_sets_no_handlers() -> None:
+    seen: list[object] = []
+
+    def command() -> None:
+        with all_as_ctrl_c():
+            seen.append(signal.getsignal(signal.SIGTERM))
+
+    before = signal.getsignal(signal.SIGTERM)
+    thread = threading.Thread(target=command)
+    thread.start()
+    thread.join()
+    assert seen == [before]

@@ -5,6 +5,7 @@ import traceback
 from collections.abc import Callable
 
 from hardware.errors import RetargetError, TorqueError
+from retarget.cli.interrupt import all_as_ctrl_c
 from retarget.cli.screen import careful_stdout
 
 DONE = 0
@@ -15,13 +16,14 @@ REFUSED = 2
 DEFECT = 3
 """An error that we did not foresee."""
 INTERRUPTED = 130
-"""Ctrl-C before anything moved: 128 + SIGINT, as shells count; typer leaves with it as well."""
+"""Ctrl-C, SIGTERM or SIGHUP before anything moved: 128 + SIGINT, as shells count; typer leaves with it as well."""
 
 
 def exit_code_of(command: Callable[[], object]) -> int:
     """Run `command` and return its exit code; what went wrong is on stderr, a traceback only for our own defects.
 
-    A reader of stdout that leaves early changes nothing; a stdout that takes nothing is told of.
+    A signal that asks the process to end is as Ctrl-C. A reader of stdout that leaves early changes nothing; a stdout
+    that takes nothing is told of.
     """
     with careful_stdout() as screen:
         code = _code_of(command)
@@ -33,7 +35,8 @@ def exit_code_of(command: Callable[[], object]) -> int:
 
 def _code_of(command: Callable[[], object]) -> int:
     try:
-        command()
+        with all_as_ctrl_c():
+            command()
     except SystemExit as leaving:
         return _code_of_exit(leaving)
     except TorqueError as error:

@@ -1,11 +1,12 @@
-"""Ctrl-C while a robot moves is a request to stop, not an exception somewhere inside a tick."""
+"""Signals that end a command: all are as Ctrl-C is. While a robot moves they ask, and raise nothing inside a tick."""
 
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = ["StopRequest", "stop_on_signals"]
+__all__ = ["StopRequest", "all_as_ctrl_c", "stop_on_signals"]
 
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Those of them that the platform has."""
@@ -33,6 +34,26 @@ class StopRequest:
     def insist(self) -> None:
         """Ask to stop, without braking."""
         self._asked = self._insisted = True
+
+
+@contextmanager
+def all_as_ctrl_c() -> Iterator[None]:
+    """SIGTERM and SIGHUP (a terminal that is gone) raise KeyboardInterrupt as SIGINT does: what is open is closed.
+
+    Only those that nobody handles or ignores yet, and only in the main thread: no other may set them.
+    """
+    mine = [
+        number
+        for number in SIGNALS
+        if threading.current_thread() is threading.main_thread() and signal.getsignal(number) is signal.SIG_DFL
+    ]
+    for number in mine:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in mine:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
