@@ -14,6 +14,8 @@ BUSES = ("mock", "emulator", "none", "profile")
 """Buses by name; any other is the path of a port."""
 SIMULATED = ("mock", "emulator", "none")
 """Those on which no servo exists: a recording is played as fast as the machine can."""
+SERVOLESS = ("mock", "none")
+"""Those that the virtual human is content with: the usual one, and none."""
 MAX_ITERATIONS = 100
 
 
@@ -52,6 +54,9 @@ class RunOptions:
             raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
         if self.is_human and self.parts != "whole":
             raise UsageError("parts are parts of a robot", where="--parts", found=f"--robot {HUMAN}")
+        if self.is_human and self.bus not in SERVOLESS:
+            found = f"--robot {HUMAN}, --bus {self.bus}"
+            raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
         if self.is_human and not self.gate:
             raise UsageError("there is no gate to leave out", where="--no-gate", found=f"--robot {HUMAN}")
 

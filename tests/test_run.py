@@ -132,6 +132,12 @@ def test_a_human_has_neither_parts_nor_gate(amc: Path, options: tuple[str, ...])
     assert run("--robot", "human", "--source", amc, *options) == REFUSED
 
 
+@pytest.mark.parametrize("bus", ["./op3-port", "emulator", "profile"])
+def test_a_human_has_no_servos(amc: Path, bus: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--robot", "human", "--source", amc, "--bus", bus) == REFUSED
+    assert f"--bus: a human has no servos; found --robot human, --bus {bus}; allowed:" in capsys.readouterr().err
+
+
 def short(amc: Path, *words: str | Path) -> tuple[str | Path, ...]:
     return ("--robot", "human", "--source", amc, "--end", "0.1", *words)
 
