@@ -22,7 +22,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .PHONY: help demo test lint bench long wheels clean machine
 
 help:
-	@echo 'make demo    a synthetic performer drives a robot on a mock bus; report and pictures in out/demo'
+	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
 	@echo 'make test    every test but the long ones'
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make bench   our frame time beside PlaCo and mink'
