@@ -12,7 +12,8 @@ from hardware.joint_map import JointMap
 
 
 class ServoHealth:
-    """Judges the states of one robot's servos. A temperature or voltage that nobody knows (NaN) is a complaint."""
+    """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a complaint;
+    one that never was is none: there are buses without."""
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._servos = joint_map.servos
@@ -54,6 +55,7 @@ class ServoHealth:
         )
         self._told = [(cause, complaint, tell) for cause, _, _, complaint, tell in table]
         self._seen = np.zeros((len(table), far.size))
+        self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was told at least once
         self._least = np.array([np.broadcast_to(np.asarray(least), far.shape) for _, least, *_ in table])
         self._most = np.array([np.broadcast_to(np.asarray(most), far.shape) for _, _, most, *_ in table])
 
@@ -91,7 +93,9 @@ class ServoHealth:
         # Before goals are sent torque may well be off.
         seen[2] = 0 if sent is None else ~states.driven
         seen[5] = 0 if sent is None else self._joint_map.turned(states.position - sent)
-        return np.asarray(~((seen >= self._least) & (seen <= self._most)))
+        unknown = np.isnan(seen)
+        self._known |= ~unknown
+        return np.asarray((seen < self._least) | (seen > self._most) | (unknown & self._known))
 
     def _complaints(self, wrong: BoolArray) -> list[tuple[StopCause, str]]:
         """All complaints about the servos (rows, n), in order of the rows."""

@@ -152,6 +152,15 @@ def test_a_value_that_nobody_knows_stops_the_robot(kind: FaultKind, told: str) -
     assert re.search(told, rig.guard.stop_reason.reason)
 
 
+def test_a_bus_that_never_tells_is_no_complaint() -> None:
+    nothing = float("nan")
+    faults = (MockFault(kind, 0, 999, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
+    rig = Rig(*faults, limits=LIMITS)
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.state() is GuardState.MOVING
+
+
 def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
     joint_map = JointMap(waist_servos())
     bus = MockBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
