@@ -72,6 +72,28 @@ def test_a_client_is_served_faults_are_typed_and_a_signal_ends_it(tmp_path: Path
         process.communicate()
 
 
+def test_the_link_of_another_emulator_is_refused_and_that_of_a_killed_one_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = tmp_path / "op3"
+    words = ("emulate", "--robot", "op3", "--link", str(link))
+    process = subprocess.Popen([sys.executable, "-m", "retarget", *words], stdout=subprocess.PIPE)
+    assert process.stdout
+    try:
+        _line_of(process.stdout.fileno(), 60.0)
+        before = link.readlink()
+        assert leave(*words, "--for", "0.05") == REFUSED
+        said = capsys.readouterr().err
+        assert f"another emulator has this link; found process {process.pid} (python" in said and "emulate" in said
+        assert link.readlink() == before
+    finally:
+        process.kill()
+        process.communicate()
+    assert link.is_symlink()
+    assert leave(*words, "--for", "0.05") == DONE
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_it_ends_by_itself_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     link = tmp_path / "op3"
     assert leave("emulate", "--robot", "op3", "--link", str(link), "--for", "0.05", "--seed", "3") == DONE

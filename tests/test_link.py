@@ -1,5 +1,7 @@
 """The link by which clients know a line: made, moved and taken away without touching what is not ours."""
 
+import os
+import socket
 from pathlib import Path
 
 import pytest
@@ -27,11 +29,45 @@ def test_what_an_emulator_left_is_replaced(tmp_path: Path) -> None:
 
 
 def test_a_link_that_somebody_moved_stays(tmp_path: Path) -> None:
+    link = Link(tmp_path / "servos")
+    link.point("/dev/pts/71")
+    link.path.unlink()
+    link.path.symlink_to("/dev/pts/72")
+    link.remove()
+    assert link.path.readlink() == Path("/dev/pts/72")
+
+
+def test_the_link_of_a_living_emulator_is_left_to_it(tmp_path: Path) -> None:
     first, second = Link(tmp_path / "servos"), Link(tmp_path / "servos")
     first.point("/dev/pts/71")
-    second.point("/dev/pts/72")
+    for refused in (second.check, lambda: second.point("/dev/pts/72")):
+        with pytest.raises(UsageError, match=rf"another emulator has this link; found process {os.getpid()} \("):
+            refused()
+    second.remove()
+    assert first.path.readlink() == Path("/dev/pts/71")
     first.remove()
+    second.point("/dev/pts/72")
     assert second.path.readlink() == Path("/dev/pts/72")
+
+
+def test_a_link_that_is_hidden_is_still_of_its_emulator(tmp_path: Path) -> None:
+    first, second = Link(tmp_path / "servos"), Link(tmp_path / "servos")
+    first.point("/dev/pts/71")
+    first.hide()
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(UsageError, match="another emulator"):
+        second.check()
+    first.point("/dev/pts/73")
+    assert first.path.readlink() == Path("/dev/pts/73")
+
+
+def test_where_no_path_can_be_kept_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> socket.socket:
+        raise OSError(97, "Address family not supported by protocol")
+
+    monkeypatch.setattr(socket, "socket", none)
+    with pytest.raises(UsageError, match="cannot be kept from other emulators: Address family"):
+        Link(tmp_path / "servos").check()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "link", "dangling"])

@@ -13,6 +13,7 @@ from serial import Serial
 
 from hardware.dynamixel import protocol2
 from hardware.errors import HardwareError
+from retarget.errors import UsageError
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line
@@ -105,6 +106,8 @@ def test_unplugged_it_is_gone_and_then_a_new_one_is_there(tmp_path: Path) -> Non
         terminal.follow(1.0)
         assert terminal.fd == -1
         assert not os.path.lexists(terminal.link.path)
+        with pytest.raises(UsageError, match="another emulator has this link"):
+            Link(terminal.link.path).check()
         with pytest.raises(OSError):
             client.write(protocol2.ping(1))
     terminal.follow(2.0)

@@ -1,11 +1,14 @@
-"""A symlink to a pseudo-terminal: made and moved in one step, and never in the place of anything that is not ours."""
+"""A symlink to a pseudo-terminal: made and moved in one step, never in the place of anything that is not ours, and of
+one emulator at a time."""
 
 import contextlib
 import os
 import re
 from pathlib import Path
 
+from hardware.processes import named_process
 from retarget.errors import UsageError
+from sim.emulator.claim import Claim
 
 _OURS = re.compile(r"/dev/pts/\d+")
 """Where links of this kind lead."""
@@ -17,9 +20,13 @@ class Link:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._target: str | None = None
+        self._claim = Claim(path)
 
     def check(self) -> None:
-        """Raises UsageError when no link can be made there: no such folder, or something of another kind is there."""
+        """Keep the path for this emulator until `remove`. One that a killed emulator left is free.
+
+        Raises UsageError when no link can be made there: no such folder, something of another kind, another emulator.
+        """
         folder = self.path.parent
         if not folder.is_dir():
             raise UsageError(
@@ -40,6 +47,8 @@ class Link:
                 next_step="Name another path",
             )
 
+        self._keep()
+
     def point(self, target: str) -> None:
         """Let it lead to `target`, in one step. Raises UsageError."""
         self.check()
@@ -57,11 +66,32 @@ class Link:
         self._target = target
 
     def remove(self) -> None:
-        """Take it away, if it still leads where `point` let it."""
+        """Take it away, and let other emulators have the path."""
+        self.hide()
+        self._claim.release()
+
+    def hide(self) -> None:
+        """Take it away, if it still leads where `point` let it; the path is kept."""
         with contextlib.suppress(OSError):
             if self._target is not None and os.readlink(self.path) == self._target:  # noqa: PTH115 - as text, unchanged
                 self.path.unlink()
         self._target = None
+
+    def _keep(self) -> None:
+        try:
+            free = self._claim.take()
+        except OSError as error:
+            raise UsageError(
+                f"the link cannot be kept from other emulators: {error.strerror}", where=str(self.path)
+            ) from None
+        if not free:
+            holder = self._claim.holder()
+            raise UsageError(
+                "another emulator has this link",
+                where=str(self.path),
+                found=None if holder is None else named_process(holder),
+                next_step="End it, or name another path",
+            )
 
     def _is_ours(self) -> bool:
         try:

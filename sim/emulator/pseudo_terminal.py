@@ -54,11 +54,8 @@ class PseudoTerminal:
 
     def close(self) -> None:
         """Hang up, and take the link away."""
+        self._hang_up()
         self.link.remove()
-        for fd in (self._client, self.fd):
-            if fd >= 0:
-                os.close(fd)
-        self.fd = self._client = -1
 
     def hear(self, now: float) -> None:
         """Hand what the client has written to the line, at the client's speed."""
@@ -79,12 +76,22 @@ class PseudoTerminal:
             self.lost += len(data) - sent
 
     def follow(self, now: float) -> None:
-        """Hang up while the line is unplugged, be there again when it is back. Raises UsageError for a lost link."""
+        """Hang up while the line is unplugged, be there again when it is back. Meanwhile no other emulator gets the link.
+
+        Raises UsageError for a lost link.
+        """
         gone = self.line.unplugged(now)
         if gone and self.fd >= 0:
-            self.close()
+            self._hang_up()
         elif not gone and self.fd < 0:
             self.open()
+
+    def _hang_up(self) -> None:
+        self.link.hide()
+        for fd in (self._client, self.fd):
+            if fd >= 0:
+                os.close(fd)
+        self.fd = self._client = -1
 
     def _baud(self) -> int:
         """The client's speed. Also undoes a lock that a client has set and, since this side stays open, would outlive
