@@ -3,15 +3,18 @@
 import errno
 import itertools
 import stat
+from contextlib import suppress
 from pathlib import Path
 
 from serial.tools.list_ports import comports
 
 from hardware.errors import BusError, describe
+from hardware.processes import PROCESSES, named_process
 
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
+_PSEUDO_TERMINALS = Path("/dev/pts")
 _MOST_PROCESSES = 100_000
 """Bound of the search for who holds a port."""
 
@@ -68,18 +71,30 @@ def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
     return BusError(describe(what="no such baud rate", where=path, found=baud, allowed=allowed))
 
 
-def holders(path: str, processes: Path = Path("/proc")) -> str:
-    """Who has the port open, as far as this user may see."""
+def holders(path: str, processes: Path = PROCESSES) -> str:
+    """Who has the port open, as far as this user may see. What is behind a pseudo-terminal has it open too, and is told
+    apart: it keeps nobody out."""
     device = Path(path).resolve()
     found: list[str] = []
+    behind: list[str] = []
     for process in itertools.islice(processes.glob("[0-9]*"), _MOST_PROCESSES):
-        try:
-            if any(link.resolve() == device for link in (process / "fd").iterdir()):
-                name = (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
-                found.append(f'process {process.name} ("{name}")')
-        except OSError:
-            continue
-    return ", ".join(found) or "another process"
+        with suppress(OSError):
+            opened = {link.name: link.resolve() for link in (process / "fd").iterdir()}
+            if any(_leads_to(device, process, name, target) for name, target in opened.items()):
+                name = named_process(process.name, processes)
+                what = "the emulator" if "emulate" in name else "its other end"
+                behind.append(f"{name} is {what}")
+            elif device in opened.values():
+                found.append(named_process(process.name, processes))
+    return "; ".join([", ".join(found) or "another process", *behind])
+
+
+def _leads_to(device: Path, process: Path, descriptor: str, target: Path) -> bool:
+    """Whether an open file of a process is the master of a pseudo-terminal: its number is the device's name."""
+    if device.parent != _PSEUDO_TERMINALS or target.name != "ptmx":
+        return False
+    told = (process / "fdinfo" / descriptor).read_text(encoding="utf-8", errors="replace")
+    return ["tty-index:", device.name] in [line.split() for line in told.splitlines()]
 
 
 def _existing() -> str:

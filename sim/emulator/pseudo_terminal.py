@@ -76,7 +76,7 @@ class PseudoTerminal:
             self.lost += len(data) - sent
 
     def follow(self, now: float) -> None:
-        """Hang up while the line is unplugged, be there again when it is back. Meanwhile no other emulator gets the link.
+        """Hang up while the line is unplugged, be there again when it is back. The link stays this emulator's.
 
         Raises UsageError for a lost link.
         """
