@@ -14,14 +14,17 @@ from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
 
 Think = Callable[[ServoStates], FloatArray | None]
-"""From the servo states to a goal posture, rad (n,); None: no goal this tick, the robot brakes and stands."""
+"""From the servo states to a goal posture, rad (n,); None: nobody knows one, the robot brakes and holds."""
 
 Halt = Callable[[], FloatArray | None]
-"""The next goal, rad (n,), on a way to a stop; None: none is known, and the filter brakes joint by joint."""
+"""The next goal, rad (n,), on a way to a stop; None: none is known, and the filter brakes joint by joint. Once the
+robot stands: the next one on the way to where it is parked; None: it is there, or stays where it is."""
 
 
 TORQUE_OFF = " (torque is off)"
 CUT_POWER = " (torque could not be switched off: cut the power)"
+FOLLOWING = (GuardState.ARMED, GuardState.MOVING, GuardState.HOLDING)
+"""States in which goals are asked for."""
 
 
 def _text(error: BaseException) -> str:
@@ -63,6 +66,7 @@ class Guard:
         self._sent: TickArray | None = None
         self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
         self._braked = 0  # ticks of braking so far
+        self._held_since: float | None = None  # [s] since when nobody knew a goal
         self._begun: float | None = None  # [s] when the last tick began; None before the first
 
     @property
@@ -88,7 +92,7 @@ class Guard:
     @property
     def active(self) -> bool:
         """Whether the guard expects a tick: torque is on and the robot is held, moved or braked."""
-        return self._state in (GuardState.ARMED, GuardState.MOVING, GuardState.STOPPING)
+        return self._state in (*FOLLOWING, GuardState.STOPPING)
 
     def arm(self) -> FloatArray:
         """Set every goal to its present position, then switch torque on. Returns the present posture, rad (n,).
@@ -122,17 +126,17 @@ class Guard:
     def tick(self, think: Think, halt: Halt = _no_way) -> GuardState:
         """Run one control period: read the servos, let `think` find a goal, send what the filter makes of it.
 
-        While stopping it is `halt` that finds the goal. Goals follow one another in time: after a pause between ticks
+        While holding or stopping it is `halt` that finds the goal. Goals follow one another in time: after a pause between ticks
         that is longer than a goal may take, the robot stops.
         Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or
         stopped.
         """
-        self._require(GuardState.ARMED, GuardState.MOVING, GuardState.STOPPING)
+        self._require(*FOLLOWING, GuardState.STOPPING)
         begun = self._clock.now()
         self._refuse_pause(begun)
         self._attempt(self._read)
-        if self._state in (GuardState.ARMED, GuardState.MOVING):
-            self._attempt(lambda: self._move(think, begun))
+        if self._state in FOLLOWING:
+            self._attempt(lambda: self._move(think, halt, begun))
         if self._state is GuardState.STOPPING:
             self._attempt(lambda: self._ask_way(halt))
             self._attempt(self._brake)
@@ -160,7 +164,7 @@ class Guard:
 
     def rest(self) -> None:
         """Come to rest without a stop: brake, tick by tick, until the state is `armed` again."""
-        if self._state is GuardState.MOVING:
+        if self._state in (GuardState.MOVING, GuardState.HOLDING):
             self._state, self._braked = GuardState.STOPPING, 0
 
     def release(self) -> None:
@@ -205,7 +209,7 @@ class Guard:
             cause, reason = complaint
             self.stop(reason, cause)
 
-    def _move(self, think: Think, begun: float) -> None:
+    def _move(self, think: Think, halt: Halt, begun: float) -> None:
         assert self._states is not None, "a tick reads before it thinks"
         self._step = StopCause.SOURCE
         goal = think(self._states)
@@ -215,24 +219,41 @@ class Guard:
         if age > self.limits.max_age:
             self.stop(f"the goal took {age:.3g} s, allowed {self.limits.max_age:g} s", StopCause.STALE_GOAL)
             return
+        if goal is None:
+            self._hold(halt, begun)
+            return
+        self._step = StopCause.FILTER
+        self._held_since = None
+        if self._pending is None:
+            self._pending = self._filter.admit(goal)
+        self._send(self._pending)
+        self._state = GuardState.MOVING
+
+    def _hold(self, halt: Halt, now: float) -> None:
+        """Brake and stand, torque on, while nobody knows a goal; not for ever."""
+        if self._state is not GuardState.ARMED:  # a robot that has not moved yet may wait
+            since = self._held_since = now if self._held_since is None else self._held_since
+            if now - since > self.limits.max_hold:
+                self.stop(f"no goal for {now - since:.3g} s, allowed {self.limits.max_hold:g} s", StopCause.STALE_GOAL)
+                return
+            self._state = GuardState.HOLDING
+        if not self._filter.at_rest:
+            self._ask_way(halt)
         self._step = StopCause.FILTER
         if self._pending is None:
-            self._pending = self._filter.brake() if goal is None else self._filter.admit(goal)
+            self._pending = self._filter.brake()
         self._send(self._pending)
-        if goal is not None:
-            self._state = GuardState.MOVING
 
     def _ask_way(self, halt: Halt) -> None:
         """Let the caller say how to brake; where that fails, the filter knows."""
         self._step = StopCause.SOURCE
-        goal = None if self._filter.at_rest or self._pending is not None else halt()
+        goal = None if self._pending is not None else halt()
         if goal is not None:
             self._pending = self._filter.admit(goal)
 
     def _brake(self) -> None:
         self._step = StopCause.FILTER
         if self._filter.at_rest:
-            self._pending = None  # where the last one was
             self._state = GuardState.ARMED if self._stop is None else GuardState.STOPPED
             return
         if self._braked == self.limits.max_brake_ticks:

@@ -14,8 +14,10 @@ class GuardState(Enum):
     """Torque on, holding the posture in which it was switched on; no goal has been followed yet."""
     MOVING = "moving"
     """Goals are followed, through the filter."""
+    HOLDING = "holding"
+    """Nobody knows a goal: the robot brakes and stands, torque on, until there is one again (stop category 2)."""
     STOPPING = "stopping"
-    """Goals are ignored; the last verified braking trajectory is followed until the robot stands."""
+    """Goals are ignored; the robot brakes, goes where it is parked if it is told to, and stands (stop category 1)."""
     STOPPED = "stopped"
     """Latched: nothing is written until a person acknowledges the reason."""
 
@@ -57,7 +59,7 @@ class GuardLimits:
 
     max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
     degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the goal of the last tick
-    and the present position. max_brake_ticks: until the robot must stand.
+    and the present position. max_brake_ticks: until the robot must stand. max_hold: s without a goal.
     """
 
     max_age: float = 0.1
@@ -65,3 +67,4 @@ class GuardLimits:
     voltage: tuple[float, float] = (-math.inf, math.inf)
     following_error: float = math.inf
     max_brake_ticks: int = 1000
+    max_hold: float = math.inf

@@ -1,6 +1,6 @@
 """The robot's half of a tick: follow, gate, guard, bus; and what was sent, kept row by row."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -9,7 +9,7 @@ from hardware.bus import ServoStates
 from hardware.clock import Clock
 from hardware.errors import TorqueError
 from hardware.goal_filter import GoalFilter
-from hardware.guard import Guard, Think
+from hardware.guard import FOLLOWING, Guard, Think
 from hardware.guard_state import GuardState, StopCause
 from retarget.approach import approach, slower_in_line
 from retarget.follow import RobotPosture
@@ -32,7 +32,8 @@ GATED_RAD = 1e-8
 class RobotSide:
     """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none.
 
-    clearance: what the gate asks about collision, told here where the robot is. passes: whether the gate would send a
+    clearance: what the gate asks about collision, told here where the robot is. parks: a stop ends in the profile's
+    rest posture, and not where the robot comes to a stand. passes: whether the gate would send a
     goal; where it would not, the robot yields by itself, on its soles, before each joint is braked on its own.
     """
 
@@ -47,6 +48,7 @@ class RobotSide:
         dt: float,
         clearance: PathClearance | None = None,
         passes: Callable[[FloatArray], bool] | None = None,
+        parks: bool = False,
     ) -> None:
         self.robot = robot
         self.guard = guard
@@ -72,11 +74,13 @@ class RobotSide:
         self._asked: FloatArray | None = None
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
+        self._parks = parks
+        self._way_home: Iterator[FloatArray] | None = None
 
     @property
     def following(self) -> bool:
         """Whether the guard still lets the robot follow."""
-        return self.guard.state in (GuardState.ARMED, GuardState.MOVING)
+        return self.guard.state in FOLLOWING
 
     @property
     def braking(self) -> bool:
@@ -235,9 +239,12 @@ class RobotSide:
         return think
 
     def _halt(self) -> FloatArray | None:
-        """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach."""
+        """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach; from there on
+        the way to where the robot is parked."""
         self.phase = Phase.BRAKE
         self._measure()
+        if self._goals.at_rest or self._way_home is not None:
+            return self._homeward()
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
         if not self._started:
@@ -245,6 +252,19 @@ class RobotSide:
             return self._goal
         q = self._follower.halt(self._dt)
         return None if q is None else self._take(q, q[self.robot.servo_columns])
+
+    def _homeward(self) -> FloatArray | None:
+        """The next goal on the way to where the robot is parked; None: it is there, cannot go on, or is to stay."""
+        if not self._parks or self.guard.state is not GuardState.STOPPING:
+            return None
+        if self._way_home is None:
+            speed, joints = self.robot.profile.safety.speed_caps.approach, self.robot.joint_map
+            parked = self.robot.posture(self.robot.profile.postures.rest)[self.robot.servo_columns]
+            self._way_home = approach(self._sent, parked, joints, speed=speed, dt=self._dt)
+        elif not self._passed:  # something is in the way
+            self._way_home = iter(())
+        self._goal = next(self._way_home, None)
+        return self._goal
 
     def _take(self, q: FloatArray, goal: FloatArray) -> FloatArray:
         """Remember what is asked in this tick: posture (nq,), and of it the servos' joints, rad (n,)."""

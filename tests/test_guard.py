@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from guard_rig import MAP, START, Rig
+from guard_rig import DT, MAP, START, Rig
+from hardware.arrays import FloatArray
 from hardware.bus import ServoAlert
 from hardware.errors import BusError, GuardError
-from hardware.guard_state import GuardState
+from hardware.guard_state import GuardLimits, GuardState, StopCause
+from retarget.approach import approach
 from sim.mock_faults import FaultKind, MockFault
 
 
@@ -69,13 +71,75 @@ def test_goals_pass_through_the_filter() -> None:
     rig.check_goals()
 
 
-def test_without_a_goal_the_robot_brakes_and_stands() -> None:
+def test_without_a_goal_the_robot_brakes_and_holds_until_there_is_one() -> None:
     rig = Rig()
     rig.guard.arm()
     rig.run(20)
     rig.run(20, lambda _: None)
-    assert rig.gate.at_rest
-    assert rig.state() is GuardState.MOVING
+    assert rig.gate.at_rest and rig.bus.torque_on
+    assert rig.state() is GuardState.HOLDING and rig.guard.active
+    rig.run(5)
+    assert rig.state() is GuardState.MOVING and not rig.gate.at_rest
+    rig.check_goals()
+
+
+def test_a_hold_goes_along_the_callers_way() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    speed, asked = rig.gate.velocity, 0
+
+    def gently() -> FloatArray:
+        nonlocal asked
+        asked += 1
+        return rig.gate.position + DT * speed * max(0.0, 1.0 - asked / 40)
+
+    for _ in range(45):
+        rig.clock.advance(DT)
+        rig.guard.tick(lambda _: None, gently)
+    assert rig.state() is GuardState.HOLDING and rig.gate.at_rest
+    assert asked == 40
+    rig.check_goals()
+
+
+def test_nobody_holds_for_ever() -> None:
+    rig = Rig(limits=GuardLimits(max_hold=1.0))
+    rig.guard.arm()
+    rig.run(300, lambda _: None)
+    assert rig.state() is GuardState.ARMED  # it has not moved yet: it may wait
+    rig.run(20)
+    rig.run(95, lambda _: None)
+    rig.run(5)
+    rig.run(95, lambda _: None)
+    assert rig.state() is GuardState.HOLDING
+    rig.run(200, lambda _: None)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
+    assert "no goal for 1.01 s, allowed 1 s" in rig.guard.stop_reason.reason
+
+
+def test_a_stop_may_lead_on_to_where_the_robot_is_parked() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(20)
+    rig.guard.stop("space bar")
+    home = MAP.to_radians(START) + np.array([0.1, 0.0, 0.0, 0.0])
+    way: list[FloatArray] = []
+
+    def halt() -> FloatArray | None:
+        if not rig.gate.at_rest and not way:
+            return None
+        if not way:
+            way.extend(approach(rig.gate.position, home, MAP, speed=0.5, dt=DT))
+            way.append(home)
+        return way.pop(0) if len(way) > 1 else None
+
+    for _ in range(400):
+        if rig.guard.active:
+            rig.clock.advance(DT)
+            rig.guard.tick(rig.faster, halt)
+    assert rig.state() is GuardState.STOPPED
+    np.testing.assert_allclose(rig.gate.position, home, atol=1e-9)
     rig.check_goals()
 
 

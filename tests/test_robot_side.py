@@ -5,8 +5,9 @@ import pytest
 
 from hardware.bus import ServoGoals
 from hardware.errors import BusError, TorqueError
+from hardware.guard_state import GuardState
 from retarget.pipeline import INTERRUPTED, Ending, Pipeline, Watch
-from retarget.robot_side import INSISTED
+from retarget.robot_side import INSISTED, RobotSide
 from retarget.rotations import FloatArray
 from rig import Rig, StubReconstructor, person, short_clip
 from sim.mock_faults import FaultKind, MockFault
@@ -22,6 +23,20 @@ def swing() -> FloatArray:
 def play(rig: Rig, watch: Watch | None = None) -> Ending:
     clip = short_clip(seconds=0.4)
     return Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run(watch)
+
+
+def parking(rig: Rig) -> Rig:
+    """A stop leads on to the profile's rest posture."""
+    rig.side = RobotSide(
+        robot=rig.robot,
+        follower=rig.follower,
+        goals=rig.gate,
+        guard=rig.guard,
+        clock=rig.clock,
+        dt=rig.dt,
+        parks=True,
+    )
+    return rig
 
 
 def times_of_writing(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -207,3 +222,31 @@ def test_what_the_gate_would_refuse_is_not_asked_where_the_robot_can_yield(monke
         assert len(halts) >= 30 and ending.record.robot.gated[following].any() == gated
         stand = rig.robot.posture(rig.robot.profile.postures.stand)[rig.robot.servo_columns]
         np.testing.assert_allclose(halts[0], stand, atol=1e-9)
+
+
+def test_a_stop_ends_where_the_robot_is_parked() -> None:
+    script = np.zeros((60, 20))
+    script[:, 0] = 0.1 * np.sin(np.arange(60) / 10.0)
+    rig = parking(Rig(script))
+    parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
+    play(rig, Watch())
+    np.testing.assert_allclose(rig.gate.position, parked, atol=1e-9)
+    assert rig.guard.state is GuardState.IDLE and not rig.bus.torque_on
+
+
+def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = parking(Rig(np.zeros((40, 20))))
+    admit, homeward = rig.gate.admit, 0
+
+    def walled(goal: FloatArray) -> FloatArray:
+        nonlocal homeward
+        if rig.guard.state is GuardState.STOPPING:
+            homeward += 1
+            if homeward > 50:
+                return rig.gate.brake()
+        return admit(goal)
+
+    monkeypatch.setattr(rig.gate, "admit", walled)
+    play(rig, Watch())
+    assert 50 < homeward < 60
+    assert rig.guard.state is GuardState.IDLE and not rig.bus.torque_on
