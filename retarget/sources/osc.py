@@ -1,0 +1,171 @@
+"""Open Sound Control 1.0 (opensoundcontrol.org/spec-1_0): the messages of one datagram, bundles taken apart."""
+
+from dataclasses import dataclass, field
+from struct import Struct
+
+from retarget.sources.stream_frame import MAX_DATAGRAM
+
+__all__ = ["MAX_ARGUMENTS", "MAX_DEPTH", "MAX_MESSAGES", "OscMessage", "OscPacket", "OscValue", "read_osc"]
+
+MAX_DEPTH = 4
+"""Bundles within bundles that are taken apart, the outermost counted."""
+MAX_MESSAGES = 1024
+"""Messages of one datagram; one with more is dropped."""
+MAX_ARGUMENTS = 256
+"""Arguments of one message; one with more is dropped."""
+
+OscValue = int | float | str | bytes | bool | None
+
+TOO_LONG = "datagram longer than 64 KiB"
+TOO_DEEP = "OSC bundles nested deeper than 4"
+TOO_MANY = "more than 1024 OSC messages in one datagram"
+BAD_SIZE = "size of an OSC element does not fit its datagram"
+NO_ADDRESS = "OSC message without an address"
+NO_TAGS = "OSC message without type tags"
+MANY_ARGUMENTS = "OSC message with more than 256 arguments"
+UNKNOWN_TAG = "OSC argument of an unknown type"
+CUT_SHORT = "OSC message that ends before its arguments do"
+NOT_TEXT = "OSC text that is not UTF-8"
+
+_BUNDLE = b"#bundle\0"
+_SIZE = Struct(">i")
+_NUMBERS = {
+    tag: Struct(">" + code) for tag, code in zip("ifcrmhdt", ("i", "f", "I", "I", "I", "q", "d", "Q"), strict=True)
+}
+"""Tags of numbers: int32, float32, character, colour, MIDI (32 bits as one number), int64, float64, time tag."""
+_CONSTANTS: dict[str, OscValue] = {"T": True, "F": False, "N": None, "I": float("inf"), "[": None, "]": None}
+"""Tags that take no bytes; those of an array's ends stand as None."""
+
+
+@dataclass(frozen=True, slots=True)
+class OscMessage:
+    """One message. tags: one letter an argument, without the comma. at: where each argument begins in the datagram."""
+
+    address: str
+    tags: str
+    arguments: tuple[OscValue, ...]
+    at: tuple[int, ...]
+
+    def numbers(self) -> list[tuple[int, int]]:
+        """Where its numbers lie in the datagram: first byte and the one after the last, of each."""
+        return [(at, at + _NUMBERS[tag].size) for tag, at in zip(self.tags, self.at, strict=True) if tag in _NUMBERS]
+
+
+@dataclass(slots=True)
+class OscPacket:
+    """What one datagram holds.
+
+    messages: in the order of the wire. time_tags: first byte of the time tag of each bundle (they carry no time: every
+    sender known says "immediately"). dropped: a constant reason for each thing that could not be read. A datagram whose
+    sizes do not fit, or that passes a bound, has no messages at all: a part of it may be missing.
+    """
+
+    messages: list[OscMessage] = field(default_factory=list)
+    time_tags: list[int] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+
+
+class _Unreadable(Exception):
+    """This message, or the whole datagram, cannot be read; the reason is a constant."""
+
+
+def read_osc(datagram: bytes) -> OscPacket:
+    """Take one datagram apart. Never raises: see `OscPacket.dropped`."""
+    packet = OscPacket()
+    if len(datagram) > MAX_DATAGRAM:
+        return OscPacket(dropped=[TOO_LONG])
+    try:
+        _element(datagram, 0, len(datagram), 1, packet)
+    except _Unreadable as error:
+        return OscPacket(dropped=[str(error)])
+    return packet
+
+
+def _element(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
+    """A message or a bundle. Raises _Unreadable where sizes do not fit or a bound is passed."""
+    if end - start < 4 or (end - start) % 4:
+        raise _Unreadable(BAD_SIZE)
+    if data.startswith(_BUNDLE, start, end):
+        _bundle(data, start, end, depth, packet)
+        return
+    if len(packet.messages) + len(packet.dropped) >= MAX_MESSAGES:
+        raise _Unreadable(TOO_MANY)
+    try:
+        packet.messages.append(_message(data, start, end))
+    except _Unreadable as error:
+        packet.dropped.append(str(error))
+
+
+def _bundle(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
+    """`#bundle`, a time tag, then elements, each behind its size."""
+    if depth > MAX_DEPTH:
+        raise _Unreadable(TOO_DEEP)
+    at = start + 16
+    if at > end:
+        raise _Unreadable(BAD_SIZE)
+    packet.time_tags.append(start + 8)
+    while at < end:
+        size = _SIZE.unpack_from(data, at)[0]  # four bytes are there: every size so far is a multiple of four
+        at += 4
+        if not 0 < size <= end - at:
+            raise _Unreadable(BAD_SIZE)
+        _element(data, at, at + size, depth + 1, packet)
+        at += size
+
+
+def _message(data: bytes, start: int, end: int) -> OscMessage:
+    """Address, type tags, arguments; what follows the last argument is not looked at."""
+    if data[start] != 0x2F:
+        raise _Unreadable(NO_ADDRESS)
+    address, at = _text(data, start, end)
+    if at >= end or data[at] != 0x2C:
+        raise _Unreadable(NO_TAGS)
+    tags, at = _text(data, at, end)
+    if len(tags) > MAX_ARGUMENTS + 1:
+        raise _Unreadable(MANY_ARGUMENTS)
+    arguments: list[OscValue] = []
+    places: list[int] = []
+    for tag in tags[1:]:
+        places.append(at)
+        value, at = _argument(data, at, end, tag)
+        arguments.append(value)
+    return OscMessage(address, tags[1:], tuple(arguments), tuple(places))
+
+
+def _argument(data: bytes, at: int, end: int, tag: str) -> tuple[OscValue, int]:
+    """One argument and where the next begins."""
+    number = _NUMBERS.get(tag)
+    if number is not None:
+        if at + number.size > end:
+            raise _Unreadable(CUT_SHORT)
+        return number.unpack_from(data, at)[0], at + number.size
+    if tag in "sS":
+        return _text(data, at, end)
+    if tag == "b":
+        return _blob(data, at, end)
+    if tag not in _CONSTANTS:
+        raise _Unreadable(UNKNOWN_TAG)
+    return _CONSTANTS[tag], at
+
+
+def _text(data: bytes, at: int, end: int) -> tuple[str, int]:
+    """A text that a zero ends, padded to four bytes."""
+    zero = data.find(b"\0", at, end)
+    if zero < 0:
+        raise _Unreadable(CUT_SHORT)
+    try:
+        text = data[at:zero].decode()
+    except UnicodeDecodeError:
+        raise _Unreadable(NOT_TEXT) from None
+    return text, (zero + 4) & ~3  # within `end`, which is a multiple of four
+
+
+def _blob(data: bytes, at: int, end: int) -> tuple[bytes, int]:
+    """A size and as many bytes, padded to four."""
+    if at + 4 > end:
+        raise _Unreadable(CUT_SHORT)
+    size = _SIZE.unpack_from(data, at)[0]
+    at += 4
+    if not 0 <= size <= end - at:
+        raise _Unreadable(CUT_SHORT)
+    return data[at : at + size], (at + size + 3) & ~3
