@@ -67,7 +67,7 @@ def home(
     bus: ServoBus,
     joint_map: JointMap,
     posture: FloatArray,
-    ask: Callable[[str], bool],
+    ask: Callable[[str, bool], bool],
     tell: Callable[[str], object],
     *,
     clock: Clock,
@@ -76,16 +76,17 @@ def home(
 ) -> Homing | None:
     """Read the servos of an open bus while a person holds the robot in `posture` (n,), rad, called `name`.
 
-    joint_map: with the zero ticks of the profile. ask: whether the person agrees to go on; None is returned if not.
+    joint_map: with the zero ticks of the profile. ask: whether the person agrees to go on; None is returned if not. It
+    gets the question, and whether ENTER alone may be a yes: not where torque goes off.
     Torque is off afterwards, unless nobody agreed to that. Raises BusError: torque not off, a servo that is silent;
     HardwareError: the robot is never still.
     """
-    if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?"):
+    if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
         return None
     bus.torque(False)
     tell("Torque is off.")
     for _ in range(TRIES):
-        if not ask(f"Place the robot in the posture {name!r} and keep it still. Read now?"):
+        if not ask(f"Place the robot in the posture {name!r} and keep it still. Read now?", True):
             return None
         read = _read(bus, joint_map, clock, chosen)
         moved: FloatArray = np.ptp(joint_map.to_radians(read), axis=0)

@@ -89,15 +89,16 @@ def calibrated(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> tup
     )
 
 
-def write_calibration(calibration: ServoCalibration) -> Path:
-    """Write the file, whole or not at all; the one that was there stays beside it. Returns its path.
+def write_calibration(calibration: ServoCalibration, path: Path | None = None) -> Path:
+    """Write the robot's own file, whole or not at all; the one that was there stays beside it. Returns its path.
 
-    Raises UsageError with the system's reason.
+    path: write this file instead, and no other. Raises UsageError with the system's reason.
     """
-    path = calibration_path(calibration.robot)
-    make_folder(path.parent, option=OPTION)
-    if path.is_file():
-        write_atomic(previous_path(path), path.read_bytes(), option=OPTION)
+    if path is None:
+        path = calibration_path(calibration.robot)
+        make_folder(path.parent, option=OPTION)
+        if path.is_file():
+            write_atomic(previous_path(path), path.read_bytes(), option=OPTION)
     content = _as_yaml(calibration).encode()
 
     def write(stream: IO[bytes]) -> None:

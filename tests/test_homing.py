@@ -26,10 +26,12 @@ class Person:
     def __init__(self, *answers: bool) -> None:
         self._answers = list(answers)
         self.asked: list[str] = []
+        self.enter: list[bool] = []
         self.told: list[str] = []
 
-    def ask(self, question: str) -> bool:
+    def ask(self, question: str, enter: bool) -> bool:
         self.asked.append(question)
+        self.enter.append(enter)
         return self._answers.pop(0) if self._answers else True
 
     def tell(self, text: str) -> None:
@@ -126,6 +128,7 @@ def test_a_hand_that_shakes_is_asked_again() -> None:
     person = Person()
     homing, _ = run(four_servos(), JointMap(four_servos()).to_ticks(np.zeros(4)), np.zeros(4), person, shake=shake)
     assert homing is not None and len(person.asked) == 3
+    assert person.enter == [False, True, True] and "Torque goes off" in person.asked[0]
     assert person.told[1] == "It moved: elbow (id 2) by up to 0.031 rad; 0.01 is still enough."
     assert homing.zero.tolist() == [servo.zero_tick for servo in four_servos()]
 

@@ -83,6 +83,18 @@ def test_the_one_before_is_kept(op3: RobotProfile) -> None:
     assert sorted(file.name for file in path.parent.iterdir()) == ["op3.previous.yaml", "op3.yaml"]
 
 
+def test_a_file_that_is_named_is_the_only_one_that_is_written(op3: RobotProfile, tmp_path: Path) -> None:
+    own = write_calibration(head()).read_bytes()
+    named = tmp_path / "named" / "zeros.yaml"
+    named.parent.mkdir()
+    for tick in (2200, 2300):
+        assert write_calibration(head(servos={"head_pan": entry(19, tick)}), named) == named
+        assert f"tick: {tick}" in named.read_text()
+    assert list(named.parent.iterdir()) == [named]
+    path = calibration_path("op3")
+    assert path.read_bytes() == own and list(path.parent.iterdir()) == [path]
+
+
 def test_a_write_that_fails_leaves_the_old_one(op3: RobotProfile, monkeypatch: pytest.MonkeyPatch) -> None:
     write_calibration(head())
 

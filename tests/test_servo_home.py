@@ -1,16 +1,21 @@
-"""`retarget servo home` as a user meets it, on the mock bus: questions, table, file, refusals, Ctrl-C."""
+"""`retarget servo home` as a user meets it, on mock servos that pass for real ones: questions, table, file, refusals,
+Ctrl-C. Those of an emulator leave nothing behind."""
 
 import io
+import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hardware.bus import ServoBus
-from hardware.clock import Clock
+from hardware.clock import Clock, VirtualClock
 from retarget.catalogue import calibration_path
 from retarget.cli import main
 from retarget.cli import servo as servo_group
+from retarget.cli.buses import make_bus
 from retarget.cli.servo import home as home_file
 from retarget.robot_body import RobotBody, load_robot
 from retarget.servo_calibration import previous_path
@@ -24,6 +29,10 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+YES = "y\ny\n\ny\n"
+"""To: open the bus, torque off, read now, write."""
+
+
 class Lab:
     """A robot whose first servos stand `shift` ticks off the profile's zero, and the words that a person types."""
 
@@ -32,6 +41,11 @@ class Lab:
         self.shift: dict[int, int] = {}
         self.buses: list[MockBus] = []
         monkeypatch.setattr(home_file, "make_bus", self._make)
+        monkeypatch.setattr(home_file, "MonotonicClock", VirtualClock)
+
+    def real(self) -> None:
+        """The buses of the command line, instead of ours."""
+        self._patch.setattr(home_file, "make_bus", make_bus)
 
     def _make(self, name: str, robot: RobotBody, clock: Clock) -> ServoBus:
         angles = robot.posture(robot.profile.postures.neutral)[robot.servo_columns]
@@ -41,10 +55,10 @@ class Lab:
         self.buses.append(MockBus(robot.joint_map.servos, clock, start=start))
         return self.buses[-1]
 
-    def home(self, *words: str, typed: str = "\n\n\n") -> tuple[int, str, str]:
+    def home(self, *words: str, typed: str = YES) -> tuple[int, str, str]:
         self._patch.setattr("sys.stdin", io.StringIO(typed))
         with pytest.raises(SystemExit) as left:
-            main(["servo", "home", "--robot", "op3", "--bus", "mock", *words])
+            main(["servo", "home", "--robot", "op3", *words])
         out, err = self._capsys.readouterr()
         return int(left.value.code or 0), out, err
 
@@ -78,7 +92,7 @@ def test_some_joints_are_added_to_the_others(lab: Lab) -> None:
     assert previous_path(calibration_path("op3")).exists()
 
 
-@pytest.mark.parametrize("typed", ["n\n", "\nn\n", "\n\nn\n", "what\nNO\n"])
+@pytest.mark.parametrize("typed", ["n\n", "\n", "y\n\n", "y\ny\nn\n", "y\ny\n\n\n", "what\nNO\n"])
 def test_no_writes_nothing(typed: str, lab: Lab) -> None:
     code, out, _ = lab.home(typed=typed)
     assert code == 0 and out.rstrip().endswith("nothing was written")
@@ -86,8 +100,9 @@ def test_no_writes_nothing(typed: str, lab: Lab) -> None:
 
 
 def test_nobody_there_is_refused(lab: Lab) -> None:
-    code, _, err = lab.home(typed="\n")
-    assert code == 2 and "nobody answers" in err
+    code, _, err = lab.home(typed="y\n")
+    said = "error: servo home: nobody answers the question: the input has ended. Run it in a terminal.\n"
+    assert (code, err) == (2, said)
     assert not calibration_path("op3").exists() and lab.closed()
 
 
@@ -106,14 +121,17 @@ def test_zeros_that_no_servo_can_serve_are_refused(lab: Lab) -> None:
     assert code == 2 and "cannot reach the joints' limits" in err and "head_pan" in err
 
 
-@pytest.mark.parametrize("at", [0, 1, 2])
-def test_ctrl_c_at_any_question_leaves_nothing_behind(at: int, lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("at", [0, 1, 2, 3])
+def test_a_signal_at_any_question_leaves_nothing_behind(
+    at: int, number: signal.Signals, lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked: list[str] = []
 
-    def interrupt(question: str) -> bool:
+    def interrupt(question: str, *, enter: bool, where: str) -> bool:
         asked.append(question)
         if len(asked) > at:
-            raise KeyboardInterrupt
+            signal.raise_signal(number)
         return True
 
     monkeypatch.setattr(home_file, "ask", interrupt)
@@ -183,10 +201,86 @@ def test_a_dry_run_says_what_opening_writes(lab: Lab) -> None:
     assert code == 0 and OPENING in out and "(EEPROM)" in out and lab.buses == []
 
 
-@pytest.mark.parametrize("bus", ["profile", "/dev/ttyUSB7"])
-def test_a_real_bus_is_opened_only_after_that_was_said_and_agreed_to(bus: str, lab: Lab) -> None:
-    code, out, _ = lab.home("--bus", bus, typed="n\n")
+@pytest.mark.parametrize("words", [(), ("--bus", "/dev/ttyUSB7"), ("--port", "/dev/ttyUSB7")])
+def test_a_real_bus_is_opened_only_after_that_was_said_and_agreed_to(words: tuple[str, ...], lab: Lab) -> None:
+    code, out, _ = lab.home(*words, typed="\n")
     assert code == 0 and f"The bus is opened: {OPENING}" in out and out.rstrip().endswith("nothing was written")
     assert lab.buses == [] and not calibration_path("op3").exists()
-    code, _, err = lab.home("--bus", bus, typed="\n\n")
-    assert code == 2 and "nobody answers" in err and len(lab.buses) == 1
+    code, _, err = lab.home(*words, typed="y\n\n")
+    assert (code, err, len(lab.buses)) == (0, "", 1)
+    assert not calibration_path("op3").exists()
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
+
+
+@pytest.mark.parametrize("bus", ["mock", "emulator"])
+def test_of_servos_that_are_simulated_nothing_is_kept(bus: str, lab: Lab, own: Path) -> None:
+    lab.shift = {0: 30}
+    code, out, err = lab.home("--bus", bus, typed="\n\n\n")
+    assert (code, err) == (0, "") and "+0.046" in out and lab.closed()
+    first, last = out.splitlines()[0], out.splitlines()[-1]
+    assert first.startswith("These servos are simulated: everything is walked through, and nothing is kept; --out FILE")
+    assert last.startswith("nothing was kept: these servos are simulated") and "[y/N]" not in out
+    assert _files(own) == []
+    code, out, _ = lab.home("--bus", bus, "--dry-run")
+    assert code == 0 and "keep nothing" in out and "write" not in out.split("and keep nothing")[1]
+
+
+def test_a_real_emulator_is_walked_through(own: Path, lab: Lab) -> None:
+    lab.real()
+    code, out, err = lab.home("--bus", "emulator", "--pose", "stand", typed="\n\n\n")
+    assert (code, err) == (0, "") and "Torque is off." in out and "nothing was kept" in out and _files(own) == []
+
+
+@pytest.mark.parametrize("words", [("--bus", "emulator"), ("--bus", "profile")])
+def test_a_file_that_is_named_is_the_only_one_that_is_written(words: tuple[str, ...], lab: Lab, own: Path) -> None:
+    lab.home()
+    before = calibration_path("op3").read_bytes()
+    lab.shift = {0: 30}
+    for word in ("", ", which is there already"):
+        code, out, err = lab.home(*words, "--out", str(own / "zeros.yaml"), typed="y\n" * 4)
+        assert (code, err) == (0, "")
+        text = out.replace("\n", "")
+        assert f"Write this to {own / 'zeros.yaml'}{word}? [" in text and f"{own / 'zeros.yaml'}" in out.splitlines()[0]
+    assert "tick: 2078" in (own / "zeros.yaml").read_text()
+    assert calibration_path("op3").read_bytes() == before
+    assert _files(own) == [str(calibration_path("op3").relative_to(own)), "zeros.yaml"]
+
+
+def test_a_file_that_cannot_be_is_refused_before_a_bus_is_opened(lab: Lab, own: Path) -> None:
+    code, _, err = lab.home("--bus", "emulator", "--out", str(own / "none" / "zeros.yaml"))
+    assert code == 2 and "--out: there is no such folder" in err and lab.buses == []
+    calibration_path("op3").parent.mkdir(parents=True)
+    code, _, err = lab.home("--bus", "emulator", "--out", str(calibration_path("op3")))
+    assert code == 2 and "what simulated servos say is no calibration of the robot" in err and lab.buses == []
+    assert _files(own) == []
+
+
+@pytest.fixture
+def terminal(own: Path) -> Iterator[Path]:
+    """A link to a pseudo-terminal."""
+    master, client = os.openpty()
+    (own / "op3-port").symlink_to(os.ttyname(client))
+    yield own / "op3-port"
+    os.close(client)
+    os.close(master)
+
+
+def test_a_port_that_looks_like_an_emulator_is_doubted(lab: Lab, terminal: Path) -> None:
+    code, out, _ = lab.home("--port", str(terminal), typed="\n")
+    assert code == 0 and lab.buses == [] and out.rstrip().endswith("nothing was written")
+    doubt = f"{terminal} leads to a pseudo-terminal ({terminal.readlink()}) and looks like an emulator"
+    assert out.startswith(f"{doubt}. What an emulator says is no calibration") and "[y/N]" in out
+    code, out, _ = lab.home("--port", str(terminal), typed="y\ny\ny\n\n\n")
+    assert f"Write this to {calibration_path('op3')}, although {doubt}? [y/N] nothing was written" in out
+    assert not calibration_path("op3").exists()
+    code, out, _ = lab.home("--port", str(terminal), typed="y\n" * 5)
+    assert code == 0 and calibration_path("op3").exists()
+
+
+def test_a_port_that_looks_like_an_emulator_is_not_doubted_where_a_file_is_named(lab: Lab, terminal: Path) -> None:
+    code, out, _ = lab.home("--port", str(terminal), "--out", str(terminal.with_name("zeros.yaml")))
+    assert code == 0 and "emulator" not in out and terminal.with_name("zeros.yaml").exists()
+    assert not calibration_path("op3").exists()

@@ -9,16 +9,24 @@ from retarget.errors import UsageError
 __all__ = ["ask"]
 
 
-def ask(question: str) -> bool:
-    """Whether a person agrees: ENTER or y; n is no. Raises UsageError where nobody can answer."""
+def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
+    """Whether a person agrees: y is yes, n is no, ENTER alone is `enter`. where: the command that asks.
+
+    Raises UsageError where nobody can answer.
+    """
     while True:
-        typer.echo(f"{question} [Y/n] ", nl=False)
+        typer.echo(f"{question} [{'Y/n' if enter else 'y/N'}] ", nl=False)
         sys.stdout.flush()
         line = sys.stdin.readline()
         if not line:
-            raise UsageError("nobody answers: the input has ended", found=question, next_step="Run this in a terminal")
+            typer.echo()
+            raise UsageError(
+                "nobody answers the question: the input has ended", where=where, next_step="Run it in a terminal"
+            )
         answer = line.strip().lower()
-        if answer in ("", "y", "yes"):
+        if not answer:
+            return enter
+        if answer in ("y", "yes"):
             return True
         if answer in ("n", "no"):
             return False

@@ -1,5 +1,7 @@
 """`retarget servo home`: a person places the limp robot in a posture, and the zero of each servo is written down."""
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -10,22 +12,16 @@ from rich.table import Table
 from hardware.arrays import BoolArray, FloatArray
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock, VirtualClock, today
-from retarget.catalogue import calibration_path
 from retarget.cli.ask import ask
 from retarget.cli.buses import make_bus
+from retarget.cli.servo.homed_file import HomedFile
 from retarget.errors import UsageError
 from retarget.homing import FAR, Homing, calibration_of, homed_columns
 from retarget.homing import home as home_servos
 from retarget.options import RunOptions
 from retarget.profile_parts import Postures
 from retarget.robot_body import RobotBody, load_uncalibrated
-from retarget.servo_calibration import (
-    ServoCalibration,
-    impossible_zeros,
-    previous_path,
-    read_calibration,
-    write_calibration,
-)
+from retarget.servo_calibration import ServoCalibration, impossible_zeros, read_calibration
 
 POSES = tuple(Postures.model_fields)
 
@@ -33,19 +29,29 @@ POSES = tuple(Postures.model_fields)
 def home(
     robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")],
     bus: Annotated[
-        str, typer.Option(help="Ports of the profile, one port, or an emulator.", metavar="profile|PORT|emulator|mock")
+        str,
+        typer.Option(
+            "--bus",
+            "--port",
+            help="Ports of the profile, one port, or an emulator.",
+            metavar="profile|PORT|emulator|mock",
+        ),
     ] = "profile",
     pose: Annotated[
         str, typer.Option(help="Posture of the profile to place it in.", metavar="|".join(POSES))
     ] = "neutral",
     joints: Annotated[str, typer.Option(help="Only these, with commas between.", metavar="A,B,...")] = "",
     force: Annotated[bool, typer.Option("--force", help=f"Also zeros more than {FAR} rad off the profile's.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Write this file, and not the robot's calibration.", metavar="FILE")
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and touch nothing.")] = False,
 ) -> None:
     """Find the zero of each servo: with torque off a person places the robot in a known posture, and keeps it still.
 
     Opening the bus switches the servos' power on where a device does that, and brings servos without torque to the
     profile's settings. What is read is shown, and written only when you agree; the last calibration is kept beside it.
+    Of an emulator or mock servos nothing is kept, unless --out names a file.
     """
     body = load_uncalibrated(robot)
     posture = _posture(body, pose)
@@ -57,18 +63,22 @@ def home(
         raise UsageError(
             "there is no servo to read", where="--bus", found=bus, allowed="profile, a port, emulator, mock"
         )
-    path = calibration_path(body.profile.name)
+    file = HomedFile.of(body.profile, options, out)
     if dry_run:
-        typer.echo(f"would open the bus {bus!r}: {_opening(body)};")
-        typer.echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
-        typer.echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {_angles(body, posture)},")
-        typer.echo(f"and, after a question, write {path}")
+        _say_all(body, posture, chosen, options, file, pose)
         return
-    if not options.simulated and not ask(f"The bus is opened: {_opening(body)}. Go on?"):
+
+    def agree(question: str, enter: bool) -> bool:
+        return ask(question, enter=enter or options.simulated, where="servo home")
+
+    if file.notice:
+        typer.echo(file.notice)
+    opening = [] if options.simulated else [f"The bus is opened: {_opening(body)}. Go on?"]
+    if not all(agree(question, False) for question in [*file.doubts, *opening]):
         typer.echo("nothing was written")
         return
     clock = VirtualClock() if options.simulated else MonotonicClock()
-    homing = _read(make_bus(bus, body, clock), body, posture, clock=clock, chosen=chosen, pose=pose)
+    homing = _read(make_bus(bus, body, clock), body, posture, agree, clock=clock, chosen=chosen, pose=pose)
     if homing is None:
         typer.echo("nothing was written")
         return
@@ -77,13 +87,17 @@ def home(
     if old is not None:
         new = ServoCalibration(robot=new.robot, servos=old.servos | new.servos)
     _refuse(body, homing, new, force=force)
-    if not ask(f"Write this to {path}?"):
-        typer.echo("nothing was written")
-        return
-    kept = path.exists()
-    typer.echo(f"calibration: {write_calibration(new)}")
-    if kept:
-        typer.echo(f"the one before: {previous_path(path)}")
+    file.write(new, lambda question: agree(question, False))
+
+
+def _say_all(
+    body: RobotBody, posture: FloatArray, chosen: BoolArray, options: RunOptions, file: HomedFile, pose: str
+) -> None:
+    """What would be done."""
+    typer.echo(f"would open the bus {options.bus!r}: {_opening(body)};")
+    typer.echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
+    typer.echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {_angles(body, posture)},")
+    typer.echo(file.promise)
 
 
 def _opening(body: RobotBody) -> str:
@@ -96,12 +110,19 @@ def _opening(body: RobotBody) -> str:
 
 
 def _read(
-    bus: ServoBus, body: RobotBody, posture: FloatArray, *, clock: Clock, chosen: BoolArray, pose: str
+    bus: ServoBus,
+    body: RobotBody,
+    posture: FloatArray,
+    agree: Callable[[str, bool], bool],
+    *,
+    clock: Clock,
+    chosen: BoolArray,
+    pose: str,
 ) -> Homing | None:
     """Open the bus, home, close it whatever happens."""
     try:
         bus.open()
-        return home_servos(bus, body.joint_map, posture, ask, typer.echo, clock=clock, chosen=chosen, name=pose)
+        return home_servos(bus, body.joint_map, posture, agree, typer.echo, clock=clock, chosen=chosen, name=pose)
     finally:
         bus.close()
 
