@@ -29,6 +29,8 @@ class ServoLab:
         self.upon: dict[int, Fault] = {}
         """Faults that begin when an instruction (2.0) has gone over the line."""
         self.sent: list[bytes] = []
+        self.bauds: list[int] = []
+        """Speed of the port, bits/s, at each of `sent`."""
         self.lines: dict[str, Line] = {}
         patch.setattr(places, "emulated_lines", self._lines)
         patch.setenv("COLUMNS", "200")
@@ -50,6 +52,7 @@ class ServoLab:
 
         def heard(data: bytes, now: float) -> None:
             self.sent.append(data)
+            self.bauds.append(line.baud)
             hear(data, now)
             if len(data) > 7 and data[7] in self.upon:
                 line.faults.add(self.upon.pop(data[7]), now)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from bus_rig import BusRig, specs
+from bus_rig import BusRig, bus_of, specs
 from hardware.dynamixel.baud_codes import code_of
-from hardware.dynamixel.line_scan import Speed, all_ids, all_speeds, scan_line
+from hardware.dynamixel.line_scan import LIKELY, Sighting, Speed, all_ids, all_speeds, has_speed, scan_line
 from hardware.errors import BusError
 from sim.emulator.faults import Fault, FaultKind
 
@@ -74,3 +74,39 @@ def test_errors_are_told_in_words_and_unknown_models_by_number() -> None:
     one, two, three = scan_line(rig.port, [Speed(2, 2_000_000)]).sightings
     assert (one.alert, two.alert) == ("", "") and "OVERHEATING" in three.alert
     assert two.table is None and two.model == "number 1120"
+
+
+def test_the_likely_speeds_come_first_and_none_is_lost() -> None:
+    speeds = all_speeds()
+    assert [one.baud for one in all_speeds((2,))][: len(LIKELY)] == list(LIKELY)
+    assert speeds[:2] == [Speed(2, 57_600), Speed(1, 57_600)] and len(set(speeds)) == len(speeds) == 21
+    assert all_speeds(first=Speed(1, 400_000))[0] == Speed(1, 400_000)
+    assert sorted(all_speeds(first=Speed(1, 400_000))) == sorted(speeds)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "baud", "there"),
+    [(2, 57_600, True), (2, 77, False), (2, 200_000, False), (1, 117_647, True), (1, 77, False), (1, 4_500_000, False)],
+)
+def test_speeds_that_servos_have(protocol: int, baud: int, there: bool) -> None:
+    assert has_speed(protocol, baud) is there and not has_speed(protocol, 0)
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_everybody_is_told_of_when_found(protocol: int) -> None:
+    servos = specs(3, "MX-28")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    told: list[Sighting] = []
+    seen = scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1, 3], told=told.append)
+    assert [one.found.id for one in told] == [1, 3] and tuple(told) == seen.sightings
+    assert not seen.echoes
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_an_echo_is_noticed(protocol: int) -> None:
+    servos = specs(1, "MX-28")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    rig.fault(Fault(FaultKind.ECHO))
+    assert scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1]).echoes

@@ -63,6 +63,7 @@ def test_a_servo_that_does_not_come_back_is_told(lab: ServoLab) -> None:
         ((), "either --id 1,2 or --all"),
         (("--all", "--id", "3"), "either --id 1,2 or --all"),
         (("--id", "33"), "no servo answers to id 33"),
+        (("--id", "254"), "--id: these are no ids; found '254'; allowed: such as 1,2,5-9; 0 to 252"),
         (("--id", "200"), "no servo answers to id 200"),
     ],
 )
@@ -107,3 +108,9 @@ def test_ctrl_c_ends_before_the_next_servo_and_tells_who_is_done(
     left, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "1,2,3")
     assert left == code and told in err and "interrupted; restarted: " in err
     assert done == [1, 2, 3][:at] and "(id 3)" in err.partition("; not: ")[2]
+
+
+def test_only_the_ids_named_are_looked_for(lab: ServoLab) -> None:
+    code, out, err = lab.run("reboot", "--port", "emulator", "--id", "1,2", "--yes")
+    assert (code, err) == (0, "") and "2 servos are back" in out
+    assert {data[4] for data in lab.sent if data[:4] == b"\xff\xff\xfd\x00"} <= {1, 2, 254}

@@ -96,8 +96,8 @@ def test_servos_of_unknown_models_go_limp_too(words: tuple[str, ...], strange: t
 @pytest.mark.parametrize("moved", [30, 252])
 def test_a_stranger_to_the_profile_goes_limp_too(moved: int, lab: ServoLab) -> None:
     lab.moved = {7: moved}
-    code, out, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
-    assert code == 1 and f"id {moved} (XM430-W350)" in out and "(id 7) did not confirm" in err
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 1 and f"{moved} (XM430-W350)" in err and "(id 7) did not confirm" in err
     assert lab.memory(moved).value("torque_enable") == 0
 
 
@@ -112,7 +112,7 @@ def test_an_unknown_one_that_does_not_confirm_is_named(words: tuple[str, ...], l
 
 def test_unknown_ones_without_torque_are_left_alone(lab: ServoLab) -> None:
     lab.before, lab.models = {}, {7: XM540}
-    code, out, _ = lab.run("rest", "--port", "emulator", "--baud", "2000000", "--protocol", "2")
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator")
     assert code == 0 and "off already on all 20" in out and Instruction.SYNC_WRITE not in lab.instructions()
 
 
@@ -128,3 +128,25 @@ def test_an_interrupt_does_not_leave_half_of_them_powered(
     monkeypatch.setattr("retarget.cli.servo.rest.off_everywhere", interrupted)
     code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 0 and "torque is off on all 20 servos" in out and not any(_torques(lab))
+
+
+@pytest.mark.parametrize(("words", "first"), [((), 57_600), (("--robot", "op3"), 2_000_000)])
+def test_everybody_is_told_before_anybody_is_looked_for(words: tuple[str, ...], first: int, lab: ServoLab) -> None:
+    lab.before = {(5, "baud_rate"): 1} | lab.before
+    lab.upon = {Instruction.PING: Fault(FaultKind.MISSING)}  # from the first look on nobody hears
+    code, _, err = lab.run("rest", *words, "--port", "emulator", "--yes")
+    assert code == 2 and "Torque off was told to everybody" in err and "cut the power" in err
+    assert not any(_torques(lab))
+    assert lab.bauds[0] == first and lab.sent[0][4:10].hex(" ") == "fe 06 00 03 40 00"
+
+
+def test_without_a_profile_the_question_comes_before_the_look(lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", "--port", "emulator", typed="n\n")
+    assert code == 0 and "A robot that stands falls" in out and lab.sent == []
+
+
+def test_servos_at_another_speed_go_limp_and_the_speed_is_named(lab: ServoLab) -> None:
+    lab.before = {(device, "baud_rate"): 3 for device in range(1, 21)} | lab.before
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 2 and not any(_torques(lab))
+    assert "(id 1) answers at 1000000 baud, and its bus has 2000000" in err and "--baud 2000000`" in err

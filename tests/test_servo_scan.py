@@ -1,7 +1,10 @@
 """`retarget servo scan` on the emulator: what it shows, what it misses, and that it writes nothing."""
 
+from collections.abc import Iterable
+
 import pytest
 
+from hardware.dynamixel.one_off import Found, OneOff
 from hardware.dynamixel.packets import Instruction
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
@@ -52,7 +55,7 @@ def test_silence_is_an_error_that_says_what_was_tried(lab: ServoLab) -> None:
 
 def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
     code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--dry-run", "--protocol", "2")
-    assert code == 0 and lab.sent == [] and "would ping all ids" in out and "9600, 57600" in out
+    assert code == 0 and lab.sent == [] and "would ping all ids" in out and "2000000, 57600, 1000000" in out
 
 
 @pytest.mark.parametrize(
@@ -63,6 +66,10 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
         (("--port", "emulator", "--ids", "5-2"), "no id is meant"),
         (("--port", "emulator", "--protocol", "3"), "no such protocol"),
         (("--port", "emulator", "--baud", "0"), "no such speed"),
+        (("--port", "emulator", "--baud", "77"), "found 77; allowed: 9600, 19200"),
+        (("--port", "emulator", "--baud", "77", "--protocol", "2"), "found 77; allowed: 9600, 57600, 115200, 1000000"),
+        (("--port", "emulator", "--baud", "4500000", "--protocol", "1"), "no servo has it"),
+        (("--port", "emulator", "--protocol", "2", "--ids", "253"), "0 to 252"),
         ((), "no port is named"),
         (
             (
@@ -78,3 +85,40 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
 def test_bad_options(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
     code, out, err = lab.run("scan", *words)
     assert (code, out) == (2, "") and text in err and lab.sent == []
+
+
+def test_only_the_ids_that_were_asked_for_are_shown(lab: ServoLab) -> None:
+    words = ("--port", "emulator", "--ids", "1,2,5-9", "--protocol", "2", "--baud", "2000000")
+    code, out, _ = lab.run("scan", *words)
+    assert code == 0
+    assert [line.split()[2] for line in out.splitlines()[2:]] == ["1", "2", "5", "6", "7", "8", "9"]
+    code, out, _ = lab.run("scan", "--robot", "op3", *words)
+    assert code == 0 and "missing" not in out
+
+
+def test_ctrl_c_leaves_what_was_found(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    lab.before = {(5, "baud_rate"): 1}
+    scan, speeds = OneOff.scan, []
+
+    def interrupted(client: OneOff, ids: Iterable[int]) -> list[Found]:
+        speeds.append(client.port.baud)
+        if len(speeds) == 2:
+            raise KeyboardInterrupt
+        return scan(client, ids)
+
+    monkeypatch.setattr(OneOff, "scan", interrupted)
+    code, out, err = lab.run("scan", "--port", "emulator", "--protocol", "2")
+    assert code == 130 and "interrupted; found so far: 1 " in err and speeds == [57_600, 1_000_000]
+    assert _row(out, 5).split()[:4] == ["2.0", "57600", "5", "XM430-W350"]
+
+
+@pytest.mark.parametrize("words", [("scan",), ("monitor", "--once"), ("rest", "--yes")])
+def test_an_adapter_that_echoes_is_told_once(words: tuple[str, ...], lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.ECHO)]
+    for more in (("--robot", "op3"), ("--protocol", "2", "--baud", "2000000")):
+        if words[0] == "scan":
+            more = (*more, "--ids", "1-5")
+        code, _, err = lab.run(*words, *more, "--port", "emulator")
+        assert code == 0 and err.count("the adapter echoes what is sent") == 1
+    lab.faults = []
+    assert "echoes" not in lab.run(*words, "--robot", "op3", "--port", "emulator")[2]

@@ -7,6 +7,7 @@ from hardware.dynamixel.register import Register
 from hardware.dynamixel.settings import Setting
 from hardware.errors import BusError, describe
 
+UNHEARD = "Check power and wiring, or whether the host is too busy"
 TRIES = 2
 """Times that a value is written to servos which do not keep it."""
 
@@ -21,9 +22,7 @@ def read_everybody(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, in
     found = line.read_all(register_of(line, name), ids)
     silent = [line.name_of(device) for device in ids if device not in found]
     if silent:
-        raise BusError(
-            describe(what=f"no answer from {', '.join(silent)}", where=line.where, then="Check power and wiring")
-        )
+        raise BusError(describe(what=f"no answer from {', '.join(silent)}", where=line.where, then=UNHEARD))
     return found
 
 

@@ -1,6 +1,6 @@
 """Everybody on one port, whatever their speed and protocol. Nothing is written to a servo."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +16,10 @@ from hardware.errors import BusError
 
 PROTOCOLS = (2, 1)
 """In the order in which they are tried."""
+LIKELY = (57600, 1000000, 2000000, 3000000, 4000000, 115200)
+"""[bits/s] The maker's setting (X, MX: 57600; AX: 1000000) and those that people choose, most likely first."""
+DIVIDED, MOST_DIVIDED = 2_000_000, 255
+"""[bits/s] What protocol 1.0 divides, and by what at most."""
 UNSAID = "reports an error, and does not say which"
 
 
@@ -54,16 +58,33 @@ class Sighting:
 
 @dataclass(frozen=True)
 class LineScan:
-    """Who answered, by speed and id; which speeds were tried; and why others could not be."""
+    """Who answered, by speed and id; which speeds were tried; and why others could not be.
+
+    echoes: what was sent came back.
+    """
 
     sightings: tuple[Sighting, ...]
     tried: tuple[Speed, ...]
     skipped: tuple[str, ...]
+    echoes: bool = False
 
 
-def all_speeds(protocols: Sequence[int] = PROTOCOLS, baud: int | None = None) -> list[Speed]:
-    """Every speed that servos can be set to, or one baud rate only, bits per second."""
-    return [Speed(one, rate) for one in protocols for rate in ((baud,) if baud is not None else BAUDS[one])]
+def all_speeds(
+    protocols: Sequence[int] = PROTOCOLS, baud: int | None = None, *, first: Speed | None = None
+) -> list[Speed]:
+    """Every speed that servos can be set to, or one baud rate only, bits per second; `first`, then the likely ones."""
+    speeds = [Speed(one, rate) for one in protocols for rate in ((baud,) if baud is not None else BAUDS[one])]
+    ranks = {rate: rank for rank, rate in enumerate(LIKELY)}
+    speeds.sort(key=lambda one: (one != first, ranks.get(one.baud, len(ranks)), PROTOCOLS.index(one.protocol)))
+    return speeds
+
+
+def has_speed(protocol: int, baud: int) -> bool:
+    """Whether servos of a protocol can be set to `baud` bits/s; in 1.0 to 2 Mbps by a whole number, to 1 %."""
+    if protocol != 1 or baud in BAUDS[protocol]:
+        return baud in BAUDS[protocol]
+    divisor = round(DIVIDED / baud) if baud > 0 else 0
+    return 1 <= divisor <= MOST_DIVIDED and abs(DIVIDED / divisor - baud) <= 0.01 * baud
 
 
 def all_ids(protocol: int) -> range:
@@ -77,16 +98,18 @@ def scan_line(
     *,
     ids: Iterable[int] | None = None,
     progress: Callable[[int], object] = lambda done: None,
+    told: Callable[[Sighting], object] = lambda seen: None,
 ) -> LineScan:
     """Look for `ids` (None: all) at each speed; the port must be open, and is left at the last speed.
 
-    progress: hears how many speeds are done. Raises BusError when the port is gone; a speed that the adapter does not
-    have is skipped.
+    progress: hears how many speeds are done. told: hears of everybody at once (2.0: of all at one speed). Raises
+    BusError when the port is gone; a speed that the adapter does not have is skipped.
     """
     wanted = None if ids is None else sorted(set(ids))
     seen: list[Sighting] = []
     tried: list[Speed] = []
     skipped: list[str] = []
+    echoes = False
     for done, speed in enumerate(speeds):
         progress(done)
         try:
@@ -98,11 +121,23 @@ def scan_line(
             continue
         tried.append(speed)
         client = OneOff(port, speed.protocol)
-        possible = all_ids(speed.protocol)
-        chosen = possible if wanted is None else [device for device in wanted if device in possible]
-        seen += [_sighting(client, one, speed) for one in client.scan(chosen)]
+        for found in _found(client, wanted):
+            seen.append(_sighting(client, found, speed))
+            told(seen[-1])
+        echoes = echoes or client.echoes
     progress(len(speeds))
-    return LineScan(tuple(seen), tuple(tried), tuple(skipped))
+    return LineScan(tuple(seen), tuple(tried), tuple(skipped), echoes)
+
+
+def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[Found]:
+    """Who of these ids (None: all) is there. A broadcast brings others too: they were not asked for."""
+    possible = all_ids(client.protocol)
+    chosen = possible if wanted is None else [device for device in wanted if device in possible]
+    if client.protocol == 2:
+        yield from (one for one in client.scan(chosen) if one.id in chosen)
+        return
+    for device in chosen:
+        yield from client.scan([device])
 
 
 def is_gone(port: BytePort) -> bool:

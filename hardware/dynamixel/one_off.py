@@ -52,6 +52,8 @@ class OneOff:
         self._handler = packet_handler(protocol)
         self._lock = threading.RLock()
         self._states: dict[int, int] = {}
+        self.echoes = False
+        """Whether the adapter gives back what is sent. A ping of 1.0 proves nothing: its answer can be its equal."""
 
     @property
     def alerted(self) -> tuple[int, ...]:
@@ -86,6 +88,7 @@ class OneOff:
                 heard = discovery.broadcast_ping(self.port, wanted[-1], SLACK)
                 found = {servo.id: servo for servo in discovery.found_by_broadcast(heard)}
                 doubtful = heard.damaged > 0
+                self.echoes = self.echoes or heard.echoed
                 for servo in found.values():
                     self._note(servo.id, 0x80 if servo.alert else 0)
             else:
@@ -199,6 +202,7 @@ class OneOff:
             length = (len(params) + 3).to_bytes(2, "little")
             head, tail, at = [0, 0, 0, 0, device, *length, code], 2, 4
         heard, result, _ = self._handler.txRxPacket(self._sdk, [*map(int, head), *params, *([0] * tail)])
+        self.echoes = self.echoes or (self._sdk.echoed and code is not Instruction.PING)
         if result != COMM_SUCCESS or heard is None or heard[at] != device:
             return None
         frame = bytes(heard)

@@ -9,9 +9,10 @@ from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.checks import complaints, notes
 from hardware.dynamixel.control_table import find_table, table_of_number
 from hardware.dynamixel.discovery import Found
+from hardware.dynamixel.echo import ECHOES
 from hardware.dynamixel.muted import answers_pings_only, muted_text
 from hardware.dynamixel.one_off import OneOff
-from hardware.dynamixel.other_speeds import MOST, heard_elsewhere, other_bauds
+from hardware.dynamixel.other_speeds import MOST, elsewhere_texts, heard_elsewhere, other_bauds
 from hardware.dynamixel.register import Register
 from hardware.dynamixel.servo_error import NoAnswer, ServoError
 from hardware.dynamixel.servo_image import ServoImage, read_image
@@ -22,6 +23,8 @@ from hardware.servo import ServoSpec
 
 SLOW_LATENCY = 0.004
 """[s] From here on an adapter's latency timer is complained about: two of them do not fit into 8 ms."""
+
+BUSY = "; a host that is too busy hears nobody either"
 
 
 @dataclass(eq=False)
@@ -46,6 +49,8 @@ def examine(
     everyone, told = everybody(port, client, bus)
     opening.notes += told
     found = {one.id: one for one in everyone}
+    if client.echoes:
+        opening.notes.append(f"bus {bus.name}: {ECHOES}")
     if not found:
         opening.problems.append(f"{where}: no servo answers; {_other_speeds(port, bus)}")
         return opening
@@ -77,11 +82,10 @@ def _name_missing(
     named = {servo.id: f"servo {servo.joint} (id {servo.id})" for servo in servos}
     where = _where(port, bus)
     names = ", ".join(named.get(device, f"device {device}") for device in missing)
-    opening.problems.append(f"{where}: {names} did not answer: check power, wiring and id (`retarget servo scan`)")
-    for device, bauds in heard_elsewhere(port, bus, missing).items():
-        speeds, cure = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
-        name = named.get(device, f"device {device}")
-        opening.problems.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {cure}")
+    opening.problems.append(
+        f"{where}: {names} did not answer: check power, wiring and id (`retarget servo scan`){BUSY}"
+    )
+    opening.problems += elsewhere_texts(port, bus, missing, named)
 
 
 def _power_on(port: BytePort, client: OneOff, bus: BusSpec, opening: Opening) -> None:
@@ -110,7 +114,7 @@ def _other_speeds(port: BytePort, bus: BusSpec) -> str:
     tried = f"ids {ids} were also tried at {', '.join(map(str, other_bauds(bus)))} baud"
     heard = heard_elsewhere(port, bus, bus.ids)
     if not heard:
-        return f"{tried}: check the servos' power, the wiring, and that this is the right port"
+        return f"{tried}: check the servos' power, the wiring, and that this is the right port{BUSY}"
     said = ", ".join(f"id {device} answers at {' and '.join(map(str, bauds))}" for device, bauds in heard.items())
     return f"{tried}; {said}: correct `baud`, or {setup_command(bus, next(iter(heard)), baud=bus.baud)}"
 

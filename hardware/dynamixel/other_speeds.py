@@ -1,11 +1,12 @@
 """Servos that do not answer at the speed of their bus, looked for at all others."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from hardware.bus_spec import BAUDS, BusSpec
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.line_scan import is_gone
 from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.setup_plan import setup_command
 from hardware.errors import BusError
 
 MOST = 3
@@ -38,3 +39,16 @@ def heard_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[in
                 found.setdefault(device, []).append(baud)
     port.set_baud(bus.baud)
     return found
+
+
+def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
+    """Of the first MOST of `ids`: who answers at which other speed, and the command that mends it, a text each.
+
+    named: what people call them, by id. Raises BusError when the port is gone.
+    """
+    texts = []
+    for device, bauds in heard_elsewhere(port, bus, ids).items() if ids else ():
+        speeds, cure = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
+        name = named.get(device, f"device {device}")
+        texts.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {cure}")
+    return texts

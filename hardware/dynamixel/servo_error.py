@@ -79,6 +79,6 @@ def unanswered(where: str, *, device: int, tries: int, damaged: int, asked: str)
         then = "Look for a second servo with this id, for noise and for loose wires"
     else:
         found = f"{tries} tries, silence"
-        then = "Check power, wiring, id, baud rate and protocol"
+        then = "Check power, wiring, id, baud rate and protocol, or whether the host is too busy"
     message = describe(what=f"no answer to {asked}", where=where, found=found, then=then)
     return NoAnswer(message, device=device, tries=tries, damaged=damaged)

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from hardware.bus_spec import BusSpec
+from hardware.bus_spec import BAUDS, BusSpec
 from hardware.clock import Clock, MonotonicClock, VirtualClock
 from hardware.dynamixel.byte_port import BytePort
-from hardware.dynamixel.line_scan import PROTOCOLS, Speed, all_speeds
+from hardware.dynamixel.line_scan import PROTOCOLS, Speed, all_speeds, has_speed
 from hardware.dynamixel.serial_port import SerialPort
 from hardware.servo import ServoSpec
 from retarget.cli.buses import standing_ticks
@@ -97,14 +97,23 @@ def opened(places: Sequence[Place]) -> Iterator[None]:
 
 
 def chosen_speeds(place: Place, protocol: int | None, baud: int | None, *, everywhere: bool) -> list[Speed]:
-    """Where to look: that of the bus, unless `everywhere`; narrowed by the options. Raises UsageError."""
+    """Where to look: at the bus's speed, unless `everywhere`; narrowed by the options. Raises UsageError."""
+    check_speed(protocol, baud)
+    own = None if place.spec is None else Speed(place.spec.protocol, place.spec.baud)
+    if own is not None and not everywhere and protocol is None and baud is None:
+        return [own]
+    protocols = [one for one in PROTOCOLS if protocol in (None, one) and (baud is None or has_speed(one, baud))]
+    return all_speeds(protocols, baud, first=own)
+
+
+def check_speed(protocol: int | None, baud: int | None, *, option: str = "--baud") -> None:
+    """Raise UsageError for a protocol that there is not, and for a speed that no servo (of it) has."""
     if protocol is not None and protocol not in PROTOCOLS:
         raise UsageError("no such protocol", where="--protocol", found=protocol, allowed="1, 2")
-    if baud is not None and baud <= 0:
-        raise UsageError("no such speed", where="--baud", found=baud, allowed="above 0 bits per second")
-    if place.spec is not None and not everywhere and protocol is None and baud is None:
-        return [Speed(place.spec.protocol, place.spec.baud)]
-    return all_speeds(PROTOCOLS if protocol is None else (protocol,), baud)
+    possible = PROTOCOLS if protocol is None else (protocol,)
+    if baud is not None and not any(has_speed(one, baud) for one in possible):
+        rates = sorted({rate for one in possible for rate in BAUDS[one]})
+        raise UsageError("no such speed: no servo has it", where=option, found=baud, allowed=", ".join(map(str, rates)))
 
 
 def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[str, Line]:

@@ -7,6 +7,7 @@ import typer
 
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.looking import Look
+from hardware.dynamixel.packets import MAX_ID
 from hardware.dynamixel.restarting import restart
 from hardware.errors import BusError, describe
 from retarget.cli.interrupt import stop_on_signals
@@ -33,7 +34,7 @@ def reboot(
     Shows what they have latched and what it means, and afterwards sees that they are back, without errors and limp.
     Ctrl-C ends it before the next servo, and tells who is done.
     """
-    wanted = ids_of(ids)
+    wanted = ids_of(ids, option="--id", highest=MAX_ID)
     if (wanted is None) != everyone:
         raise UsageError("which servos", where="servo reboot", allowed="either --id 1,2 or --all")
     places = find_places(robot, port, faults=faults)
@@ -43,7 +44,7 @@ def reboot(
             typer.echo(f"would read errors and torque of {who} on {place.where}, and after a question restart them")
         return
     with opened(places):
-        looks = look_at(places, protocol=protocol, baud=baud)
+        looks = look_at(places, protocol=protocol, baud=baud, ids=wanted)
         chosen = [(one, _chosen(one, wanted)) for one in looks]
         _refuse(chosen, wanted, yes=yes)
         for one, some in chosen:

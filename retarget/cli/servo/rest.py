@@ -5,14 +5,29 @@ from contextlib import suppress
 
 import typer
 
+from hardware.dynamixel.broadcast_off import tell_everybody_off
 from hardware.dynamixel.looking import Look
 from hardware.dynamixel.torque import off_everywhere
 from hardware.dynamixel.unread import not_limp, tell_off
 from hardware.errors import BusError, TorqueError, describe
 from retarget.cli.interrupt import stop_on_signals
-from retarget.cli.servo.looks import look_at, names
-from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, Yes, find_places, opened
+from retarget.cli.servo.looks import check_search, look_at, names
+from retarget.cli.servo.places import (
+    Baud,
+    DryRun,
+    Faults,
+    Place,
+    Port,
+    Protocol,
+    Robot,
+    Yes,
+    chosen_speeds,
+    find_places,
+    opened,
+)
 from retarget.cli.servo.question import agreed
+
+TOLD = "Torque off was told to everybody at all speeds, and nobody confirmed it: cut the power by hand"
 
 
 def rest(
@@ -26,31 +41,71 @@ def rest(
 ) -> None:
     """Switch torque off on all servos at once, wherever they are: a robot that stands falls, so hold it.
 
-    Each servo is read back, also of unknown models; one that does not confirm is named, and the exit code is 1. Nothing
-    else is written but the bus watchdog, which is cleared. Ctrl-C does not end it half way.
+    Everybody is told by broadcasts at all speeds first, that of the profile before the others: it takes 0.5 s. Nobody
+    confirms a broadcast, so the servos are then looked for, told again and read back, also those of unknown models; one
+    that does not confirm is named, and the exit code is 1. Nothing else is written but the bus watchdog, which is
+    cleared. Ctrl-C does not end it half way. Without a profile the look takes up to a minute.
     """
     places = find_places(robot, port, faults=faults)
+    check_search(places, protocol, baud)
     if dry_run:
         for place in places:
-            typer.echo(f"would look for servos on {place.where}, and after a question write to all of them")
-            typer.echo("torque_enable := 0 and bus_watchdog := 0, and read torque_enable back")
+            typer.echo(f"would tell everybody on {place.where} after a question, at all speeds, and look for servos")
+        typer.echo("torque_enable := 0 and bus_watchdog := 0, and read torque_enable back")
         return
     with opened(places):
-        looks = look_at(places, protocol=protocol, baud=baud, strange_too=True)
+        asked = yes
+        if not yes and not all(place.spec for place in places):  # the look would take longer than a fall
+            if not agreed("Switch torque off on all servos? A robot that stands falls.", yes=False):
+                return
+            asked = True
+        if asked:
+            _tell_everybody(places, protocol, baud)
+        try:
+            looks = look_at(places, protocol=protocol, baud=baud, strange_too=True)
+        except BusError as error:
+            raise BusError(f"{error} {TOLD if asked else ''}".rstrip()) from error
         count = sum(len(one.line.images) + len(one.strange) for one in looks)
-        driven = [names(one, on) for one in looks if (on := _driven(one))]
-        if not driven and not any(one.missing for one in looks):
-            typer.echo(f"torque is off already on all {count} servos")
-            return
-        typer.echo(f"torque is on: {', '.join(driven) or 'nowhere that is known'}")
-        for one in looks:
-            if one.missing:
-                typer.echo(f"no answer: {names(one, one.missing)}")
-        if not agreed(f"Switch torque off on {count} servos? A robot that stands falls.", yes=yes):
-            return
+        if not asked:
+            if not _is_due(looks, count):
+                return
+            if not agreed(f"Switch torque off on {count} servos? A robot that stands falls.", yes=False):
+                return
+            _tell_everybody(places, protocol, baud)
+        else:
+            _say_missing(looks)
         with stop_on_signals():  # which nobody asks: half of a robot with torque is the worst
             _switch_off(looks)
     typer.echo(f"torque is off on all {count} servos")
+
+
+def _tell_everybody(places: Sequence[Place], protocol: int | None, baud: int | None) -> None:
+    """All ports, whichever fails; each is left at the speed of its bus."""
+    with stop_on_signals():
+        for place in places:
+            wanted = protocol if place.spec is None else place.spec.protocol
+            with suppress(BusError):  # whether anybody heard is asked afterwards
+                tell_everybody_off(place.port, chosen_speeds(place, wanted, baud, everywhere=True))
+                if place.spec is not None:
+                    place.port.set_baud(place.spec.baud)
+    typer.echo("everybody was told to switch torque off; now each is looked for and asked")
+
+
+def _is_due(looks: Sequence[Look], count: int) -> bool:
+    """Whether anybody has torque, or does not say; tells who."""
+    driven = [names(one, on) for one in looks if (on := _driven(one))]
+    if not driven and not any(one.missing for one in looks):
+        typer.echo(f"torque is off already on all {count} servos")
+        return False
+    typer.echo(f"torque is on: {', '.join(driven) or 'nowhere that is known'}")
+    _say_missing(looks)
+    return True
+
+
+def _say_missing(looks: Sequence[Look]) -> None:
+    for one in looks:
+        if one.missing:
+            typer.echo(f"no answer: {names(one, one.missing)}")
 
 
 def _strange(one: Look) -> list[int]:

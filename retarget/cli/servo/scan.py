@@ -1,12 +1,13 @@
 """`retarget servo scan`: who answers on a port, at any speed, in either protocol."""
 
+import sys
 from collections.abc import Sequence
+from functools import partial
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from hardware.dynamixel.echo import ECHOES
 from hardware.dynamixel.line_scan import LineScan, Sighting, Speed, scan_line
 from hardware.errors import BusError, describe
 from retarget.cli.progress import progress_bar
@@ -37,21 +38,29 @@ def scan(
     faults: Faults = None,
     dry_run: DryRun = False,
 ) -> None:
-    """Find every servo on a port: all speeds, both protocols. Nothing is written to a servo.
+    """Find every servo on a port: all speeds, both protocols, the likely ones first. Nothing is written to a servo.
 
+    Everybody is printed when found; Ctrl-C ends it with what has been found. All of a port takes about a minute.
     With --robot the ids of its profile are compared with what answers.
     """
-    wanted = ids_of(ids)
+    wanted = ids_of(ids, highest=HIGHEST_ID - 1 if protocol == 2 else HIGHEST_ID)
     places = find_places(robot, port, faults=faults)
     speeds = [chosen_speeds(place, protocol, baud, everywhere=True) for place in places]
     if dry_run:
         for place, some in zip(places, speeds, strict=True):
             typer.echo(f"would ping {_ids_text(wanted)} on {place.where} at {_speeds_text(some)}; nothing is written")
         return
-    with opened(places):
-        scans = [_scan(place, some, wanted) for place, some in zip(places, speeds, strict=True)]
-    _show(places, scans)
-    if not any(one.sightings for one in scans):
+    rows = Rows()
+    scans: list[LineScan] = []
+    try:
+        with opened(places):
+            for place, some in zip(places, speeds, strict=True):
+                scans.append(_scan(place, some, wanted, rows))
+                _conclude(place, scans[-1], wanted)
+    except KeyboardInterrupt:
+        typer.echo(f"interrupted; found so far: {rows.count} servos or devices", err=True)
+        raise typer.Exit(130) from None
+    if not rows.count:
         tried = "; ".join(
             f"{_ids_text(wanted)} on {place.where} at {_speeds_text(one.tried)}"
             for place, one in zip(places, scans, strict=True)
@@ -59,7 +68,7 @@ def scan(
         raise BusError(describe(what="no servo answers", where="servo scan", found=f"silence of {tried}", then=CHECK))
 
 
-def ids_of(text: str) -> list[int] | None:
+def ids_of(text: str, *, option: str = "--ids", highest: int = HIGHEST_ID) -> list[int] | None:
     """The ids that `1,2,5-9` means; None for an empty text. Raises UsageError."""
     if not text:
         return None
@@ -67,44 +76,57 @@ def ids_of(text: str) -> list[int] | None:
     for part in text.split(","):
         first, _, last = part.partition("-")
         ends = [end.strip() for end in (first, last or first)]
-        if not all(end.isascii() and end.isdigit() and len(end) <= 3 and int(end) <= HIGHEST_ID for end in ends):
-            raise UsageError(
-                "these are no ids", where="--ids", found=repr(text[:80]), allowed="such as 1,2,5-9; 0 to 253"
-            )
+        if not all(end.isascii() and end.isdigit() and len(end) <= 3 and int(end) <= highest for end in ends):
+            allowed = f"such as 1,2,5-9; 0 to {highest}"
+            raise UsageError("these are no ids", where=option, found=repr(text[:80]), allowed=allowed)
         found |= set(range(int(ends[0]), int(ends[1]) + 1))
     if not found:
-        raise UsageError("no id is meant", where="--ids", found=repr(text[:80]), allowed="such as 1,2,5-9")
+        raise UsageError("no id is meant", where=option, found=repr(text[:80]), allowed="such as 1,2,5-9")
     return sorted(found)
 
 
-def _scan(place: Place, speeds: Sequence[Speed], ids: Sequence[int] | None) -> LineScan:
-    with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
-        return scan_line(place.port, speeds, ids=ids, progress=progress)
+class Rows:
+    """Lines of a table that are printed as soon as they are known, in a pipe too."""
 
+    def __init__(self) -> None:
+        self.count = 0
+        self._place: Place | None = None
+        # A bar on stderr takes what is printed to itself: right for a terminal, wrong for a pipe.
+        self._out = None if sys.stdout.isatty() else sys.stdout
 
-def _show(places: Sequence[Place], scans: Sequence[LineScan]) -> None:
-    for place, one in zip(places, scans, strict=True):
-        if one.sightings:
-            typer.echo(f"{place.where}:")
-            Console().print(_table(place, one))
-        for text in one.skipped:
-            typer.echo(f"not tried on {place.where}: {text}")
-        missing = _missing(place, one) if one.sightings else []
-        if missing:
-            typer.echo(f"missing on {place.where}: {', '.join(missing)}")
-
-
-def _table(place: Place, one: LineScan) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for heading in ("protocol", "baud", "id", "model", "firmware", "error", "clash", "profile"):
-        table.add_column(heading, overflow="fold")
-    for sighting in one.sightings:
+    def add(self, place: Place, sighting: Sighting) -> None:
+        """Print one servo, and whose port it is where that is new."""
+        if place is not self._place:
+            typer.echo(f"{place.where}:", file=self._out)
+            typer.echo(_row("protocol", "baud", "id", "model", "firmware", "remarks"), file=self._out)
+            self._place = place
+        self.count += 1
         found, speed = sighting.found, sighting.speed
-        clash = "two servos with this id" if found.clash else ""
         firmware = "-" if found.firmware is None else str(found.firmware)
+        clash = "two servos with this id" if found.clash else ""
+        remarks = "; ".join(text for text in (known_as(place, sighting), clash, sighting.alert) if text)
         numbers = (f"{speed.protocol}.0", str(speed.baud), str(found.id))
-        table.add_row(*numbers, sighting.model, firmware, sighting.alert, clash, known_as(place, sighting))
-    return table
+        typer.echo(_row(*numbers, sighting.model, firmware, remarks), file=self._out)
+
+
+def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remarks: str) -> str:
+    return f"{protocol:8}  {baud:>7}  {device:>3}  {model:13}  {firmware:>8}  {remarks}".rstrip()
+
+
+def _scan(place: Place, speeds: Sequence[Speed], ids: Sequence[int] | None, rows: Rows) -> LineScan:
+    with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
+        return scan_line(place.port, speeds, ids=ids, progress=progress, told=partial(rows.add, place))
+
+
+def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None:
+    """What is to be said of a port beside who answered."""
+    if one.echoes:
+        typer.echo(f"note: {place.where}: {ECHOES}", err=True)
+    for text in one.skipped:
+        typer.echo(f"not tried on {place.where}: {text}")
+    missing = _missing(place, one, wanted) if one.sightings else []
+    if missing:
+        typer.echo(f"missing on {place.where}: {', '.join(missing)}")
 
 
 def known_as(place: Place, sighting: Sighting) -> str:
@@ -123,13 +145,14 @@ def known_as(place: Place, sighting: Sighting) -> str:
     return ": ".join((servo.joint, ", ".join(wrong))) if wrong else servo.joint
 
 
-def _missing(place: Place, one: LineScan) -> list[str]:
-    """Who of the profile answered nowhere."""
+def _missing(place: Place, one: LineScan, wanted: Sequence[int] | None) -> list[str]:
+    """Who of the profile was looked for, and answered nowhere."""
     if place.spec is None:
         return []
     there = {sighting.found.id for sighting in one.sightings}
     named = {servo.id: f"{servo.joint} (id {servo.id})" for _, servo in place.servos}
-    return [named.get(device, f"device {device}") for device in place.spec.ids if device not in there]
+    asked = [device for device in place.spec.ids if wanted is None or device in wanted]
+    return [named.get(device, f"device {device}") for device in asked if device not in there]
 
 
 def _ids_text(ids: Sequence[int] | None) -> str:
