@@ -76,6 +76,14 @@ class Clip:
         """Seconds of the performer's time between ticks."""
         return self.speed / self.rate_hz
 
+    @property
+    def kept(self) -> int:
+        """All of them."""
+        return self.ticks
+
+    def listen(self) -> None:
+        """Nothing comes in: it is all there."""
+
     def sample(self, tick: int) -> SensorSample:
         """What the sensors say at a tick."""
         row = tick % len(self.frames)

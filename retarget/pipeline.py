@@ -11,10 +11,10 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
 from hardware.guard import Think
-from retarget.clip import Clip
 from retarget.record import HumanRecord, Phase, Record, Timing
 from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
+from retarget.samples import Samples
 from retarget.stages import ReconstructingStage
 
 __all__ = ["Ending", "Pipeline", "Watch"]
@@ -44,9 +44,9 @@ class Ending:
 
 
 class Pipeline:
-    """Plays a clip through both stages, or through the first alone where there is no robot."""
+    """Plays samples through both stages, or through the first alone where there is no robot."""
 
-    def __init__(self, *, clip: Clip, reconstructor: ReconstructingStage, robot: RobotSide | None = None) -> None:
+    def __init__(self, *, clip: Samples, reconstructor: ReconstructingStage, robot: RobotSide | None = None) -> None:
         self._clip = clip
         self._reconstructor = reconstructor
         self._robot = robot
@@ -62,7 +62,9 @@ class Pipeline:
         BusError if the robot cannot be armed, TorqueError if a run fails and torque could not be switched off.
         """
         watch = Watch() if watch is None else watch
-        self._human = self._reconstructor.start(self._clip.sample(0))
+        first = self._clip.sample(0)
+        assert first is not None, "nobody is followed from the start"
+        self._human = self._reconstructor.start(first)
         try:
             approach = [] if self._robot is None else self._robot.begin(self._human)
             self._allocate(len(approach))
@@ -78,9 +80,10 @@ class Pipeline:
         return Ending(self._record.first(self._row), state, reason, wall_s)
 
     def _allocate(self, approach: int) -> None:
-        """Make room for every row: of so many ticks of approach, of the clip, and of the longest braking."""
+        """Make room for every row: of so many ticks of approach, of the clip, and of the longest braking; and one more,
+        which takes what there is no room for."""
         clip, robot, human = self._clip, self._robot, self._human
-        rows = approach + clip.ticks + (0 if robot is None else robot.guard.limits.max_brake_ticks)
+        rows = approach + clip.kept + (0 if robot is None else robot.guard.limits.max_brake_ticks) + 1
         self._record = Record(
             np.asarray((np.arange(rows) - approach) * clip.dt, dtype=np.float64),
             np.full(rows, Phase.FOLLOW, dtype=np.int8),
@@ -120,8 +123,9 @@ class Pipeline:
             self._one_tick(_nothing)
 
     def _one_tick(self, think: Think) -> None:
-        """Read, think, act; then keep what happened, if anything was sent."""
+        """Read, think, act; then keep what happened, if anything was sent and there is room."""
         begun, record, row, robot = self._wall.now(), self._record, self._row, self._robot
+        self._clip.listen()
         if robot is None or record.robot is None:
             self._reconstruct()
         elif robot.act(think):
@@ -131,20 +135,25 @@ class Pipeline:
             return
         self._keep_human(row, error=robot is None or robot.phase is Phase.FOLLOW)
         record.timing.cycle[row] = self._wall.now() - begun
-        self._row += 1
+        self._row = min(row + 1, len(record) - 1)
 
-    def _think(self, states: ServoStates) -> FloatArray:
-        """From the servo states to a goal posture, rad (n,), inside the guard's tick."""
+    def _think(self, states: ServoStates) -> FloatArray | None:
+        """From the servo states to a goal posture, rad (n,), inside the guard's tick; None: nobody is to be followed."""
         assert self._robot is not None
         begun = self._reconstruct()
+        if begun is None:
+            return None
         goal = self._robot.follow(self._human)
         self._record.timing.retarget[self._row] = thread_cpu() - begun
         return goal
 
-    def _reconstruct(self) -> float:
-        """From what the sensors say at this tick to the posture of the human. Returns thread CPU at its end, s."""
+    def _reconstruct(self) -> float | None:
+        """From what the sensors say at this tick to the posture of the human. Returns thread CPU at its end, s; None
+        where they say nothing that can be trusted: then the human stays."""
         begun = thread_cpu()
         sample = self._clip.sample(self._tick)
+        if sample is None:
+            return None
         if self._tick > 0:  # the first posture is where the reconstructor was started
             self._human = self._reconstructor.step(sample, self._clip.motion_dt)
         ended = thread_cpu()
