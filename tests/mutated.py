@@ -8,10 +8,10 @@ __all__ = ["mutated"]
 
 
 def mutated(generator: np.random.Generator, real: Sequence[bytes]) -> bytes:
-    """One of them with up to three bytes changed (the first ones more often), one in ten also cut; one in ten random."""
+    """One of them with up to three bytes changed, mostly early ones; one in ten is also cut, one in ten random."""
     if generator.random() < 0.1:
         return generator.bytes(int(generator.integers(0, 900)))
-    datagram = bytearray(real[generator.integers(len(real))])
+    datagram = bytearray(real[int(generator.integers(len(real)))])
     for _ in range(int(generator.integers(0, 4))):
         reach = len(datagram) if generator.random() < 0.5 else min(len(datagram), 32)
         datagram[generator.integers(reach)] = generator.integers(256)
