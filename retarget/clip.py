@@ -90,6 +90,10 @@ class Clip:
         frames = self.frames
         return SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row])
 
+    def recorded(self) -> "Clip":
+        """All of it."""
+        return self
+
     def frames_played(self, ticks: int) -> int:
         """Frames of the recording that the first `ticks` ticks play; a loop plays them again and again."""
         return round(self.source_frames * ticks / len(self.frames))

@@ -11,7 +11,7 @@ from hardware.clock import Clock
 from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from retarget.calibration import calibrate
-from retarget.clip import Clip, lay_on_ticks
+from retarget.clip import lay_on_ticks
 from retarget.contact_at_start import contacts, refuse_contact, refuse_floor
 from retarget.errors import UsageError
 from retarget.follow import Follower
@@ -31,14 +31,18 @@ from retarget.reconstruct import Reconstructor
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
 from retarget.run_result import RunResult
+from retarget.samples import Performance, Samples
 from retarget.scene import load_scene
 from retarget.scene_motion import SceneState
 from retarget.stages import ReconstructingStage
 
-__all__ = ["MakeBus", "Prepared", "prepare"]
+__all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for"]
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
+
+Perform = Callable[[Performer, RobotBody | None], Performance]
+"""From who wears which sensors, and the robot (None: the human alone), to the performance."""
 
 HUMAN_PRIORITIES = "human"
 
@@ -47,7 +51,7 @@ HUMAN_PRIORITIES = "human"
 class Prepared:
     """A run that can start."""
 
-    clip: Clip
+    samples: Samples
     human: Human
     performer: Performer
     reconstructor: ReconstructingStage
@@ -60,10 +64,10 @@ class Prepared:
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
-        ending = Pipeline(clip=self.clip, reconstructor=self.reconstructor, robot=self.side).run(watch)
+        ending = Pipeline(clip=self.samples, reconstructor=self.reconstructor, robot=self.side).run(watch)
         return RunResult(
             record=ending.record,
-            clip=self.clip,
+            clip=self.samples.recorded(),
             human=self.human,
             human_limits=human_limits(self.human.body),
             performer=self.performer,
@@ -84,17 +88,31 @@ class Prepared:
 def prepare(
     read: Callable[[], SensorFrames], options: RunOptions, *, clock: Clock, make_bus: MakeBus
 ) -> Iterator[Prepared]:
+    """A run of a recorded performance, see `prepare_for`."""
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        frames, playback = read(), options.playback
+        rate = None if robot is None else robot.profile.safety.rate_hz
+        clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
+        return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
+
+    with prepare_for(perform, options, clock=clock, make_bus=make_bus) as prepared:
+        yield prepared
+
+
+@contextmanager
+def prepare_for(
+    perform: Perform, options: RunOptions, *, clock: Clock, make_bus: MakeBus, parks: bool = False
+) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    Raises RetargetError for whatever cannot be used.
+    parks: a stop ends in the robot's rest posture. Raises RetargetError for whatever cannot be used.
     """
     performer = load_performer(options.performer)
     robot = None if options.is_human else load_robot(options.robot)
     for_human, for_robot = _priorities(robot, options)
-    frames = read()
-    rate = None if robot is None else robot.profile.safety.rate_hz
-    clip = lay_on_ticks(frames, performer=performer, playback=options.playback, rate_hz=rate)
-    human = build_human(calibrate(frames.mirror() if options.playback.mirror else frames))
+    performance = perform(performer, robot)
+    samples, human = performance.samples, build_human(performance.dimensions)
     scene = None if options.scene is None else SceneState(load_scene(options.scene))
     around_human = scene if robot is None else None
     reconstructor = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
@@ -108,12 +126,12 @@ def prepare(
     if around_human is not None and not options.allow_contact:
         # Of its own, so that the run begins as if nobody had looked.
         first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
-        _refuse_swallowed(first, around_human, clip, human)
-    notes = (*frames.notes, *(() if robot is None else robot.body.notes))
+        _refuse_swallowed(first, around_human, samples, human)
+    notes = (*performance.notes, *(() if robot is None else robot.body.notes))
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
         worn = reconstructor.observers
-        yield Prepared(clip, human, performer, reconstructor, None, stages, False, notes, scene, worn)
+        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, worn)
         return
     bus = make_bus(robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
@@ -122,12 +140,13 @@ def prepare(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None and robot.stands:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=clip.dt)
+    side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=samples.dt, parks=parks)
     bus.open()
     failed = True
     try:
         has_bus = options.bus != "none"
-        yield Prepared(clip, human, performer, reconstructor, side, stages, has_bus, notes, scene, follower.observers)
+        worn = follower.observers
+        yield Prepared(samples, human, performer, reconstructor, side, stages, has_bus, notes, scene, worn)
         failed = side.guard.stop_reason is not None
     finally:
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
@@ -145,11 +164,13 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
     return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
 
 
-def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, clip: Clip, human: Human) -> None:
+def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:
     """Raise UsageError where an obstacle touches the human even after it has got out of its way as well as it can."""
     if reconstructor.observers is None:
         return
-    start = reconstructor.start(clip.sample(0)).q
+    sample = samples.sample(0)
+    assert sample is not None, "somebody is followed from the start"
+    start = reconstructor.start(sample).q
     beside_itself = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
     refuse_contact(contacts(human.body, beside_itself, scene, start), where="human, first posture")
 
@@ -164,7 +185,7 @@ def _follower(
 
 
 def _robot_side(
-    robot: RobotBody, follower: Follower, options: RunOptions, *, bus: ServoBus, clock: Clock, dt: float
+    robot: RobotBody, follower: Follower, options: RunOptions, *, bus: ServoBus, clock: Clock, dt: float, parks: bool
 ) -> RobotSide:
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     clearance = _clearance(robot, follower, dt) if options.gate else None
@@ -181,6 +202,7 @@ def _robot_side(
         dt=dt,
         clearance=clearance,
         passes=gate.passes if options.gate else None,
+        parks=parks,
     )
 
 

@@ -1,10 +1,15 @@
 """What the pipeline plays, tick by tick: a recorded clip, or a performer who moves right now."""
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 from retarget.frames import SensorSample
+from retarget.human_dimensions import HumanDimensions
 
-__all__ = ["Samples"]
+if TYPE_CHECKING:
+    from retarget.clip import Clip
+
+__all__ = ["Performance", "Samples"]
 
 
 class Samples(Protocol):
@@ -38,3 +43,16 @@ class Samples(Protocol):
         """What the sensors say at a tick; None: they cannot be trusted now, and nobody is to be followed. Not None for
         tick 0."""
         ...
+
+    def recorded(self) -> "Clip":
+        """What was said at the ticks that were followed, for those who look at the run afterwards."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    """Somebody who performs: their sensors, their size, and what is worth a note."""
+
+    samples: Samples
+    dimensions: HumanDimensions
+    notes: tuple[str, ...] = ()

@@ -48,7 +48,7 @@ def prepared(read: Callable[[], SensorFrames], at: float, faults: Sequence[MockF
 def stop_at(ready: Prepared, time: float = WARM_UP_S) -> RunResult:
     """Interrupt at this time of the run, s."""
     done = [0]
-    ticks = round(time * ready.clip.rate_hz)
+    ticks = round(time / ready.samples.dt)
     return ready.run(Watch(on_tick=done.append, stop_asked=lambda: done[-1] >= ticks, every=1))
 
 

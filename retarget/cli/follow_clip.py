@@ -37,7 +37,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             make_bus=lambda robot, clock: make_bus(options.bus, robot, clock, faults=options.faults),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
-            with progress_bar(options.robot, prepared.clip.ticks) as show:
+            with progress_bar(options.robot, prepared.samples.ticks) as show:
                 run = prepared.run(Watch(show, stop, stop.insisted))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
         report = measure(run)
