@@ -138,7 +138,7 @@ class Pipeline:
         self._row = min(row + 1, len(record) - 1)
 
     def _think(self, states: ServoStates) -> FloatArray | None:
-        """From the servo states to a goal posture, rad (n,), inside the guard's tick; None: there is nobody to follow."""
+        """From the servo states to a goal posture, rad (n,), inside the guard's tick; None: nobody is followed."""
         assert self._robot is not None
         begun = self._reconstruct()
         if begun is None:
