@@ -1,0 +1,120 @@
+"""Who may move the robot: an allow-list, the first source that makes sense and nobody after it, a bound on the rate.
+
+Pure state: what arrives and when comes in, yes or no goes out. A datagram that is refused never reaches a decoder.
+"""
+
+from collections.abc import Iterable
+from ipaddress import IPv4Network
+from socket import inet_aton
+
+from retarget.live.address_options import ANYBODY
+from retarget.live.datagram import Datagram, Source
+from retarget.live.token_bucket import TokenBucket
+from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
+
+__all__ = ["BURST", "NOT_ALLOWED", "RATE", "RELEASE_AFTER_S", "SECOND_SOURCE", "TOO_LONG", "TOO_MANY", "Admission"]
+
+RATE = 2_000.0
+"""Datagrams a second: SlimeVR sends VMC at 232 Hz and VRChat OSC at 750 Hz, others a pose or two in each datagram."""
+BURST = 200
+"""Datagrams at once: what a link that hung for 0.25 s hands over of VRChat OSC."""
+RELEASE_AFTER_S = 5.0
+"""Silence after which a robot that does not move may have another source."""
+MOST_NAMED = 16
+"""Refused sources that are told; more are only counted."""
+
+NOT_ALLOWED = "sender not on the allow-list"
+SECOND_SOURCE = "a second source"
+TOO_LONG = "datagram empty or longer than 64 KiB"
+TOO_MANY = "more datagrams than the rate allows"
+
+
+class Admission:
+    """The gate in front of the decoder.
+
+    The first source that sent a frame that could be decoded (`confirm`) owns the stream. It keeps it until `release`,
+    or until it has sent no such frame for `release_after` seconds and nothing moves (`moving` is the caller's word:
+    True in every state in which the stream has a say in what the servos do, a hold included). refused: by reason.
+    """
+
+    def __init__(
+        self,
+        *,
+        allow: Iterable[IPv4Network] = (ANYBODY,),
+        release_after: float | None = RELEASE_AFTER_S,
+        rate: float = RATE,
+        burst: int = BURST,
+    ) -> None:
+        """`release_after` None: only `release` frees the stream. Raises ValueError for a rate or burst that admits
+        none, and for a negative time."""
+        if release_after is not None and not release_after >= 0.0:
+            raise ValueError(f"the silence that frees a stream is no negative time; found {release_after}")
+        self.refused = Dropped()
+        self._networks = tuple((int(net.network_address), int(net.netmask)) for net in allow)
+        self._release_after = release_after
+        self._bucket = TokenBucket(rate=rate, burst=burst)
+        self._owner: Source | None = None
+        self._heard = 0.0
+        self._named: set[tuple[str, str]] = set()
+        self._news: list[tuple[Source, str]] = []
+
+    @property
+    def owner(self) -> Source | None:
+        """The source that owns the stream; None until one has sent a frame."""
+        return self._owner
+
+    def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
+        """Whether a datagram may be decoded at `now`, s. What others send costs the owner nothing of its rate."""
+        source, owner = datagram.source, self._owner
+        if source != owner:
+            if not self._allowed(source[0]):
+                return self._refuse(NOT_ALLOWED, source)
+            if owner is not None and not self._is_free(now, moving):
+                return self._refuse(SECOND_SOURCE, source)
+        if not 0 < len(datagram.payload) <= MAX_DATAGRAM:
+            self.refused.note(TOO_LONG)
+            return False
+        if not self._bucket.take(now):
+            self.refused.note(TOO_MANY)
+            return False
+        return True
+
+    def confirm(self, source: Source, *, now: float, moving: bool) -> bool:
+        """Tell that an admitted datagram of `source` held a frame; whether that frame may be used.
+
+        The source owns the stream from here on, unless another one does: of two that were admitted in one poll, the
+        first to make sense has it.
+        """
+        if source != self._owner:
+            if self._owner is not None and not self._is_free(now, moving):
+                return self._refuse(SECOND_SOURCE, source)
+            self._owner = source
+        self._heard = now
+        return True
+
+    def release(self) -> None:
+        """Let the next source that makes sense have the stream. Only for a person, or before anything moves."""
+        self._owner = None
+
+    def news(self) -> tuple[tuple[Source, str], ...]:
+        """Refused sources and why, each address once per reason, since the last call; for a message to the person."""
+        news, self._news = tuple(self._news), []
+        return news
+
+    def _is_free(self, now: float, moving: bool) -> bool:
+        return not moving and self._release_after is not None and now - self._heard > self._release_after
+
+    def _allowed(self, address: str) -> bool:
+        try:
+            number = int.from_bytes(inet_aton(address))
+        except OSError:
+            return False
+        return any(number & mask == network for network, mask in self._networks)
+
+    def _refuse(self, reason: str, source: Source) -> bool:
+        self.refused.note(reason)
+        key = (source[0], reason)
+        if key not in self._named and len(self._named) < MOST_NAMED:
+            self._named.add(key)
+            self._news.append((source, reason))
+        return False

@@ -1,0 +1,178 @@
+"""Who may move the robot: allow-list, first source, rate. Whatever arrives, an owner that moves the robot stays it."""
+
+from ipaddress import IPv4Network
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from retarget.live.admission import (
+    BURST,
+    NOT_ALLOWED,
+    RATE,
+    SECOND_SOURCE,
+    TOO_LONG,
+    TOO_MANY,
+    Admission,
+)
+from retarget.live.datagram import Datagram, Source
+
+A, B, C = ("192.168.1.20", 5000), ("192.168.1.21", 5000), ("10.9.9.9", 5000)
+LAN = (IPv4Network("192.168.1.0/24"),)
+
+
+def admit(admission: Admission, source: Source, now: float = 0.0, *, moving: bool = False, size: int = 100) -> bool:
+    return admission.admit(Datagram(now, source, bytes(size)), now=now, moving=moving)
+
+
+def owner_of(admission: Admission) -> Source | None:
+    return admission.owner
+
+
+def owned(**options: float | None) -> Admission:
+    admission = Admission(allow=LAN, **options)  # type: ignore[arg-type]
+    assert admit(admission, A) and admission.confirm(A, now=0.0, moving=False)
+    return admission
+
+
+@pytest.mark.parametrize(
+    ("allow", "source", "expected"),
+    [
+        (("192.168.1.20/32",), "192.168.1.20", True),
+        (("192.168.1.20/32",), "192.168.1.21", False),
+        (("10.0.0.0/8", "192.168.1.0/24"), "192.168.1.255", True),
+        (("192.168.1.0/24",), "192.168.2.1", False),
+        (("0.0.0.0/0",), "255.255.255.255", True),
+        ((), "127.0.0.1", False),
+        (("0.0.0.0/0",), "::1", False),
+        (("0.0.0.0/0",), "nonsense", False),
+    ],
+)
+def test_the_allow_list(allow: tuple[str, ...], source: str, expected: bool) -> None:
+    admission = Admission(allow=map(IPv4Network, allow))
+    assert admit(admission, (source, 1)) is expected
+    assert admission.refused.reasons == ({} if expected else {NOT_ALLOWED: 1})
+
+
+def test_the_first_source_that_makes_sense_owns_the_stream() -> None:
+    admission = Admission(allow=LAN)
+    assert admit(admission, B) and admit(admission, A)
+    assert owner_of(admission) is None
+    assert admission.confirm(A, now=0.0, moving=False)
+    assert not admit(admission, B) and admit(admission, A)
+    assert not admission.confirm(B, now=0.0, moving=False), "admitted before, in the same poll"
+    assert admission.owner == A
+    assert admission.refused.reasons == {SECOND_SOURCE: 2}
+
+
+def test_another_port_of_the_same_computer_is_another_source() -> None:
+    assert not admit(owned(), (A[0], A[1] + 1))
+
+
+def test_silence_frees_the_stream_only_when_nothing_moves() -> None:
+    admission = owned(release_after=5.0)
+    assert not admit(admission, B, 5.0)
+    assert not admit(admission, B, 1e6, moving=True)
+    assert admit(admission, B, 5.1)
+    assert admission.owner == A, "what makes no sense takes nothing over"
+    assert not admission.confirm(B, now=5.1, moving=True) and admission.owner == A
+    assert admission.confirm(B, now=5.1, moving=False) and admission.owner == B
+    assert not admit(admission, A, 5.2)
+
+
+def test_a_source_that_sends_only_garbage_does_not_keep_the_stream() -> None:
+    admission = owned(release_after=5.0)
+    assert all(admit(admission, A, float(now)) for now in range(6))
+    assert admit(admission, B, 5.1)
+
+
+def test_frames_keep_the_stream() -> None:
+    admission = owned(release_after=5.0)
+    assert admission.confirm(A, now=4.0, moving=False)
+    assert not admit(admission, B, 8.9) and admit(admission, B, 9.1)
+
+
+def test_without_a_time_only_a_person_frees_the_stream() -> None:
+    admission = owned(release_after=None)
+    assert not admit(admission, B, 1e9)
+    admission.release()
+    assert admission.owner is None and admit(admission, B, 1e9)
+
+
+def test_what_others_send_costs_the_owner_nothing() -> None:
+    admission = owned(rate=1.0, burst=2.0)
+    for _ in range(1000):
+        assert not admit(admission, B) and not admit(admission, C)
+    assert admit(admission, A)
+    assert not admit(admission, A) and admission.refused.reasons[TOO_MANY] == 1
+    assert admission.refused.reasons[SECOND_SOURCE] == admission.refused.reasons[NOT_ALLOWED] == 1000
+
+
+@pytest.mark.parametrize("rate", [232.0, 750.0])
+def test_real_senders_stay_below_the_rate_also_after_the_link_hung(rate: float) -> None:
+    admission = owned()
+    arrivals = [max(5.25, k / rate) if k / rate > 5.0 else k / rate for k in range(int(20 * rate))]
+    assert all(admit(admission, A, now, moving=True) for now in arrivals)
+
+
+@pytest.mark.parametrize(("size", "expected"), [(0, False), (1, True), (65_536, True), (65_537, False)])
+def test_length(size: int, expected: bool) -> None:
+    admission = Admission()
+    assert admit(admission, A, size=size) is expected
+    assert admission.refused.reasons == ({} if expected else {TOO_LONG: 1})
+
+
+def test_refused_sources_are_told_once_and_in_bounded_number() -> None:
+    admission = owned()
+    for port in range(10):
+        admit(admission, (B[0], 6000 + port))
+        admit(admission, (C[0], 6000 + port))
+    assert admission.news() == (((B[0], 6000), SECOND_SOURCE), ((C[0], 6000), NOT_ALLOWED))
+    for host in range(200):
+        admit(admission, (f"10.0.0.{host}", 1))
+    assert len(admission.news()) == 14 and admission.news() == ()
+    assert admission.refused.count == 220
+
+
+@pytest.mark.parametrize("options", [{"release_after": -1.0}, {"release_after": float("nan")}, {"rate": 0.0}])
+def test_options_that_mean_nothing_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="found"):
+        Admission(**options)  # type: ignore[arg-type]
+
+
+EVENTS = st.lists(st.tuples(st.sampled_from([A, B, C]), st.floats(0.0, 4.0), st.booleans(), st.booleans()), max_size=60)
+
+
+@given(EVENTS)
+def test_no_order_of_events_gives_a_moving_robot_to_somebody_else(
+    events: list[tuple[Source, float, bool, bool]],
+) -> None:
+    """Against the rule, written down again: who owned last, when it was heard, and whether anything moves."""
+    admission, now = Admission(allow=LAN, release_after=5.0), 0.0
+    owner: Source | None = None
+    heard = 0.0
+    for source, step, moving, decodable in events:
+        now += step
+        may = source != C and (owner in (None, source) or (not moving and now - heard > 5.0))
+        assert admit(admission, source, now, moving=moving) is may
+        if may and decodable:
+            assert admission.confirm(source, now=now, moving=moving)
+            owner, heard = source, now
+        assert admission.owner == owner
+        assert owner != C
+
+
+@given(st.lists(st.tuples(st.sampled_from([A, B, C]), st.floats(0.0, 0.01)), max_size=200))
+def test_every_datagram_is_admitted_or_counted(arrivals: list[tuple[Source, float]]) -> None:
+    admission, now, admitted = Admission(allow=LAN, rate=100.0, burst=5), 0.0, 0
+    for source, step in arrivals:
+        now += step
+        admitted += admit(admission, source, now)
+    assert admitted + admission.refused.count == len(arrivals)
+    assert admitted <= 5 + 100.0 * now + 1e-6
+
+
+def test_the_defaults_bound_the_work_of_a_second() -> None:
+    admission = Admission()
+    admitted = sum(admit(admission, A, k / 130_000) for k in range(130_000))
+    assert BURST <= admitted <= RATE + BURST
