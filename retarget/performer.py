@@ -16,17 +16,26 @@ __all__ = ["Performer", "WornSensor", "load_performer"]
 
 
 class WornSensor(Schema):
-    """A sensor and the joint of the human that it sits on. orientation: used where the source knows it."""
+    """A sensor and the joint of the human that it sits on. orientation: used where the source knows it.
+
+    role: what a live sender calls it, where the sender's convention does not say so already.
+    """
 
     joint: Name
     orientation: Switch = False
+    role: Text | None = None
 
 
 class Performer(Schema):
-    """A performer. `sensors`: canonical sensor name -> where it is worn, in the order of the sample's rows."""
+    """A performer. `sensors`: canonical sensor name -> where it is worn, in the order of the sample's rows.
+
+    roles: convention of a live sender's names (see `retarget.live.roles`), where the stream does not say so by its
+    kind.
+    """
 
     name: Name
     description: Text
+    roles: Name | None = None
     sensors: Annotated[dict[Name, WornSensor], Field(min_length=1, max_length=64)]
 
     @property

@@ -1,0 +1,180 @@
+"""From a sender's poses to the sensors that a performer wears: which name is which sensor, by convention or by file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget import rotations
+from retarget.errors import Problem, UsageError, suggest
+from retarget.frames import SENSORS, BoolArray
+from retarget.performer import Performer
+from retarget.rotations import FloatArray
+from retarget.sources.mvn_roles import MVN_SENSORS
+from retarget.sources.stream_frame import StreamFrame
+from retarget.sources.vmc_roles import ROLE_SETS, Quaternion, Triple
+
+__all__ = ["CONVENTIONS", "Place", "Roles", "SensorPoses", "roles_of"]
+
+_UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
+_NOWHERE: Triple = (0.0, 0.0, 0.0)
+MAX_KNOWN = 64
+"""Different sets of names that are remembered: a sender uses a few."""
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a sensor's pose comes from. position, orientation: the sender's names of poses, "" for none.
+
+    rest: what the sender tells, wxyz, in the T-pose facing x. offset: from the joint to the point that is told, m, in
+    the axes of that pose.
+    """
+
+    position: str
+    orientation: str = ""
+    rest: Quaternion = _UPRIGHT
+    offset: Triple = _NOWHERE
+
+
+def _of_role_set(name: str) -> dict[str, Place]:
+    roles = ROLE_SETS[name].roles
+    points = {role.point: role for role in roles if role.point}
+    segments = {role.segment: role for role in roles if role.segment}
+    found = {}
+    for sensor in SENSORS:
+        point, segment = points.get(sensor), segments.get(sensor)
+        if point is not None:
+            found[sensor] = Place(
+                point.name,
+                "" if segment is None else segment.name,
+                _UPRIGHT if segment is None else segment.rest,
+                point.offset,
+            )
+    return found
+
+
+CONVENTIONS: dict[str, dict[str, Place]] = {
+    "slimevr": _of_role_set("slimevr"),
+    "slimevr_vrchat": _of_role_set("slimevr_vrchat"),
+    "unity_bones": _of_role_set("unity_bones"),
+    "mvn": {sensor: Place(role.position, role.orientation) for sensor, role in MVN_SENSORS.items()},
+    "json": {sensor: Place(sensor, sensor) for sensor in SENSORS},
+    "natnet": {},
+}
+"""Canonical sensor -> where a kind of sender tells it. NatNet's names are the user's own: the performer's file has
+them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorPoses:
+    """What a frame says of m sensors. rows (m,): in the performer's order. position (m, 3) m, NaN where none;
+    orientation (m, 4) wxyz, canonical, NaN where none; tracked (m,)."""
+
+    rows: Rows
+    position: FloatArray
+    orientation: FloatArray
+    tracked: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plan:
+    """How poses of certain names become sensors: columns (m,) of the frame, -1 for none."""
+
+    rows: Rows
+    points: Rows
+    segments: Rows
+    rest: FloatArray
+    offset: FloatArray
+    shifted: Rows
+
+
+class Roles:
+    """The sensors of a performer in the poses of one sender."""
+
+    def __init__(self, sensors: Sequence[str], places: Sequence[Place]) -> None:
+        self.sensors, self.places = tuple(sensors), tuple(places)
+        self._plans: dict[tuple[str, ...], _Plan | None] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sender's names that are listened for, each once."""
+        return tuple(dict.fromkeys(name for one in self.places for name in (one.position, one.orientation) if name))
+
+    def take(self, frame: StreamFrame) -> SensorPoses | None:
+        """The sensors that a frame tells; None when it tells none."""
+        plan = self._plan(frame.names)
+        if plan is None:
+            return None
+        # A column of -1 is the last one: whatever stands there is replaced.
+        position = frame.position[plan.points]
+        position[plan.points < 0] = np.nan
+        tracked = frame.tracked[np.where(plan.points < 0, plan.segments, plan.points)]
+        if plan.shifted.size:
+            turned = frame.orientation[plan.points[plan.shifted]]
+            position[plan.shifted] -= rotations.rotate(turned, plan.offset[plan.shifted])
+        orientation = rotations.multiply(frame.orientation[plan.segments], plan.rest)
+        orientation[plan.segments < 0] = np.nan
+        return SensorPoses(plan.rows, position, orientation, tracked)
+
+    def _plan(self, names: tuple[str, ...]) -> _Plan | None:
+        if names not in self._plans:
+            if len(self._plans) >= MAX_KNOWN:
+                self._plans.clear()
+            self._plans[names] = self._make(names)
+        return self._plans[names]
+
+    def _make(self, names: tuple[str, ...]) -> _Plan | None:
+        column = {name: index for index, name in enumerate(names)}
+        told = [
+            (row, place)
+            for row, place in enumerate(self.places)
+            if place.position in column or place.orientation in column
+        ]
+        if not told:
+            return None
+        points = np.array([column.get(place.position, -1) for _, place in told])
+        offset = np.array([place.offset for _, place in told])
+        return _Plan(
+            rows=np.array([row for row, _ in told]),
+            points=points,
+            segments=np.array([column.get(place.orientation, -1) for _, place in told]),
+            rest=rotations.conjugate([place.rest for _, place in told]),
+            offset=offset,
+            shifted=np.flatnonzero((points >= 0) & offset.any(axis=1)),
+        )
+
+
+def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
+    """The performer's sensors by a convention's names, or by those of the performer's file, which come first.
+
+    where: the performer's file, for messages. Raises UsageError with every sensor that the sender cannot tell.
+    """
+    if convention not in CONVENTIONS:
+        raise UsageError(
+            "unknown convention of roles",
+            where=where,
+            found=repr(convention),
+            allowed=", ".join(CONVENTIONS),
+            next_step=suggest(convention, CONVENTIONS),
+        )
+    known, places, problems = CONVENTIONS[convention], [], []
+    for name, sensor in performer.sensors.items():
+        if sensor.role is not None:
+            places.append(Place(sensor.role, sensor.role))
+        elif name in known:
+            places.append(known[name])
+        else:
+            problems.append(
+                Problem(
+                    f"sender of kind {convention} tells no {name}",
+                    f"{where}: sensors.{name}",
+                    allowed=", ".join(known) or "no sensor by itself",
+                    next_step="Name the sender's pose with `role`, or leave the sensor out",
+                )
+            )
+    if problems:
+        raise UsageError.from_problems(problems)
+    return Roles(tuple(performer.sensors), places)

@@ -1,0 +1,99 @@
+"""A sender's poses as the sensors of a performer: by convention, by the performer's file, in parts."""
+
+import numpy as np
+import pytest
+
+from retarget import rotations
+from retarget.errors import UsageError
+from retarget.frames import SENSORS
+from retarget.live.roles import CONVENTIONS, MAX_KNOWN, Roles, roles_of
+from retarget.performer import Performer, WornSensor, load_performer
+from retarget.sources.stream_frame import StreamFrame
+
+FIVE = load_performer("five")
+
+
+def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]], *, untracked: str = "") -> StreamFrame:
+    """Poses by name; None: not told."""
+    nothing3, nothing4 = [np.nan] * 3, [np.nan] * 4
+    return StreamFrame(
+        tuple(poses),
+        np.array([at or nothing3 for at, _ in poses.values()], dtype=float).reshape(-1, 3),
+        np.array([turn or nothing4 for _, turn in poses.values()], dtype=float).reshape(-1, 4),
+        np.array([name != untracked for name in poses], dtype=bool),
+    )
+
+
+@pytest.mark.parametrize("convention", [name for name in CONVENTIONS if name not in ("natnet", "slimevr_vrchat")])
+def test_every_convention_has_the_default_sensors(convention: str) -> None:
+    roles = roles_of(FIVE, convention, where="five.yaml")
+    assert roles.sensors == tuple(FIVE.sensors)
+    assert all(place.position for place in roles.places)
+    assert set(CONVENTIONS[convention]) <= set(SENSORS)
+
+
+def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_told() -> None:
+    roles = roles_of(FIVE, "slimevr", where="five.yaml")
+    # The identity is an arm that hangs: in the T-pose the sender tells a turn about forward.
+    raised = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2).tolist()
+    poses = roles.take(
+        frame(
+            {
+                "human://LEFT_HAND": ([0.13, 0.3, 0.9], [1.0, 0.0, 0.0, 0.0]),
+                "human://HEAD": ([0.0, 0.0, 1.6], [1.0, 0.0, 0.0, 0.0]),
+            }
+        )
+    )
+    assert poses is not None
+    at = dict(zip(poses.rows.tolist(), range(len(poses.rows)), strict=True))
+    wrist, head = at[roles.sensors.index("l_wrist")], at[roles.sensors.index("head")]
+    np.testing.assert_allclose(poses.position[wrist], [0.0, 0.3, 0.9], atol=1e-12)
+    np.testing.assert_allclose(poses.position[head], [0.0, 0.0, 1.6])
+    # Canonical: identity in the T-pose.
+    down = rotations.rotate(poses.orientation[wrist], [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=1e-12)
+    turned = roles.take(frame({"human://LEFT_HAND": ([0.13, 0.9, 1.4], raised)}))
+    assert turned is not None
+    assert rotations.angle_between(turned.orientation[0], rotations.IDENTITY) < 1e-9
+
+
+def test_what_a_datagram_does_not_tell_stays_untold() -> None:
+    performer = Performer(name="p", description="d", sensors={"l_knee": WornSensor(joint="l_knee", orientation=True)})
+    roles = roles_of(performer, "mvn", where="p.yaml")
+    only_turn = roles.take(frame({"LeftLowerLeg": (None, [0.0, 1.0, 0.0, 0.0])}))
+    assert only_turn is not None and np.isnan(only_turn.position).all()
+    np.testing.assert_allclose(only_turn.orientation, [[0.0, 1.0, 0.0, 0.0]])
+    assert only_turn.tracked.tolist() == [True]
+    lost = roles.take(frame({"LeftLowerLeg": ([0.0, 0.1, 0.5], None)}, untracked="LeftLowerLeg"))
+    assert lost is not None and lost.tracked.tolist() == [False] and np.isnan(lost.orientation).all()
+    assert roles.take(frame({"Pelvis": ([0.0, 0.0, 1.0], None)})) is None
+    assert roles.take(frame({})) is None
+
+
+def test_a_point_and_its_segment_may_be_two_poses() -> None:
+    """SlimeVR's KNEE turns with the thigh: nothing tells the shank of a knee sensor."""
+    performer = Performer(name="p", description="d", sensors={"l_knee": WornSensor(joint="l_knee", orientation=True)})
+    roles = roles_of(performer, "slimevr", where="p.yaml")
+    poses = roles.take(frame({"human://LEFT_KNEE": ([0.0, 0.1, 0.5], [1.0, 0.0, 0.0, 0.0])}))
+    assert poses is not None and np.isfinite(poses.position).all() and np.isnan(poses.orientation).all()
+
+
+def test_names_of_the_file_come_first() -> None:
+    performer = Performer(
+        name="p",
+        description="d",
+        sensors={"l_wrist": WornSensor(joint="l_wrist", role="rigid://left hand"), "head": WornSensor(joint="head")},
+    )
+    with pytest.raises(UsageError, match="sender of kind natnet tells no head"):
+        roles_of(performer, "natnet", where="p.yaml")
+    roles = roles_of(performer, "json", where="p.yaml")
+    assert roles.names == ("rigid://left hand", "head")
+    with pytest.raises(UsageError, match="unknown convention of roles"):
+        roles_of(performer, "slimvr", where="p.yaml")
+
+
+def test_changing_names_are_remembered_within_bounds() -> None:
+    roles = Roles(("head",), [CONVENTIONS["json"]["head"]])
+    for number in range(3 * MAX_KNOWN):
+        assert roles.take(frame({f"other{number}": (None, None), "head": ([0.0, 0.0, 1.0], None)})) is not None
+    assert len(roles._plans) <= MAX_KNOWN
