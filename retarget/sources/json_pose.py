@@ -1,0 +1,185 @@
+"""Poses as JSON, one object per datagram: our own input for any tracker that somebody can write 20 lines for.
+
+    {"axes": "unity", "quaternion": "xyzw", "time": 12.345, "frame": 741,
+     "poses": {"l_wrist": {"p": [0.1, 1.2, 0.3], "q": [0, 0, 0, 1], "tracked": true}, ...}}
+
+docs/json-input.md is the specification. Strict, so that a sender's mistake shows on the first datagram: an unknown,
+missing or doubled key or a value of the wrong type refuses the datagram with a reason; numbers that are no place or no
+rotation cost only the pose they stand in.
+"""
+
+import json
+import math
+from typing import Any, NoReturn
+
+import numpy as np
+
+from retarget.sources.pose_bounds import MAX_COORDINATE, NORM_TOLERANCE
+from retarget.sources.stream_axes import CONVENTIONS, Convention
+from retarget.sources.stream_frame import MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame
+
+__all__ = ["DEFAULT_PORT", "ORDERS", "JsonPoseDecoder"]
+
+DEFAULT_PORT = 14150
+"""UDP port that senders use unless told otherwise."""
+
+ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
+"""Where w, x, y and z stand in a quaternion of this order."""
+
+MAX_NAME = 64
+"""Characters of the longest name of a pose."""
+MAX_TIME = 1e12
+MAX_FRAME = 2**63 - 1
+
+_KEYS = {"axes", "quaternion", "time", "frame", "poses"}
+_POSE_KEYS = {"p", "q", "tracked"}
+_NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
+_LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
+
+
+class _Refused(ValueError):
+    """A datagram that is not used; its text is the reason."""
+
+
+class JsonPoseDecoder:
+    """Implements StreamDecoder. Names of poses are the sender's; "l_wrist" and the like need no mapping."""
+
+    def __init__(self) -> None:
+        self.dropped = Dropped()
+        self._names: tuple[str, ...] = ()
+
+    def decode(self, datagram: bytes) -> list[StreamFrame]:
+        """The poses of one datagram. See `StreamDecoder`."""
+        try:
+            return [self._frame(_parsed(datagram))]
+        except _Refused as refused:
+            self.dropped.note(str(refused))
+            return []
+
+    def _frame(self, message: dict[str, Any]) -> StreamFrame:
+        if not message.keys() <= _KEYS:
+            raise _Refused("a key other than axes, quaternion, time, frame, poses")
+        axes, order = _axes(message), _order(message)
+        poses = message.get("poses")
+        if type(poses) is not dict or not 0 < len(poses) <= MAX_POSES:
+            raise _Refused(f'"poses" is no object of 1 to {MAX_POSES} poses')
+        places, turns, tracked = [], [], []
+        for pose in poses.values():
+            place, turn, told = _pose(pose, order)
+            bad = place is None or turn is None
+            if bad and told:
+                self.dropped.note("pose that is no number or no rotation")
+            places.append(_NOWHERE if place is None or bad else place)
+            turns.append(_NO_TURN if turn is None or bad else turn)
+            tracked.append(told and not bad)
+        return StreamFrame(
+            names=self._named(tuple(poses)),
+            position=axes.positions(np.array(places)),
+            orientation=axes.orientations(np.array(turns)),
+            tracked=np.array(tracked),
+            stamp=_time(message),
+            number=_number(message),
+        )
+
+    def _named(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The same tuple as long as the names are the same."""
+        if names != self._names:
+            if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
+                raise _Refused(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
+            self._names = names
+        return self._names
+
+
+def _parsed(datagram: bytes) -> dict[str, Any]:
+    """The object of a datagram, or _Refused."""
+    if len(datagram) > MAX_DATAGRAM:
+        raise _Refused("datagram too long")
+    try:
+        message = json.loads(datagram.decode("utf-8"), object_pairs_hook=_object, parse_constant=_no_constant)
+    except _Refused:
+        raise
+    except (ValueError, RecursionError):  # not UTF-8, not JSON, a number of thousands of digits, brackets without end
+        raise _Refused("not JSON in UTF-8") from None
+    if type(message) is not dict:
+        raise _Refused("not a JSON object")
+    return message
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise _Refused("a key twice in an object")
+    return found
+
+
+def _no_constant(_: str) -> NoReturn:
+    raise _Refused("NaN or Infinity: leave the pose out, or say tracked: false")
+
+
+def _axes(message: dict[str, Any]) -> Convention:
+    name = message.get("axes")
+    if type(name) is not str or name not in CONVENTIONS:
+        raise _Refused('"axes" is missing or no known convention')
+    return CONVENTIONS[name]
+
+
+def _order(message: dict[str, Any]) -> tuple[int, int, int, int] | None:
+    if "quaternion" not in message:
+        return None
+    name = message["quaternion"]
+    if type(name) is not str or name not in ORDERS:
+        raise _Refused('"quaternion" is neither "wxyz" nor "xyzw"')
+    return ORDERS[name]
+
+
+def _time(message: dict[str, Any]) -> float | None:
+    if "time" not in message:
+        return None
+    time = message["time"]
+    if type(time) not in (float, int) or not abs(time) <= MAX_TIME:
+        raise _Refused('"time" is no finite number of seconds')
+    return float(time)
+
+
+def _number(message: dict[str, Any]) -> int | None:
+    if "frame" not in message:
+        return None
+    number = message["frame"]
+    if type(number) is not int or not 0 <= number <= MAX_FRAME:
+        raise _Refused('"frame" is no whole number from 0')
+    return number
+
+
+def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:
+    """Place (3), quaternion (4) wxyz of norm 1, tracked. NaN for what is not told, None for what is not usable."""
+    if type(pose) is not dict or not pose.keys() <= _POSE_KEYS or not ("p" in pose or "q" in pose):
+        raise _Refused('a pose is no object of "p", "q" or both, and "tracked"')
+    tracked = pose.get("tracked", True)
+    if type(tracked) is not bool:
+        raise _Refused('"tracked" is neither true nor false')
+    place: Any = _NOWHERE
+    if "p" in pose:
+        place = _numbers(pose["p"], 3)
+        if not all(-MAX_COORDINATE <= value <= MAX_COORDINATE for value in place):
+            place = None
+    return place, _turn(pose["q"], order) if "q" in pose else _NO_TURN, tracked
+
+
+def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float, float, float, float] | None:
+    if order is None:
+        raise _Refused('"quaternion" (wxyz or xyzw) is missing')
+    values = _numbers(sent, 4)
+    w, x, y, z = (values[place] for place in order)
+    if not max(abs(w), abs(x), abs(y), abs(z)) <= 2.0:  # before squares of large numbers
+        return None
+    square = w * w + x * x + y * y + z * z
+    if not _LOW <= square <= _HIGH:
+        return None
+    norm = math.sqrt(square)
+    return w / norm, x / norm, y / norm, z / norm
+
+
+def _numbers(sent: object, count: int) -> list[Any]:
+    if type(sent) is not list or len(sent) != count or not all(type(value) in (float, int) for value in sent):
+        raise _Refused('"p" is not 3 numbers or "q" not 4')
+    return sent
