@@ -1,2 +1,1 @@
-"""Live streams: one clock, a playout buffer and filters, between the decoders and the pipeline. Nothing here reads a
-clock, opens a socket or sleeps."""
+"""Live streams between the socket and the pipeline: who is listened to, when it was captured, when it is played."""

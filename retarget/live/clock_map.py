@@ -1,0 +1,232 @@
+"""When a sample was captured, on the local clock: the sender's stamps, moved by the least delay that was seen.
+
+arrival - stamp is the offset of the two clocks plus the delay of that datagram; its minimum over the last seconds is
+the offset plus the least delay, which is what can be known without asking the sender (measured on a Motive recording:
+within 0.42 ms of asking). The window is short, so that the estimate follows a clock that runs fast or slow.
+"""
+
+from collections import OrderedDict
+from math import frexp, inf, isfinite, ldexp
+
+from retarget.live.clock_jump import PLENTY, ClockJump, JumpKind, OddRun
+from retarget.live.sliding_minimum import SlidingMinimum
+from retarget.sources.stream_frame import Dropped
+
+__all__ = ["ClockMap"]
+
+WINDOW_S = 2.0
+EARLY_S = 0.005
+"""One that is earlier than any by more than this is believed only when others confirm it."""
+AHEAD_S = 0.100
+"""One stamped further ahead is not used until its clock is believed."""
+LATE_S = 0.250
+"""Nor is one that took longer than this: nothing moves by where somebody was then."""
+REORDER_S = 0.100
+"""Nor one that is further behind what was delivered."""
+SHIFT_S = 0.030
+"""Lateness of all datagrams for `PATIENCE_S` that is a leap of the clock, not jitter."""
+PATIENCE_S = 0.250
+COARSE_S = 0.002
+"""No two frames share a step of a clock finer than this: an equal stamp is the same frame."""
+YOUNG_S = 10.0
+"""A clock that leapt back to less than this was restarted."""
+SQUEEZE = 0.5
+"""While the estimate falls, delivered time runs at least this fast in terms of the sender's."""
+NUDGE_S = 1e-6
+"""Between two samples in order that could not be told apart in time."""
+REMEMBERED = 64
+"""Frames by which a repeated one is recognised."""
+
+
+class ClockMap:
+    """Maps one sender's stamps or frame numbers to the local monotonic clock.
+
+    period: s between two frames whose numbers differ by one, for senders without stamps (None: not known). resolution:
+    s, of stamps told in coarse units. significand: bits of the stamps' format (24 for float32 seconds): their step
+    follows from it. parts: datagrams that may share one stamp or number, where a frame is told in several.
+
+    `jumps` counts leaps of the sender's clock, `last_jump` is the last of them; `dropped` counts by reason.
+    """
+
+    def __init__(
+        self, *, period: float | None = None, resolution: float = 0.0, significand: int = 53, parts: int = 1
+    ) -> None:
+        assert (period is None or period > 0.0) and resolution >= 0.0 and significand > 1 and parts >= 1
+        self.jumps = 0
+        self.last_jump: ClockJump | None = None
+        self.dropped = Dropped()
+        self._period = period
+        self._resolution = resolution
+        self._significand = significand
+        self._parts = parts
+        self._least = SlidingMinimum(WINDOW_S)
+        self._offset: float | None = None
+        self._newest = -inf
+        self._latest = -inf
+        self._now = -inf
+        self._odd = OddRun()
+        self._late_count = 0
+        self._late_since = 0.0
+        self._late_least = inf
+        self._recent: OrderedDict[tuple[float | None, int | None], list[float]] = OrderedDict()
+        self._stuck: tuple[float | None, int | None] | None = None
+        self._repeats = 0
+        self._newest_number: int | None = None
+        self._is_counting = False
+
+    @property
+    def offset(self) -> float | None:
+        """Local minus sender time, with the least delay in it, s; None before the first stamp."""
+        return self._offset
+
+    def map(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
+        """The local time (s) at which a frame was captured, at most the arrival (but for microseconds); None: not used.
+
+        arrival: s, local. stamp, number: as the sender told them. Frames in the sender's order get rising times,
+        whatever happens to its clock; one that was overtaken gets its place before them.
+        """
+        if not isfinite(arrival):
+            self.dropped.note("arrival is not a time")
+            return None
+        self._now = arrival = max(arrival, self._now)
+        if stamp is not None and not isfinite(stamp):
+            stamp = None
+        key = (stamp, number)
+        if key == (None, None) or self._is_stuck(key, stamp):
+            return self._deliver(arrival)
+        known = self._recent.get(key)
+        if known is not None and known[1] < self._parts:
+            known[1] += 1
+            return known[0]
+        if self._is_repeated(known is not None, stamp, number):
+            return self._repeated(arrival, key)
+        time = self._placed(arrival, stamp, number)
+        if time is not None:
+            self._repeats = 0
+            self._remember(key, time)
+        return time
+
+    def _placed(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
+        """By the stamp if there is one, by the number if its period is known, else by the arrival."""
+        if stamp is not None:
+            return self._by_clock(arrival, stamp, step=self._step(stamp), is_counting=False)
+        assert number is not None
+        if self._period is not None:
+            return self._by_clock(arrival, number * self._period, step=0.0, is_counting=True)
+        newest, self._newest_number = self._newest_number, number
+        if newest is not None and 0 < newest - number <= REMEMBERED:
+            self._newest_number = newest
+            self.dropped.note("out of order")
+            return None
+        return self._deliver(arrival)
+
+    def _by_clock(self, arrival: float, stamp: float, *, step: float, is_counting: bool) -> float | None:
+        """Place by a clock of the sender: its stamps, or its frames counted."""
+        if is_counting != self._is_counting:
+            self._is_counting, self._offset = is_counting, None
+        gap = arrival - stamp
+        if self._offset is None:
+            self._restart(arrival, gap)
+        assert self._offset is not None
+        excess = gap - self._offset
+        if excess < -(EARLY_S + step) or excess > LATE_S or self._latest - stamp - self._offset > REORDER_S + step:
+            return self._odd_one(arrival, stamp, step=step)
+        self._odd.clear()
+        if self._is_late_for_good(arrival, gap, excess):
+            self._leap(arrival, self._late_least, stamp=stamp)
+        else:
+            self._least.add(arrival, gap)
+            self._offset = self._least.at(arrival)
+        return self._in_order(arrival, stamp, step)
+
+    def _odd_one(self, arrival: float, stamp: float, *, step: float) -> float | None:
+        """One that does not fit: the clock leapt if others agree; else a little early is used, the rest is dropped."""
+        assert self._offset is not None
+        excess = arrival - stamp - self._offset
+        self._odd.note(arrival, stamp, step)
+        if self._odd.is_believed(arrival, patience=PATIENCE_S):
+            self._leap(arrival, self._odd.least, stamp=stamp)
+            return self._in_order(arrival, stamp, step)
+        if -(AHEAD_S + step) <= excess < 0.0:
+            return self._deliver(arrival)
+        self.dropped.note("stamped ahead" if excess < 0.0 else "late" if excess > LATE_S else "out of order")
+        return None
+
+    def _is_late_for_good(self, arrival: float, gap: float, excess: float) -> bool:
+        """Whether all datagrams have been late by far for a while: a small leap back."""
+        if excess <= SHIFT_S:
+            self._late_count, self._late_least = 0, inf
+            return False
+        if self._late_count == 0:
+            self._late_since = arrival
+        self._late_count += 1
+        self._late_least = min(self._late_least, gap)
+        return self._late_count >= 5 and arrival - self._late_since >= PATIENCE_S
+
+    def _leap(self, arrival: float, gap: float, *, stamp: float) -> None:
+        """Start the estimate anew; a leap that matters is counted."""
+        shift = gap - (self._offset or 0.0)
+        if abs(shift) >= SHIFT_S:
+            back = JumpKind.RESTARTED if stamp < YOUNG_S and stamp < self._newest else JumpKind.BACK
+            self.jumps += 1
+            self.last_jump = ClockJump(back if shift > 0.0 else JumpKind.FORWARD, arrival, shift)
+        self._restart(arrival, gap)
+
+    def _restart(self, arrival: float, gap: float) -> None:
+        """Forget the sender's clock, never what was delivered."""
+        self._least.clear()
+        self._least.add(arrival, gap)
+        self._offset, self._newest = gap, -inf
+        self._odd.clear()
+        self._late_count, self._late_least = 0, inf
+        self._recent.clear()
+
+    def _in_order(self, arrival: float, stamp: float, step: float) -> float:
+        """Where the stamp puts it, nearest to the arrival where the stamp is coarse; in the sender's order."""
+        assert self._offset is not None
+        time = min(arrival, stamp + self._offset + step)
+        if stamp < self._newest:
+            return min(time, self._latest - NUDGE_S)
+        if self._newest > -inf:
+            slowest = self._latest + SQUEEZE * (stamp - self._newest)
+            time = max(time, min(arrival, slowest))
+        self._newest = stamp
+        return self._deliver(time)
+
+    def _deliver(self, time: float) -> float:
+        """The newest sample so far."""
+        self._latest = max(time, self._latest + NUDGE_S)
+        return self._latest
+
+    def _step(self, stamp: float) -> float:
+        """How far apart two stamps at the least are, s."""
+        return max(self._resolution, ldexp(1.0, frexp(stamp)[1] - self._significand))
+
+    def _remember(self, key: tuple[float | None, int | None], time: float) -> None:
+        self._recent[key] = [time, 1]
+        if len(self._recent) > REMEMBERED:
+            self._recent.popitem(last=False)
+
+    def _is_stuck(self, key: tuple[float | None, int | None], stamp: float | None) -> bool:
+        """Whether the sender's clock was found to stand still, and still does."""
+        if self._stuck is None:
+            return False
+        if key == self._stuck or (stamp is not None and stamp == self._stuck[0]):
+            return True
+        self._stuck = None
+        return False
+
+    def _is_repeated(self, is_known: bool, stamp: float | None, number: int | None) -> bool:
+        """Whether the frame came before, or its stamp did, from a clock fine enough to tell frames apart."""
+        if stamp is None or self._step(stamp) < COARSE_S:
+            return is_known or (stamp is not None and stamp == self._newest)
+        return is_known and number is not None
+
+    def _repeated(self, arrival: float, key: tuple[float | None, int | None]) -> float | None:
+        """Drop one that came before; when nothing else comes, the clock stands and the arrivals count."""
+        self._repeats += 1
+        if self._repeats >= PLENTY and arrival - self._latest >= PATIENCE_S:
+            self._stuck, self._repeats = key, 0
+            return self._deliver(arrival)
+        self.dropped.note("repeated")
+        return None
