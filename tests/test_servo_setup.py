@@ -40,14 +40,14 @@ def test_id_and_speed_last_and_verified(lab: ServoLab) -> None:
         (("--id", "13", "--new-id", "254"), "254 is everybody"),
         (("--id", "13", "--new-id", "253"), "found 253"),
         (("--id", "13", "--new-id", "14"), "id 14 is taken"),
-        (("--id", "13", "--baud", "123456"), "no such baud rate"),
+        (("--id", "13", "--baud", "123456"), "--baud: no such speed"),
         (("--id", "13", "--return-delay", "600"), "600 us"),
         (("--id", "13", "--register", "shutdown"), "this is no setting"),
         (("--id", "13", "--register", "goal_position=1"), "no such register"),
         (("--id", "13", "--register", "protocol_type=1"), "no such register"),
         (("--id", "13", "--register", "drive_mode=300"), "no such drive_mode"),
         (("--id", "13", "--register", "nothing=1"), "nothing"),
-        (("--id", "33"), "no servo answers to id 33"),
+        (("--id", "33", "--drive-mode", "0"), "no servo answers to id 33"),
         (("--id", "12", "--drive-mode", "1"), "torque is on, and locks the EEPROM"),
     ],
 )
@@ -107,7 +107,7 @@ def test_the_command_that_a_complaint_names_does_it(values: dict[str, int], lab:
 
 def test_a_servo_that_answers_pings_only_is_written_blind(lab: ServoLab) -> None:
     lab.before = {(13, "status_return_level"): 0}
-    code, _, err = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "4", "--yes")
+    code, _, err = lab.run("setup", "--port", "emulator", "--id", "13", "--drive-mode", "4", "--yes")
     assert code == 2 and "answers pings only" in err and "--register status_return_level=2" in err
     assert Instruction.WRITE not in lab.instructions()
     words = ("--id", "13", "--register", "status_return_level=2", "--drive-mode", "4")
@@ -125,7 +125,7 @@ def test_a_mute_servo_of_protocol_1_too(model: str, lab: ServoLab, monkeypatch: 
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
     rig.devices[1].memory.put("status_return_level", 0)
     rig.devices[1].tune()
-    monkeypatch.setattr("retarget.cli.servo.setup.find_places", lambda *words, **more: [Place(rig.port)])
+    monkeypatch.setattr("retarget.cli.servo.target.find_places", lambda *words, **more: [Place(rig.port)])
     words = ("setup", "--port", "/dev/x", "--protocol", "1", "--id", "2")
     code, _, err = lab.run(*words, "--return-delay", "0", "--yes")
     assert code == 2 and "answers pings only" in err

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from hardware.bus_spec import MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
+from hardware.bus_spec import BAUDS, MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
 from hardware.dynamixel.baud_codes import baud_of, code_of
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.servo_image import ServoImage
@@ -11,6 +11,7 @@ from hardware.errors import BusError, describe
 
 HIGHEST_ID = 252
 OWN_OPTION = {"id": "--new-id", "baud_rate": "--baud", "return_delay_time": "--return-delay"}
+DELAYS = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
 SILENCING = "protocol_type"
 """Whoever changes it is no longer understood."""
 
@@ -38,10 +39,10 @@ def plan(
     Raises BusError (HardwareError for an unknown register) for what this servo cannot hold, and while torque is on.
     """
     table = image.table
-    wanted = [_register(table, name, value) for name, value in (registers or {}).items()]
+    wanted = [setting_of(table, name, value) for name, value in (registers or {}).items()]
     if return_delay is not None:
-        if not 0.0 <= return_delay <= MAX_RETURN_DELAY:
-            raise _no(table, "return delay", f"{1e6 * return_delay:g} us", f"0 to {1e6 * MAX_RETURN_DELAY:g} us")
+        if not possible_delay(return_delay):
+            raise _no(table, "return delay", f"{1e6 * return_delay:g} us", DELAYS)
         wanted.append(Setting(table["return_delay_time"], round(return_delay / RETURN_DELAY_STEP)))
     if new_id is not None:
         if not 0 <= new_id <= HIGHEST_ID:
@@ -50,10 +51,7 @@ def plan(
     if baud is not None:
         code = code_of(table, baud)
         if code is None:
-            lowest, highest = table["baud_rate"].lowest or 0, table["baud_rate"].highest or 0
-            rates = [rate for one in range(lowest, highest + 1) if (rate := baud_of(table, one))]
-            shown = ", ".join(map(str, sorted(rates))) if table.protocol == 2 else "see its e-Manual"
-            raise _no(table, "baud rate", str(baud), shown)
+            raise _no(table, "baud rate", str(baud), rates_of(table))
         wanted.append(Setting(table["baud_rate"], code))
     due = differing(wanted, image)
     if due and image.value("torque_enable"):
@@ -67,7 +65,22 @@ def plan(
     return due
 
 
-def _register(table: ControlTable, name: str, value: int) -> Setting:
+def possible_delay(delay: float) -> bool:
+    """Whether a servo can be told to wait for `delay` s before it answers."""
+    steps = delay / RETURN_DELAY_STEP
+    return 0.0 <= delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6
+
+
+def rates_of(table: ControlTable) -> str:
+    """The speeds that a model can be set to, bits/s, in words."""
+    lowest, highest = table["baud_rate"].lowest or 0, table["baud_rate"].highest or 0
+    rates = [rate for one in range(lowest, highest + 1) if (rate := baud_of(table, one))]
+    usual = [rate for rate in rates if rate in BAUDS[table.protocol]]
+    return ", ".join(map(str, sorted(usual)))
+
+
+def setting_of(table: ControlTable, name: str, value: int) -> Setting:
+    """What a register of its EEPROM is to hold. Raises BusError (HardwareError for an unknown register)."""
     register = table[name]
     if name in OWN_OPTION:
         raise _no(table, "register", name, f"the option {OWN_OPTION[name]}")

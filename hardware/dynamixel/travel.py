@@ -42,22 +42,43 @@ def _within(servo: ServoSpec, low: int, high: int) -> Span:
 
 def travel_complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:
     """The servo's own limits against the ticks that the joint needs; None: those are not known."""
-    names = _limits(servo, image)
-    if names is None:
+    names, moved = _limits(servo, image), limits_to_move(servo, image, needed)
+    if names is None or not moved:
         return []
     low, high = (image.value(name) for name in names)
-    wanted = dict(zip(names, needed or Span(0, servo.model.ticks - 1), strict=True))
-    if image.table.protocol == 1:
-        if low == high == 0:
-            return [f"is in wheel mode (both angle limits 0): {setup_command(bus, servo.id, wanted)}"]
-        if image.has("multi_turn_offset") and low == high == servo.model.ticks - 1:
-            return [f"is in multi-turn mode (both angle limits at their end): {setup_command(bus, servo.id, wanted)}"]
-    if needed is None or (low <= needed.low and needed.high <= high):
-        return []
+    cure = setup_command(bus, servo.id, moved)
+    mode = _other_mode(servo, image, low, high)
+    if mode:
+        return [f"{mode}: {cure}"]
+    assert needed is not None
     return [
         f"takes ticks {low} to {high} only, the joint needs {needed.low} to {needed.high}: narrow the limits of the "
-        f"profile, or {setup_command(bus, servo.id, _narrow(wanted, low, high))}"
+        f"profile, or {cure}"
     ]
+
+
+def limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span | None) -> dict[str, int]:
+    """What the servo's own limits must become for those ticks, counts by register; empty where they are wide enough."""
+    names = _limits(servo, image)
+    if names is None:
+        return {}
+    low, high = (image.value(name) for name in names)
+    wanted = dict(zip(names, needed or Span(0, servo.model.ticks - 1), strict=True))
+    if _other_mode(servo, image, low, high):
+        return wanted
+    if needed is None or (low <= needed.low and needed.high <= high):
+        return {}
+    return _narrow(wanted, low, high)
+
+
+def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
+    """Which mode the limits of a 1.0 servo make that follows no position; "" for none."""
+    if image.table.protocol == 1:
+        if low == high == 0:
+            return "is in wheel mode (both angle limits 0)"
+        if image.has("multi_turn_offset") and low == high == servo.model.ticks - 1:
+            return "is in multi-turn mode (both angle limits at their end)"
+    return ""
 
 
 def _limits(servo: ServoSpec, image: ServoImage) -> tuple[str, str] | None:

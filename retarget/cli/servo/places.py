@@ -56,32 +56,47 @@ class Place:
 
 
 def find_places(
-    robot: str | None, port: str | None, *, faults: Path | None = None, clock: Clock | None = None
+    robot: str | None,
+    port: str | None,
+    *,
+    faults: Path | None = None,
+    clock: Clock | None = None,
+    bus: str | None = None,
 ) -> list[Place]:
-    """Ports, none of them open. clock: None: real, and virtual for an emulator.
+    """Ports, none of them open. clock: None: real, and virtual for an emulator. bus: only this one of the robot.
 
-    Raises UsageError where no port is named, and for one port where the robot has several buses.
+    Raises UsageError where no port is named, and for a port that none of the robot's several buses has.
     """
     if port != EMULATOR and faults is not None:
         raise UsageError("faults happen on the emulator", where="--faults", found=f"--port {port or 'of the profile'}")
     if port == EMULATOR:
-        return _emulated(load_uncalibrated(robot or EMULATED_ROBOT), clock or VirtualClock(), faults, robot is not None)
+        body = load_uncalibrated(robot or EMULATED_ROBOT)
+        return _emulated(body, clock or VirtualClock(), faults, robot is not None, bus)
     clock = clock or MonotonicClock()
     if robot is None:
         if port is None:
             raise UsageError("no port is named", where="servo", allowed="--port PATH, --port emulator, or --robot NAME")
         return [Place(SerialPort(port, clock))]
     body = load_uncalibrated(robot)
-    buses = body.profile.bus_specs()
+    buses = [one for one in body.profile.bus_specs() if bus in (None, one.name)]
     if port is not None and len(buses) > 1:
+        buses = _at_port(buses, port)
+    return [Place(SerialPort(port or one.port, clock), one, _servos_of(body, one)) for one in buses]
+
+
+def _at_port(buses: Sequence[BusSpec], port: str) -> list[BusSpec]:
+    """The bus whose port this is. Raises UsageError where it is none's."""
+    found = [bus for bus in buses if bus.port == port]
+    if len(found) != 1:
+        ports = ", ".join(f"{bus.port} (bus {bus.name})" for bus in buses)
         raise UsageError(
-            "one port for a robot with several buses",
+            "one port for a robot with several buses, and it is that of none of them",
             where="--port",
             found=port,
-            allowed=f"none: then the profile's ports of {', '.join(bus.name for bus in buses)}",
-            next_step="Write the ports into the profile, or leave --robot out",
+            allowed=f"{ports}, or none: then all of them",
+            next_step="Write it into the profile, leave --robot out, or (servo setup) name the servo with --joint",
         )
-    return [Place(SerialPort(port or bus.port, clock), bus, _servos_of(body, bus)) for bus in buses]
+    return found
 
 
 @contextmanager
@@ -123,10 +138,12 @@ def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[s
     return robot_lines(servos, buses, start=standing_ticks(body), now=clock.now(), plan=plan, powered=True)
 
 
-def _emulated(body: RobotBody, clock: Clock, faults: Path | None, known: bool) -> list[Place]:
+def _emulated(body: RobotBody, clock: Clock, faults: Path | None, known: bool, only: str | None) -> list[Place]:
     lines = emulated_lines(body, clock, faults)
     places = []
     for bus in body.profile.bus_specs():
+        if only not in (None, bus.name):
+            continue
         port = EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}")
         places.append(Place(port, bus, _servos_of(body, bus)) if known else Place(port))
     return places

@@ -5,24 +5,29 @@ from typing import Annotated
 import typer
 
 from hardware.dynamixel.control_table import ControlTable
+from hardware.dynamixel.in_units import in_units
 from hardware.dynamixel.line_scan import Sighting, Speed, scan_line
 from hardware.dynamixel.muted import LEVEL, PINGS_ONLY, answers_pings_only, unmute
 from hardware.dynamixel.one_off import OneOff
-from hardware.dynamixel.servo_image import read_image
+from hardware.dynamixel.servo_image import ServoImage, read_image
 from hardware.dynamixel.settings import ANSWER_ALL, Setting
 from hardware.dynamixel.setup_plan import plan
 from hardware.dynamixel.setup_write import write_setting
 from hardware.errors import BusError, describe
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.progress import progress_bar
-from retarget.cli.servo.places import Faults, Place, Port, Protocol, Robot, Yes, chosen_speeds, find_places, opened
+from retarget.cli.servo.places import Faults, Place, Port, Protocol, Robot, Yes, chosen_speeds, opened
 from retarget.cli.servo.question import agreed
+from retarget.cli.servo.setup_options import Asked, check_asked, check_device, registers_of
+from retarget.cli.servo.setup_wanted import wanted_of
+from retarget.cli.servo.target import Target, find_target
 from retarget.errors import UsageError
 
 
 def setup(
-    device: Annotated[int, typer.Option("--id", help="Its id as it is.", metavar="N")],
     robot: Robot = None,
+    joint: Annotated[str | None, typer.Option(help="The servo of this joint of the robot.", metavar="NAME")] = None,
+    device: Annotated[int | None, typer.Option("--id", help="Its id as it is.", metavar="N")] = None,
     port: Port = None,
     protocol: Protocol = None,
     new_id: Annotated[int | None, typer.Option(help="Its id as it is to be.", metavar="N")] = None,
@@ -36,53 +41,79 @@ def setup(
 ) -> None:
     """Write settings into one servo, at whatever speed it is found. Each is read back; id and speed come last.
 
-    Shows what it has and what it gets, and asks. Ctrl-C ends it after the value that is being written.
+    With --robot and --joint (or --id of the profile) it gets everything in which it differs from the profile; --joint
+    with --id makes the servo with that id the joint's own. Other options come before the profile. Shows what it has and
+    what it gets, and asks. Ctrl-C ends it after the value that is being written.
     """
-    if not 0 <= device <= 252:
-        raise UsageError("no servo has this id", where="--id", found=device, allowed="0 to 252: 254 is everybody")
-    registers = _registers(register or []) | ({} if drive_mode is None else {"drive_mode": drive_mode})
-    places = find_places(robot, port, faults=faults)
-    if len(places) != 1:
-        raise UsageError("which bus", where="--robot", found=f"{len(places)} buses", allowed="--port PATH alone")
-    place = places[0]
-    with opened(places):
-        heard = _voice(place, device, _find(place, device, protocol), registers, yes=yes, dry_run=dry_run)
+    if device is not None:
+        check_device(device, protocol)
+    asked = Asked(new_id, baud, return_delay, drive_mode, registers_of(register or []))
+    target = find_target(robot, port, joint, device, faults)
+    _check(target, asked, protocol)
+    place = target.place
+    with opened([place]):
+        heard = _voice(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
         if heard is None:
             return
         seen, table = _known(place, heard)
         place.port.set_baud(seen.speed.baud)
-        image = read_image(OneOff(place.port, seen.speed.protocol), device, table)
-        delay = None if return_delay is None else 1e-6 * return_delay
-        due = plan(image, new_id=new_id, baud=baud, return_delay=delay, registers=registers)
-        typer.echo(f"id {device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
+        image = read_image(OneOff(place.port, seen.speed.protocol), target.device, table)
+        typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
+        wanted = wanted_of(target, asked, seen, image)
+        pause = None if wanted.return_delay is None else 1e-6 * wanted.return_delay
+        due = plan(image, new_id=wanted.new_id, baud=wanted.baud, return_delay=pause, registers=wanted.registers)
         if not due:
             typer.echo("it has all of this already: nothing to write")
             return
-        for one in due:
-            typer.echo(f"  {one.register.name}: {image.value(one.register.name)} -> {one.value}")
-        _refuse_taken(place, seen, device if new_id is None else new_id, baud or seen.speed.baud)
+        _preview(image, due)
+        new_id = target.device if wanted.new_id is None else wanted.new_id
+        _refuse_taken(place, seen, new_id, wanted.baud or seen.speed.baud)
         if dry_run:
             typer.echo("dry run: nothing was written")
         elif agreed("Write this?", yes=yes):
             _write(place, seen, due)
 
 
-def _voice(
-    place: Place, device: int, seen: Sighting, registers: dict[str, int], *, yes: bool, dry_run: bool
-) -> Sighting | None:
-    """The servo as it talks: one that answers pings only is written blind, where that is asked for; None: all is done.
+def _check(target: Target, asked: Asked, protocol: int | None) -> None:
+    """Raise UsageError for what is impossible, before a port is opened."""
+    servo, spec = target.servo, target.place.spec
+    if servo is None:
+        check_asked(asked, protocol, None)
+        if spec is not None and not asked.anything:
+            known = ", ".join(str(one.id) for _, one in target.place.servos)
+            raise UsageError(
+                "no servo of the profile has this id, so it says nothing of it",
+                where="--id",
+                found=target.device,
+                allowed=known,
+                next_step="Say with --joint NAME whose servo it is to be",
+            )
+        return
+    assert spec is not None
+    check_asked(asked, spec.protocol, servo.model.name)
 
-    Takes what it wrote out of `registers`. Raises BusError where it is not asked for.
+
+def _preview(image: ServoImage, due: list[Setting]) -> None:
+    for one in due:
+        name = one.register.name
+        meaning = in_units(image.table, name, one.value)
+        typer.echo(f"  {name}: {image.value(name)} -> {one.value}" + (f" ({meaning})" if meaning else ""))
+
+
+def _voice(target: Target, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
+    """The servo as it talks: one that answers pings only is written blind, where somebody (or the profile) wants it.
+
+    None: no more is to be done. Raises BusError where nobody asked for it.
     """
+    place, device = target.place, target.device
     place.port.set_baud(seen.speed.baud)
     client = OneOff(place.port, seen.speed.protocol)
     if not answers_pings_only(client, device):
         return seen
     name = LEVEL[client.protocol].name
-    if registers.get(name) != ANSWER_ALL:
+    if asked.registers.get(name, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
         then = f"Add --register {name}={ANSWER_ALL}: that is written without its answer, and read back"
         raise BusError(describe(what=f"id {device} {PINGS_ONLY}", where=place.where, then=then))
-    del registers[name]
     typer.echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
     typer.echo(f"  {name}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
     if dry_run:
@@ -93,20 +124,6 @@ def _voice(
     unmute(client, device)
     typer.echo(f"written and read back: {name}")
     return _find(place, device, seen.speed.protocol)
-
-
-def _registers(words: list[str]) -> dict[str, int]:
-    """What NAME=VALUE means. Raises UsageError."""
-    found = {}
-    for word in words:
-        name, _, value = word.partition("=")
-        try:
-            found[name.strip()] = int(value, 0)
-        except ValueError:
-            raise UsageError(
-                "this is no setting", where="--register", found=repr(word[:80]), allowed="NAME=VALUE"
-            ) from None
-    return found
 
 
 def _find(place: Place, device: int, protocol: int | None) -> Sighting:
