@@ -126,8 +126,8 @@ class Guard:
     def tick(self, think: Think, halt: Halt = _no_way) -> GuardState:
         """Run one control period: read the servos, let `think` find a goal, send what the filter makes of it.
 
-        While holding or stopping it is `halt` that finds the goal. Goals follow one another in time: after a pause between ticks
-        that is longer than a goal may take, the robot stops.
+        While holding or stopping it is `halt` that finds the goal. Goals follow one another in time: after a pause
+        between ticks that is longer than a goal may take, the robot stops.
         Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or
         stopped.
         """
