@@ -56,6 +56,13 @@ def today() -> str:
     return time.strftime("%Y-%m-%d")
 
 
+def wall_to_monotonic() -> int:
+    """Return what to add to a stamp of the wall clock to have it on the machine's monotonic clock, in ns, as of now."""
+    before = time.monotonic_ns()
+    wall = time.time_ns()
+    return (before + time.monotonic_ns()) // 2 - wall
+
+
 def thread_cpu() -> float:
     """Return the CPU time of the calling thread in s: what a computation costs, whatever else the machine does."""
     return time.thread_time()

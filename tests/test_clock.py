@@ -1,10 +1,10 @@
 """Clocks: virtual time jumps, real time does not go back."""
 
-from datetime import date
+from datetime import UTC, date, datetime
 
 import pytest
 
-from hardware.clock import MonotonicClock, VirtualClock, process_cpu, thread_cpu, today
+from hardware.clock import MonotonicClock, VirtualClock, process_cpu, thread_cpu, today, wall_to_monotonic
 
 
 def test_virtual_time_moves_only_forward() -> None:
@@ -41,3 +41,10 @@ def test_cpu_time_grows_with_work() -> None:
 def test_today_is_a_day() -> None:
     before = date.today()
     assert before <= date.fromisoformat(today()) <= date.today()
+
+
+def test_stamps_of_the_wall_clock_come_onto_the_monotonic_one() -> None:
+    before = MonotonicClock().now()
+    stamp = datetime.now(tz=UTC).timestamp()
+    after = MonotonicClock().now()
+    assert before - 0.01 <= stamp + wall_to_monotonic() * 1e-9 <= after + 0.01

@@ -1,0 +1,112 @@
+"""Opening a stream's socket: multicast on loopback, and errors that say what to do."""
+
+import errno
+import os
+import select
+import socket
+from dataclasses import replace
+
+import pytest
+
+from datagrams import CLOCK, LOOPBACK, PATIENCE_S
+from retarget.errors import InputError
+from retarget.live.address import parse_address
+from retarget.live.udp import UdpReceiver
+from retarget.live.udp_socket import open_socket
+
+ABSENT = "203.0.113.77"
+"""Of a network that is reserved for documents: no interface has it."""
+GROUP = "239.255.42.99"
+MULTICAST = replace(parse_address(f"natnet://127.0.0.1?multicast={GROUP}"), port=0)
+
+
+def test_a_port_that_is_taken_names_its_holder() -> None:
+    with UdpReceiver(LOOPBACK) as first, pytest.raises(InputError) as caught:
+        open_socket(replace(LOOPBACK, port=first.port))
+    assert "is taken" in str(caught.value) and f"process {os.getpid()}" in str(caught.value)
+    assert "another port" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", [f"vmc://{ABSENT}:39539?allow=any", f"natnet://127.0.0.1?multicast={GROUP}&interface={ABSENT}"]
+)
+def test_an_interface_that_is_not_there_lists_those_that_are(text: str) -> None:
+    with pytest.raises(InputError, match="no interface with such an address") as caught:
+        open_socket(parse_address(text))
+    assert f"found {ABSENT}" in str(caught.value) and "127.0.0.1 (lo)" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        (errno.EACCES, "not for this user"),
+        (errno.EINVAL, "cannot listen there; found 127.0.0.1:0: Invalid argument"),
+        (errno.ENOBUFS, "cannot listen there"),
+    ],
+)
+def test_other_reasons_not_to_bind(number: int, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    with pytest.raises(InputError, match=expected):
+        open_socket(LOOPBACK)
+
+
+@pytest.mark.parametrize(
+    ("host", "number", "expected"),
+    [
+        ("127.0.0.1", errno.ENOBUFS, f"the group {GROUP} cannot be joined; found .*unicast"),
+        ("127.0.0.1", errno.ENODEV, "no interface with such an address; found 127.0.0.1"),
+        ("255.255.255.255", errno.ENODEV, f"no interface leads to the group {GROUP}.*interface=ADDRESS"),
+    ],
+)
+def test_reasons_not_to_join(host: str, number: int, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = socket.socket.setsockopt
+
+    def refuse(self: socket.socket, level: int, option: int, value: int | bytes) -> None:
+        if option == socket.IP_ADD_MEMBERSHIP and level == socket.IPPROTO_IP:
+            raise OSError(number, os.strerror(number))
+        real(self, level, option, value)
+
+    monkeypatch.setattr(socket.socket, "setsockopt", refuse)
+    address = replace(parse_address(f"natnet://{host}?multicast={GROUP}"), port=0)
+    with pytest.raises(InputError, match=expected):
+        open_socket(address)
+
+
+def test_a_group_is_heard_on_the_interface_that_was_chosen() -> None:
+    with UdpReceiver(MULTICAST) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+        try:
+            sender.sendto(b"frame", (GROUP, receiver.port))
+        except OSError as error:
+            pytest.skip(f"this kernel sends no multicast over loopback: {error}")
+        if not select.select([receiver], [], [], PATIENCE_S)[0]:
+            pytest.skip("this kernel delivers no multicast over loopback")
+        assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"frame"]
+        sender.sendto(b"unicast to the same port", ("127.0.0.1", receiver.port))
+        sender.sendto(b"group", (GROUP, receiver.port))
+        assert select.select([receiver], [], [], PATIENCE_S)[0]
+        assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"group"]
+
+
+def test_a_group_may_have_several_listeners_and_a_port_only_one() -> None:
+    with UdpReceiver(MULTICAST) as first, UdpReceiver(replace(MULTICAST, port=first.port)) as second:
+        assert first.port == second.port
+    with open_socket(LOOPBACK) as single:
+        assert single.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR) == 0
+        assert not single.getblocking()
+
+
+def test_nothing_stays_open_after_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[socket.socket] = []
+
+    def interrupted(self: socket.socket, _: object) -> None:
+        opened.append(self)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(socket.socket, "bind", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        open_socket(LOOPBACK)
+    assert opened[0].fileno() == -1
