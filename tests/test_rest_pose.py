@@ -5,32 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from people import TRIALS, trial
+from people import TRIALS, at_rest, trial
 from retarget.calibration import dimensions_from_skeleton
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
-from retarget.human_dimensions import PARENTS, POINTS, HumanDimensions, proportional_dimensions
+from retarget.human_dimensions import POINTS, HumanDimensions, proportional_dimensions
 from retarget.rest_pose import dimensions_from_rest_pose, find_rest_frames, rest_pose_name
 from retarget.rotations import FloatArray
 
 FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 POSES = {"N": 0.1, "A": 0.8, "T": np.pi / 2}
-
-
-def at_rest(person: HumanDimensions, arms: float, *, turn: float = 0.0, splay: float = 0.05) -> dict[str, FloatArray]:
-    """Every point of a person with straight limbs, the arms at an angle from hanging, the soles on the ground."""
-    points: dict[str, FloatArray] = {}
-    for name, parent in zip(POINTS, PARENTS, strict=True):
-        side = 1.0 if name.startswith("l_") else -1.0
-        angle = arms if name[2:] in ("elbow", "wrist", "hand") else splay if name[2:] in ("knee", "ankle") else 0.0
-        offset = person.of(name)
-        if angle:
-            offset = person.length(name) * np.array([0.0, side * np.sin(angle), -np.cos(angle)])
-        points[name] = offset + (points[POINTS[parent]] if parent >= 0 else 0.0)
-    lift = 0.039 * person.stature - points["l_ankle"][2]
-    cosine, sine = np.cos(turn), np.sin(turn)
-    matrix = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return {name: matrix @ point + [2.0, -1.0, lift] for name, point in points.items()}
 
 
 def fitted(points: dict[str, FloatArray], names: tuple[str, ...] = FIVE) -> HumanDimensions:
