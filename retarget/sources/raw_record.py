@@ -1,0 +1,224 @@
+"""Recordings of datagrams as they came: written beside a live run, read back by replay.
+
+A file is `RAWDGM01`, u16 length and UTF-8 text of the stream's address, then records, all little-endian:
+
+    u32 CRC-32 of the rest of the record, u64 local monotonic ns, u16 port, 16 bytes IPv6 address of the source (IPv4
+    mapped), u32 length, the datagram
+
+The format before it, `UDPREC01` (records of u64 unix ns, u16 port, u32 length, datagram), is read too, and both as gz.
+"""
+
+import gzip
+import ipaddress
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from threading import Lock
+from typing import IO, cast
+
+from retarget.errors import InputError, UsageError
+from retarget.sources.stream_frame import MAX_DATAGRAM
+
+__all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "read_raw"]
+
+MAX_UNWRITTEN = 4 * 2**20
+"""Bytes that a writer holds before it drops: six seconds of SlimeVR."""
+MAX_ADDRESS = 1024
+"""Bytes of the longest address of a stream."""
+
+_MAGIC, _OLD_MAGIC, _GZIP = b"RAWDGM01", b"UDPREC01", b"\x1f\x8b"
+_RECORD, _CRC = struct.Struct("<QH16sI"), struct.Struct("<I")
+_OLD_RECORD = struct.Struct("<QHI")
+_LENGTH = struct.Struct("<H")
+_UNREADABLE = (OSError, ValueError, EOFError, zlib.error)
+"""What a damaged file or packing leads to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Datagram:
+    """One datagram: time_s of its arrival (local monotonic s; unix s in the old format), source port, payload, and the
+    source's address ("" in the old format)."""
+
+    time_s: float
+    port: int
+    payload: bytes
+    address: str = ""
+
+
+class RawWriter:
+    """Appends from the tick or a receiving thread without touching the disk; `flush`, from a slower thread, writes.
+
+    What is not flushed is lost in a crash, no more. lost: datagrams for which there was no room, or no disk (`trouble`
+    says why: the system's reason, "" while all is well). It must not stop the robot, so neither raises.
+    """
+
+    def __init__(self, path: Path, *, url: str, option: str = "--record-raw") -> None:
+        """Start a new file. url: the stream's address. Raises UsageError if it exists already or cannot be written."""
+        text = url.encode("utf-8")[:MAX_ADDRESS]
+        self.lost = 0
+        self.trouble = ""
+        self._lock = Lock()
+        self._count = 0
+        self._unwritten = bytearray(_MAGIC + _LENGTH.pack(len(text)) + text)
+        try:
+            self._file: IO[bytes] = path.open("xb", buffering=0)
+        except FileExistsError:
+            step = "Give another name, or move it away"
+            raise UsageError("this file exists already", where=option, found=str(path), next_step=step) from None
+        except (OSError, ValueError) as error:
+            raise _unwritable(path, option, getattr(error, "strerror", None) or str(error)) from None
+        self.flush()
+        if self.trouble:
+            raise _unwritable(path, option, self.trouble)
+
+    def append(self, payload: bytes, *, time_ns: int, address: str, port: int) -> None:
+        """Take one datagram. time_ns: local monotonic. address: IPv4 or IPv6, as the socket gave it."""
+        record = _RECORD.pack(time_ns, port, _packed(address), len(payload)) + payload
+        with self._lock:
+            if len(payload) > MAX_DATAGRAM or self.trouble or len(self._unwritten) + len(record) > MAX_UNWRITTEN:
+                self.lost += 1
+                return
+            self._unwritten += _CRC.pack(zlib.crc32(record))
+            self._unwritten += record
+            self._count += 1
+
+    def flush(self) -> None:
+        """Write what was taken so far."""
+        with self._lock:
+            taken, self._unwritten = self._unwritten, bytearray()
+            count, self._count = self._count, 0
+        view = memoryview(taken)
+        try:
+            while view:
+                view = view[self._file.write(view) :]
+        except (OSError, ValueError) as error:  # ValueError: closed
+            self.trouble = getattr(error, "strerror", None) or str(error)
+            self.lost += count
+
+    def close(self) -> None:
+        """Write the rest and close."""
+        self.flush()
+        self._file.close()
+
+
+def _unwritable(path: Path, option: str, reason: str) -> UsageError:
+    return UsageError(f"cannot write this file ({reason})", where=option, found=str(path))
+
+
+class RawReader:
+    """The datagrams of a recording, in order; iterate it as often as wanted, one record is held at a time.
+
+    url: of the stream ("" in the old format). damage: after an iteration, where and how the file ended early, "" if it
+    was whole. What stands before the damage was yielded; what stands behind it is not trusted.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Raises InputError if the file is missing, unreadable or no recording."""
+        self.damage = ""
+        self._path = path
+        try:
+            with path.open("rb") as file:
+                self._gz = file.read(len(_GZIP)) == _GZIP
+            with self._open() as file:
+                self.url, self._old = _header(_Taker(file), where=str(path))
+        except FileNotFoundError:
+            raise InputError("no such recording", where=str(path), next_step="Check the path") from None
+        except _UNREADABLE as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InputError("cannot read the recording", where=str(path), found=reason) from None
+
+    def __iter__(self) -> Iterator[Datagram]:
+        self.damage, number, begin = "", 0, 0
+        try:
+            with self._open() as file:
+                taker = _Taker(file)
+                _header(taker, where=str(self._path))
+                read = _old_record if self._old else _record
+                begin = taker.count
+                while (datagram := read(taker)) is not None:
+                    yield datagram
+                    number, begin = number + 1, taker.count
+        except _UNREADABLE as error:
+            self.damage = f"{self._path}: record {number + 1}, at byte {begin}: {error}; {number} before it were read"
+
+    def _open(self) -> IO[bytes]:
+        return cast(IO[bytes], gzip.open(self._path)) if self._gz else self._path.open("rb")
+
+
+def read_raw(path: Path) -> RawReader:
+    """The datagrams of a recording. Raises InputError if it is missing or none; see `RawReader` for damage."""
+    return RawReader(path)
+
+
+class _Taker:
+    """Takes counted bytes off a file. count: of those taken so far."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.count = 0
+
+    def take(self, wanted: int) -> bytes:
+        """So many bytes. Raises EOFError if there are fewer."""
+        taken = self._file.read(wanted)
+        if len(taken) < wanted:
+            raise EOFError("the file ends here, in the middle of a record" if taken or self.count else "empty")
+        self.count += wanted
+        return taken
+
+    def at_end(self) -> bool:
+        """Whether nothing is left. Looks one byte ahead, so `peek` must be there."""
+        return not self._file.peek(1)  # type: ignore[attr-defined]
+
+
+def _header(taker: _Taker, *, where: str) -> tuple[str, bool]:
+    """Address of the stream, and whether it is the old format. Raises InputError if it is no recording."""
+    magic = taker.take(len(_MAGIC))
+    if magic not in (_MAGIC, _OLD_MAGIC):
+        allowed = "a file that --record-raw wrote"
+        raise InputError("not a recording of datagrams", where=where, found=repr(magic), allowed=allowed)
+    if magic == _OLD_MAGIC:
+        return "", True
+    (length,) = _LENGTH.unpack(taker.take(_LENGTH.size))
+    if length > MAX_ADDRESS:
+        raise ValueError(f"an address of {length} bytes")
+    return taker.take(length).decode("utf-8"), False
+
+
+def _record(taker: _Taker) -> Datagram | None:
+    """The next record, None at the end. Raises EOFError or ValueError for damage."""
+    if taker.at_end():
+        return None
+    (crc,) = _CRC.unpack(taker.take(_CRC.size))
+    head = taker.take(_RECORD.size)
+    time_ns, port, source, length = _RECORD.unpack(head)
+    payload = taker.take(_checked(length))
+    if zlib.crc32(payload, zlib.crc32(head)) != crc:
+        raise ValueError("its CRC is wrong")
+    address = ipaddress.IPv6Address(source)
+    return Datagram(time_ns * 1e-9, port, payload, str(address.ipv4_mapped or address))
+
+
+def _old_record(taker: _Taker) -> Datagram | None:
+    if taker.at_end():
+        return None
+    time_ns, port, length = _OLD_RECORD.unpack(taker.take(_OLD_RECORD.size))
+    return Datagram(time_ns * 1e-9, port, taker.take(_checked(length)))
+
+
+def _checked(length: int) -> int:
+    if length > MAX_DATAGRAM:
+        raise ValueError(f"a datagram of {length} bytes")
+    return length
+
+
+@lru_cache(maxsize=64)
+def _packed(address: str) -> bytes:
+    """16 bytes of an address; zeros if it is none."""
+    try:
+        parsed = ipaddress.ip_address(address)
+    except ValueError:
+        return bytes(16)
+    return parsed.packed if parsed.version == 6 else b"\0" * 10 + b"\xff\xff" + parsed.packed
