@@ -1,0 +1,162 @@
+"""OSC: golden bytes, every type, nesting, bounds, and nothing that raises."""
+
+import random
+import struct
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from osc_bytes import bundle, damaged, message
+from retarget.sources.osc import (
+    BAD_SIZE,
+    CUT_SHORT,
+    MANY_ARGUMENTS,
+    MAX_ARGUMENTS,
+    MAX_DEPTH,
+    MAX_MESSAGES,
+    NO_ADDRESS,
+    NO_TAGS,
+    NOT_TEXT,
+    TOO_DEEP,
+    TOO_LONG,
+    TOO_MANY,
+    UNKNOWN_TAG,
+    OscPacket,
+    read_osc,
+)
+
+GOLDEN = bytes.fromhex(
+    "2362756e646c6500 0000000000000001"  # #bundle, immediately
+    "00000014 2f564d432f4578742f540000 2c660000 3fa00000"  # /VMC/Ext/T ,f 1.25
+    "00000014 2f564d432f4578742f4f4b00 2c690000 00000001"  # /VMC/Ext/OK ,i 1
+)
+REASONS = {
+    BAD_SIZE,
+    CUT_SHORT,
+    MANY_ARGUMENTS,
+    NO_ADDRESS,
+    NO_TAGS,
+    NOT_TEXT,
+    TOO_DEEP,
+    TOO_LONG,
+    TOO_MANY,
+    UNKNOWN_TAG,
+}
+
+
+def test_golden_bytes() -> None:
+    packet = read_osc(GOLDEN)
+    assert [(m.address, m.tags, m.arguments, m.at) for m in packet.messages] == [
+        ("/VMC/Ext/T", "f", (1.25,), (36,)),
+        ("/VMC/Ext/OK", "i", (1,), (60,)),
+    ]
+    assert packet.time_tags == [8] and packet.dropped == []
+
+
+def test_every_type_has_its_value_and_is_skipped_right() -> None:
+    tags = "ifsbhdTFNIcrmtS[i]f"
+    raw = message("/x", tags, -7, 0.5, "abc", b"12345", -(2**40), 0.1, 65, 1, 2, 3, "", 9, 2.5)
+    (told,) = read_osc(raw).messages
+    inf = float("inf")
+    values = (-7, 0.5, "abc", b"12345", -(2**40), 0.1, True, False, None, inf, 65, 1, 2, 3, "", None, 9, None, 2.5)
+    assert told.arguments == values
+    assert struct.unpack_from(">f", raw, told.at[-1]) == (2.5,)
+    spans = told.numbers()
+    assert len(spans) == 10 and spans[2] == (told.at[4], told.at[4] + 8)  # i f h d c r m t i f; h is the third
+
+
+def nested(depth: int) -> bytes:
+    out = message("/deep", "i", 1)
+    for _ in range(depth):
+        out = bundle(out)
+    return out
+
+
+def test_bundles_to_depth_four() -> None:
+    assert [m.address for m in read_osc(nested(MAX_DEPTH)).messages] == ["/deep"]
+    assert read_osc(nested(MAX_DEPTH + 1)) == OscPacket(dropped=[TOO_DEEP])
+    mixed = bundle(message("/a", ""), bundle(message("/b", "")), message("/c", ""))
+    assert [m.address for m in read_osc(mixed).messages] == ["/a", "/b", "/c"]
+
+
+FINE = message("/fine", "i", 1)
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (b"none\0\0\0\0,\0\0\0", NO_ADDRESS),
+        (b"/x\0\0", NO_TAGS),
+        (b"/x\0\0ifs\0", NO_TAGS),
+        (b"/xyz", CUT_SHORT),
+        (b"/x\0\0,iii", CUT_SHORT),
+        (b"/x\0\0,i\0\0", CUT_SHORT),
+        (b"/x\0\0,d\0\0\0\0\0\0", CUT_SHORT),
+        (b"/x\0\0,s\0\0abcd", CUT_SHORT),
+        (b"/x\0\0,b\0\0", CUT_SHORT),
+        (b"/x\0\0,b\0\0\xff\xff\xff\xff", CUT_SHORT),
+        (b"/x\0\0,b\0\0\0\0\0\5abcd", CUT_SHORT),
+        (b"/x\0\0,z\0\0\0\0\0\0", UNKNOWN_TAG),
+        (b"/\xff\0\0,\0\0\0", NOT_TEXT),
+        (b"/x\0\0,s\0\0\xc3\0\0\0", NOT_TEXT),
+        (message("/x", "T" * (MAX_ARGUMENTS + 1)), MANY_ARGUMENTS),
+    ],
+)
+def test_a_bad_message_is_dropped_and_the_next_one_is_read(bad: bytes, reason: str) -> None:
+    assert read_osc(bad) == OscPacket(dropped=[reason])
+    packet = read_osc(bundle(FINE, bad, FINE))
+    assert [m.address for m in packet.messages] == ["/fine", "/fine"] and packet.dropped == [reason]
+
+
+@pytest.mark.parametrize("size", [-4, 0, 3, 20, 2**31 - 1, -(2**31)])
+def test_a_size_that_does_not_fit_drops_the_datagram(size: int) -> None:
+    assert read_osc(bundle(FINE) + struct.pack(">i", size) + FINE) == OscPacket(dropped=[BAD_SIZE])
+
+
+def test_a_cut_datagram_has_nothing() -> None:
+    whole = bundle(FINE, FINE)
+    for length in range(len(whole)):
+        packet = read_osc(whole[:length])
+        complete = length in (16, 16 + 4 + len(FINE))  # cut exactly between two elements: nobody can tell
+        assert complete == (packet.dropped == [])
+        assert len(packet.messages) == (1 if length == 36 else 0)
+
+
+def test_bounds() -> None:
+    assert len(read_osc(bundle(*[FINE] * MAX_MESSAGES)).messages) == MAX_MESSAGES
+    assert read_osc(bundle(*[FINE] * (MAX_MESSAGES + 1))) == OscPacket(dropped=[TOO_MANY])
+    assert read_osc(bundle(*[b"/x\0\0"] * (MAX_MESSAGES + 1))) == OscPacket(dropped=[TOO_MANY])
+    assert read_osc(bytes(65_540)) == OscPacket(dropped=[TOO_LONG])
+    assert len(read_osc(message("/x", "T" * MAX_ARGUMENTS)).messages) == 1
+
+
+@settings(max_examples=300)
+@given(st.binary(max_size=120))
+def test_noise_never_raises(noise: bytes) -> None:
+    for datagram in (noise, b"#bundle\0" + noise, b"/a\0\0," + noise):
+        packet = read_osc(datagram)
+        assert set(packet.dropped) <= REASONS
+        for told in packet.messages:
+            assert len(told.tags) == len(told.arguments) == len(told.at)
+            assert all(0 <= start < end <= len(datagram) and start % 4 == 0 for start, end in told.numbers())
+
+
+@settings(max_examples=100)
+@given(
+    st.lists(
+        st.tuples(st.text("abc/", max_size=9), st.floats(width=32, allow_nan=False), st.text("xyzé", max_size=7)),
+        max_size=8,
+    )
+)
+def test_what_is_written_is_read(rows: list[tuple[str, float, str]]) -> None:
+    packet = read_osc(bundle(*(message("/" + name, "fs", number, word) for name, number, word in rows)))
+    assert [(m.address, m.arguments) for m in packet.messages] == [("/" + n, (f, w)) for n, f, w in rows]
+
+
+@pytest.mark.long
+def test_a_million_damaged_datagrams() -> None:
+    source = random.Random(5)
+    whole = bundle(FINE, message("/b", "sbhdTi", "name", b"abc", 1, 2.0, 3), bundle(FINE))
+    for _ in range(1_000_000):
+        assert set(read_osc(damaged(source, whole)).dropped) <= REASONS
