@@ -132,3 +132,75 @@ def test_a_mute_servo_of_protocol_1_too(model: str, lab: ServoLab, monkeypatch: 
     code, out, err = lab.run(*words, "--return-delay", "0", "--register", "status_return_level=2", "--yes")
     assert (code, err) == (0, "") and "written and read back: return_delay_time" in out
     assert rig.shown("status_return_level") == [2, 2] and rig.shown("return_delay_time")[1] == 0
+
+
+SPOILT = {
+    (13, "return_delay_time"): 50,
+    (13, "drive_mode"): 9,
+    (13, "homing_offset"): -50,
+    (13, "startup_configuration"): 3,
+    (13, "operating_mode"): 4,
+    (13, "min_position_limit"): 2000,
+    (13, "secondary_id"): 7,
+    (13, "id"): 1,
+    (1, "baud_rate"): 1,
+}
+"""r_knee as a servo that was in another robot."""
+
+
+def test_with_a_joint_everything_in_which_it_differs_from_the_profile_is_proposed(lab: ServoLab) -> None:
+    lab.before = {(1, "id"): 41} | SPOILT
+    words = ("--robot", "op3", "--port", "emulator", "--joint", "r_knee", "--id", "1")
+    code, out, _ = lab.run("setup", *words, "--dry-run")
+    assert code == 0 and Instruction.WRITE not in lab.instructions()
+    for text in (
+        "return_delay_time: 50 -> 0 (0 us)",
+        "drive_mode: 9 -> 0 (0x00)",
+        "homing_offset: -50 -> 0 (0.0 deg)",
+        "startup_configuration: 3 -> 2 (0x02)",
+        "operating_mode: 4 -> 3 (position)",
+        "min_position_limit: 2000 -> ",
+        "secondary_id: 7 -> 255",
+        "  id: 1 -> 13\n",
+        "baud_rate: 1 -> 4 (2000000)",
+    ):
+        assert text in out
+    assert len([line for line in out.splitlines() if " -> " in line]) == len(SPOILT)
+    code, out, err = lab.run("setup", *words, "--return-delay", "20", "--yes")
+    assert (code, err) == (0, "") and "it answers as id 13, protocol 2.0, 2000000 baud" in out
+    memory = lab.memory(13)
+    assert memory.value("return_delay_time") == 10 and _complaints(memory) == []
+
+
+def test_by_id_of_the_profile_and_nothing_to_do(lab: ServoLab) -> None:
+    code, out, err = lab.run("setup", *BUS, "--id", "13")
+    assert (code, err) == (0, "") and "nothing to write" in out
+    lab.before = {(13, "drive_mode"): 8, (13, "status_return_level"): 0}
+    code, out, err = lab.run("setup", *BUS, "--joint", "r_knee", "--yes")
+    assert (code, err) == (0, "") and "status_return_level: 0 -> 2" in out and "drive_mode: 8 -> 0" in out
+
+
+def test_another_model_and_an_id_without_a_joint_are_refused(lab: ServoLab) -> None:
+    code, _, err = lab.run("setup", *BUS, "--id", "33")
+    assert code == 2 and "--joint NAME" in err and lab.sent == []
+    lab.models = {13: 1060}
+    code, _, err = lab.run("setup", *BUS, "--id", "13")
+    assert code == 2 and "found XL430-W250, protocol 2.0; allowed: XM430-W350" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--new-id", "254"), "--new-id: "),
+        (("--return-delay", "3"), "--return-delay: "),
+        (("--baud", "77"), "--baud: "),
+        (("--drive-mode", "300"), "--drive-mode: "),
+        (("--register", "id=3"), "--register: "),
+    ],
+)
+@pytest.mark.parametrize("robot", [(), ("--robot", "op3")])
+def test_the_impossible_is_refused_before_a_port_is_opened(
+    words: tuple[str, ...], text: str, robot: tuple[str, ...], lab: ServoLab
+) -> None:
+    code, _, err = lab.run("setup", *robot, "--port", "/dev/none", "--id", "13", *words)
+    assert code == 2 and text in err and "/dev/none" not in err

@@ -1,0 +1,95 @@
+"""Which servo, and on which bus: by joint, by id, by port."""
+
+from dataclasses import replace
+
+import pytest
+
+from hardware.dynamixel.travel import needed_ticks
+from hardware.joint_map import JointMap
+from retarget.cli.servo import places, target
+from retarget.cli.servo.places import find_places
+from retarget.cli.servo.target import find_target
+from retarget.errors import UsageError
+from retarget.robot_body import RobotBody, load_uncalibrated
+
+MAIN, HEAD = "/dev/ttyUSB0", "/dev/head"
+
+
+@pytest.fixture
+def divided(monkeypatch: pytest.MonkeyPatch) -> RobotBody:
+    """An OP3 with its head on a second bus, where head_pan has the id of r_sho_pitch."""
+    robot = load_uncalibrated("op3")
+    main = robot.profile.buses["main"]
+    buses = {"main": main, "head": main.model_copy(update={"port": HEAD, "ids": (1, 20), "power": None})}
+    servos = tuple(
+        replace(one, bus="head", id={19: 1}.get(one.id, one.id)) if one.id in (19, 20) else one
+        for one in robot.joint_map.servos
+    )
+    profile = robot.profile.model_copy(update={"buses": buses})
+    body = replace(robot, profile=profile, joint_map=JointMap(servos))
+    for module in (places, target):
+        monkeypatch.setattr(module, "load_uncalibrated", lambda name: body)
+    monkeypatch.setattr(target, "load_robot", lambda name: body)
+    return body
+
+
+@pytest.mark.parametrize(
+    ("port", "joint", "device", "found"),
+    [
+        (None, "head_pan", None, (HEAD, "head", 1)),
+        (None, "head_pan", 57, (HEAD, "head", 57)),
+        ("/dev/else", "head_pan", None, ("/dev/else", "head", 1)),
+        (None, "r_knee", None, (MAIN, "main", 13)),
+        (None, None, 20, (HEAD, "head", 20)),
+        ("/dev/else", None, 20, ("/dev/else", "head", 20)),
+        (HEAD, None, 1, (HEAD, "head", 1)),
+        (MAIN, None, 1, (MAIN, "main", 1)),
+    ],
+)
+def test_the_bus_is_found(
+    port: str | None, joint: str | None, device: int | None, found: tuple[str, str, int], divided: RobotBody
+) -> None:
+    one = find_target("op3", port, joint, device, None)
+    assert one.place.spec is not None and one.servo is not None
+    assert (one.place.port.name, one.place.spec.name, one.device) == found
+    assert one.servo.bus == found[1] and (joint is None or one.servo.joint == joint)
+    assert one.needed == needed_ticks(divided.joint_map.servos)[one.servo.joint]
+
+
+@pytest.mark.parametrize(
+    ("robot", "port", "joint", "device", "text"),
+    [
+        (
+            "op3",
+            None,
+            None,
+            1,
+            "--id: several servos have this id; found 1: r_sho_pitch (bus main), head_pan (bus head)",
+        ),
+        ("op3", "/dev/else", None, 1, "allowed: --joint NAME"),
+        ("op3", None, "r_kne", None, "Did you mean r_knee"),
+        ("op3", None, None, None, "--joint NAME"),
+        ("op3", None, None, 99, "which bus"),
+        ("op3", "/dev/else", None, 99, f"allowed: {MAIN} (bus main), {HEAD} (bus head)"),
+        (None, "/dev/else", "r_knee", 1, "--robot NAME beside it"),
+        (None, "/dev/else", None, None, "which servo"),
+    ],
+)
+def test_what_names_no_servo_is_refused_with_the_way_out(
+    robot: str | None, port: str | None, joint: str | None, device: int | None, text: str, divided: RobotBody
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        find_target(robot, port, joint, device, None)
+    assert text in str(caught.value)
+
+
+def test_an_id_that_the_profile_does_not_have_is_only_an_id(divided: RobotBody) -> None:
+    one = find_target("op3", HEAD, None, 99, None)
+    assert (one.place.port.name, one.device, one.servo, one.needed) == (HEAD, 99, None, None)
+
+
+def test_a_port_of_the_profile_means_its_bus(divided: RobotBody) -> None:
+    assert [one.spec.name for one in find_places("op3", HEAD) if one.spec] == ["head"]
+    assert len(find_places("op3", None)) == 2
+    with pytest.raises(UsageError, match="that of none of them"):
+        find_places("op3", "/dev/else")
