@@ -1,0 +1,265 @@
+"""Talks to a Motive server: what to send and when, what is known of it. No socket and no clock is in here.
+
+The side with the sockets: send each datagram of `poll` to `COMMAND_PORT` of the server, give every datagram that comes
+from the server to `receive` and to a `NatnetDecoder`, and call `poll` at least ten times a second.
+
+* Unicast: one socket on any free port, for everything: the server sends its frames to the port that connected.
+* Multicast: that socket for questions and answers, and a second one, bound to `data_port` with address reuse, which
+  joins `group` on the interface that faces the server (not simply the default one). Group and port are the usual ones
+  until a ServerInfo says otherwise; join again when they change.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import isfinite
+from typing import Literal
+
+from retarget.errors import UsageError
+from retarget.sources.natnet_frame import read_flags
+from retarget.sources.natnet_models import read_definitions
+from retarget.sources.natnet_wire import (
+    DATA_PORT,
+    MULTICAST_GROUP,
+    EchoAnswer,
+    MessageId,
+    ServerInfo,
+    Version,
+    command_message,
+    connect_message,
+    definitions_request,
+    echo_message,
+    keep_alive_message,
+    read_command_answer,
+    read_echo_answer,
+    read_server_info,
+    split,
+)
+
+__all__ = ["NEWEST", "OLDEST", "ClockReading", "NatnetSession", "SessionSettings"]
+
+OLDEST, NEWEST = Version(3, 0), Version(4, 255)
+"""Bitstreams that can be read."""
+PINNED = Version(4, 1)
+"""The first one whose blocks tell their sizes."""
+_PIN_TRIES = 3
+_READINGS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSettings:
+    """How to talk. Raises UsageError for values that cannot be.
+
+    version: bitstream that a unicast server from 4.0 on is asked for, so that a newer Motive changes nothing here;
+    None: its own. retry_s: between questions without answer. keep_alive_s: between signs of life to a unicast server.
+    silence_s: without frames, after which the server is asked again. echo_s: between readings of its clock, None:
+    never (a running minimum of arrival minus stamp does as well).
+    """
+
+    transport: Literal["unicast", "multicast"] = "unicast"
+    version: Version | None = PINNED
+    retry_s: float = 1.0
+    keep_alive_s: float = 1.0
+    silence_s: float = 2.0
+    echo_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.transport not in ("unicast", "multicast"):
+            raise UsageError("unknown NatNet transport", found=self.transport, allowed="unicast or multicast")
+        if self.version is not None and not OLDEST <= self.version <= NEWEST:
+            raise UsageError("NatNet version that cannot be read", found=self.version, allowed="3.0 to 4.x")
+        for name in ("retry_s", "keep_alive_s", "silence_s", "echo_s"):
+            value = getattr(self, name)
+            if value is not None and not (isfinite(value) and 0.1 <= value <= 60.0):
+                raise UsageError("NatNet interval out of range", where=name, found=value, allowed="0.1 to 60 s")
+
+
+@dataclass(frozen=True, slots=True)
+class ClockReading:
+    """Of the server's clock. offset: its s minus ours, right within half the round trip (s)."""
+
+    offset: float
+    round_trip: float
+
+
+class _Due:
+    """Lets one through at most every `interval` s."""
+
+    def __init__(self, interval: float) -> None:
+        self.interval = interval
+        self.last: float | None = None
+
+    def take(self, now: float) -> bool:
+        """Whether it is time; if so, it counts from now."""
+        if self.last is not None and now - self.last < self.interval:
+            return False
+        self.last = now
+        return True
+
+
+class NatnetSession:
+    """State of one conversation. `now`: s of one monotonic clock throughout.
+
+    Public to read: settings, server (None until it answered), version (of the frames, as far as told), frames (count),
+    started, server_at, frame_at, asked_at (s; None before; asked_at: since when definitions are waited for), refused
+    (count of questions that the server did not know).
+    """
+
+    def __init__(self, settings: SessionSettings | None = None) -> None:
+        self.settings = settings or SessionSettings()
+        self.server: ServerInfo | None = None
+        self.version: Version | None = None
+        self.frames = 0
+        self.refused = 0
+        self.started: float | None = None
+        self.server_at: float | None = None
+        self.frame_at: float | None = None
+        self.asked_at: float | None = None
+        self._wants_definitions = False
+        self._wants_server = True
+        self._flagged = (False, False)
+        self._connects = 0
+        self._pins = 0
+        self._echo: tuple[int, float] | None = None
+        self._readings: deque[ClockReading] = deque(maxlen=_READINGS)
+        self._connect = _Due(self.settings.retry_s)
+        self._definitions = _Due(self.settings.retry_s)
+        self._pin = _Due(self.settings.retry_s)
+        self._keep_alive = _Due(self.settings.keep_alive_s)
+        self._clock = _Due(self.settings.echo_s or 1.0)
+
+    @property
+    def clock_hz(self) -> int:
+        """Ticks per second of the server's clock; 0 while it is not told."""
+        return self.server.clock_hz if self.server else 0
+
+    @property
+    def group(self) -> str:
+        """Multicast group to join."""
+        return self.server.group if self.server and self.server.multicast else MULTICAST_GROUP
+
+    @property
+    def data_port(self) -> int:
+        """Port that multicast frames come to."""
+        return (self.server.data_port if self.server else 0) or DATA_PORT
+
+    @property
+    def clock(self) -> ClockReading | None:
+        """The reading with the shortest round trip of the last sixteen."""
+        return min(self._readings, key=lambda reading: reading.round_trip, default=None)
+
+    def silent(self, now: float) -> bool:
+        """No frame for `silence_s`, though the server answered at least that long ago."""
+        since = max((at for at in (self.server_at, self.frame_at) if at is not None), default=None)
+        return since is not None and now - since >= self.settings.silence_s
+
+    def ask_definitions(self) -> None:
+        """Names are missing or doubtful: asks at the next poll, and again until they come."""
+        self._wants_definitions = True
+
+    def poll(self, now: float) -> list[bytes]:
+        """Datagrams to send now, all to the command port."""
+        if self.started is None:
+            self.started = now
+        out = []
+        if (self._wants_server or self.silent(now)) and self._connect.take(now):
+            out.append(self._connecting())
+        if self.server is None:
+            return out
+        if self._must_pin() and self._pin.take(now):
+            self._pins += 1
+            out.append(command_message(f"Bitstream,{self.settings.version}"))
+        if self._wants_definitions and self._definitions.take(now):
+            self.asked_at = now if self.asked_at is None else self.asked_at
+            out.append(definitions_request())
+        if self.settings.transport == "unicast" and self._keep_alive.take(now):
+            out.append(keep_alive_message())
+        if self.settings.echo_s is not None and self._clock.take(now):
+            ticks = round(now * 1e6) % 2**64
+            self._echo = (ticks, now)
+            out.append(echo_message(ticks))
+        return out
+
+    def _connecting(self) -> bytes:
+        """With the version pinned and without it by turns: an old server may not know the longer message."""
+        self._connects += 1
+        pin = self.settings.transport == "unicast" and self._connects % 2 == 1
+        return connect_message(self.settings.version if pin else None)
+
+    def _must_pin(self) -> bool:
+        wanted, server = self.settings.version, self.server
+        return (
+            self.settings.transport == "unicast"
+            and wanted is not None
+            and server is not None
+            and server.version.major >= 4
+            and wanted < (self.version or server.version)
+            and self._pins < _PIN_TRIES
+        )
+
+    def receive(self, now: float, datagram: bytes) -> None:
+        """Takes in a datagram of the server. Never raises; what is not understood is left to the decoder to count."""
+        parts = split(datagram)
+        if parts is None:
+            return
+        kind, payload = parts
+        if kind == MessageId.FRAME:
+            self._frame(now, payload)
+        elif kind == MessageId.SERVER_INFO:
+            self._server(now, read_server_info(payload))
+        elif kind == MessageId.DEFINITIONS:
+            if read_definitions(payload, self.version or OLDEST) is not None:
+                self._wants_definitions = False
+                self.asked_at = None
+        elif kind == MessageId.ECHO_ANSWER:
+            self._echoed(now, read_echo_answer(payload))
+        elif kind == MessageId.COMMAND_ANSWER:
+            self._commanded(read_command_answer(payload).text)
+        elif kind == MessageId.UNRECOGNISED:
+            self.refused += 1
+
+    def _server(self, now: float, info: ServerInfo | None) -> None:
+        if info is None:
+            return
+        if self.server_at is None:
+            self.server_at = now
+        self._wants_server = False
+        if info != self.server:
+            self.server, self.version = info, info.version
+            self._pins = 0
+            self._readings.clear()
+            self._wants_definitions = True
+
+    def _frame(self, now: float, payload: bytes) -> None:
+        flags = read_flags(payload)
+        if flags is None:
+            return
+        if self.frames and self.silent(now):
+            # Motive was paused or started again: what its ids mean may have changed unseen.
+            self._wants_definitions = True
+            self._pins = 0
+            self.version = self.server.version if self.server else None
+        self.frames += 1
+        self.frame_at = now
+        definitions, bitstream = flags.definitions_changed, flags.bitstream_changed
+        if definitions and not self._flagged[0]:
+            self._wants_definitions = True
+        if bitstream and not self._flagged[1]:
+            self._wants_server = self._wants_definitions = True
+        self._flagged = (definitions, bitstream)
+
+    def _echoed(self, now: float, answer: EchoAnswer | None) -> None:
+        if answer is None or self._echo is None or answer.client_ticks != self._echo[0] or not self.clock_hz:
+            return
+        sent = self._echo[1]
+        self._echo = None
+        self._readings.append(ClockReading(answer.server_ticks / self.clock_hz - 0.5 * (sent + now), now - sent))
+
+    def _commanded(self, text: str) -> None:
+        """`Bitstream,4.1` tells what is sent from now on."""
+        word, _, version = text.partition(",")
+        numbers = version.split(".")[:2]
+        if word != "Bitstream" or len(numbers) != 2 or not all(part.isascii() and part.isdigit() for part in numbers):
+            return
+        found = Version(int(numbers[0][:3]), int(numbers[1][:3]))
+        if OLDEST <= found <= NEWEST:
+            self.version = found

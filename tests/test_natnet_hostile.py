@@ -1,0 +1,170 @@
+"""NatNet datagrams that are cut, changed or made up: no exception, bounded state, and the next good one is read."""
+
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from random import Random
+from struct import pack
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from natnet_packets import VERSIONS, Body, Catalogue, Motion, Pose, definitions, frame, server_info
+from retarget.sources.natnet_decoder import REASONS, NatnetDecoder
+from retarget.sources.natnet_session import NatnetSession
+from retarget.sources.natnet_trouble import natnet_problems
+from retarget.sources.natnet_wire import Version
+from retarget.sources.stream_frame import MAX_POSES, StreamFrame
+
+ANN = 5 << 16
+MOTION = Motion(
+    bodies=[Pose(2, (1, 2, 3))],
+    skeletons=[(5, [Pose(ANN | bone) for bone in (1, 2, 3)])],
+    assets=[(8, [Pose(8 << 16 | 1)])],
+)
+BONES = [Body("Hip", 1, 0), Body("Spine", 2, 1), Body("Head", 3, 2)]
+CATALOGUE = Catalogue([Body("Quad", 2)], [("Ann", 5, BONES)], [("Cloth", 8, [Body("Patch", 1)])])
+MADE = [
+    whole
+    for version in VERSIONS
+    for whole in (frame(MOTION, version), definitions(CATALOGUE, version), server_info(version))
+]
+GOOD = frame(Motion(number=99, bodies=[Pose(2, (1, 2, 3))]), Version(3, 0))
+KINDS = (0, 1, 2, 3, 4, 5, 7, 7, 7, 8, 10, 12, 13, 14, 100)
+
+
+def decoders() -> list[NatnetDecoder]:
+    return [NatnetDecoder(), NatnetDecoder(bones="local", up="z")]
+
+
+def check(frames: list[StreamFrame]) -> None:
+    for found in frames:
+        assert len(found.names) == len(set(found.names)) <= MAX_POSES
+        known = np.isfinite(found.position).all(axis=1)
+        np.testing.assert_allclose(np.linalg.norm(found.orientation[known], axis=1), 1.0, atol=1e-9)
+        assert not found.tracked[~known].any()
+
+
+def fed(decoder: NatnetDecoder, session: NatnetSession, whole: bytes, now: float) -> int:
+    frames = decoder.decode(whole)
+    session.receive(now, whole)
+    assert len(session.poll(now)) <= 5
+    check(frames)
+    return len(frames)
+
+
+@pytest.mark.parametrize("version", [Version(3, 0), Version(4, 0), Version(4, 1), Version(4, 2)], ids=str)
+@pytest.mark.parametrize("mended", [False, True], ids=["cut", "cut, and the header says so"])
+def test_cut_at_every_byte_it_is_dropped_with_a_reason(version: Version, mended: bool) -> None:
+    small = replace(CATALOGUE, crowd=False)
+    for whole in (frame(MOTION, version), definitions(small, version), server_info(version)):
+        decoder = NatnetDecoder()
+        for end in range(4 if mended else 0, len(whole)):
+            cut = whole[:2] + pack("<H", end - 4) + whole[4:end] if mended else whole[:end]
+            assert decoder.decode(cut) == []
+        assert decoder.dropped.count == len(whole) - (4 if mended else 0)
+
+
+@pytest.mark.parametrize("name", ["mocapframe", "mocapframe_packet_occluded", "modeldef", "serverinfo"])
+def test_real_ones_cut_at_every_byte(name: str, shared: Path) -> None:
+    stem = name if "packet" in name else f"{name}_packet"
+    path = shared / "streams" / "natnet" / f"{stem}_v3.bin"
+    if not path.is_file():
+        pytest.skip("no recorded streams")
+    whole = path.read_bytes()
+    decoder = NatnetDecoder()
+    for end in range(4, len(whole)):
+        assert decoder.decode(whole[:end]) == []
+        assert decoder.decode(whole[:2] + pack("<H", end - 4) + whole[4:end]) == []
+    assert decoder.dropped.count == 2 * (len(whole) - 4)
+
+
+@given(st.sampled_from(KINDS), st.binary(max_size=400), st.lists(st.integers(0, 8), max_size=40))
+@settings(max_examples=100)
+def test_made_up_payloads(kind: int, noise: bytes, numbers: list[int]) -> None:
+    counts = b"".join(pack("<I", number) for number in numbers)
+    session = NatnetSession()
+    for decoder in decoders():
+        for payload in (noise, counts + noise):
+            fed(decoder, session, pack("<HH", kind, len(payload)) + payload, 0.0)
+        assert set(decoder.dropped.reasons) <= set(REASONS)
+
+
+@given(st.sampled_from(MADE), st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 255)), max_size=6))
+@settings(max_examples=150)
+def test_changed_bytes_and_then_a_good_frame(whole: bytes, changes: list[tuple[int, int]]) -> None:
+    changed = bytearray(whole)
+    for at, value in changes:
+        changed[at % len(changed)] = value
+    for decoder in decoders():
+        fed(decoder, NatnetSession(), bytes(changed), 0.0)
+        (found,) = decoder.decode(GOOD)
+        assert found.number == 99
+        assert found.tracked.tolist() == [True]
+
+
+def changed_and_random(sources: list[bytes], seed: int, count: int) -> Iterator[bytes]:
+    """Some whole, some cut, most with a few bytes changed, some made up."""
+    random = Random(seed)
+    for _ in range(count):
+        choice = random.random()
+        if choice < 0.15:
+            payload = random.randbytes(random.randrange(300))
+            yield pack("<HH", random.choice(KINDS), len(payload)) + payload
+            continue
+        whole = bytearray(random.choice(sources))
+        for _ in range(random.randrange(6)):
+            at = random.randrange(len(whole))
+            whole[at : at + 4] = random.choice((bytes(4), b"\xff" * 4, random.randbytes(4)))
+        if choice < 0.3:
+            del whole[random.randrange(len(whole)) :]
+            if len(whole) >= 4:
+                whole[2:4] = pack("<H", len(whole) - 4)
+        yield bytes(whole)
+
+
+def storm(sources: list[bytes], *, seed: int, count: int) -> int:
+    """Feeds them to two decoders and two sessions; how many frames came out."""
+    sessions = [NatnetSession(), NatnetSession()]
+    both = decoders()
+    frames = 0
+    for i, whole in enumerate(changed_and_random(sources, seed, count)):
+        which = i % 2
+        frames += fed(both[which], sessions[which], whole, i * 1e-3)
+        if i % 100 == 0:
+            for problem in natnet_problems(sessions[which], i * 1e-3, host="lab"):
+                assert problem.render().isprintable()
+    for decoder in both:
+        assert set(decoder.dropped.reasons) <= set(REASONS)
+    return frames
+
+
+def test_a_short_storm() -> None:
+    assert storm(MADE, seed=5, count=1500) > 100
+
+
+@pytest.mark.long
+def test_a_million_datagrams_in_bounded_memory(shared: Path) -> None:
+    folder = shared / "streams" / "natnet"
+    sources = MADE + [path.read_bytes() for path in sorted(folder.glob("*.bin"))]
+    storm(sources, seed=1, count=2000)
+    tracemalloc.start()
+    try:
+        storm(sources, seed=2, count=2000)
+        before = tracemalloc.get_traced_memory()[0]
+        assert storm(sources, seed=3, count=1_000_000) > 100_000
+        assert tracemalloc.get_traced_memory()[0] - before < 200_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_largest_frames_stay_bounded() -> None:
+    """64 KiB of bodies with other ids each time: names and plans of the past are not kept."""
+    decoder = NatnetDecoder()
+    for start in range(0, 20_000, 2000):
+        bodies = [Pose(start + n) for n in range(1700)]
+        (found,) = decoder.decode(frame(Motion(bodies=bodies, crowd=False), Version(3, 0)))
+        assert len(found.names) == MAX_POSES
