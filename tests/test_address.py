@@ -50,6 +50,7 @@ HOST = (IPv4Network("192.168.1.5"),)
             "natnet://192.168.1.5:9?multicast=239.255.42.99&interface=192.168.1.7",
             StreamAddress("", "natnet", "239.255.42.99", 9, HOST, "192.168.1.5", "239.255.42.99", "192.168.1.7"),
         ),
+        ("replay://a?kind=vmc", StreamAddress("", "replay", path=Path("a"), recorded="vmc")),
         ("replay://a/walk.raw", StreamAddress("", "replay", path=Path("a/walk.raw"))),
         (
             "replay:///a?b.raw?speed=0.5&loop=1",
@@ -114,6 +115,7 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
         ("replay://a?speed=1e9", "above 0, to 100"),
         ("replay://a?speed=101", "above 0, to 100"),
         ("replay://a?loop=yes", "0 or 1"),
+        ("replay://a?kind=replay", "allowed: vmc, vrchat, natnet, mvn, json"),
     ],
 )
 def test_a_mistake_is_one_message(text: str, part: str) -> None:

@@ -32,7 +32,7 @@ KINDS = {
     "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version")),
     "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp")),
     "json": StreamKind("json://:7000", None, ("allow",)),
-    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop")),
+    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind")),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
 
@@ -45,7 +45,8 @@ class StreamAddress:
     every interface; of a multicast: the group). port: of UDP, 0 for any free one; of TCP: the server's. allow: who may
     send. host: the server that is asked (NatNet) or connected to (MVN over TCP), None where the sender comes to us.
     multicast, interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses).
-    version: the bitstream that NatNet is asked for. path, speed, loop: of a replay.
+    version: the bitstream that NatNet is asked for. path, speed, loop: of a replay; recorded: the kind of
+    stream that it holds, where the user said it.
     """
 
     text: str
@@ -60,6 +61,7 @@ class StreamAddress:
     path: Path | None = None
     speed: float = 1.0
     loop: bool = False
+    recorded: str | None = None
 
 
 def parse_address(text: str) -> StreamAddress:
@@ -81,7 +83,9 @@ def parse_address(text: str) -> StreamAddress:
     if kind == "replay":
         if not place:
             raise bad_address(text, "the file is missing", allowed=KINDS[kind].example)
-        return StreamAddress(text, kind, path=Path(place), speed=options.speed, loop=options.loop)
+        return StreamAddress(
+            text, kind, path=Path(place), speed=options.speed, loop=options.loop, recorded=options.kind
+        )
     host, port = _place(text, kind, place)
     if kind == "natnet":
         return _natnet(text, host, port, options)

@@ -8,13 +8,15 @@ from typing import TypeVar
 
 from retarget.errors import UsageError, suggest
 
-__all__ = ["ANYBODY", "AddressOptions", "address_number", "bad_address", "read_options"]
+__all__ = ["ANYBODY", "RECORDED", "AddressOptions", "address_number", "bad_address", "read_options"]
 
 Value = TypeVar("Value")
 ANYBODY = IPv4Network("0.0.0.0/0")
 MOST_ALLOWED = 64
 """Entries of an allow-list."""
 MAX_SPEED = 100.0
+RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json")
+"""Kinds of stream that a recording may hold."""
 VERSIONS = ("3.0", "3.1", "4.0", "4.1", "4.2", "4.3", "4.4")
 """Bitstreams of NatNet (`facts/streams.md` section 4)."""
 
@@ -26,6 +28,7 @@ _ALLOWED = {
     "version": ", ".join(VERSIONS),
     "speed": f"above 0, to {MAX_SPEED:g}",
     "loop": "0 or 1",
+    "kind": ", ".join(RECORDED),
 }
 
 
@@ -40,6 +43,7 @@ class AddressOptions:
     version: tuple[int, int] | None = None
     speed: float = 1.0
     loop: bool = False
+    kind: str | None = None
 
 
 def read_options(text: str, query: str, known: tuple[str, ...]) -> AddressOptions:
@@ -94,6 +98,8 @@ def _with(options: AddressOptions, name: str, value: str) -> AddressOptions:
             plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
             speed = float(_chosen(value, plain))
             return replace(options, speed=_chosen(speed, isfinite(speed) and 0.0 < speed <= MAX_SPEED))
+        case "kind":
+            return replace(options, kind=_chosen(value, value in RECORDED))
     assert name == "loop"
     return replace(options, loop=_chosen(value, value in {"0", "1"}) == "1")
 

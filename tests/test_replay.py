@@ -1,0 +1,150 @@
+"""Replay of raw recordings on virtual time: the same datagrams, as far apart as they came."""
+
+import gzip
+import struct
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hardware.clock import VirtualClock
+from retarget.errors import InputError
+from retarget.live.address import parse_address
+from retarget.live.datagram import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
+from retarget.live.replay import ReplayReceiver, open_replay, recorded_kind
+from retarget.sources.raw_record import RawReader, RawWriter
+
+GAPS = st.lists(st.floats(0.0, 0.3), min_size=1, max_size=40)
+
+
+def recording(path: Path, times: list[float], *, url: str = "vmc://", size: int = 2) -> Path:
+    path.unlink(missing_ok=True)
+    writer = RawWriter(path, url=url)
+    for number, time in enumerate(times):
+        writer.append(number.to_bytes(2) + bytes(size - 2), time_ns=round(time * 1e9), address="10.0.0.5", port=7)
+        writer.flush()
+    writer.close()
+    return path
+
+
+def played(receiver: ReplayReceiver, seconds: float, *, start: float = 0.0, step: float = 0.01) -> list[Datagram]:
+    clock, found = VirtualClock(start), []
+    while clock.now() <= start + seconds:
+        found += receiver.poll(clock.now())
+        clock.advance(step)
+    return found
+
+
+def numbers(found: list[Datagram]) -> list[int]:
+    return [int.from_bytes(datagram.payload[:2]) for datagram in found]
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.5, 4.0])
+def test_arrivals_are_as_far_apart_as_they_were(tmp_path: Path, speed: float) -> None:
+    times = [1000.0, 1000.004, 1000.03, 1000.03, 1000.2]
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", times)), speed=speed)
+    found = played(receiver, 1.0, start=50.0)
+    assert numbers(found) == [0, 1, 2, 3, 4] and receiver.finished and receiver.damage == ""
+    assert [d.arrival for d in found] == pytest.approx([50.0 + (t - 1000.0) / speed for t in times], abs=1e-6)
+    assert {d.source for d in found} == {("10.0.0.5", 7)}
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@given(GAPS, st.floats(0.2, 5.0), st.floats(0.001, 0.5))
+def test_nothing_comes_early_or_twice_or_not_at_all(
+    tmp_path: Path, gaps: list[float], speed: float, step: float
+) -> None:
+    times = [5.0 + sum(gaps[:k]) for k in range(len(gaps))]
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", times)), speed=speed)
+    clock, found = VirtualClock(9.0), list[Datagram]()
+    while not receiver.finished:
+        for datagram in receiver.poll(clock.now()):
+            assert clock.now() - step - 1e-9 <= datagram.arrival <= clock.now()
+            found.append(datagram)
+        clock.advance(step)
+    assert numbers(found) == list(range(len(times)))
+    assert receiver.poll(1e9) == []
+
+
+def test_the_first_round_is_followed_by_the_next(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.raw", [10.0, 10.1, 10.2])
+    receiver = ReplayReceiver(RawReader(path), loop=True)
+    found = played(receiver, 0.951)
+    assert numbers(found) == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0] and not receiver.finished
+    assert [d.arrival for d in found] == pytest.approx([k * 0.1 for k in range(10)], abs=1e-6)
+
+
+@pytest.mark.parametrize("times", [[3.0], [3.0, 3.0]])
+def test_a_round_without_length_does_not_flood(tmp_path: Path, times: list[float]) -> None:
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", times)), loop=True)
+    assert len(played(receiver, 1.05)) == 11 * len(times)
+
+
+def test_an_empty_recording_ends_even_when_it_loops(tmp_path: Path) -> None:
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [])), loop=True)
+    assert receiver.poll(0.0) == [] and receiver.finished
+
+
+def test_a_recorded_clock_that_jumped_back_holds_nothing_up(tmp_path: Path) -> None:
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [7200.0, 7200.1, 3600.0, 3600.1])))
+    found = played(receiver, 0.25)
+    assert [d.arrival for d in found] == pytest.approx([0.0, 0.1, 0.1, 0.2], abs=1e-6)
+
+
+def test_a_poll_is_bounded(tmp_path: Path) -> None:
+    many = ReplayReceiver(RawReader(recording(tmp_path / "many.raw", [1.0] * (MOST_PER_POLL + 5))))
+    assert [len(many.poll(0.0)) for _ in range(3)] == [MOST_PER_POLL, 5, 0]
+    large = ReplayReceiver(RawReader(recording(tmp_path / "large.raw", [1.0] * 40, size=60_000)))
+    polls = [large.poll(0.0) for _ in range(4)]
+    assert all(sum(len(d.payload) for d in poll) < MOST_BYTES_PER_POLL + 60_000 for poll in polls)
+    assert numbers([d for poll in polls for d in poll]) == list(range(40))
+
+
+def test_a_damaged_end_is_counted_and_what_stands_before_it_is_played(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.raw", [1.0, 1.1, 1.2])
+    path.write_bytes(path.read_bytes()[:-1])
+    receiver = ReplayReceiver(RawReader(path))
+    assert numbers(played(receiver, 1.0)) == [0, 1]
+    assert receiver.finished and "record 3" in receiver.damage
+    assert receiver.dropped.reasons == {"the recording is damaged": 1}
+
+
+def test_a_closed_replay_is_over(tmp_path: Path) -> None:
+    with ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [1.0, 1.1]))) as receiver:
+        assert len(receiver.poll(0.0)) == 1
+    assert receiver.finished and receiver.poll(10.0) == []
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_speed_that_means_nothing_is_refused(tmp_path: Path, speed: float) -> None:
+    with pytest.raises(ValueError, match="speed"):
+        ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [])), speed=speed)
+
+
+def test_opening_by_address(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.raw", [1.0, 2.0], url="natnet://192.168.1.5")
+    address = parse_address(f"replay://{path}?speed=10&loop=1")
+    assert recorded_kind(address) == "natnet"
+    assert numbers(played(open_replay(address), 0.25)) == [0, 1, 0]
+    with pytest.raises(InputError, match="no such recording"):
+        open_replay(parse_address(f"replay://{tmp_path}/b.raw"))
+
+
+def test_the_kind_of_an_old_recording_has_to_be_said(tmp_path: Path) -> None:
+    path = tmp_path / "old.udprec.gz"
+    path.write_bytes(gzip.compress(b"UDPREC01" + struct.pack("<QHI", 10**18, 7, 2) + b"ab"))
+    with pytest.raises(InputError, match=r"Add \?kind=vmc"):
+        recorded_kind(parse_address(f"replay://{path}"))
+    address = parse_address(f"replay://{path}?kind=vmc")
+    assert recorded_kind(address) == "vmc"
+    assert open_replay(address).poll(3.0) == [Datagram(3.0, ("127.0.0.1", 7), b"ab")]
+
+
+def test_a_real_recording_lasts_as_long_as_it_did(shared: Path) -> None:
+    address = parse_address(f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc")
+    expected = list(RawReader(address.path)) if address.path else []
+    receiver = open_replay(address)
+    found = played(receiver, 60.0, step=0.05)
+    assert receiver.finished and [d.payload for d in found] == [row.payload for row in expected]
+    assert found[-1].arrival == pytest.approx(expected[-1].time_s - expected[0].time_s, abs=1e-3)
