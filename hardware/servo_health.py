@@ -10,6 +10,8 @@ from hardware.errors import BusError, GuardError, describe
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
 
+UNHEARD = "Check power, wiring and the bus of the profile, or whether the host is too busy"
+
 
 class ServoHealth:
     """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a complaint;
@@ -71,9 +73,7 @@ class ServoHealth:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""
         missing = ~states.valid
         if missing.all():
-            raise BusError(
-                describe(what="no servo answers", where="arming", then="Check power, wiring and the bus of the profile")
-            )
+            raise BusError(describe(what="no servo answers", where="arming", then=UNHEARD))
         problems = [self._name(missing, "does not answer:", _untold, states.age)] if missing.any() else []
         problems += [text for _, text in self._complaints(self._wrong(states, None) & states.valid)]
         if problems:

@@ -59,8 +59,14 @@ def fault(kind: FaultKind, *ids: int) -> Spoil:
 
 
 PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
-    "missing": (fault(FaultKind.MISSING, 2, 4), ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan")),
-    "nobody": (fault(FaultKind.MISSING), ("no servo answers", "57600", "4500000", "check the servos' power")),
+    "missing": (
+        fault(FaultKind.MISSING, 2, 4),
+        ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan", "a host that is too busy"),
+    ),
+    "nobody": (
+        fault(FaultKind.MISSING),
+        ("no servo answers", "57600", "4500000", "check the servos' power", "too busy"),
+    ),
     "other speed": (
         other_speed,
         ("no servo answers", "id 1 answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),

@@ -45,7 +45,7 @@ def test_locked_eeprom_is_explained() -> None:
 def test_silence_and_damage_differ() -> None:
     silent = servo_error.unanswered("p, id 5", device=5, tries=3, damaged=0, asked="ping")
     noisy = servo_error.unanswered("p, id 5", device=5, tries=3, damaged=2, asked="ping")
-    assert "silence" in str(silent)
-    assert "2 damaged" in str(noisy)
+    assert "silence" in str(silent) and "the host is too busy" in str(silent)
+    assert "2 damaged" in str(noisy) and "busy" not in str(noisy)
     assert "second servo with this id" in str(noisy)
     assert (noisy.id, noisy.tries, noisy.damaged) == (5, 3, 2)

@@ -52,14 +52,10 @@ def scan(
         return
     rows = Rows()
     scans: list[LineScan] = []
-    try:
-        with opened(places):
-            for place, some in zip(places, speeds, strict=True):
-                scans.append(_scan(place, some, wanted, rows))
-                _conclude(place, scans[-1], wanted)
-    except KeyboardInterrupt:
-        typer.echo(f"interrupted; found so far: {rows.count} servos or devices", err=True)
-        raise typer.Exit(130) from None
+    with opened(places):
+        for place, some in zip(places, speeds, strict=True):
+            scans.append(_scan(place, some, wanted, rows))
+            _conclude(place, scans[-1], wanted)
     if not rows.count:
         tried = "; ".join(
             f"{_ids_text(wanted)} on {place.where} at {_speeds_text(one.tried)}"
@@ -114,8 +110,12 @@ def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remar
 
 
 def _scan(place: Place, speeds: Sequence[Speed], ids: Sequence[int] | None, rows: Rows) -> LineScan:
-    with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
-        return scan_line(place.port, speeds, ids=ids, progress=progress, told=partial(rows.add, place))
+    try:
+        with progress_bar(f"looking on {place.where}", len(speeds)) as progress:
+            return scan_line(place.port, speeds, ids=ids, progress=progress, told=partial(rows.add, place))
+    except KeyboardInterrupt:  # what ends the command says "interrupted"
+        typer.echo(f"not all was looked at; found so far: {rows.count}")
+        raise
 
 
 def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None:
