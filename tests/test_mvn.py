@@ -53,6 +53,12 @@ def test_quaternions_arrive_as_sent() -> None:
     assert frame.position.flags.c_contiguous and frame.orientation.flags.c_contiguous
 
 
+def test_a_rounded_quaternion_becomes_a_rotation() -> None:
+    frame = only(MvnDecoder(), quaternions([(1, (0.0, 0.0, 1.0), (0.6 * 0.99, 0.8 * 0.99, 0.0, 0.0))]))
+    np.testing.assert_allclose(frame.orientation, [[0.6, 0.8, 0.0, 0.0]], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(frame.orientation), 1.0, atol=1e-15)
+
+
 def test_names_are_one_tuple_as_long_as_they_stay() -> None:
     decoder = MvnDecoder()
     assert only(decoder, GOOD).names is only(decoder, GOOD).names

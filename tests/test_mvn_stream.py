@@ -1,8 +1,11 @@
 """The TCP stream of MVN: the same datagrams however it is cut, and found again after damage."""
 
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mutated import mutated
 from mvn_packets import meta, mvn, quaternions, scale, standing
 from retarget.sources.mvn_stream import MvnStream
 from retarget.sources.stream_frame import MAX_DATAGRAM
@@ -38,6 +41,14 @@ def test_rubbish_before_a_datagram_is_skipped_and_counted_once() -> None:
     assert stream.dropped.reasons == {"bytes that are no datagram": 1}
 
 
+@pytest.mark.parametrize("cut", range(5))
+def test_a_header_that_begins_at_the_end_of_rubbish_is_kept(cut: int) -> None:
+    for length in range(30, 60):
+        stream = MvnStream()
+        assert stream.feed(bytes(length) + SENT[0][:cut]) == []
+        assert stream.feed(SENT[0][cut:]) == [SENT[0]]
+
+
 def test_a_size_that_cannot_be_true_swallows_nothing() -> None:
     lie = mvn("02", b"", items=23, size=60_000)
     stream = MvnStream()
@@ -67,3 +78,13 @@ def test_any_bytes(chunks: list[bytes]) -> None:
     for chunk in chunks:
         assert all(datagram.startswith(b"MXTP") for datagram in stream.feed(chunk))
         assert stream.held <= MAX_DATAGRAM
+
+
+@pytest.mark.long
+def test_a_million_datagrams() -> None:
+    generator, stream = np.random.default_rng(7), MvnStream()
+    whole = 0
+    for _ in range(1_000_000):
+        whole += len(stream.feed(mutated(generator, SENT)))
+        assert stream.held <= MAX_DATAGRAM
+    assert whole > 300_000

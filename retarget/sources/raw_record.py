@@ -184,7 +184,7 @@ def _header(taker: _Taker, *, where: str) -> tuple[str, bool]:
     (length,) = _LENGTH.unpack(taker.take(_LENGTH.size))
     if length > MAX_ADDRESS:
         raise ValueError(f"an address of {length} bytes")
-    return taker.take(length).decode("utf-8"), False
+    return taker.take(length).decode("utf-8", "replace"), False
 
 
 def _record(taker: _Taker) -> Datagram | None:
