@@ -65,3 +65,13 @@ def test_damage_is_refused_by_name(tmp_path: Path, content: bytes, words: str) -
 def test_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         list(read_udprec(tmp_path / "none"))
+
+
+def test_records_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.udprec"
+    path.write_bytes(raw(RECORDS))
+    monkeypatch.setattr("retarget.sources.udprec.MAX_RECORDS", 3)
+    assert len(list(read_udprec(path))) == 3
+    monkeypatch.setattr("retarget.sources.udprec.MAX_RECORDS", 2)
+    with pytest.raises(InputError, match="too long"):
+        list(read_udprec(path))

@@ -51,6 +51,11 @@ _LEVELS = tuple(
 
 _ARM_POINTS = ("collar", "shoulder", "elbow", "wrist")
 _LEG_POINTS = ("hip", "knee", "ankle", "toe")
+_PARENT_ROWS = np.array([_ROW[_PARENT[bone]] for bone in BODY_BONES[1:]])
+_PRODUCTS = np.array([[multiply(a, b) for b in np.eye(4)] for a in np.eye(4)]).reshape(4, 16)
+"""A quaternion a (4,) times this, as (4, 4), is the matrix by which a row b becomes the product a b: fewer and larger
+steps than `multiply`, eight times a frame."""
+
 _POINTS = {
     **dict(zip(_TRUNK, ("pelvis", "spine", "chest", "", "neck", "head"), strict=True)),
     **{
@@ -106,7 +111,8 @@ def world_rotations(bones: LocalBones) -> FloatArray:
     root = np.where(np.isnan(bones.root_rotation), IDENTITY, bones.root_rotation)
     world[0] = multiply(root, world[0])
     for rows, parents in _LEVELS:
-        world[rows] = multiply(world[parents], world[rows])
+        factors = (world[parents] @ _PRODUCTS).reshape(-1, 4, 4)
+        world[rows] = (world[rows, None] @ factors)[:, 0]
     return world
 
 
@@ -121,10 +127,11 @@ def world_positions(bones: LocalBones, rotations: FloatArray, offsets: FloatArra
     absent = _IS_OPTIONAL & np.isnan(bones.rotation[:, 0]) & np.isnan(step[:, 0])
     step = np.where(absent[:, None], 0.0, step)
     world = np.empty_like(step)
+    world[1:] = rotate(rotations[_PARENT_ROWS], step[1:])
     root = np.where(np.isnan(bones.root_rotation), IDENTITY, bones.root_rotation)
     world[0] = rotate(root, step[0]) + np.where(np.isnan(bones.root_position), 0.0, bones.root_position)
     for rows, parents in _LEVELS:
-        world[rows] = world[parents] + rotate(rotations[parents], step[rows])
+        world[rows] += world[parents]
     return world
 
 
