@@ -11,6 +11,7 @@ import pytest
 from datagrams import CLOCK, LOOPBACK, PATIENCE_S
 from retarget.errors import InputError
 from retarget.live.address import parse_address
+from retarget.live.interfaces import local_interfaces
 from retarget.live.udp import UdpReceiver
 from retarget.live.udp_socket import open_socket
 
@@ -89,6 +90,23 @@ def test_a_group_is_heard_on_the_interface_that_was_chosen() -> None:
         sender.sendto(b"group", (GROUP, receiver.port))
         assert select.select([receiver], [], [], PATIENCE_S)[0]
         assert [datagram.payload for datagram in receiver.poll(CLOCK.now())] == [b"group"]
+
+
+def test_a_group_is_not_heard_on_an_interface_that_was_not_chosen() -> None:
+    others = [address for address in local_interfaces().values() if not address.startswith("127.")]
+    if not others:
+        pytest.skip("this machine has loopback only")
+    with UdpReceiver(MULTICAST) as chosen, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(others[0]))
+        with UdpReceiver(replace(MULTICAST, port=chosen.port, interface=others[0])) as other:
+            try:
+                sender.sendto(b"frame", (GROUP, chosen.port))
+            except OSError as error:
+                pytest.skip(f"no multicast over {others[0]}: {error}")
+            if not select.select([other], [], [], PATIENCE_S / 5)[0]:
+                pytest.skip(f"this kernel delivers no multicast of its own over {others[0]}")
+            assert [datagram.payload for datagram in other.poll(CLOCK.now())] == [b"frame"]
+            assert chosen.poll(CLOCK.now()) == []
 
 
 def test_a_group_may_have_several_listeners_and_a_port_only_one() -> None:
