@@ -87,4 +87,4 @@ def test_a_million_datagrams() -> None:
     for _ in range(1_000_000):
         whole += len(stream.feed(mutated(generator, SENT)))
         assert stream.held <= MAX_DATAGRAM
-    assert whole > 300_000
+    assert whole > 200_000  # the rest was damaged, or beside what was

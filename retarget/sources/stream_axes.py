@@ -46,14 +46,14 @@ class Convention:
         object.__setattr__(self, "_same", bool(np.array_equal(matrix, np.eye(3))))
 
     def positions(self, positions: ArrayLike) -> FloatArray:
-        """Positions (..., 3) of the sender, in its unit -> (..., 3) m, REP-103."""
+        """Positions (..., 3) of the sender, in its unit -> (..., 3) m, REP-103; the same array where nothing changes."""
         positions = np.asarray(positions, float)
         if self._same:
             return positions if self.metres == 1.0 else positions * self.metres
         return np.asarray(positions @ self._point)
 
     def orientations(self, orientations: ArrayLike) -> FloatArray:
-        """Quaternions (..., 4) wxyz of the sender -> (..., 4) wxyz, REP-103; the norm and the sign stay."""
+        """Quaternions (..., 4) wxyz of the sender -> (..., 4) wxyz, REP-103; norm and sign stay, and the array where nothing changes."""
         orientations = np.asarray(orientations, float)
         if self._same:
             return orientations
