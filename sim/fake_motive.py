@@ -1,0 +1,174 @@
+"""A Motive server without cameras: answers NatNet questions and streams a recorded or made motion as rigid bodies.
+
+Datagrams in, datagrams out; no socket and no clock. Layouts as documented by OptiTrack for NatNet 3.0 to 4.x.
+"""
+
+from dataclasses import dataclass
+from struct import Struct, pack
+from typing import Literal
+
+import numpy as np
+
+from retarget.frames import SensorFrames
+from retarget.rotations import FloatArray
+from retarget.sources.natnet_wire import DATA_PORT, MULTICAST_GROUP, MessageId, Version, message, split
+
+__all__ = ["FakeMotive", "MotiveSettings"]
+
+_BODY = Struct("<i3f4ffh")
+_SIZED = Version(4, 1)
+_MARKERS_NAMED = Version(4, 0)
+_TURNED = Version(4, 2)
+_MAX_BURST_S = 1.0
+"""Of frames that are made up for when nobody asked for a while."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotiveSettings:
+    """How the server is set. version: of its own bitstream; unicast clients may pin another from 4.0 on.
+
+    latency_s: from exposure to sending. patience_s: after which a silent unicast client is sent nothing more.
+    clock_offset_s: what its clock said when ours said 0.
+    """
+
+    version: Version = _SIZED
+    transport: Literal["unicast", "multicast"] = "unicast"
+    up: Literal["y", "z"] = "y"
+    clock_hz: int = 10_000_000
+    clock_offset_s: float = 1000.0
+    latency_s: float = 0.0055
+    patience_s: float = 10.0
+
+
+class FakeMotive:
+    """One server, one client. Each sensor of the motion is a rigid body of its name; the motion repeats.
+
+    May be changed at any time: streaming (Live or paused), answering (switched on at all). frames: sent so far.
+    """
+
+    def __init__(self, motion: SensorFrames, settings: MotiveSettings | None = None) -> None:
+        assert motion.rate_hz, "the motion needs a rate"
+        self.settings = settings or MotiveSettings()
+        self.streaming = True
+        self.answering = True
+        self.frames = 0
+        self._motion = motion
+        self._rate_hz = float(motion.rate_hz)
+        self._position, self._turn = _to_wire(motion, self.settings.up)
+        self._names = list(motion.names)
+        self._pinned: Version | None = None
+        self._heard: float | None = None
+        self._next: int | None = None
+        self._changed = False
+
+    @property
+    def version(self) -> Version:
+        """Of what is sent now."""
+        return self._pinned or self.settings.version
+
+    def rename(self, names: list[str]) -> None:
+        """Other names for the same bodies; the next frame says that definitions changed."""
+        assert len(names) == len(self._names)
+        self._names = list(names)
+        self._changed = True
+
+    def receive(self, now: float, datagram: bytes) -> list[bytes]:
+        """Answers to a datagram that came to the command port at `now` (s)."""
+        parts = split(datagram)
+        if parts is None or not self.answering:
+            return []
+        kind, payload = parts
+        if kind in (MessageId.CONNECT, MessageId.DISCOVERY):
+            if kind == MessageId.CONNECT:
+                self._heard = now
+                self._pin(payload[265:267])
+            return [self._server_info()]
+        if kind == MessageId.DEFINITIONS_REQUEST:
+            return [self._definitions()]
+        if kind == MessageId.KEEP_ALIVE:
+            self._heard = now if self._heard is not None else None
+            return []
+        if kind == MessageId.ECHO and len(payload) == 8:
+            return [message(MessageId.ECHO_ANSWER, payload + pack("<Q", self._ticks(now)))]
+        if kind == MessageId.COMMAND:
+            return [self._command(payload)]
+        return [message(MessageId.UNRECOGNISED)]
+
+    def due(self, now: float) -> list[bytes]:
+        """The frames to send by `now`, to the client or the group."""
+        newest = int((now - self.settings.latency_s) * self._rate_hz)
+        first = newest if self._next is None else max(self._next, newest - int(_MAX_BURST_S * self._rate_hz))
+        self._next = newest + 1
+        if not (self.streaming and self.answering and self._listened(now)):
+            return []
+        return [self._frame(index) for index in range(first, newest + 1)]
+
+    def _listened(self, now: float) -> bool:
+        if self.settings.transport == "multicast":
+            return True
+        return self._heard is not None and now - self._heard <= self.settings.patience_s
+
+    def _ticks(self, now: float) -> int:
+        return round((now + self.settings.clock_offset_s) * self.settings.clock_hz)
+
+    def _pin(self, version: bytes) -> None:
+        if len(version) == 2 and version[0] and self.settings.transport == "unicast":
+            wanted = Version(version[0], version[1])
+            if self.settings.version.major >= 4 and Version(3, 0) <= wanted <= self.settings.version:
+                self._pinned = wanted
+
+    def _command(self, payload: bytes) -> bytes:
+        word, _, version = payload.partition(b"\0")[0].partition(b",")
+        numbers = version.split(b".")
+        if word != b"Bitstream" or len(numbers) != 2 or not all(part.isdigit() and len(part) < 3 for part in numbers):
+            return message(MessageId.UNRECOGNISED)
+        self._pin(bytes(int(part) for part in numbers))
+        return message(MessageId.COMMAND_ANSWER, f"Bitstream,{self.version}\0".encode())
+
+    def _server_info(self) -> bytes:
+        versions = bytes((3, 1, 0, 0, *self.settings.version, 0, 0))
+        multicast = self.settings.transport == "multicast"
+        tail = pack("<QHB", self.settings.clock_hz, DATA_PORT, multicast)
+        return message(
+            MessageId.SERVER_INFO, b"Motive".ljust(256, b"\0") + bytes((3, 1, 0, 0)) + version + tail + group
+        )
+
+    def _definitions(self) -> bytes:
+        version = self.version
+        out = pack("<I", len(self._names))
+        for number, name in enumerate(self._names, start=1):
+            body = name.encode() + b"\0" + pack("<ii3f", number, -1, 0.0, 0.0, 0.0)
+            body += pack("<4f", 0.0, 0.0, 0.0, 1.0) if version >= _TURNED else b""
+            body += pack("<I", 1) + bytes(16) + (b"Marker1\0" if version >= _MARKERS_NAMED else b"")
+            out += pack("<I", 1) + (pack("<I", len(body)) if version >= _SIZED else b"") + body
+        return message(MessageId.DEFINITIONS, out)
+
+    def _frame(self, index: int) -> bytes:
+        row = index % len(self._motion.time)
+        bodies = b"".join(
+            _BODY.pack(number + 1, *self._position[row, number], *self._turn[row, number], 2e-4, int(valid))
+            for number, valid in enumerate(self._motion.valid[row])
+        )
+        sized = self.version >= _SIZED
+        blocks = [(0, b"")] * 2 + [(len(self._names), bodies)] + [(0, b"")] * (5 if sized else 4)
+        out = pack("<I", index % 2**32)
+        for count, content in blocks:
+            out += pack("<I", count) + (pack("<I", len(content)) if sized else b"") + content
+        exposed = index / self._rate_hz
+        sent = exposed + self.settings.latency_s
+        out += pack("<IId", 0, 0, exposed)
+        out += pack("<QQQ", self._ticks(exposed), self._ticks(0.5 * (exposed + sent)), self._ticks(sent))
+        out += pack("<II", 0, 0) if sized else b""
+        out += pack("<hI", 2 if self._changed else 0, 0)
+        self._changed = False
+        self.frames += 1
+        return message(MessageId.FRAME, out)
+
+
+def _to_wire(motion: SensorFrames, up: str) -> tuple[FloatArray, FloatArray]:
+    """Positions (T, k, 3) and quaternions xyzw (T, k, 4) in Motive's axes; what is not known stands at the origin."""
+    order = [1, 2, 0] if up == "y" else [0, 1, 2]
+    position = np.nan_to_num(motion.position[..., order])
+    known = np.isfinite(motion.orientation).all(axis=-1, keepdims=True)
+    wxyz = np.where(known, motion.orientation, [1.0, 0.0, 0.0, 0.0])
+    return position, np.concatenate([wxyz[..., 1:][..., order], wxyz[..., :1]], axis=-1)
