@@ -129,9 +129,8 @@ class FakeMotive:
         versions = bytes((3, 1, 0, 0, *self.settings.version, 0, 0))
         multicast = self.settings.transport == "multicast"
         tail = pack("<QHB", self.settings.clock_hz, DATA_PORT, multicast)
-        return message(
-            MessageId.SERVER_INFO, b"Motive".ljust(256, b"\0") + bytes((3, 1, 0, 0)) + version + tail + group
-        )
+        tail += bytes(int(part) for part in MULTICAST_GROUP.split("."))
+        return message(MessageId.SERVER_INFO, b"Motive".ljust(256, b"\0") + versions + tail)
 
     def _definitions(self) -> bytes:
         version = self.version
