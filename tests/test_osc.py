@@ -66,6 +66,12 @@ def test_every_type_has_its_value_and_is_skipped_right() -> None:
     assert len(spans) == 10 and spans[2] == (told.at[4], told.at[4] + 8)  # i f h d c r m t i f; h is the third
 
 
+@pytest.mark.parametrize("size", range(9))
+def test_what_follows_a_blob_is_found(size: int) -> None:
+    (told,) = read_osc(message("/x", "bi", bytes(size), 7)).messages
+    assert told.arguments == (bytes(size), 7)
+
+
 def nested(depth: int) -> bytes:
     out = message("/deep", "i", 1)
     for _ in range(depth):

@@ -156,6 +156,16 @@ def test_two_references_in_one_packet(vmc: Recording) -> None:
         assert np.degrees(angle_between(by_role[segment], by_bone[segment])).max() < 0.1, segment
 
 
+def test_roles_that_nobody_wears_are_told_all_the_same(vmc: Recording) -> None:
+    """There was no tracker on the hands: they hang on the forearms, vouched for like all others."""
+    bones = bone_segments(vmc)
+    hands = segments(vmc, "slimevr")
+    for side in "lr":
+        turn = angle_between(hands[f"{side}_wrist"], bones[f"{side}_elbow"])
+        assert np.degrees(turn).max() < 0.1
+    assert all(frame.tracked[frame.names.index("human://LEFT_HAND")] for frame in vmc.frames)
+
+
 def test_bone_positions_are_untold_and_the_rest_is_told(vmc: Recording) -> None:
     for frame in vmc.frames[::50]:
         for name, place in zip(frame.names, frame.position, strict=True):

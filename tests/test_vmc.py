@@ -175,7 +175,7 @@ def test_states_are_remembered_until_told_otherwise() -> None:
     assert decoder.calibration == 1 and decoder.tracking is False
     decoder.decode(message("/VMC/Ext/OK", "iiii", 0, 3, 0, 1))
     assert not decoder.decode(tracker)[0].tracked.any() and decoder.loaded is False
-    decoder.decode(message("/VMC/Ext/OK", "i", 1))
+    decoder.decode(message("/VMC/Ext/OK", "ii", 1, 0))  # no form of the protocol: the first argument counts
     assert decoder.decode(tracker)[0].tracked.all() and decoder.calibration == 3
 
 

@@ -148,6 +148,19 @@ def test_positions_without_lengths_are_unknown_and_absent_bones_take_no_room() -
     assert_allclose(world[ROW["LeftHand"]], 5.0 * Z)
 
 
+def test_a_bone_that_is_known_in_part_has_no_place() -> None:
+    turns = still(*REQUIRED, "LeftShoulder")
+    del turns["RightUpperLeg"]
+    frame = frame_of(turns, position=Z)
+    frame.position[frame.names.index("bone://LeftShoulder")] = np.nan
+    bones = local_bones(frame)
+    world = world_positions(bones, world_rotations(bones))
+    for bone in ("LeftShoulder", "LeftHand", "RightUpperLeg", "RightFoot"):
+        assert np.isnan(world[ROW[bone]]).all(), bone
+    for bone in ("RightShoulder", "RightHand", "LeftFoot", "Head"):
+        assert np.isfinite(world[ROW[bone]]).all(), bone
+
+
 def test_a_bent_elbow_moves_the_hand() -> None:
     offsets = t_pose_offsets(proportional_dimensions(1.7))
     bend = from_axis_angle(Z, -QUARTER)  # the left forearm to the front

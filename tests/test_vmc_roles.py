@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from retarget.errors import UsageError
 from retarget.frames import SENSORS, mirrored_name
-from retarget.rotations import from_axis_angle, rotate
+from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.sources.vmc_names import BONES
 from retarget.sources.vmc_roles import ROLE_SETS, Role, RoleSet, canonical_orientation, joint_position, role_set
 
@@ -59,6 +59,13 @@ def test_a_hanging_arm_is_turned_from_the_t_pose() -> None:
         hanging = canonical_orientation(role, np.array([1.0, 0.0, 0.0, 0.0]))
         assert_allclose(rotate(hanging, [0.0, side, 0.0]), [0.0, 0.0, -1.0], atol=1e-12)
         assert_allclose(canonical_orientation(role, np.array(role.rest)), [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_turn_of_the_body_stays_on_the_left() -> None:
+    role = role_set("slimevr").role("human://LEFT_ELBOW")
+    assert role is not None
+    yaw = from_axis_angle((0.0, 0.0, 1.0), 0.7)
+    assert_allclose(canonical_orientation(role, multiply(yaw, role.rest)), yaw, atol=1e-12)
 
 
 def test_an_offset_turns_with_the_sender() -> None:
