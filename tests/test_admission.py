@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from retarget.live.address import parse_address
 from retarget.live.admission import (
     BURST,
     NOT_ALLOWED,
@@ -14,6 +15,7 @@ from retarget.live.admission import (
     TOO_LONG,
     TOO_MANY,
     Admission,
+    admission_for,
 )
 from retarget.live.datagram import Datagram, Source
 
@@ -67,6 +69,28 @@ def test_the_first_source_that_makes_sense_owns_the_stream() -> None:
 
 def test_another_port_of_the_same_computer_is_another_source() -> None:
     assert not admit(owned(), (A[0], A[1] + 1))
+
+
+def test_motive_answers_from_one_port_and_sends_frames_from_another() -> None:
+    admission = admission_for(parse_address("natnet://192.168.1.20"))
+    answers, frames = (A[0], 1510), (A[0], 1511)
+    assert admit(admission, answers) and admit(admission, frames)
+    assert admission.confirm(frames, now=0.0, moving=True)
+    assert admit(admission, answers, moving=True) and admit(admission, frames, moving=True)
+    assert not admit(admission, B, 1e6), "nobody but the server"
+    assert admission.refused.reasons == {NOT_ALLOWED: 1}
+
+
+def test_the_lock_on_a_computer_keeps_the_others_out() -> None:
+    admission = Admission(allow=LAN, source="computer")
+    assert admission.confirm(A, now=0.0, moving=False)
+    assert not admit(admission, B) and admit(admission, (A[0], 1)) and not admit(admission, B)
+
+
+def test_the_gate_of_an_address_is_its_list() -> None:
+    admission = admission_for(parse_address("vmc://0.0.0.0?allow=192.168.1.0/24"))
+    assert admit(admission, A) and not admit(admission, C)
+    assert admission.confirm(A, now=0.0, moving=False) and not admit(admission, (A[0], 1))
 
 
 def test_silence_frees_the_stream_only_when_nothing_moves() -> None:

@@ -6,13 +6,25 @@ Pure state: what arrives and when comes in, yes or no goes out. A datagram that 
 from collections.abc import Iterable
 from ipaddress import IPv4Network
 from socket import inet_aton
+from typing import Literal
 
+from retarget.live.address import StreamAddress
 from retarget.live.address_options import ANYBODY
 from retarget.live.datagram import Datagram, Source
 from retarget.live.token_bucket import TokenBucket
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
-__all__ = ["BURST", "NOT_ALLOWED", "RATE", "RELEASE_AFTER_S", "SECOND_SOURCE", "TOO_LONG", "TOO_MANY", "Admission"]
+__all__ = [
+    "BURST",
+    "NOT_ALLOWED",
+    "RATE",
+    "RELEASE_AFTER_S",
+    "SECOND_SOURCE",
+    "TOO_LONG",
+    "TOO_MANY",
+    "Admission",
+    "admission_for",
+]
 
 RATE = 2_000.0
 """Datagrams a second: SlimeVR sends VMC at 232 Hz and VRChat OSC at 750 Hz, others a pose or two in each datagram."""
@@ -44,14 +56,20 @@ class Admission:
         release_after: float | None = RELEASE_AFTER_S,
         rate: float = RATE,
         burst: int = BURST,
+        source: Literal["port", "computer"] = "port",
     ) -> None:
-        """`release_after` None: only `release` frees the stream. Raises ValueError for a rate or burst that admits
-        none, and for a negative time."""
+        """source: what counts as one. Another program on the sender's computer has another port; but Motive answers
+        questions from one port and sends frames from another.
+
+        `release_after` None: only `release` frees the stream. Raises ValueError for a rate or burst that admits none,
+        and for a negative time.
+        """
         if release_after is not None and not release_after >= 0.0:
             raise ValueError(f"the silence that frees a stream is no negative time; found {release_after}")
         self.refused = Dropped()
         self._networks = tuple((int(net.network_address), int(net.netmask)) for net in allow)
         self._release_after = release_after
+        self._by_port = source == "port"
         self._bucket = TokenBucket(rate=rate, burst=burst)
         self._owner: Source | None = None
         self._heard = 0.0
@@ -65,11 +83,11 @@ class Admission:
 
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
         """Whether a datagram may be decoded at `now`, s. What others send costs the owner nothing of its rate."""
-        source, owner = datagram.source, self._owner
-        if source != owner:
+        source = datagram.source
+        if source != self._owner:
             if not self._allowed(source[0]):
                 return self._refuse(NOT_ALLOWED, source)
-            if owner is not None and not self._is_free(now, moving):
+            if not self._may_own(source, now, moving):
                 return self._refuse(SECOND_SOURCE, source)
         if not 0 < len(datagram.payload) <= MAX_DATAGRAM:
             self.refused.note(TOO_LONG)
@@ -86,7 +104,7 @@ class Admission:
         first to make sense has it.
         """
         if source != self._owner:
-            if self._owner is not None and not self._is_free(now, moving):
+            if not self._may_own(source, now, moving):
                 return self._refuse(SECOND_SOURCE, source)
             self._owner = source
         self._heard = now
@@ -101,7 +119,9 @@ class Admission:
         news, self._news = tuple(self._news), []
         return news
 
-    def _is_free(self, now: float, moving: bool) -> bool:
+    def _may_own(self, source: Source, now: float, moving: bool) -> bool:
+        if self._owner is None or (not self._by_port and source[0] == self._owner[0]):
+            return True
         return not moving and self._release_after is not None and now - self._heard > self._release_after
 
     def _allowed(self, address: str) -> bool:
@@ -118,3 +138,8 @@ class Admission:
             self._named.add(key)
             self._news.append((source, reason))
         return False
+
+
+def admission_for(address: StreamAddress) -> Admission:
+    """The gate that an address asks for."""
+    return Admission(allow=address.allow, source="computer" if address.kind == "natnet" else "port")
