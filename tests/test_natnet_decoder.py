@@ -163,6 +163,13 @@ def test_a_damaged_pose_is_none_and_the_others_stay(pose: Pose) -> None:
     assert decoder.dropped.count == 1
 
 
+def test_an_untracked_body_without_a_pose_is_no_damage() -> None:
+    decoder = NatnetDecoder()
+    found = only(decoder.decode(frame(Motion(bodies=[Pose(1, turn=(0, 0, 0, 0), flags=0)]), Version(3, 0))))
+    assert np.isnan(found.position).all() and not found.tracked.any()
+    assert decoder.dropped.reasons == {}
+
+
 def test_signalling_nan_makes_no_warning() -> None:
     whole = bytearray(frame(Motion(bodies=[Pose(1)], crowd=False), Version(3, 0)))
     whole[24:28] = bytes.fromhex("0100807f")

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from retarget.errors import UsageError
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
-from retarget.sources.natnet_frame import BODY, SIZED_SINCE, FrameOfData, read_frame
+from retarget.sources.natnet_frame import BODY, SIZED_SINCE, FrameOfData, PoseGroup, read_frame
 from retarget.sources.natnet_models import read_definitions
 from retarget.sources.natnet_names import NameTable
 from retarget.sources.natnet_plan import PosePlan, compose_bones, plan_poses
 from retarget.sources.natnet_wire import MessageId, Version, read_server_info, split
+from retarget.sources.pose_bounds import unusable
 from retarget.sources.stream_axes import CONVENTIONS
 from retarget.sources.stream_frame import MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame
 
@@ -27,16 +28,12 @@ BAD_DEFINITIONS = "model definitions that fit no known version"
 BAD_SERVER = "ServerInfo too short"
 DOUBLED = "pose of a name that the frame had already"
 TOO_MANY = "pose beyond the most that are taken"
-NO_POSE = "pose that is not finite, not within 1 km, or not a rotation"
+NO_POSE = "pose that is not finite, not in a room, or not a rotation"
 NO_PARENT = "bone whose parents are not known"
 REASONS = (TOO_LONG, CUT_SHORT, STRANGE, BAD_FRAME, BAD_DEFINITIONS, BAD_SERVER, DOUBLED, TOO_MANY, NO_POSE, NO_PARENT)
 """Everything that `dropped` may count."""
 
 _OLDEST = Version(3, 0)
-_FAR = 1000.0
-"""m, along an axis."""
-_NORM_ERROR = 0.02
-"""A quaternion whose squared norm differs more from 1 is not a rotation; float32 leaves 1e-6."""
 _SILENT = {
     MessageId.COMMAND_ANSWER,
     MessageId.ECHO_ANSWER,
@@ -50,6 +47,9 @@ _AXES = {"y": CONVENTIONS["motive_y_up"], "z": CONVENTIONS["motive_z_up"]}
 """By Motive's up axis. The stream does not tell which is on."""
 _WXYZ = np.array([6, 3, 4, 5])
 """Columns of the wire's x, y, z, qx, qy, qz, qw."""
+
+_PlanKey = tuple[tuple[PoseGroup, ...], bytes]
+"""What decides a plan: the groups, and the ids of their poses."""
 
 
 class NatnetDecoder:
@@ -71,7 +71,7 @@ class NatnetDecoder:
         self._version = _OLDEST
         self._clock_hz = 0
         self._table = NameTable()
-        self._plan: tuple[FrameKey, PosePlan] | None = None
+        self._plan: tuple[_PlanKey, PosePlan] | None = None
 
     @property
     def names_missing(self) -> bool:
@@ -98,6 +98,10 @@ class NatnetDecoder:
     def _drop(self, reason: str) -> list[StreamFrame]:
         self.dropped.note(reason)
         return []
+
+    def _count(self, reason: str, times: int) -> None:
+        if times:
+            self.dropped.reasons[reason] += times
 
     def _server(self, payload: bytes) -> list[StreamFrame]:
         info = read_server_info(payload)
@@ -131,10 +135,8 @@ class NatnetDecoder:
     def _frame(self, frame: FrameOfData) -> StreamFrame:
         records = np.frombuffer(frame.poses, BODY)
         plan = self._planned(frame, records["id"])
-        if plan.doubled:
-            self.dropped.reasons[DOUBLED] += plan.doubled
-        if plan.surplus:
-            self.dropped.reasons[TOO_MANY] += plan.surplus
+        self._count(DOUBLED, plan.doubled)
+        self._count(TOO_MANY, plan.surplus)
         if plan.rows is not None:
             records = records[plan.rows]
         tracked = (records["flags"] & 1).astype(np.bool_)
@@ -146,7 +148,7 @@ class NatnetDecoder:
         self._check(position, orientation, tracked)
         if self._local and (plan.bones or plan.lost):
             compose_bones(plan, position, orientation, tracked)
-            self.dropped.reasons[NO_PARENT] += len(plan.lost)
+            self._count(NO_PARENT, len(plan.lost))
         return StreamFrame(plan.names, position, orientation, tracked, self._stamp(frame), frame.number)
 
     def _planned(self, frame: FrameOfData, ids: NDArray[np.int32]) -> PosePlan:
@@ -158,24 +160,19 @@ class NatnetDecoder:
 
     def _check(self, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
         """Unit quaternions; NaN, and not vouched for, where a pose is none."""
-        square = np.einsum("ij,ij->i", orientation, orientation)
-        good = (np.abs(square - 1.0) < _NORM_ERROR) & (np.abs(position) <= _FAR).all(axis=1)
-        if good.all():
-            orientation /= np.sqrt(square)[:, None]
+        bad = unusable(position, orientation)
+        norm = np.sqrt(np.einsum("ij,ij->i", orientation, orientation))
+        if not bad.any():
+            orientation /= norm[:, None]
             return
-        bad = ~good
         # An untracked body may have no pose yet (all zeros): that is no damage.
-        self.dropped.reasons[NO_POSE] += int(np.count_nonzero(bad & tracked))
+        self._count(NO_POSE, int(np.count_nonzero(bad & tracked)))
         position[bad] = np.nan
         orientation[bad] = np.nan
-        tracked &= good
-        orientation[good] /= np.sqrt(square[good])[:, None]
+        tracked &= ~bad
+        orientation[~bad] /= norm[~bad, None]
 
     def _stamp(self, frame: FrameOfData) -> float | None:
         if self._clock_hz and frame.mid_exposure:
             return frame.mid_exposure / self._clock_hz
         return frame.timestamp if isfinite(frame.timestamp) else None
-
-
-FrameKey = tuple[tuple[object, ...], bytes]
-"""What decides a plan: the groups and the ids of their poses."""
