@@ -60,3 +60,12 @@ def test_ctrl_c_ends_the_live_table(lab: ServoLab, monkeypatch: pytest.MonkeyPat
     code, out, err = lab.run("monitor", "--robot", "op3", "--port", "emulator")
     assert (code, err) == (0, "") and len(cycles) == 20 and "head_tilt" in out
     assert lab.instructions() <= READING
+
+
+def test_servos_at_another_speed_are_named_with_it(lab: ServoLab) -> None:
+    lab.before = {(5, "baud_rate"): 3}
+    code, _, err = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
+    assert code == 0 and "(id 5) answers at 1000000 baud, and its bus has 2000000" in err
+    lab.before = {(device, "baud_rate"): 3 for device in (*range(1, 21), 200)}
+    code, _, err = lab.run("monitor", "--robot", "op3", "--port", "emulator", "--once")
+    assert code == 2 and "(id 1) answers at 1000000 baud, and its bus has 2000000" in err

@@ -135,7 +135,7 @@ def test_everybody_is_told_before_anybody_is_looked_for(words: tuple[str, ...], 
     lab.before = {(5, "baud_rate"): 1} | lab.before
     lab.upon = {Instruction.PING: Fault(FaultKind.MISSING)}  # from the first look on nobody hears
     code, _, err = lab.run("rest", *words, "--port", "emulator", "--yes")
-    assert code == 2 and "Torque off was told to everybody" in err and "cut the power" in err
+    assert code == 2 and "Torque off was told to everybody" in err and "cut the power by hand" in err
     assert not any(_torques(lab))
     assert lab.bauds[0] == first and lab.sent[0][4:10].hex(" ") == "fe 06 00 03 40 00"
 
@@ -150,3 +150,14 @@ def test_servos_at_another_speed_go_limp_and_the_speed_is_named(lab: ServoLab) -
     code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
     assert code == 2 and not any(_torques(lab))
     assert "(id 1) answers at 1000000 baud, and its bus has 2000000" in err and "--baud 2000000`" in err
+
+
+def test_ctrl_c_in_the_look_says_that_nobody_confirmed(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: object, **more: object) -> object:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("retarget.cli.servo.rest.look_at", interrupted)
+    code, _, err = lab.run("rest", "--port", "emulator", "--yes")
+    assert code == 1 and "interrupted" in err and "nobody confirmed it" in err and not any(_torques(lab))
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", typed="y\n")
+    assert code == 130 and "confirmed" not in err

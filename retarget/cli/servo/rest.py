@@ -27,7 +27,7 @@ from retarget.cli.servo.places import (
 )
 from retarget.cli.servo.question import agreed
 
-TOLD = "Torque off was told to everybody at all speeds, and nobody confirmed it: cut the power by hand"
+TOLD = "Torque off was told to everybody, and nobody confirmed it: run it again, or cut the power by hand."
 
 
 def rest(
@@ -44,7 +44,7 @@ def rest(
     Everybody is told by broadcasts at all speeds first, that of the profile before the others: it takes 0.5 s. Nobody
     confirms a broadcast, so the servos are then looked for, told again and read back, also those of unknown models; one
     that does not confirm is named, and the exit code is 1. Nothing else is written but the bus watchdog, which is
-    cleared. Ctrl-C does not end it half way. Without a profile the look takes up to a minute.
+    cleared. Without a profile the look takes up to a minute. Ctrl-C does not end the writing half way.
     """
     places = find_places(robot, port, faults=faults)
     check_search(places, protocol, baud)
@@ -65,6 +65,10 @@ def rest(
             looks = look_at(places, protocol=protocol, baud=baud, strange_too=True)
         except BusError as error:
             raise BusError(f"{error} {TOLD if asked else ''}".rstrip()) from error
+        except KeyboardInterrupt:
+            if asked:
+                raise TorqueError(f"interrupted. {TOLD}") from None
+            raise
         count = sum(len(one.line.images) + len(one.strange) for one in looks)
         if not asked:
             if not _is_due(looks, count):
