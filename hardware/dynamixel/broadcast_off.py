@@ -19,7 +19,7 @@ MARGIN = 0.002
 
 
 def tell_everybody_off(port: BytePort, speeds: Sequence[Speed]) -> None:
-    """Write torque off to all ids at each speed, in this order; nobody answers. About 0.5 s for all speeds there are.
+    """Write torque off to all ids at each speed, in this order; nobody answers. Under 1 s for all speeds there are.
 
     The port is left at the last speed. A speed that the adapter does not have is left out. Raises BusError when the
     port is gone.
