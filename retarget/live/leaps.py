@@ -1,0 +1,171 @@
+"""Which positions no human can have reached: jumps, and left and right changing places."""
+
+from math import dist
+
+import numpy as np
+
+from retarget.body import IntArray
+from retarget.frames import BoolArray, mirrored_name
+from retarget.live.exchange import exchanged
+from retarget.live.last_poses import LastPoses
+from retarget.live.trust_limits import TrustLimits
+from retarget.live.trust_state import StateArray, TrustState
+from retarget.rotations import FloatArray
+
+__all__ = ["Leaps"]
+
+CALM = 0.06
+"""m; a step shorter than this needs no second look: it is neither a jump nor an exchange."""
+TOGETHER_S = 0.1
+"""Jumps of both sides within this time may be an exchange told in two datagrams."""
+
+_Point = list[float] | tuple[float, float, float]
+
+
+class _Elsewhere:
+    """One sensor that is not where it could be: where it went first, where it is now, and since when."""
+
+    __slots__ = ("count", "first", "kind", "last", "place", "since")
+
+    def __init__(self, kind: TrustState, place: _Point, time: float) -> None:
+        self.kind = kind
+        self.first = self.place = place
+        self.since = self.last = time
+        self.count = 1
+
+
+class Leaps:
+    """Judges positions of k sensors against where each was last accepted, by capture time.
+
+    A sensor that leapt is refused until it leaps back, or has gone on from its new place for `settled_after`.
+    `state` (k,): FRESH, JUMPED (from the second pose on: one outlier is dropped and no more), or SWAPPED.
+    `doubted_at` (k,): s, of the last refused pose. `resettled` (k,): whether it was believed again at a new place.
+    """
+
+    def __init__(self, names: tuple[str, ...], last: LastPoses, limits: TrustLimits) -> None:
+        count = len(names)
+        self._last = last
+        self._limits = limits
+        self._elsewhere: dict[int, _Elsewhere] = {}
+        self.state: StateArray = np.zeros(count, dtype=np.uint8)
+        self.doubted_at = np.full(count, -np.inf)
+        self.resettled: BoolArray = np.zeros(count, dtype=bool)
+        self._other: dict[int, int] = {
+            row: names.index(mirrored_name(name))
+            for row, name in enumerate(names)
+            if name != mirrored_name(name) and mirrored_name(name) in names
+        }
+
+    @property
+    def any_doubted(self) -> bool:
+        """Whether a sensor is refused for where it is."""
+        return bool(self._elsewhere)
+
+    def are_calm(self, time: float, step: FloatArray) -> bool:
+        """Whether steps (m, 7) from the last poses to ones at `time` need no second look. NaN: they do."""
+        if self._elsewhere or time <= self._last.latest:
+            return False
+        square: FloatArray = np.einsum("ij,ij->i", step[:, :3], step[:, :3])
+        return bool(np.count_nonzero(square <= CALM**2) == len(square))
+
+    def take(self, rows: IntArray, time: float, position: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Which of the positions (m, 3) m of one capture may be used, and which are the place to go on from; (m,)
+        each."""
+        calm = np.linalg.norm(position - self._last.pose[rows, :3], axis=1) <= CALM
+        elapsed = (time - self._last.at[rows]).tolist()
+        places, order = position.tolist(), rows.tolist()
+        swapped = self._exchanges(order, places, elapsed, calm)
+        usable, stored = np.ones(len(rows), dtype=bool), np.ones(len(rows), dtype=bool)
+        for i, row in enumerate(order):
+            if row in swapped:
+                self._doubt(row, TrustState.SWAPPED, places[i], time)
+                usable[i] = stored[i] = False
+            elif row in self._elsewhere:
+                usable[i] = stored[i] = self._go_on(row, places[i], time)
+            elif -self._limits.settled_after <= elapsed[i] <= 0.0:
+                # Late or told twice: good enough to use, but not the place to go on from.
+                usable[i] = dist(places[i], self._last.pose[row, :3]) <= self._within(0.0)
+                stored[i] = False
+            elif elapsed[i] > 0.0 and dist(places[i], self._last.pose[row, :3]) > self._within(elapsed[i]):
+                self._doubt(row, TrustState.JUMPED, places[i], time)
+                usable[i] = stored[i] = False
+        self._exchanges_in_two()
+        return usable, stored
+
+    def _exchanges(self, order: list[int], places: list[_Point], elapsed: list[float], calm: BoolArray) -> set[int]:
+        """Rows of pairs that changed places from their last capture to this one."""
+        found: set[int] = set()
+        if calm.all():
+            return found
+        at = {row: i for i, row in enumerate(order) if not calm[i] and row not in self._elsewhere}
+        for row, i in at.items():
+            other = self._other.get(row, -1)
+            if other <= row or other not in at or not 0.0 < elapsed[i] <= 1.0:
+                continue
+            was = (_point(self._last.pose[row, :3]), _point(self._last.pose[other, :3]))
+            due = (self._due(row, elapsed[i]), self._due(other, elapsed[at[other]]))
+            if exchanged(was, due, (places[i], places[at[other]]), elapsed[i], self._limits.exchange):
+                found |= {row, other}
+        return found
+
+    def _due(self, row: int, elapsed: float) -> _Point:
+        """Where a sensor would be now if it went on as it went."""
+        span = max(self._last.at[row] - self._last.before[row], self._limits.shortest_step)
+        if max(span, elapsed) > TOGETHER_S:
+            return _point(self._last.pose[row, :3])
+        share = max(elapsed, self._limits.shortest_step) / span
+        return _point(self._last.pose[row, :3] + share * self._last.step[row, :3])
+
+    def _exchanges_in_two(self) -> None:
+        """Jumps of both sides that were told one after the other, and lead to each other's place."""
+        for row, here in self._elsewhere.items():
+            there = self._elsewhere.get(self._other.get(row, -1))
+            if there is None or here.kind is TrustState.SWAPPED or abs(here.since - there.since) > TOGETHER_S:
+                continue
+            was = (_point(self._last.pose[row, :3]), _point(self._last.pose[self._other[row], :3]))
+            if exchanged(was, was, (here.first, there.first), TOGETHER_S, self._limits.exchange):
+                for one, leap in ((row, here), (self._other[row], there)):
+                    leap.kind = TrustState.SWAPPED
+                    self.state[one] = TrustState.SWAPPED
+
+    def _within(self, elapsed: float) -> float:
+        """How far, m, a human gets in `elapsed` s."""
+        return self._limits.fastest * max(elapsed, self._limits.shortest_step)
+
+    def _doubt(self, row: int, kind: TrustState, place: _Point, time: float) -> None:
+        self._elsewhere[row] = _Elsewhere(kind, place, time)
+        self.doubted_at[row] = time
+        self.state[row] = kind if kind is TrustState.SWAPPED else TrustState.FRESH
+
+    def _go_on(self, row: int, place: _Point, time: float) -> bool:
+        """One more pose of a doubted sensor; whether it is believed again."""
+        leap = self._elsewhere[row]
+        gap = time - leap.last
+        if -self._limits.settled_after <= gap <= 0.0:
+            return False
+        on, back = dist(place, leap.place), dist(place, self._last.pose[row, :3])
+        if gap > 0.0 and back < on and on > CALM and back <= self._within(min(time - leap.since, TOGETHER_S)):
+            return self._believe(row, resettled=False)
+        if not 0.0 < gap <= self._limits.stale_after or on > self._within(gap):
+            self._doubt(row, TrustState.JUMPED, place, time)
+            self.state[row] = TrustState.JUMPED  # not the first one
+            return False
+        leap.place, leap.last = place, time
+        leap.count += 1
+        self.doubted_at[row] = time
+        self.state[row] = leap.kind
+        if time - leap.since >= self._limits.settled_after:
+            return self._believe(row, resettled=True)
+        return False
+
+    def _believe(self, row: int, *, resettled: bool) -> bool:
+        del self._elsewhere[row]
+        self.state[row] = TrustState.FRESH
+        self.resettled[row] = resettled
+        if resettled:
+            self._last.resettle(row)
+        return True
+
+
+def _point(array: FloatArray) -> list[float]:
+    return [float(number) for number in array]

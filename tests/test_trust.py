@@ -1,0 +1,326 @@
+"""Every way in which a sensor lies is found in time, and nothing else is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from retarget.live.rejoin import Rejoin
+from retarget.live.trust import LEAPT, MAX_CHANGES, NO_TIME, Trust
+from retarget.live.trust_limits import TrustLimits
+from retarget.live.trust_state import TrustState
+from retarget.sources.open import open_source
+from retarget.sources.udprec import read_udprec
+from retarget.sources.vmc import VmcDecoder
+from trust_rig import LAG, NAMES, Stream, judge, recorded, walk
+
+RATES = (50.0, 100.0, 240.0)
+L_WRIST, R_WRIST, L_ANKLE = NAMES.index("l_wrist"), NAMES.index("r_wrist"), NAMES.index("l_ankle")
+
+
+def onset(stream: Stream, seconds: float = 1.0) -> int:
+    return int(np.searchsorted(stream.time, stream.time[0] + seconds))
+
+
+def seconds_until(stream: Stream, begin: int, wrong: np.ndarray) -> float:
+    """From the last sound capture to the first judgement that is `wrong`."""
+    first = int(np.flatnonzero(wrong)[0])
+    assert first >= begin
+    return float(stream.time[first] + LAG - stream.time[begin - 1])
+
+
+def out_after(stream: Stream, begin: int, states: np.ndarray, row: int) -> float:
+    """s from `begin` until a sensor takes no part any more, in ticks of the stream."""
+    rejoin = Rejoin(states.shape[1])
+    rejoin.start(states[begin - 1])
+    for i in range(begin, len(states)):
+        if rejoin.step(states[i], float(stream.time[i] - stream.time[i - 1]))[row] == 0.0:
+            return float(stream.time[i] + LAG - stream.time[begin])
+    return np.inf
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("swing", [0.0, 1.0])
+def test_who_walks_or_stands_is_believed(rate: float, swing: float) -> None:
+    judged = judge(walk(rate=rate, swing=swing))
+    assert not judged.alarms() and judged.usable.all()
+    assert not judged.messages and not judged.trust.refused.count
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("carried", [False, True])
+@pytest.mark.parametrize("row", range(len(NAMES)))
+def test_a_frozen_tracker_is_out_in_300_ms(row: int, carried: bool, rate: float) -> None:
+    stream = walk(rate=rate)
+    begin = onset(stream)
+    stream.orientation[begin:, row] = stream.orientation[begin - 1, row]
+    if not carried:
+        stream.position[begin:, row] = stream.position[begin - 1, row]
+    judged = judge(stream)
+    assert judged.alarms() == {TrustState.FROZEN}
+    assert not np.delete(judged.states, row, axis=1).any()
+    assert out_after(stream, begin, judged.states, row) <= 0.3
+    assert [text for _, text in judged.messages] == [f"{NAMES[row]}: frozen since 0.2 s (tracker lost?)"]
+
+
+def test_a_frozen_position_is_found_where_there_is_no_orientation() -> None:
+    stream = walk()
+    stream.orientation[:] = np.nan
+    begin = onset(stream)
+    stream.position[begin:, L_ANKLE] = stream.position[begin - 1, L_ANKLE]
+    judged = judge(stream)
+    assert judged.usable.all() and judged.alarms() == {TrustState.FROZEN}
+    assert seconds_until(stream, begin, judged.states[:, L_ANKLE] > 0) < 0.23
+
+
+def test_a_tracker_that_thaws_is_believed_at_once() -> None:
+    stream = walk()
+    stream.orientation[100:150, L_ANKLE] = stream.orientation[99, L_ANKLE]
+    judged = judge(stream)
+    assert (judged.states[125:150, L_ANKLE] == TrustState.FROZEN).all() and not judged.states[150:].any()
+    assert judged.messages[-1] == (150, "l_ankle: back")
+
+
+def test_motion_without_noise_is_not_frozen_where_it_rests() -> None:
+    stream = walk(swing=0.0, noise=False)
+    moving = walk(noise=False)
+    for row in (L_WRIST, R_WRIST):
+        stream.position[:, row], stream.orientation[:, row] = moving.position[:, row], moving.orientation[:, row]
+    assert not judge(stream).alarms()
+
+
+def test_a_person_who_stands_as_still_as_a_stone_is_not_frozen() -> None:
+    assert not judge(walk(swing=0.0, noise=False)).alarms()
+
+
+def test_repeats_of_a_slower_tracker_are_no_evidence() -> None:
+    stream = walk(rate=240.0)
+    slow = np.arange(len(stream.time)) // 24 * 24  # 10 Hz: 0.1 s
+    stream.position[:, L_ANKLE] = stream.position[slow, L_ANKLE]
+    stream.orientation[:, L_ANKLE] = stream.orientation[slow, L_ANKLE]
+    assert not judge(stream).alarms()
+
+
+def test_one_capture_told_again_and_again_is_old_and_not_frozen() -> None:
+    stream = walk()
+    trust = judge(stream).trust
+    seen = set()
+    for i in range(100):
+        time = float(stream.time[-1])
+        trust.take(
+            np.arange(6),
+            time,
+            position=stream.position[-1],
+            orientation=stream.orientation[-1],
+            tracked=np.ones(6, bool),
+        )
+        seen |= set(trust.judge(time + 0.01 * i).tolist())
+    assert seen == {TrustState.FRESH, TrustState.STALE}
+
+
+@pytest.mark.parametrize("how", ["unheard", "untracked", "nan"])
+@pytest.mark.parametrize("rate", RATES)
+def test_a_lost_tracker_is_out_in_300_ms(rate: float, how: str) -> None:
+    stream = walk(rate=rate)
+    begin = onset(stream)
+    if how == "untracked":
+        stream.tracked[begin:, L_ANKLE] = False
+    else:
+        stream.position[begin:, L_ANKLE] = np.nan
+    judged = judge(stream)
+    assert not judged.usable[begin:, L_ANKLE].any() and judged.usable[:begin].all()
+    assert judged.alarms() == {TrustState.STALE}
+    assert out_after(stream, begin, judged.states, L_ANKLE) <= 0.3
+    assert [text for _, text in judged.messages] == ["l_ankle: nothing that can be used for 0.2 s"]
+
+
+def swapped(stream: Stream, begin: int, end: int | None = None) -> Stream:
+    both = [L_WRIST, R_WRIST]
+    for array in (stream.position, stream.orientation):
+        array[begin:end, both] = array[begin:end, both[::-1]]
+    return stream
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("at", np.linspace(1.0, 1.5, 6).tolist())
+def test_a_swap_is_seen_in_the_capture_in_which_it_happens(rate: float, at: float) -> None:
+    stream = walk(rate=rate)
+    begin = onset(stream, at)
+    judged = judge(swapped(stream, begin))
+    pair = judged.states[:, [L_WRIST, R_WRIST]]
+    assert seconds_until(stream, begin, (pair == TrustState.SWAPPED).all(axis=1)) <= 0.1
+    assert not judged.usable[begin : begin + int(0.49 * rate), [L_WRIST, R_WRIST]].any()
+    assert judged.alarms() == {TrustState.SWAPPED} and not np.delete(judged.states, [L_WRIST, R_WRIST], axis=1).any()
+    assert [text for _, text in judged.messages] == [
+        "l_wrist and r_wrist have changed places",
+        "l_wrist, r_wrist: believed again where it is now",
+    ]
+    assert 0.5 <= stream.time[judged.messages[1][0]] - stream.time[begin] <= 0.53
+
+
+def test_a_pair_that_swaps_back_is_believed_at_once() -> None:
+    judged = judge(swapped(walk(), 100, 120))
+    assert (judged.states[100:120, L_WRIST] == TrustState.SWAPPED).all() and not judged.states[120:].any()
+    assert judged.messages[-1] == (120, "l_wrist, r_wrist: back")
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("far", [0.5, 2.0])
+def test_a_teleport_is_refused_at_once_and_believed_when_it_stays(rate: float, far: float) -> None:
+    stream = walk(rate=rate)
+    begin = onset(stream)
+    stream.position[begin:, L_WRIST, 0] += far
+    judged = judge(stream)
+    wait = int(np.ceil(0.5 * rate))
+    assert not judged.usable[begin : begin + wait - 1, L_WRIST].any() and judged.usable[begin + wait + 1 :].all()
+    assert judged.alarms() == {TrustState.JUMPED}
+    assert [text for _, text in judged.messages] == [
+        "l_wrist: jumped farther than a human can",
+        "l_wrist: believed again where it is now",
+    ]
+
+
+def test_one_outlier_is_dropped_and_no_more() -> None:
+    stream = walk()
+    stream.position[100, L_WRIST, 0] += 2.0
+    judged = judge(stream)
+    assert np.argwhere(~judged.usable).tolist() == [[100, L_WRIST]] and not judged.alarms()
+    assert judged.trust.refused.reasons == {LEAPT: 1}
+
+
+def test_a_sensor_that_flies_about_is_never_believed() -> None:
+    stream = walk()
+    stream.position[100:, L_WRIST, 0] += np.random.default_rng(0).uniform(-5.0, 5.0, len(stream.time) - 100)
+    judged = judge(stream)
+    assert judged.usable[100:, L_WRIST].mean() < 0.05
+    assert (judged.states[102:, L_WRIST] != TrustState.FRESH).mean() > 0.95
+
+
+def test_outside_the_room_is_said() -> None:
+    stream = walk()
+    stream.position[100:, L_WRIST, 2] = 3.5
+    judged = judge(stream)
+    assert not judged.usable[100:, L_WRIST].any() and judged.alarms() == {TrustState.OUT_OF_RANGE}
+    assert [text for _, text in judged.messages] == ["l_wrist: told to be outside the room"]
+
+
+def test_a_sensor_that_is_not_worn_is_said_once_and_may_be_put_on() -> None:
+    stream = walk(6.0)
+    stream.tracked[:500, L_WRIST] = False
+    judged = judge(stream)
+    assert (judged.states[301:500, L_WRIST] == TrustState.NOT_WORN).all() and not judged.states[500:].any()
+    assert [text for _, text in judged.messages] == [
+        "l_wrist: not heard since the start (not worn?)",
+        "l_wrist: heard now",
+    ]
+
+
+@pytest.mark.parametrize("shift", [-3600.0, -1.0, 3600.0])
+def test_a_clock_that_is_set_is_followed(shift: float) -> None:
+    stream = walk()
+    stream.time[100:] += shift
+    judged = judge(stream)
+    assert judged.usable.all() and not judged.alarms() - {TrustState.FRESH, TrustState.STALE}
+    assert not judged.states[101:].any()
+
+
+def test_parts_in_many_datagrams_are_judged_alike() -> None:
+    stream = swapped(walk(), 100)
+    trust, states = Trust(NAMES), []
+    for i, time in enumerate(stream.time.tolist()):
+        for row in (3, 1, 0, 2, 5, 4):
+            one = slice(row, row + 1)
+            trust.take(
+                np.array([row]),
+                time,
+                position=stream.position[i, one],
+                orientation=stream.orientation[i, one],
+                tracked=stream.tracked[i, one],
+            )
+        states.append(trust.judge(time + LAG))
+    assert set(np.unique(states[100:149])) == {TrustState.FRESH, TrustState.SWAPPED}
+    assert (np.array(states)[100:149, [L_WRIST, R_WRIST]] == TrustState.SWAPPED).all()
+
+
+VALUE = st.floats(width=64) | st.sampled_from([0.0, 1.0, 0.1, np.nan, np.inf, -1e300])
+
+
+@settings(max_examples=40)
+@given(st.data())
+def test_anything_may_come(data: st.DataObject) -> None:
+    trust = Trust(NAMES)
+    draw = data.draw
+    for _ in range(draw(st.integers(1, 12))):
+        rows = np.array(draw(st.lists(st.integers(0, 5), unique=True)), dtype=np.intp)
+        count = len(rows)
+        numbers = np.array(draw(st.lists(VALUE, min_size=7 * count, max_size=7 * count))).reshape(count, 7)
+        if draw(st.booleans()):
+            numbers[:, 3:] = (1.0, 0.0, 0.0, 0.0)
+        tracked = np.array(draw(st.lists(st.booleans(), min_size=count, max_size=count)), dtype=bool)
+        usable = trust.take(rows, draw(VALUE), position=numbers[:, :3], orientation=numbers[:, 3:], tracked=tracked)
+        assert not (usable & ~tracked).any() and np.isfinite(numbers[usable, :3]).all()
+        states = trust.judge(draw(VALUE))
+        assert states.max() <= TrustState.OUT_OF_RANGE
+    assert len(trust.messages()) <= MAX_CHANGES
+
+
+def test_memory_is_bounded_where_nobody_listens() -> None:
+    stream = walk(1.0)
+    trust = Trust(NAMES)
+    for i in range(400):
+        time = 0.2 * i
+        trust.take(
+            np.arange(6), time, position=stream.position[0], orientation=stream.orientation[0], tracked=np.ones(6, bool)
+        )
+        trust.judge(time)
+        trust.judge(time + 0.19)
+    assert 1 <= len(trust.messages()) <= MAX_CHANGES and trust.messages() == []
+
+
+def test_a_time_that_is_none_is_refused() -> None:
+    stream, trust = walk(1.0), Trust(NAMES)
+    assert not trust.take(
+        np.arange(6), np.nan, position=stream.position[0], orientation=stream.orientation[0], tracked=np.ones(6, bool)
+    ).any()
+    assert trust.refused.reasons == {NO_TIME: 6} and (trust.judge(np.nan) == TrustState.STALE).all()
+
+
+@pytest.mark.parametrize("rate", [60.0, 100.0, 240.0])
+@pytest.mark.parametrize("name", ["cmu_asfamc/02_06.amc", "cmu_asfamc/05_13.amc", "cmu_bvh_hahne/49_06.bvh"])
+def test_real_motion_raises_no_alarm(name: str, rate: float, shared: Path) -> None:
+    frames = open_source(shared / "mocap" / name).cut(0.1, 6.0)  # a BVH begins with one frame of its rest pose
+    for metres in (0.001, 0.005):
+        judged = judge(recorded(frames, rate, metres=metres))
+        assert not judged.alarms() and not judged.trust.refused.count
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rate", [30.0, 60.0, 100.0, 120.0, 240.0])
+def test_no_recording_raises_an_alarm(rate: float, shared: Path) -> None:
+    folders = ("cmu_asfamc/*.amc", "cmu_bvh_hahne/*.bvh", "cmu_bvh_daz/*.bvh")
+    for path in sorted(path for folder in folders for path in (shared / "mocap").glob(folder)):
+        judged = judge(recorded(open_source(path).cut(0.1), rate, metres=0.003))
+        assert not judged.alarms() and not judged.trust.refused.count, path.name
+
+
+def test_real_slimevr_bytes_raise_no_alarm(shared: Path) -> None:
+    """They were scripted, without noise: what rests there repeats itself to the bit while one arm moves."""
+    decoder, names = VmcDecoder(), ()
+    trust: Trust | None = None
+    for record in read_udprec(shared / "streams" / "slimevr" / "full12_vmc_50hz.udprec.gz"):
+        for frame in decoder.decode(record.payload):
+            picked = [i for i, name in enumerate(frame.names) if name.startswith("human://")]
+            names = tuple(frame.names[i] for i in picked)
+            trust = trust or Trust(names, TrustLimits(low=-3.0))
+            assert frame.stamp is not None and names == trust.names
+            usable = trust.take(
+                np.arange(len(picked)),
+                frame.stamp,
+                position=frame.position[picked],
+                orientation=frame.orientation[picked],
+                tracked=frame.tracked[picked],
+            )
+            assert usable.all() and not trust.judge(frame.stamp + 0.01).any()
+    assert trust is not None and len(names) == 11
