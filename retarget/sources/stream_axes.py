@@ -46,14 +46,14 @@ class Convention:
         object.__setattr__(self, "_same", bool(np.array_equal(matrix, np.eye(3))))
 
     def positions(self, positions: ArrayLike) -> FloatArray:
-        """Positions (..., 3) of the sender, in its unit -> (..., 3) m, REP-103; the same array where nothing changes."""
+        """Positions (..., 3) of the sender, in its unit -> (..., 3) m, REP-103; the same array if they agree."""
         positions = np.asarray(positions, float)
         if self._same:
             return positions if self.metres == 1.0 else positions * self.metres
         return np.asarray(positions @ self._point)
 
     def orientations(self, orientations: ArrayLike) -> FloatArray:
-        """Quaternions (..., 4) wxyz of the sender -> (..., 4) wxyz, REP-103; norm and sign stay, and the array where nothing changes."""
+        """Quaternions (..., 4) wxyz of the sender -> (..., 4) wxyz, REP-103; norm and sign stay."""
         orientations = np.asarray(orientations, float)
         if self._same:
             return orientations
