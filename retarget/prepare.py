@@ -115,7 +115,9 @@ def prepare_for(
     samples, human = performance.samples, build_human(performance.dimensions)
     scene = None if options.scene is None else SceneState(load_scene(options.scene))
     around_human = scene if robot is None else None
-    reconstructor = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
+    reconstructor = Reconstructor(
+        human, for_human, performer, iterations=options.iterations, scene=around_human, intake=performance.intake
+    )
     if around_human is not None and reconstructor.observers is None:
         raise UsageError(
             "a scene that nobody observes",

@@ -22,7 +22,7 @@ from retarget.priorities import CentreOfMassTask, PostureTask, Priorities
 from retarget.reach import Reach
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
-from retarget.sensor_intake import SensorIntake
+from retarget.sensor_intake import IntakeTimes, SensorIntake
 from retarget.surroundings import Surroundings
 from retarget.task_slots import SlotKind
 from retarget.virtual_feet import VirtualFeet
@@ -54,10 +54,11 @@ class Reconstructor:
         iterations: int | None = None,
         observed: Worn | None = None,
         scene: SceneState | None = None,
+        intake: IntakeTimes | None = None,
     ) -> None:
         """rest (18, 4): see `calibration.rest_orientations`; only sensors with an orientation need it. iterations:
         instead of the file's. observed: which observers, instead of the file's choice. scene: what is around the human,
-        in the performer's world. Raises ConfigError: the priorities name what a human does not have."""
+        in the performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what a human does not have."""
         self._human = human
         self._worn = WornSensors(performer, human, rest)
         self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
@@ -86,7 +87,7 @@ class Reconstructor:
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
         joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
         self._joints_of = np.array(joints_of, dtype=np.int64)
-        self._intake = SensorIntake(len(names))
+        self._intake = SensorIntake(len(names), intake)
         self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
         self._source, self._slots = self._hierarchy.position_slots(names)
         self._block = np.zeros((len(names), 4))

@@ -1,10 +1,11 @@
 """What the pipeline plays, tick by tick: a recorded clip, or a performer who moves right now."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from retarget.frames import SensorSample
 from retarget.human_dimensions import HumanDimensions
+from retarget.sensor_intake import IntakeTimes
 
 if TYPE_CHECKING:
     from retarget.clip import Clip
@@ -51,8 +52,9 @@ class Samples(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """Somebody who performs: their sensors, their size, and what is worth a note."""
+    """Somebody who performs: their sensors, their size, what is worth a note, and how sensors leave and come back."""
 
     samples: Samples
     dimensions: HumanDimensions
     notes: tuple[str, ...] = ()
+    intake: IntakeTimes = field(default_factory=IntakeTimes)

@@ -4,6 +4,7 @@ A lost sensor, one that comes back, and one that jumps faster than any human bec
 stays continuous, and ends where the sensor is.
 """
 
+from dataclasses import dataclass
 from math import exp
 
 import numpy as np
@@ -11,20 +12,26 @@ import numpy as np
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
 
-__all__ = ["SensorIntake"]
+__all__ = ["IntakeTimes", "SensorIntake"]
 
 FASTEST_M_S = 15.0
 """Nothing that a person wears moves faster: the fist of a boxer reaches about 10 m/s."""
-HOLD_S = 0.2
-"""So long a lost sensor is taken to stand still; then it takes no part."""
-FADE_S = 0.1
-"""Time constant with which an offset fades."""
+
+
+@dataclass(frozen=True)
+class IntakeTimes:
+    """s. hold: so long a lost sensor is taken to stand still; then it takes no part. fade: time constant with which an
+    offset fades."""
+
+    hold: float = 0.2
+    fade: float = 0.1
 
 
 class SensorIntake:
     """`position` (k, 3) m and `present` (k,): what is asked, in the world, of each of k sensors."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
+        self._times = times or IntakeTimes()
         self.position = np.zeros((count, 3))
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.measured = np.zeros((count, 3))
@@ -51,7 +58,7 @@ class SensorIntake:
         else:
             self.measured[:] = position
         if self._is_fading:
-            self._offset *= exp(-dt / FADE_S)
+            self._offset *= exp(-dt / self._times.fade)
             self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
             np.add(self.measured, self._offset, out=self.position)
         else:
@@ -70,5 +77,5 @@ class SensorIntake:
         self.measured[valid] = position[valid]
         self._lost_for[valid] = 0.0
         self._lost_for[~valid] += dt
-        self.present[:] = self._lost_for <= HOLD_S
+        self.present[:] = self._lost_for <= self._times.hold
         self._is_fading = self._is_fading or bool(changed.any())

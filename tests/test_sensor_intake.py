@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from retarget.frames import BoolArray
-from retarget.sensor_intake import FADE_S, HOLD_S, SensorIntake
+from retarget.sensor_intake import IntakeTimes, SensorIntake
 
 DT = 1.0 / 120.0
 HERE = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0]])
 NOWHERE = np.full((2, 3), np.nan)
+TIMES = IntakeTimes()
 
 
 def valid(*flags: bool) -> BoolArray:
@@ -33,11 +34,11 @@ def test_a_leap_becomes_an_offset_that_fades() -> None:
     intake = started()
     there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
     steps, before = [], intake.position.copy()
-    for _ in range(round(8 * FADE_S / DT)):
+    for _ in range(round(8 * TIMES.fade / DT)):
         intake.step(there, valid(True, True), reached=HERE, dt=DT)
         steps.append(np.abs(intake.position - before).max())
         before = intake.position.copy()
-    assert max(steps) <= 0.5 * DT / FADE_S + 1e-9
+    assert max(steps) <= 0.5 * DT / TIMES.fade + 1e-9
     assert intake.position == pytest.approx(there, abs=1e-3)
     assert intake.measured == pytest.approx(there)
 
@@ -50,11 +51,11 @@ def test_a_short_loss_is_bridged_and_a_long_one_frees_the_body() -> None:
         intake.step(lost, valid(True, False), reached=HERE, dt=DT)
         assert intake.present[0] and np.isfinite(intake.position).all()
         ticks += 1
-    assert ticks * DT == pytest.approx(HOLD_S, abs=2 * DT)
+    assert ticks * DT == pytest.approx(TIMES.hold, abs=2 * DT)
     reached = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.3]])  # the free hand sank
     intake.step(HERE, valid(True, True), reached=reached, dt=DT)
     assert intake.present.all()
-    assert np.abs(intake.position[1] - reached[1]).max() < 0.3 * DT / FADE_S + 1e-9
+    assert np.abs(intake.position[1] - reached[1]).max() < 0.3 * DT / TIMES.fade + 1e-9
 
 
 def test_a_sensor_missing_from_the_start_comes_in_from_where_the_body_has_it() -> None:

@@ -19,8 +19,9 @@ from retarget.options import RunOptions
 from retarget.pipeline import Watch
 from retarget.prepare import prepare
 from retarget.report import Report
+from retarget.run_result import RunResult
 
-__all__ = ["follow_clip"]
+__all__ = ["finished", "follow_clip"]
 
 
 def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs) -> int:
@@ -40,8 +41,13 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             with progress_bar(options.robot, prepared.samples.ticks) as show:
                 run = prepared.run(Watch(show, stop, stop.insisted))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
-        report = measure(run)
-        written = outputs.write(run, report)
+        return finished(run, outputs)
+
+
+def finished(run: RunResult, outputs: Outputs) -> int:
+    """Write the files of a run, show its summary, return the exit code."""
+    report = measure(run)
+    written = outputs.write(run, report)
     _tell(report, written)
     return STOPPED if run.reason is not None or written.problems else DONE
 

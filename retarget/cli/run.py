@@ -6,9 +6,11 @@ from typing import Annotated, cast
 import typer
 
 from retarget.cli.follow_clip import follow_clip
+from retarget.cli.follow_live import follow_live, refuse_for_live
 from retarget.cli.outputs import Outputs
 from retarget.clip import Parts, Playback
 from retarget.frames import SensorFrames
+from retarget.live.begin import LiveOptions
 from retarget.options import RunOptions
 
 
@@ -16,7 +18,14 @@ def run(
     robot: Annotated[
         str, typer.Option(help="Robot by name or path; 'human' only reconstructs the performer.", metavar="NAME|PATH")
     ],
-    source: Annotated[Path, typer.Option(help="Motion file of the performer: AMC, BVH or C3D.", metavar="FILE")],
+    source: Annotated[
+        str,
+        typer.Option(
+            help="Motion file of the performer (AMC, BVH or C3D), or a live stream: vmc://:39539, vrchat://:9000, "
+            "mvn://:9763, json://:7000, replay://FILE.",
+            metavar="FILE|ADDRESS",
+        ),
+    ],
     bus: Annotated[
         str,
         typer.Option(
@@ -47,7 +56,9 @@ def run(
     mirror: Annotated[bool, typer.Option("--mirror", help="Exchange left and right.")] = False,
     speed: Annotated[float, typer.Option(help="1 is the performer's speed.", metavar="X")] = 1.0,
     start: Annotated[float | None, typer.Option(help="Begin at this time of the recording.", metavar="S")] = None,
-    end: Annotated[float | None, typer.Option(help="End at this time of the recording.", metavar="S")] = None,
+    end: Annotated[
+        float | None, typer.Option(help="End at this time of the recording; live: after so long.", metavar="S")
+    ] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Again and again until Ctrl-C, 10 minutes at most.")] = False,
     no_gate: Annotated[
         bool, typer.Option("--no-gate", help="Send goals unchecked; on servos that do not exist.")
@@ -59,11 +70,17 @@ def run(
         str | None, typer.Option(help="Length unit of the file, where it states none.", metavar="m|cm|mm|inch|cmu")
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frames per second instead of the file's.", metavar="HZ")] = None,
+    countdown: Annotated[
+        float, typer.Option(help="Live: time to get into the pose of the calibration.", metavar="S")
+    ] = 3.0,
+    record_raw: Annotated[
+        Path | None, typer.Option("--record-raw", help="Live: keep every datagram, for replay://.", metavar="FILE")
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Write the numbers of the run.", metavar="FILE.json|DIR")] = None,
     save: Annotated[Path | None, typer.Option(help="Write every tick, for other tools.", metavar="FILE.npz")] = None,
     plots: Annotated[Path | None, typer.Option(help="Write pictures.", metavar="DIR")] = None,
 ) -> None:
-    """Let a robot follow a recorded performer, and say how well it did.
+    """Let a robot follow a performer, recorded or live, and say how well it did.
 
     Exit code 0: done; 1: stopped by the guard or by Ctrl-C, or a file not written; 2: refused before anything
     moved; 130: Ctrl-C before anything moved.
@@ -82,6 +99,11 @@ def run(
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
     outputs = Outputs.checked(report=report, save=save, plots=plots)
+
+    if "://" in source:
+        refuse_for_live({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start})
+        live = LiveOptions(countdown=countdown, duration=end, mirror=mirror)
+        raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw))
 
     def read() -> SensorFrames:
         from retarget.sources.open import open_source

@@ -1,5 +1,6 @@
 """Calibration of a live performer: a second of standing still in the rest pose gives size, floor and heading."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ FRESH_SHARE = 0.8
 FEWEST = 20
 """Samples of a capture, at least."""
 MOST = 1000
-"""Samples that are kept."""
+"""Samples that are kept, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +41,28 @@ class Calibrated:
 
 
 class RestCapture:
-    """Samples of the stream's world at rest: `take` them for CAPTURE_S, then ask for the `result`."""
+    """The last CAPTURE_S of samples of the stream's world: `take` them, and ask for the `result` once it is `done`."""
 
     def __init__(self, *, where: str) -> None:
         """where: the stream, for messages."""
         self._where = where
-        self._times: list[float] = []
-        self._samples: list[SensorSample] = []
+        self._times: deque[float] = deque()
+        self._samples: deque[SensorSample] = deque()
+        self._began = np.inf  # [s] the first sample of all
 
     @property
     def done(self) -> bool:
         """Whether it has lasted long enough."""
-        return len(self._times) >= FEWEST and self._times[-1] - self._times[0] >= CAPTURE_S
+        return len(self._times) >= FEWEST and self._times[-1] - self._began >= CAPTURE_S
 
     def take(self, time: float, sample: SensorSample) -> None:
-        """A sample at `time`, s."""
-        if len(self._times) < MOST:
-            self._times.append(time)
-            self._samples.append(sample)
+        """A sample at `time`, s; what is older than CAPTURE_S is forgotten."""
+        self._began = min(self._began, time)
+        self._times.append(time)
+        self._samples.append(sample)
+        while self._times[0] < time - CAPTURE_S or len(self._times) > MOST:
+            self._times.popleft()
+            self._samples.popleft()
 
     def result(self, *, mass: float | None = None) -> Calibrated:
         """Size and alignment. Raises InputError: no fresh data, not still, not standing in a rest pose."""

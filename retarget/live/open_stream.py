@@ -1,0 +1,81 @@
+"""From an address and a performer to a stream that can be listened to."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hardware.clock import Clock, VirtualClock
+from retarget.errors import InputError
+from retarget.live.address import StreamAddress
+from retarget.live.admission import Admission
+from retarget.live.clock_map import ClockMap
+from retarget.live.datagram import Receiver
+from retarget.live.playout import Playout
+from retarget.live.playout_delay import PlayoutDelay
+from retarget.live.raw_tap import RawTap
+from retarget.live.replay import open_replay, recorded_kind
+from retarget.live.roles import roles_of
+from retarget.live.stream import LiveStream
+from retarget.live.trust import Trust
+from retarget.live.udp import UdpReceiver
+from retarget.performer import Performer
+from retarget.sources.json_pose import JsonPoseDecoder
+from retarget.sources.mvn import MvnDecoder
+from retarget.sources.stream_frame import StreamDecoder
+from retarget.sources.vmc import VmcDecoder
+from retarget.sources.vrchat import VrchatDecoder
+
+__all__ = ["StreamKind", "open_stream", "stream_kinds"]
+
+
+@dataclass(frozen=True)
+class StreamKind:
+    """How one kind of sender is read. roles: the convention of its names; clock: how its stamps are to be taken."""
+
+    decoder: Callable[[], StreamDecoder]
+    roles: str
+    clock: Callable[[], ClockMap]
+
+
+def stream_kinds() -> dict[str, StreamKind]:
+    """By the scheme of the address."""
+    return {
+        # VMC tells seconds as float32.
+        "vmc": StreamKind(VmcDecoder, "slimevr", lambda: ClockMap(significand=24)),
+        "vrchat": StreamKind(VrchatDecoder, "slimevr_vrchat", ClockMap),
+        "mvn": StreamKind(MvnDecoder, "mvn", lambda: ClockMap(resolution=1e-3)),
+        "json": StreamKind(JsonPoseDecoder, "json", ClockMap),
+    }
+
+
+def open_stream(
+    address: StreamAddress, performer: Performer, *, clock: Clock, tap: RawTap | None = None, latest: bool = False
+) -> LiveStream:
+    """Open the port, or the recording, of an address. latest: the newest poses at once, instead of a playout buffer.
+
+    Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that the sender cannot
+    tell.
+    """
+    kind, kinds = recorded_kind(address) if address.kind == "replay" else address.kind, stream_kinds()
+    if kind not in kinds:
+        raise InputError("this kind of stream cannot be read yet", where=address.text, allowed=", ".join(kinds))
+    how = kinds[kind]
+    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
+    receiver = _receiver(address, clock)
+    return LiveStream(
+        receiver,
+        how.decoder(),
+        roles,
+        admission=Admission(allow=address.allow),
+        clock_map=how.clock(),
+        trust=Trust(roles.sensors),
+        playout=Playout(len(roles.sensors), delay=None if latest else PlayoutDelay()),
+        tap=tap,
+    )
+
+
+def _receiver(address: StreamAddress, clock: Clock) -> Receiver:
+    if address.kind == "replay":
+        return open_replay(address)
+    if isinstance(clock, VirtualClock):
+        raise InputError("a live stream runs on real time", where=address.text)
+    return UdpReceiver(address)

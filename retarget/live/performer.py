@@ -1,0 +1,147 @@
+"""A live performer as the pipeline plays it: sensors that are trusted, in our world, held and blended where they are
+not."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hardware.clock import Clock
+from retarget.clip import Clip
+from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
+from retarget.live.alignment import Alignment
+from retarget.live.engagement import Engagement
+from retarget.live.rejoin import Rejoin
+from retarget.live.stream import Heard, LiveStream
+from retarget.live.trust_state import TrustState
+from retarget.sensor_intake import IntakeTimes
+
+__all__ = ["INTAKE", "LivePerformer", "live_sample"]
+
+INTAKE = IntakeTimes(hold=0.08, fade=0.25)
+"""A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s, and three time constants bring it back."""
+SILENCE_S = 0.14
+"""A stream that says nothing for so long is held, before its sensors are stale."""
+CARRYING = ("pelvis", "l_ankle", "r_ankle")
+"""Without one of these that is worn, the robot does not know how to stand."""
+_REFLECT = np.array([1.0, -1.0, 1.0])
+_REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
+
+
+def live_sample(
+    names: tuple[str, ...], heard: Heard, alignment: Alignment, *, believed: BoolArray, mirror: bool = False
+) -> SensorSample:
+    """What was heard, in our world; believed (k,): who counts. mirror: left and right exchanged."""
+    position, orientation = alignment.positions(heard.position), alignment.orientations(heard.orientation)
+    valid = heard.fresh & believed
+    if mirror:
+        order = [names.index(mirrored_name(name)) for name in names]
+        position, orientation = position[order] * _REFLECT, orientation[order] * _REFLECT_TURN
+        valid = valid[order]
+    return SensorSample(names, position, orientation, valid)
+
+
+class LivePerformer:
+    """`retarget.samples.Samples` of a stream. `first`: the sample at which the robot arrives.
+
+    ticks: at most; kept: samples that are remembered for who looks at the run afterwards. tell: hears what changes, a
+    sentence each.
+    """
+
+    def __init__(
+        self,
+        stream: LiveStream,
+        alignment: Alignment,
+        first: SensorSample,
+        *,
+        clock: Clock,
+        rate_hz: float,
+        ticks: int,
+        kept: int,
+        mirror: bool = False,
+        tell: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self.stream, self.alignment, self.mirror = stream, alignment, mirror
+        self.engagement = Engagement(first)
+        self._first, self._clock, self._tell = first, clock, tell
+        self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
+        names = stream.roles.sensors
+        self._rejoin: Rejoin | None = None
+        self._carrying = [names.index(name) for name in CARRYING if name in names]
+        self._positions = np.full((self._kept, len(names), 3), np.nan)
+        self._orientations = np.full((self._kept, len(names), 4), np.nan)
+        self._valid = np.zeros((self._kept, len(names)), dtype=bool)
+        self._last_tick = -1
+
+    @property
+    def ticks(self) -> int:
+        """At most."""
+        return self._ticks
+
+    @property
+    def kept(self) -> int:
+        """Ticks that are remembered."""
+        return self._kept
+
+    @property
+    def dt(self) -> float:
+        """Seconds between ticks."""
+        return 1.0 / self._rate_hz
+
+    @property
+    def motion_dt(self) -> float:
+        """The performer moves in real time."""
+        return self.dt
+
+    def listen(self) -> None:
+        """Take in what has arrived, and say what changed."""
+        self.stream.listen(self._clock.now(), moving=True)
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """What is to be followed now; None: hold."""
+        sample = self._first if tick == 0 else self._now()
+        if tick < self._kept:
+            shown = self.engagement.shown if sample is None else sample
+            self._positions[tick], self._orientations[tick] = shown.position, shown.orientation
+            self._valid[tick] = shown.valid
+            self._last_tick = max(self._last_tick, tick)
+        return sample
+
+    def recorded(self) -> Clip:
+        """The samples that were followed, where they held the last one again."""
+        count = max(self._last_tick + 1, 1)
+        valid = self._valid[:count]
+        frames = SensorFrames(
+            time=np.arange(count) / self._rate_hz,
+            names=self.stream.roles.sensors,
+            position=np.where(valid[..., None], self._positions[:count], np.nan),
+            orientation=np.where(valid[..., None], self._orientations[:count], np.nan),
+            valid=valid,
+            source="live",
+            rate_hz=self._rate_hz,
+        )
+        return Clip(frames, count, self._rate_hz, 1.0, count)
+
+    def _now(self) -> SensorSample | None:
+        now = self._clock.now()
+        heard = self.stream.read(now)
+        if self._rejoin is None:  # the body has not moved yet
+            self._rejoin = Rejoin(len(heard.states))
+            self._rejoin.start(heard.states)
+        believed = self._rejoin.step(heard.states, self.dt) > 0.0
+        names = self.stream.roles.sensors
+        sample = live_sample(names, heard, self.alignment, believed=believed, mirror=self.mirror)
+        before = self.engagement.state
+        followed = self.engagement.step(now, sample, good=self._is_good(heard, now))
+        for message in self.stream.trust.messages():
+            self._tell(message)
+        if self.engagement.state is not before:
+            self._tell("the performer is followed" if followed else "the performer is not followed: the robot holds")
+        return followed
+
+    def _is_good(self, heard: Heard, now: float) -> bool:
+        """Whether enough can be believed to move: somebody speaks, nobody has leapt, and what carries is known."""
+        doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
+        fresh = heard.fresh
+        return bool(
+            now - self.stream.last <= SILENCE_S and fresh.any() and fresh[self._carrying].all() and not doubted.any()
+        )

@@ -1,0 +1,119 @@
+"""A live stream at work: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget.body import IntArray
+from retarget.frames import BoolArray
+from retarget.live.admission import Admission
+from retarget.live.clock_map import ClockMap
+from retarget.live.datagram import Datagram, Receiver
+from retarget.live.playout import Playout
+from retarget.live.raw_tap import RawTap
+from retarget.live.roles import Roles, SensorPoses
+from retarget.live.trust import Trust
+from retarget.live.trust_state import StateArray, TrustState
+from retarget.rotations import FloatArray
+from retarget.sources.stream_frame import StreamDecoder, StreamFrame
+
+__all__ = ["Heard", "LiveStream"]
+
+PARTNER_S = 0.1
+"""[s] A pose that is told in parts (position here, rotation there) is put together from parts this near in time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heard:
+    """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
+    told; states (k,): a `TrustState` each."""
+
+    position: FloatArray
+    orientation: FloatArray
+    states: StateArray
+
+    @property
+    def fresh(self) -> BoolArray:
+        """Who is believed and known, (k,)."""
+        return np.asarray((self.states == TrustState.FRESH) & np.isfinite(self.position).all(axis=1))
+
+
+class LiveStream:
+    """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; nothing from outside raises.
+
+    frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived.
+    """
+
+    def __init__(
+        self,
+        receiver: Receiver,
+        decoder: StreamDecoder,
+        roles: Roles,
+        *,
+        admission: Admission,
+        clock_map: ClockMap,
+        trust: Trust,
+        playout: Playout,
+        tap: RawTap | None = None,
+    ) -> None:
+        self.receiver, self.decoder, self.roles = receiver, decoder, roles
+        self.admission, self.clock_map, self.trust, self.playout = admission, clock_map, trust, playout
+        self.frames = self.arrived = 0
+        self.last = -np.inf
+        self.names: dict[str, None] = {}
+        """Poses that the sender has told, by its own names; bounded."""
+        self._tap = tap
+        count = len(roles.sensors)
+        self._position, self._position_at = np.full((count, 3), np.nan), np.full(count, -np.inf)
+        self._orientation, self._orientation_at = np.full((count, 4), np.nan), np.full(count, -np.inf)
+
+    def listen(self, now: float, *, moving: bool) -> None:
+        """Take what has arrived until `now`, s. moving: while the robot follows, nobody else takes over the stream."""
+        for datagram in self.receiver.poll(now):
+            self.arrived += 1
+            if self.admission.admit(datagram, now=now, moving=moving):
+                if self._tap is not None:
+                    self._tap.take(datagram)
+                self._take(datagram, now, moving=moving)
+
+    def read(self, now: float) -> Heard:
+        """Every sensor at `now`, s."""
+        played = self.playout.read(now)
+        return Heard(played.position, played.orientation, self.trust.judge(now))
+
+    def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
+        frames = self.decoder.decode(datagram.payload)
+        if not frames or not self.admission.confirm(datagram.source, now=now, moving=moving):
+            return
+        for frame in frames:
+            self.frames += 1
+            self.last = datagram.arrival
+            self._note_names(frame)
+            time = self.clock_map.map(datagram.arrival, frame.stamp, frame.number)
+            poses = None if time is None else self.roles.take(frame)
+            if time is not None and poses is not None:
+                self._keep(poses, time, datagram.arrival)
+
+    def _keep(self, poses: SensorPoses, time: float, arrival: float) -> None:
+        rows = poses.rows
+        position, orientation = self._whole(rows, time, poses)
+        usable = self.trust.take(rows, time, position=position, orientation=orientation, tracked=poses.tracked)
+        self.playout.push(rows, time, position, orientation, usable, arrival=arrival)
+
+    def _whole(self, rows: IntArray, time: float, poses: SensorPoses) -> tuple[FloatArray, FloatArray]:
+        """Positions and orientations of a frame, parts that it does not tell taken from what was told just before."""
+        position, orientation = poses.position, poses.orientation
+        placed, turned = np.isfinite(position[:, 0]), np.isfinite(orientation[:, 0])
+        self._position[rows[placed]], self._position_at[rows[placed]] = position[placed], time
+        self._orientation[rows[turned]], self._orientation_at[rows[turned]] = orientation[turned], time
+        if not placed.all():
+            recent = ~placed & (time - self._position_at[rows] <= PARTNER_S)
+            position[recent] = self._position[rows[recent]]
+        if not turned.all():
+            recent = ~turned & (time - self._orientation_at[rows] <= PARTNER_S)
+            orientation[recent] = self._orientation[rows[recent]]
+        return position, orientation
+
+    def _note_names(self, frame: StreamFrame) -> None:
+        if self.frames < 1000 and len(self.names) < 256:  # for messages at the start; later nobody asks
+            self.names.update(dict.fromkeys(frame.names))
