@@ -33,6 +33,10 @@ HOST = (IPv4Network("192.168.1.5"),)
         ("mvn://", StreamAddress("", "mvn", "127.0.0.1", 9763)),
         ("mvn://?tcp=192.168.1.5", StreamAddress("", "mvn", "0.0.0.0", 9763, HOST, host="192.168.1.5")),
         (
+            "mvn://192.168.1.7?tcp=192.168.1.5",
+            StreamAddress("", "mvn", "192.168.1.7", 9763, HOST, host="192.168.1.5"),
+        ),
+        (
             "mvn://:1?tcp=127.0.0.1",
             StreamAddress("", "mvn", "127.0.0.1", 1, (IPv4Network("127.0.0.1"),), host="127.0.0.1"),
         ),
@@ -105,8 +109,8 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
         ("natnet://1.2.3.4?interface=eth0", "IPv4 address of an interface"),
         ("natnet://1.2.3.4?interface=0.0.0.0", "IPv4 address of an interface"),
         ("natnet://1.2.3.4?allow=any", "unknown option"),
-        ("mvn://0.0.0.0?tcp=10.0.0.2", "Write mvn://:9763?tcp=10.0.0.2"),
-        ("mvn://?tcp=10.0.0.2&allow=any", "only the server itself is heard"),
+        ("mvn://?tcp=10.0.0.2&allow=any", "Write mvn://:9763?tcp=10.0.0.2"),
+        ("mvn://239.1.1.1?tcp=10.0.0.2", "a group cannot be listened on"),
         ("json://", "the port is missing"),
         ("replay://", "the file is missing"),
         ("replay://?loop=1", "the file is missing"),

@@ -29,6 +29,13 @@ def test_the_holder_is_found_by_its_socket(tmp_path: Path) -> None:
     assert port_holder(9000, tables) == "process 345 (studio --port 345)"
 
 
+def test_tcp_has_tables_of_its_own(tmp_path: Path) -> None:
+    tables = processes(tmp_path)
+    assert port_holder(39539, tables, protocol="tcp") == "another process"
+    (tables / "net/tcp").write_text("\n".join([HEAD, ROW.format(address="0100007F", port=39539, inode=99)]))
+    assert port_holder(39539, tables, protocol="tcp") == "process 346 (studio --port 346)"
+
+
 def test_what_cannot_be_seen_is_said(tmp_path: Path) -> None:
     assert port_holder(39539, tmp_path) == "another process"
     tables = processes(tmp_path)

@@ -42,11 +42,11 @@ class StreamAddress:
     """Where a stream comes from, and who may send it.
 
     text: as the user wrote it, for messages. kind: one of KINDS. bind: the IPv4 address that is listened on (0.0.0.0:
-    every interface; of a multicast: the group). port: of UDP, 0 for any free one; of TCP: the server's. allow: who may
-    send. host: the server that is asked (NatNet) or connected to (MVN over TCP), None where the sender comes to us.
-    multicast, interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses).
-    version: the bitstream that NatNet is asked for. path, speed, loop: of a replay; recorded: the kind of
-    stream that it holds, where the user said it.
+    every interface; of a multicast: the group). port: of UDP (MVN with a host: of TCP), 0 for any free one. allow: who
+    may send. host: the computer that is asked (NatNet) or that connects to us (MVN over TCP), else None. multicast,
+    interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses). version: the
+    bitstream that NatNet is asked for. path, speed, loop: of a replay; recorded: the kind of stream that it holds,
+    where the user said it.
     """
 
     text: str
@@ -89,7 +89,9 @@ def parse_address(text: str) -> StreamAddress:
     host, port = _place(text, kind, place)
     if kind == "natnet":
         return _natnet(text, host, port, options)
-    return _listener(text, kind, host, port, options) if options.tcp is None else _client(text, host, port, options)
+    if options.tcp is not None:
+        return _connected(text, host, port, options)
+    return _listener(text, kind, host, port, options)
 
 
 def _place(text: str, kind: str, place: str) -> tuple[str, int]:
@@ -127,15 +129,17 @@ def _open_to_all(text: str, bind: str, port: int, kind: str) -> UsageError:
     )
 
 
-def _client(text: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
-    """A server of ours to connect to: only it is heard."""
-    server = options.tcp
-    assert server is not None
-    if host or options.allow is not None:
-        step = f"Write mvn://:{port}?tcp={server}"
-        raise bad_address(text, "over TCP only the server itself is heard, so nothing else is chosen", next_step=step)
-    here = LOOPBACK if server.is_loopback else EVERYWHERE
-    return StreamAddress(text, "mvn", here, port, (IPv4Network(server),), host=str(server))
+def _connected(text: str, host: str, port: int, options: AddressOptions) -> StreamAddress:
+    """A TCP port of ours that one computer connects to: only it is heard."""
+    sender = options.tcp
+    assert sender is not None
+    if options.allow is not None:
+        step = f"Write mvn://{host}:{port}?tcp={sender}"
+        raise bad_address(text, "over TCP only one computer is heard, so there is no list", next_step=step)
+    bind = address_number(text, host or (LOOPBACK if sender.is_loopback else EVERYWHERE))
+    if bind.is_multicast:
+        raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
+    return StreamAddress(text, "mvn", str(bind), port, (IPv4Network(sender),), host=str(sender))
 
 
 def _natnet(text: str, host: str, port: int, options: AddressOptions) -> StreamAddress:

@@ -22,7 +22,7 @@ VERSIONS = ("3.0", "3.1", "4.0", "4.1", "4.2", "4.3", "4.4")
 
 _ALLOWED = {
     "allow": f"any, or up to {MOST_ALLOWED} of ADDRESS or ADDRESS/BITS, with commas between them",
-    "tcp": "the IPv4 address of the computer that sends",
+    "tcp": "the IPv4 address of the computer with MVN",
     "multicast": "a group from 224.0.0.0 to 239.255.255.255, such as 239.255.42.99",
     "interface": "the IPv4 address of an interface of this machine",
     "version": ", ".join(VERSIONS),

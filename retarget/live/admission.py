@@ -142,4 +142,4 @@ class Admission:
 
 def admission_for(address: StreamAddress) -> Admission:
     """The gate that an address asks for."""
-    return Admission(allow=address.allow, source="computer" if address.kind == "natnet" else "port")
+    return Admission(allow=address.allow, source="port" if address.host is None else "computer")

@@ -1,8 +1,9 @@
-"""Which process holds a UDP port of this machine, as far as this user may see it (Linux)."""
+"""Which process holds a port of this machine, as far as this user may see it (Linux)."""
 
 import itertools
 from contextlib import suppress
 from pathlib import Path
+from typing import Literal
 
 from hardware.processes import PROCESSES, named_process
 
@@ -13,9 +14,9 @@ MOST_SOCKETS = 100_000
 """Bounds of the search."""
 
 
-def port_holder(port: int, processes: Path = PROCESSES) -> str:
-    """Who listens on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
-    wanted = {f"socket:[{inode}]" for inode in _inodes(port, processes)}
+def port_holder(port: int, processes: Path = PROCESSES, *, protocol: Literal["udp", "tcp"] = "udp") -> str:
+    """Who listens on the `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
+    wanted = {f"socket:[{inode}]" for inode in _inodes(port, processes, protocol)}
     found: list[str] = []
     for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
         with suppress(OSError):
@@ -24,10 +25,10 @@ def port_holder(port: int, processes: Path = PROCESSES) -> str:
     return ", ".join(sorted(found)) or "another process"
 
 
-def _inodes(port: int, processes: Path) -> set[str]:
+def _inodes(port: int, processes: Path, protocol: str) -> set[str]:
     """Inode numbers of the sockets bound to a port: columns `local_address` and `inode` of /proc/net/udp."""
     inodes = set()
-    for table in ("udp", "udp6"):
+    for table in (protocol, protocol + "6"):
         with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
             for line in itertools.islice(lines, 1, MOST_SOCKETS):
                 words = line.split()

@@ -3,13 +3,14 @@
 import errno
 import socket
 from contextlib import suppress
+from typing import Literal
 
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, StreamAddress
 from retarget.live.interfaces import interface_towards, local_interfaces
 from retarget.live.port_holder import port_holder
 
-__all__ = ["RECEIVE_BUFFER", "SO_RXQ_OVFL", "SO_TIMESTAMPNS", "open_socket"]
+__all__ = ["RECEIVE_BUFFER", "SO_RXQ_OVFL", "SO_TIMESTAMPNS", "not_bound", "open_socket"]
 
 RECEIVE_BUFFER = 4 * 2**20
 """Bytes asked of the kernel (it grants no more than net.core.rmem_max): a second of SlimeVR's VMC with what the kernel
@@ -49,7 +50,7 @@ def _bind(listener: socket.socket, address: StreamAddress) -> None:
     try:
         listener.bind((address.bind, address.port))
     except OSError as error:
-        raise _not_bound(address, error) from error
+        raise not_bound(address, error) from error
 
 
 def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
@@ -66,17 +67,18 @@ def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
         raise _not_joined(address, group, interface, error) from error
 
 
-def _not_bound(address: StreamAddress, error: OSError) -> InputError:
+def not_bound(address: StreamAddress, error: OSError, *, protocol: Literal["udp", "tcp"] = "udp") -> InputError:
+    """The error for an address that cannot be listened on: taken, not of this machine, not for this user."""
+    name = f"{protocol.upper()} port {address.port}"
     if error.errno == errno.EADDRINUSE:
         step = "Stop it, or send to another port and name that here"
-        return InputError(
-            f"UDP port {address.port} is taken", where=address.text, found=port_holder(address.port), next_step=step
-        )
+        holder = port_holder(address.port, protocol=protocol)
+        return InputError(f"{name} is taken", where=address.text, found=holder, next_step=step)
     if error.errno in NO_INTERFACE:
         return _no_interface(address, address.bind)
     if error.errno in {errno.EACCES, errno.EPERM}:
         step = "Choose a port from 1024 on, here and at the sender"
-        return InputError(f"UDP port {address.port} is not for this user", where=address.text, next_step=step)
+        return InputError(f"{name} is not for this user", where=address.text, next_step=step)
     found = f"{address.bind}:{address.port}: {error.strerror or error}"
     return InputError("cannot listen there", where=address.text, found=found)
 
