@@ -98,7 +98,7 @@ class Body:
     def packed(self, version: Version) -> bytes:
         out = self.name.encode() + b"\0" + pack("<ii3f", self.number, self.parent, *self.offset)
         if version >= (4, 2):
-            out += pack("<4f", 0.5, 0.5, 0.5, 0.5)
+            out += pack("<4f", 0.0, 0.0, 0.0, 1.0)
         out += pack("<I", self.markers) + bytes(16 * self.markers)
         return out + b"marker\0" * self.markers if version >= (4, 0) else out
 

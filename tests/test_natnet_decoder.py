@@ -108,6 +108,13 @@ def test_a_later_suffix_may_be_longer() -> None:
     assert plain.dropped.reasons == {"frame that fits no known version": 1}
 
 
+def test_the_layout_of_a_server_that_said_nothing_is_kept() -> None:
+    decoder = NatnetDecoder()
+    assert decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 1))) == []
+    only(decoder.decode(frame(MOTION, Version(4, 1))))
+    only(decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 1))))
+
+
 @pytest.mark.parametrize(("up", "upward"), [("y", (0, 1, 0)), ("z", (0, 0, 1))])
 def test_up_is_up_and_turns_stay_turns(up: str, upward: tuple[float, float, float]) -> None:
     """A turn of 90 degrees about the wire's up axis is one about z; a body that leans stays a right-handed one."""

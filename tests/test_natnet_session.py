@@ -152,9 +152,11 @@ def test_a_unicast_server_that_started_again_is_pinned_again() -> None:
     session = NatnetSession()
     session.poll(0.0)
     session.receive(0.0, server_info(V44))
-    session.receive(0.0, datagram(3, b"Bitstream,4.1\0"))
-    session.receive(0.0, FRAME)
-    session.poll(5.0)
+    asked = [message for i in range(4) for message in session.poll(float(i))]
+    assert asked.count(command_message("Bitstream,4.1")) == 3
+    session.receive(3.1, datagram(3, b"Bitstream,4.1\0"))
+    session.receive(3.1, FRAME)
+    session.poll(5.1)
     session.receive(5.1, server_info(V44))
     session.receive(5.2, FRAME)
     assert command_message("Bitstream,4.1") in session.poll(5.2)
@@ -188,6 +190,11 @@ def test_the_clock_of_the_server_by_echo() -> None:
     assert session.clock is not None
     assert session.clock.offset == pytest.approx(500.0, abs=1e-6)
     assert session.clock.round_trip == pytest.approx(0.002)
+    for _ in range(20):
+        session.receive(13.0, answer)
+    assert session.clock.round_trip == pytest.approx(0.002)
+    session.receive(13.0, FRAME)
+    assert any(message[0] == 12 for message in session.poll(13.0))
     session.receive(13.0, datagram(13, pack("<QQ", 1, 2)))
     assert session.clock.round_trip == pytest.approx(0.002)
 

@@ -254,8 +254,6 @@ def _read_sized(walk: _Walk, block: _Block | None) -> None:
     count, size = _PAIR.unpack_from(walk.payload, walk.at)
     start = walk.at + 8
     end = start + size
-    if end > len(walk.payload):
-        raise _Malformed
     if block is not None:
         walk.at = start
         block(walk, count)
