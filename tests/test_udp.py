@@ -108,7 +108,8 @@ def test_a_poll_is_bounded_and_the_rest_waits() -> None:
         assert numbers == list(range(MOST_PER_POLL + 20))
 
 
-def test_a_poll_is_bounded_in_bytes() -> None:
+def test_a_poll_is_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp_socket, "RECEIVE_BUFFER", 4 * 2**20)
     with UdpReceiver(LOOPBACK) as receiver, sending(receiver) as sender:
         if receiver.buffer < 3 * MOST_BYTES_PER_POLL:
             pytest.skip(f"the kernel grants {receiver.buffer} bytes only (net.core.rmem_max)")
@@ -116,6 +117,16 @@ def test_a_poll_is_bounded_in_bytes() -> None:
             sender.send(bytes(60_000))
         first, second = arrived(receiver), arrived(receiver)
         assert len(first) == -(-MOST_BYTES_PER_POLL // 60_000) and len(second) == 20 - len(first)
+
+
+def test_a_second_of_slimevr_waits_for_a_loop_that_was_stopped() -> None:
+    with UdpReceiver(LOOPBACK) as receiver, sending(receiver) as sender:
+        if receiver.buffer < 2 * udp_socket.RECEIVE_BUFFER:
+            pytest.skip(f"the kernel grants {receiver.buffer} bytes only (net.core.rmem_max)")
+        for number in range(232):
+            sender.send(number.to_bytes(2) + bytes(2660))
+        found = arrived(receiver) + receiver.poll(CLOCK.now())
+        assert len(found) == 232 and receiver.overflowed == 0
 
 
 def test_what_the_kernel_lost_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:

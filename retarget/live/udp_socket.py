@@ -12,9 +12,9 @@ from retarget.live.port_holder import port_holder
 
 __all__ = ["RECEIVE_BUFFER", "SO_RXQ_OVFL", "SO_TIMESTAMPNS", "not_bound", "open_socket"]
 
-RECEIVE_BUFFER = 4 * 2**20
-"""Bytes asked of the kernel (it grants no more than net.core.rmem_max): a second of SlimeVR's VMC with what the kernel
-adds to each, or 64 of the longest datagrams."""
+RECEIVE_BUFFER = 2**20
+"""Bytes asked of the kernel, which doubles them, within net.core.rmem_max: more than a second of SlimeVR's VMC with
+what the kernel adds to each. No more: behind a flood, what waits there is old before it is read."""
 SO_TIMESTAMPNS = 35
 """Option and control message: time of arrival on the wall clock, as a timespec (socket(7); asm-generic/socket.h)."""
 SO_RXQ_OVFL = 40
