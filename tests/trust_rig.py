@@ -49,7 +49,7 @@ def noisy(
     return position + random.normal(0.0, metres, position.shape), multiply(orientation, turn)
 
 
-def walk(seconds: float = 3.0, rate: float = 100.0, *, swing: float = 1.0, noise: bool = True) -> Stream:
+def walk(seconds: float = 2.0, rate: float = 100.0, *, swing: float = 1.0, noise: bool = True) -> Stream:
     """One step a second; `swing` 0: standing."""
     time = 5.0 + np.arange(0.0, seconds, 1.0 / rate)
     phase = swing * np.sin(2.0 * np.pi * time)[:, None] * SWING

@@ -9,6 +9,9 @@ from retarget.rotations import FloatArray
 
 __all__ = ["Stillness"]
 
+EARLY = 0.5
+"""From this share of the time on that makes a sensor frozen, one looks whether others move: they must do so for the
+rest of it."""
 SNAPSHOTS = 8
 SNAPSHOT_S = 0.04
 """Poses are remembered for the last SNAPSHOTS * SNAPSHOT_S seconds."""
@@ -29,6 +32,7 @@ class Stillness:
         self._snapshots = np.full((SNAPSHOTS, *last.pose.shape), np.nan)
         self._taken = -np.inf
         self._next = 0
+        self._moving_since = np.inf
 
     def remember(self, time: float) -> None:
         """Note where everybody is, from time to time."""
@@ -39,20 +43,30 @@ class Stillness:
 
     def frozen(self, now: float) -> BoolArray | None:
         """Which sensors are frozen, (k,); None: none."""
-        since = np.maximum.reduceat(self._last.since, (0, 3), axis=1)  # (k, 2) of position and orientation
-        if not np.count_nonzero(since <= self._last.latest - self._limits.frozen_after):
+        since = self._since()
+        latest, long = self._last.latest, self._limits.frozen_after
+        if not np.count_nonzero(since <= latest - EARLY * long):
             self._frozen[:] = False
+            self._moving_since = np.inf
             return None
         still = self._still_for(since)
-        suspect = still >= self._limits.frozen_after
-        if not (suspect <= self._frozen).all():
-            suspect &= self._frozen | self._others_move(still, now)
+        if not np.count_nonzero((still >= EARLY * long) & ~self._frozen):
+            self._frozen &= still >= long
+            return self._frozen
+        self._moving_since = min(self._moving_since, latest) if self._others_move(still, now) else np.inf
+        suspect = still >= long
+        if latest - self._moving_since < (1.0 - EARLY) * long:
+            suspect &= self._frozen
         self._frozen = suspect
         return suspect
 
     def still_for(self) -> FloatArray:
         """How long each sensor has repeated its value, s (k,); NaN where nothing is known."""
-        return self._still_for(np.maximum.reduceat(self._last.since, (0, 3), axis=1))
+        return self._still_for(self._since())
+
+    def _since(self) -> FloatArray:
+        """Of position and orientation, (k, 2): the last change of any number that ever changed."""
+        return np.asarray(np.fmax.reduceat(self._last.since, (0, 3), axis=1))
 
     def _still_for(self, since: FloatArray) -> FloatArray:
         return np.asarray(self._last.at - np.where(np.isnan(since[:, 1]), since[:, 0], since[:, 1]))
@@ -60,7 +74,7 @@ class Stillness:
     def _others_move(self, still: FloatArray, now: float) -> bool:
         """Whether most of the sensors change, seen from one that does not, and one of them by more than noise."""
         heard = np.abs(now - self._last.at) <= self._limits.stale_after
-        alive = heard & (still <= 0.5 * self._limits.frozen_after)
+        alive = heard & (still <= EARLY * self._limits.frozen_after)
         if 2 * np.count_nonzero(alive) <= np.count_nonzero(heard) - 1:
             return False
         pose, past = self._last.pose[alive], self._snapshots[:, alive]

@@ -10,7 +10,7 @@ from retarget.body import IntArray
 from retarget.frames import BoolArray
 from retarget.live.last_poses import LastPoses
 from retarget.live.leaps import Leaps
-from retarget.live.sound_poses import SoundPoses
+from retarget.live.sound_poses import UNTRACKED, SoundPoses
 from retarget.live.stillness import Stillness
 from retarget.live.trust_limits import TrustLimits
 from retarget.live.trust_state import StateArray, TrustState
@@ -59,33 +59,50 @@ class Trust:
         if not isfinite(time):
             self.refused.reasons[NO_TIME] += len(rows)
             return np.zeros(len(rows), dtype=bool)
-        pose: FloatArray = np.concatenate((position, orientation), axis=1)
-        missing = self._sound.missing_turns(pose, tracked)
-        if missing is not None:
-            where = self._last.rows(rows)
-            step = pose - self._last.pose[where]
-            if self._leaps.are_calm(time, step):
-                self._last.go_on(where, time, pose, step)
-                if missing.size:
-                    self._last.forget_turn(rows[missing])
-                self._stillness.remember(time)
-                return np.ones(len(rows), dtype=bool)
-        return self._take_with_care(rows, time, pose, tracked)
+        return self._take(rows, time, np.concatenate((position, orientation), axis=1), tracked)
 
-    def _take_with_care(self, rows: IntArray, time: float, pose: FloatArray, tracked: BoolArray) -> BoolArray:
-        """Where one of the poses is not sound, or went far."""
+    def _take(self, rows: IntArray, time: float, pose: FloatArray, tracked: BoolArray) -> BoolArray:
+        missing = self._sound.missing_turns(pose, tracked)
+        if missing is None:
+            vouched = int(np.count_nonzero(tracked))
+            if 0 < vouched < len(rows):
+                return self._take_tracked(rows, time, pose, tracked)
+            return self._take_sound_ones(rows, time, pose, tracked)
+        usable = self._take_sound(rows, time, pose)
+        if missing.size:
+            self._last.forget_turn(rows[missing])
+        return usable
+
+    def _take_tracked(self, rows: IntArray, time: float, pose: FloatArray, tracked: BoolArray) -> BoolArray:
+        """Where some are not vouched for, which may last."""
+        usable: BoolArray = np.array(tracked)
+        rows, pose = rows[tracked], pose[tracked]
+        self.refused.reasons[UNTRACKED] += len(usable) - len(rows)
+        usable[tracked] = self._take(rows, time, pose, np.ones(len(rows), dtype=bool))
+        return usable
+
+    def _take_sound_ones(self, rows: IntArray, time: float, pose: FloatArray, tracked: BoolArray) -> BoolArray:
+        """Where some are not sound."""
         verdict = self._sound.judge(pose[:, :3], pose[:, 3:], tracked)
         for reason, count in verdict.reasons:
             self.refused.reasons[reason] += count
         self._outside_at[rows[verdict.outside]] = time
-        usable = verdict.sound.copy()
-        rows, pose = rows[usable], pose[usable]
-        self._last.forget_turn(rows[~verdict.oriented[usable]])
-        near, stored = self._leaps.take(rows, time, pose[:, :3])
-        usable[usable] = near
-        if leapt := len(rows) - int(np.count_nonzero(near)):
-            self.refused.reasons[LEAPT] += leapt
-        self._last.put(rows[stored], time, pose[stored])
+        usable = verdict.sound
+        usable[usable] = self._take_sound(rows[usable], time, pose[usable])
+        self._last.forget_turn(rows[usable & ~verdict.oriented])
+        return usable
+
+    def _take_sound(self, rows: IntArray, time: float, pose: FloatArray) -> BoolArray:
+        where = self._last.rows(rows)
+        step = pose - self._last.pose[where]
+        if self._leaps.are_calm(time, step):
+            self._last.go_on(where, time, pose, step)
+            usable: BoolArray = np.ones(len(rows), dtype=bool)
+        else:
+            usable, stored = self._leaps.take(rows, time, pose[:, :3])
+            if leapt := len(rows) - int(np.count_nonzero(usable)):
+                self.refused.reasons[LEAPT] += leapt
+            self._last.put(rows[stored], time, pose[stored])
         self._stillness.remember(time)
         return usable
 

@@ -1,0 +1,46 @@
+"""Repeating one value is suspect only where the others move."""
+
+import numpy as np
+import pytest
+
+from retarget.live.last_poses import LastPoses
+from retarget.live.stillness import Stillness
+from retarget.live.trust_limits import TrustLimits
+
+COUNT = 5
+ROWS = np.arange(COUNT)
+
+
+def found(moves: list[int], *, metres: float = 0.01, seconds: float = 1.0, turns: bool = True) -> np.ndarray:
+    """Who is frozen, (k,), where all move for 0.2 s, and then only some do, by `metres` a capture at 100 Hz."""
+    last = LastPoses(COUNT)
+    stillness = Stillness(last, TrustLimits())
+    pose = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (COUNT, 1))
+    who: np.ndarray | None = None
+    for i in range(int(100 * (0.2 + seconds))):
+        moving = ROWS if i < 20 else np.array(moves, dtype=int)
+        pose[moving, 0] = metres * (i % 10)
+        pose[moving, 4] = metres * (i % 10) if turns else 0.0
+        pose[:, 3] = np.sqrt(1.0 - pose[:, 4] ** 2)
+        last.put(ROWS, 0.01 * i, pose.copy())
+        stillness.remember(0.01 * i)
+        who = stillness.frozen(0.01 * i + 0.005)
+    return np.zeros(COUNT, dtype=bool) if who is None else who
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_who_rests_while_most_move_is_frozen(turns: bool) -> None:
+    assert found([0, 1, 2, 3], turns=turns).tolist() == [False] * 4 + [True]
+    assert found([0, 1, 2], turns=turns).tolist() == [False] * 3 + [True] * 2
+
+
+def test_nobody_is_where_few_move() -> None:
+    assert not found([0, 1]).any() and not found([0]).any() and not found([]).any()
+
+
+def test_nobody_is_where_the_others_only_waver() -> None:
+    assert not found([0, 1, 2, 3], metres=0.0002).any()
+
+
+def test_it_takes_its_time() -> None:
+    assert not found([0, 1, 2, 3], seconds=0.17).any() and found([0, 1, 2, 3], seconds=0.23).any()
