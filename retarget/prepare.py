@@ -118,13 +118,7 @@ def prepare_for(
     reconstructor = Reconstructor(
         human, for_human, performer, iterations=options.iterations, scene=around_human, intake=performance.intake
     )
-    if around_human is not None and reconstructor.observers is None:
-        raise UsageError(
-            "a scene that nobody observes",
-            where="--scene",
-            found=f"priority file {for_human.name}, which gives a human no observers",
-            allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
-        )
+    _refuse_unobserved(reconstructor, around_human, for_human)
     if around_human is not None and not options.allow_contact:
         # Of its own, so that the run begins as if nobody had looked.
         first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
@@ -164,6 +158,17 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
         check_for_human(for_human, name)
         return for_human, None
     return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
+
+
+def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:
+    """Raise UsageError for a scene around a human who does not see it."""
+    if scene is not None and reconstructor.observers is None:
+        raise UsageError(
+            "a scene that nobody observes",
+            where="--scene",
+            found=f"priority file {priorities.name}, which gives a human no observers",
+            allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
+        )
 
 
 def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:

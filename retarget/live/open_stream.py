@@ -6,20 +6,20 @@ from dataclasses import dataclass
 from hardware.clock import Clock, VirtualClock
 from retarget.errors import InputError
 from retarget.live.address import StreamAddress
-from retarget.live.admission import Admission
+from retarget.live.admission import admission_for
 from retarget.live.clock_map import ClockMap
-from retarget.live.datagram import Receiver
+from retarget.live.open_receiver import open_receiver
 from retarget.live.playout import Playout
 from retarget.live.playout_delay import PlayoutDelay
 from retarget.live.raw_tap import RawTap
-from retarget.live.replay import open_replay, recorded_kind
+from retarget.live.replay import recorded_kind
 from retarget.live.roles import roles_of
 from retarget.live.stream import LiveStream
 from retarget.live.trust import Trust
-from retarget.live.udp import UdpReceiver
 from retarget.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.mvn import MvnDecoder
+from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.stream_frame import StreamDecoder
 from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
@@ -44,6 +44,7 @@ def stream_kinds() -> dict[str, StreamKind]:
         "vrchat": StreamKind(VrchatDecoder, "slimevr_vrchat", ClockMap),
         "mvn": StreamKind(MvnDecoder, "mvn", lambda: ClockMap(resolution=1e-3)),
         "json": StreamKind(JsonPoseDecoder, "json", ClockMap),
+        "natnet": StreamKind(NatnetDecoder, "natnet", ClockMap),
     }
 
 
@@ -56,26 +57,17 @@ def open_stream(
     tell.
     """
     kind, kinds = recorded_kind(address) if address.kind == "replay" else address.kind, stream_kinds()
-    if kind not in kinds:
-        raise InputError("this kind of stream cannot be read yet", where=address.text, allowed=", ".join(kinds))
     how = kinds[kind]
     roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
-    receiver = _receiver(address, clock)
+    if address.kind != "replay" and isinstance(clock, VirtualClock):
+        raise InputError("a live stream runs on real time", where=address.text)
     return LiveStream(
-        receiver,
+        open_receiver(address),
         how.decoder(),
         roles,
-        admission=Admission(allow=address.allow),
+        admission=admission_for(address),
         clock_map=how.clock(),
         trust=Trust(roles.sensors),
         playout=Playout(len(roles.sensors), delay=None if latest else PlayoutDelay()),
         tap=tap,
     )
-
-
-def _receiver(address: StreamAddress, clock: Clock) -> Receiver:
-    if address.kind == "replay":
-        return open_replay(address)
-    if isinstance(clock, VirtualClock):
-        raise InputError("a live stream runs on real time", where=address.text)
-    return UdpReceiver(address)
