@@ -1,7 +1,8 @@
 """Talks to a Motive server: what to send and when, what is known of it. No socket and no clock is in here.
 
 The side with the sockets: send each datagram of `poll` to `COMMAND_PORT` of the server, give every datagram that comes
-from the server to `receive` and to a `NatnetDecoder`, and call `poll` at least ten times a second.
+from the server to `receive` and to a `NatnetDecoder`, and call `poll` at least ten times a second. When the decoder's
+`names_missing` turns true, call `ask_definitions`. `natnet_trouble` tells what is wrong.
 
 * Unicast: one socket on any free port, for everything: the server sends its frames to the port that connected.
 * Multicast: that socket for questions and answers, and a second one, bound to `data_port` with address reuse, which
