@@ -63,6 +63,7 @@ def test_one_axis_is_the_plain_filter_of_the_angle_through_many_half_turns() -> 
     _, found = run(np.zeros((600, 1, 3)), rotations.from_axis_angle(axis, angle[:, None]))
     wanted = rotations.from_axis_angle(axis, np.array(expected)[:, None])
     assert np.abs(angle - expected).max() > 0.05
+    assert np.abs(np.linalg.norm(found, axis=2) - 1.0).max() < 1e-9
     assert rotations.angle_between(found, wanted).max() < 1e-6
 
 

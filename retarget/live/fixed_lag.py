@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget.frames import BoolArray
+from retarget.live.arcs import FOUR
 from retarget.rotations import FloatArray
 
 __all__ = ["FixedLag", "Smoothed"]
@@ -34,9 +35,9 @@ class FixedLag:
         assert length > 0.0 and depth > 1
         self._half = 0.5 * length
         self._depth = depth
-        self._time = np.full((count, depth), np.nan)
-        self._position = np.full((count, depth, 3), np.nan)
-        self._orientation = np.full((count, depth, 4), np.nan)
+        self._time = np.full((count, depth), np.inf)  # of nothing: outside of every window
+        self._position = np.zeros((count, depth, 3))
+        self._orientation = np.zeros((count, depth, 4))
         self._newest = np.full(count, -np.inf)
         self._next = np.zeros(count, dtype=np.intp)
         self._every = np.arange(count)
@@ -59,9 +60,7 @@ class FixedLag:
 
     def reset(self, rows: BoolArray | slice = slice(None)) -> None:
         """Forget rows (k,)."""
-        self._time[rows] = np.nan
-        self._position[rows] = np.nan
-        self._orientation[rows] = np.nan
+        self._time[rows] = np.inf
         self._newest[rows] = -np.inf
 
     def _means(self) -> Smoothed:
@@ -69,26 +68,17 @@ class FixedLag:
         told = self._newest > -np.inf
         newest = np.where(told, self._newest, 0.0)
         # At the start there is less than half a window before the newest: the middle of what there is.
-        oldest = np.fmax(newest - 2.0 * self._half, np.fmin.reduce(self._time, axis=1, initial=np.inf))
-        centre = 0.5 * (newest + np.minimum(oldest, newest))
+        oldest = np.clip(self._time.min(axis=1), newest - 2.0 * self._half, newest)
+        centre = 0.5 * (newest + oldest)
         offset = self._time - centre[:, None]
-        weight = np.exp(-0.5 * (offset * (SIGMAS / self._half)) ** 2)
-        weight = np.where(np.abs(offset) <= self._half * (1.0 + 1e-9), weight, 0.0)
+        inside = np.abs(offset) <= self._half * (1.0 + 1e-9)
+        offset = np.where(inside, offset, 0.0)
+        weight = np.where(inside, np.exp(offset * offset * (-0.5 * (SIGMAS / self._half) ** 2)), 0.0)
         weight /= np.where(told, weight.sum(axis=1), np.nan)[:, None]
-        some = weight > 0.0
-        middle = np.where(some, weight, 0.0).argmax(axis=1)
-        reference = self._orientation[self._every, middle]
-        same_side = np.einsum("knj,kj->kn", self._orientation, reference) >= 0.0
-        signed = np.where(same_side, weight, -weight)
-        orientation = np.einsum("kn,knj->kj", signed, _or_zero(self._orientation, some))
-        norm = np.sqrt(np.einsum("ij,ij->i", orientation, orientation))[:, None]
-        return Smoothed(
-            centre + np.einsum("kn,kn->k", weight, np.where(some, offset, 0.0)),
-            np.einsum("kn,knj->kj", weight, _or_zero(self._position, some)),
-            orientation / norm,
-        )
-
-
-def _or_zero(values: FloatArray, some: BoolArray) -> FloatArray:
-    """Values (k, n, d) where they count, 0 elsewhere: nothing that is not there spoils a sum."""
-    return np.where(some[:, :, None], values, 0.0)
+        reference = self._orientation[self._every, weight.argmax(axis=1)]
+        same_side = np.matmul(self._orientation, reference[:, :, None])[:, :, 0] >= 0.0
+        signed = np.where(same_side, weight, -weight)[:, None, :]
+        orientation = np.matmul(signed, self._orientation)[:, 0]
+        norm = np.sqrt((orientation * orientation).dot(FOUR))[:, None]
+        time = centre + (weight * offset).sum(axis=1)
+        return Smoothed(time, np.matmul(weight[:, None, :], self._position)[:, 0], orientation / norm)

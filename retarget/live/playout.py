@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.frames import BoolArray
+from retarget.live.arcs import FOUR, along_arc
 from retarget.live.playout_delay import PlayoutDelay
 from retarget.live.pose_ring import EMPTY, Index, PoseRing
 from retarget.rotations import FloatArray
@@ -25,8 +26,6 @@ AHEAD_S = 0.100
 """A capture time so far after its arrival is a mistake."""
 FAR_M = 1e4
 """Nobody is further from the origin: something else was told."""
-SAME_ANGLE = 1e-8
-"""An arc shorter than this (rad, of quaternions) is taken as one of this length: the weights have their limits."""
 
 
 class How(IntEnum):
@@ -103,7 +102,7 @@ class Playout:
             rows, position, orientation = rows[use], position[use], orientation[use]
         if rows.size == 0:
             return
-        size = (orientation * orientation).dot(_FOUR)
+        size = (orientation * orientation).dot(FOUR)
         newest = self._ring.add(rows, time, position, orientation / np.sqrt(size)[:, None], self.dropped)
         if self._delay is not None and time > newest:
             gap = time - newest if newest > EMPTY else inf
@@ -160,7 +159,7 @@ class Playout:
         share = (time - start) / (end - start)
         a, b = ring.position(first), ring.position(second)
         position = a + share[:, None] * (b - a)
-        orientation = self._aligned(_along_arc(ring.orientation(first), ring.orientation(second), share))
+        orientation = self._aligned(along_arc(ring.orientation(first), ring.orientation(second), share))
         return self._played(at, position, orientation, how=how, time=time)
 
     def _played(
@@ -187,13 +186,12 @@ class Playout:
 
     def _aligned(self, orientation: FloatArray) -> FloatArray:
         """The same orientations (k, 4), in the hemisphere of what was shown last."""
-        orientation *= np.copysign(1.0, (orientation * self._shown).dot(_FOUR))[:, None]
+        orientation *= np.copysign(1.0, (orientation * self._shown).dot(FOUR))[:, None]
         self._shown = orientation
         return orientation
 
 
 _NONE, _INTERPOLATED, _LATEST, _EXTRAPOLATED, _HELD = (np.int8(how) for how in How)
-_FOUR = np.ones(4)
 _LEAST_SPAN = 1e-3
 """s: between a pose and itself, of whose difference, nothing, a share is then taken."""
 
@@ -212,7 +210,7 @@ def _is_whole(position: FloatArray, orientation: FloatArray) -> bool:
         # NaN and infinity spread into the sum.
         if not p.dot(p) + q.dot(q) < FAR_M**2:
             return False
-    return min((orientation * orientation).dot(_FOUR).tolist(), default=1.0) > 0.01
+    return min((orientation * orientation).dot(FOUR).tolist(), default=1.0) > 0.01
 
 
 def _usable(
@@ -231,17 +229,3 @@ def _usable(
         np.where(has_position[:, None], position, np.nan),
         np.where(has_orientation[:, None], orientation, np.nan),
     )
-
-
-def _along_arc(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
-    """Orientations (k, 4) on the short arc from a through b, at a share (k) of the way that may exceed 1.
-
-    `rotations.slerp`, for shares beyond 1 too and at a third of its time.
-    """
-    cosine = (a * b).dot(_FOUR)
-    sign = np.copysign(1.0, cosine)
-    angle = np.maximum(np.arccos(np.minimum(cosine * sign, 1.0)), SAME_ANGLE)
-    scale = 1.0 / np.sin(angle)
-    along = share * angle
-    weight_a, weight_b = scale * np.sin(angle - along), scale * sign * np.sin(along)
-    return np.asarray(weight_a[:, None] * a + weight_b[:, None] * b)

@@ -4,10 +4,12 @@ A turn is filtered as the rotation vector from the filtered orientation to the n
 that of the orientation itself, which leaps at 180 degrees. So the signs of quaternions say nothing.
 """
 
+from math import isnan
+
 import numpy as np
 
-from retarget import rotations
 from retarget.frames import BoolArray
+from retarget.live.arcs import along_arc, turn_between
 from retarget.live.one_euro import OneEuro, OneEuroSettings
 from retarget.rotations import FloatArray
 
@@ -26,7 +28,7 @@ class PoseFilter:
         """Filtered positions (k, 3) and orientations (k, 4) wxyz, unit, of poses at times (k) in s.
 
         NaN in, NaN out, and the state waits. Where the time has not risen the answer is what it was. The sign of an
-        orientation is that of the one before.
+        orientation is that of the one before. The arrays are not to be written to: they are the filter's state.
         """
         if self._position is not None:
             position = self._position.step(time, position)
@@ -36,6 +38,7 @@ class PoseFilter:
 
     def reset(self, rows: BoolArray | slice = slice(None)) -> None:
         """Forget rows (k,): their next pose is taken as it is."""
+        self._orientation = self._orientation.copy()  # the old one was handed out
         self._orientation[rows] = np.nan
         for part in (self._position, self._turn):
             if part is not None:
@@ -43,11 +46,18 @@ class PoseFilter:
 
     def _turned(self, time: FloatArray, orientation: FloatArray, turn: OneEuro) -> FloatArray:
         """Filtered orientations (k, 4)."""
-        told = ~(np.isnan(orientation).any(axis=1) | np.isnan(time))
-        fresh = np.isnan(self._orientation[:, 0])
-        before = np.where(fresh[:, None], orientation, self._orientation)
-        ahead = rotations.log(rotations.multiply(orientation, rotations.conjugate(before)))
-        step = rotations.from_rotation_vector(turn.increment(time, ahead))
-        after = rotations.normalise(rotations.multiply(step, before))
-        self._orientation = np.where(told[:, None], after, self._orientation)
-        return np.where(told[:, None], self._orientation, np.nan)
+        before = self._orientation
+        ahead = turn_between(before, orientation)
+        if isnan(ahead.sum() + time.sum()):
+            return self._turned_with_gaps(time, orientation, turn)
+        self._orientation = along_arc(before, orientation, turn.shares(time, ahead))
+        return self._orientation
+
+    def _turned_with_gaps(self, time: FloatArray, orientation: FloatArray, turn: OneEuro) -> FloatArray:
+        """Rows that start, and rows that are not told."""
+        told = np.asarray(~(np.isnan(orientation).any(axis=1) | np.isnan(time)))[:, None]
+        before = np.where(np.isnan(self._orientation), orientation, self._orientation)
+        ahead = np.where(told, turn_between(before, orientation), np.nan)
+        after = along_arc(before, orientation, turn.shares(time, ahead))
+        self._orientation = np.where(told, after, self._orientation)
+        return np.where(told, self._orientation, np.nan)
