@@ -61,6 +61,7 @@ def test_straight_motion_is_played_exactly_whatever_the_jitter() -> None:
         played = playout.read(float(now))
         assert worst(played) < 1e-7
         assert (now - played.time <= DELAY_CAP_S + 1e-9).all()
+        assert 0.0 < playout.delay <= DELAY_CAP_S + 1e-9
         kinds.extend(played.how.tolist())
         shown.append(played.time)
     assert (np.diff(shown, axis=0) >= 0.0).all()
@@ -94,7 +95,9 @@ def test_latest_wins_shows_the_newest_as_it_is() -> None:
         played = playout.read(1.03)
         assert worst(played) < 1e-9 and set(played.how) == {How.LATEST}
     assert (played.time == 1.02).all() and played.age == pytest.approx(0.01)
-    assert set(playout.read(1.1).how) == {How.HELD}
+    push(playout, 1.05)
+    assert (played.time == 1.02).all() and playout.delay == 0.0
+    assert set(playout.read(1.2).how) == {How.HELD}
 
 
 def test_a_sensor_never_told_is_nothing() -> None:
@@ -121,6 +124,7 @@ def test_before_its_first_pose_a_sensor_shows_that() -> None:
 
 def test_sensors_told_at_their_own_times_are_read_at_one() -> None:
     playout = buffered()
+    assert playout.delay == 0.0
     for i in range(300):
         push(playout, 1.0 + i / 300.0, rows=np.array([float(i % 3)]))
     played = playout.read(1.0 + 300 / 300.0)

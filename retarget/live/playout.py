@@ -78,6 +78,11 @@ class Playout:
         self._interpolated = _constant(count, How.INTERPOLATED, np.int8)
         self._now = self._at = -inf
 
+    @property
+    def delay(self) -> float:
+        """How far behind the last read was, s; 0 where the latest wins."""
+        return 0.0 if self._delay is None else self._now - self._at if self._now > -inf else 0.0
+
     def push(
         self,
         rows: Index,
@@ -96,7 +101,7 @@ class Playout:
         if not (isfinite(time) and time <= arrival + AHEAD_S):
             self.dropped.note("not a capture time")
             return
-        if not (valid.all() and _is_whole(position, orientation)):
+        if not _is_whole(position, orientation, valid):
             use, position, orientation = _usable(position, orientation, valid)
             self._lose(rows[~use], time)
             rows, position, orientation = rows[use], position[use], orientation[use]
@@ -134,17 +139,18 @@ class Playout:
         place, _ = ring.around(inf)
         how = np.where(now - ring.newest <= EXTRAPOLATION_S, _LATEST, _HELD)
         orientation = self._aligned(ring.orientation(place))
-        return self._played(now, ring.position(place), orientation, how=how, time=ring.newest)
+        return self._played(now, ring.position(place), orientation, how=how, time=ring.newest.copy())
 
     def _buffered(self, at: float) -> Played:
         """The poses at a time."""
         ring = self._ring
         first, second = ring.around(at)
         start, end = ring.time(first), ring.time(second)
-        between = (end > at) & (start > EMPTY)
-        if between.all():
+        # Least values by way of lists: the quickest on so few.
+        if min(end.tolist()) > at and min(start.tolist()) > EMPTY:
             time, how = np.full(len(end), at), self._interpolated
         else:
+            between = (end > at) & (start > EMPTY)
             early = end > at  # and nothing before: playing has not reached the first pose
             second = np.where(early, second, first)
             end = ring.time(second)
@@ -203,13 +209,11 @@ def _constant(count: int, value: int, kind: type[np.generic]) -> NDArray[Any]:
     return values
 
 
-def _is_whole(position: FloatArray, orientation: FloatArray) -> bool:
+def _is_whole(position: FloatArray, orientation: FloatArray, valid: BoolArray) -> bool:
     """Whether all rows have all parts, so that nothing needs sifting: the common case, in few operations."""
-    p, q = position.ravel(), orientation.ravel()
-    with np.errstate(over="ignore"):
-        # NaN and infinity spread into the sum.
-        if not p.dot(p) + q.dot(q) < FAR_M**2:
-            return False
+    # NaN and infinity spread into the sum; unlike `dot`, `vdot` warns of nothing.
+    if False in valid.tolist() or not np.vdot(position, position) + np.vdot(orientation, orientation) < FAR_M**2:
+        return False
     return min((orientation * orientation).dot(FOUR).tolist(), default=1.0) > 0.01
 
 

@@ -38,7 +38,7 @@ class PoseRing:
         rows (m,), position (m, 3), orientation (m, 4). What is there already, or older than all that is kept, is
         counted in `dropped`.
         """
-        newest = float(self.newest[rows].max())
+        newest: float = max(self.newest[rows].tolist())
         if time <= newest:
             late = time <= self.newest[rows]
             for i in late.nonzero()[0]:
