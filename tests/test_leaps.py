@@ -83,3 +83,27 @@ def test_two_leaps_to_elsewhere_are_no_exchange() -> None:
 def test_a_clock_that_was_set_back_starts_anew() -> None:
     line = Line()
     assert line.tell(-3.0, {0: PLACES[0] + 2.0}) == [True] and line.last.at[0] == -3.0
+
+
+def test_a_leap_to_a_third_place_is_no_way_back() -> None:
+    for third in ([-1.3, 0.0, 0.0], [1.2, 0.0, 0.0]):
+        line = Line()
+        line.tell(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]})
+        assert line.tell(0.09, {0: PLACES[0] + third}) == [False]
+    line = Line()
+    for i in range(1, 40):
+        line.tell(0.01 * i, {0: PLACES[0] + [9.0, 0.0, 0.0]})
+    assert line.tell(0.4, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+
+
+def test_to_walk_through_the_old_place_is_no_way_back() -> None:
+    line = Line()
+    for i in range(1, 30):
+        assert line.tell(0.01 * i, {0: PLACES[0] + [0.3 - 0.02 * (i - 1), 0.0, 0.0]}) == [False]
+
+
+def test_an_exchange_in_one_datagram() -> None:
+    line = Line()
+    assert line.tell(0.01, {0: PLACES[1], 1: PLACES[0], 2: PLACES[2]}) == [False, False, True]
+    assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
+    assert line.tell(0.02, {0: PLACES[0], 1: PLACES[1]}) == [True, True] and not line.leaps.any_doubted

@@ -217,6 +217,33 @@ def test_a_sensor_that_is_not_worn_is_said_once_and_may_be_put_on() -> None:
     ]
 
 
+def test_an_orientation_may_be_told_for_a_while_only() -> None:
+    stream = walk()
+    stream.orientation[60:, L_ANKLE] = np.nan
+    stream.orientation[120, L_ANKLE] = (1.0, 0.0, 0.0, 0.0)
+    judged = judge(stream)
+    assert judged.usable.all() and not judged.alarms()
+
+
+def test_silence_outweighs_what_was_wrong_before() -> None:
+    for spoil in ("frozen", "far"):
+        stream = walk()
+        if spoil == "frozen":
+            stream.orientation[60:, L_ANKLE] = stream.orientation[59, L_ANKLE]
+        else:
+            stream.position[60:, L_ANKLE, 0] += 2.0
+        stream.tracked[100:, L_ANKLE] = False
+        judged = judge(stream)
+        assert judged.states[99, L_ANKLE] in (TrustState.FROZEN, TrustState.JUMPED)
+        assert (judged.states[117:, L_ANKLE] == TrustState.STALE).all()
+
+
+def test_a_capture_that_is_yet_to_come_is_not_fresh() -> None:
+    trust = judge(walk()).trust
+    assert (trust.judge(walk().time[-1]) == TrustState.FRESH).all()
+    assert (trust.judge(walk().time[-1] - 0.2) == TrustState.STALE).all()
+
+
 @pytest.mark.parametrize("shift", [-3600.0, -1.0, 3600.0])
 def test_a_clock_that_is_set_is_followed(shift: float) -> None:
     stream = walk()

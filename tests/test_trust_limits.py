@@ -1,6 +1,6 @@
 """Limits that make sense."""
 
-from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -12,8 +12,9 @@ from retarget.live.trust_limits import TrustLimits
 @pytest.mark.parametrize("name", ["fastest", "settled_after", "stale_after", "frozen_after", "reach"])
 @pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan")])
 def test_what_makes_no_sense_is_refused(name: str, wrong: float) -> None:
+    limits: dict[str, Any] = {name: wrong}
     with pytest.raises(UsageError):
-        replace(TrustLimits(), **{name: wrong})
+        TrustLimits(**limits)
 
 
 def test_the_room_has_a_height() -> None:

@@ -64,7 +64,3 @@ class LastPoses:
     def forget_turn(self, rows: Rows | IntArray) -> None:
         """These sensors come without an orientation now."""
         self.since[rows, 3:] = np.nan
-
-    def resettle(self, row: int) -> None:
-        """The way from the last pose of this sensor to the next one is none that it went."""
-        self.pose[row, :3] = np.nan

@@ -144,7 +144,7 @@ class Leaps:
         if -self._limits.settled_after <= gap <= 0.0:
             return False
         on, back = dist(place, leap.place), dist(place, self._last.pose[row, :3])
-        if gap > 0.0 and back < on and on > CALM and back <= self._within(min(time - leap.since, TOGETHER_S)):
+        if gap > 0.0 and on > CALM and back < 0.5 * on and back <= self._within(min(time - leap.since, TOGETHER_S)):
             return self._believe(row, resettled=False)
         if not 0.0 < gap <= self._limits.stale_after or on > self._within(gap):
             self._doubt(row, TrustState.JUMPED, place, time)
@@ -162,8 +162,6 @@ class Leaps:
         del self._elsewhere[row]
         self.state[row] = TrustState.FRESH
         self.resettled[row] = resettled
-        if resettled:
-            self._last.resettle(row)
         return True
 
 

@@ -48,7 +48,7 @@ class SoundPoses:
         if good != pose.size:
             unknown = np.isnan(pose)
             missing = unknown[:, 3]
-            if good + np.count_nonzero(unknown) != pose.size or np.count_nonzero(unknown[:, :3]):
+            if good + np.count_nonzero(unknown) != pose.size:
                 return None
         if np.count_nonzero(tracked) != len(pose):
             return None

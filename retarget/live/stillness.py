@@ -47,7 +47,6 @@ class Stillness:
         latest, long = self._last.latest, self._limits.frozen_after
         if not np.count_nonzero(since <= latest - EARLY * long):
             self._frozen[:] = False
-            self._moving_since = np.inf
             return None
         still = self._still_for(since)
         if not np.count_nonzero((still >= EARLY * long) & ~self._frozen):
