@@ -53,6 +53,7 @@ def test_a_leap_back_is_believed_and_a_leap_on_waits_anew() -> None:
     assert line.tell(0.02, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
     assert line.leaps.state[0] == TrustState.JUMPED
     assert line.tell(0.03, {0: PLACES[0]}) == [True] and not line.leaps.any_doubted
+    assert line.leaps.state[0] == TrustState.FRESH
     for i in range(4, 30):
         assert line.tell(0.01 * i, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
     for i in range(30, 78):
