@@ -138,8 +138,9 @@ class Guard:
         if self._state in FOLLOWING:
             self._attempt(lambda: self._move(think, halt, begun))
         if self._state is GuardState.STOPPING:
+            stood = self._filter.at_rest
             self._attempt(lambda: self._ask_way(halt))
-            self._attempt(self._brake)
+            self._attempt(lambda: self._brake(stood=stood))
         return self._state
 
     def stop(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
@@ -251,9 +252,10 @@ class Guard:
         if goal is not None:
             self._pending = self._filter.admit(goal)
 
-    def _brake(self) -> None:
+    def _brake(self, *, stood: bool) -> None:
+        """Send the next posture of the way. stood: before anybody was asked; if it still stands, there is no way on."""
         self._step = StopCause.FILTER
-        if self._filter.at_rest:
+        if stood and self._filter.at_rest:
             self._state = GuardState.ARMED if self._stop is None else GuardState.STOPPED
             return
         if self._braked == self.limits.max_brake_ticks:

@@ -45,6 +45,8 @@ Perform = Callable[[Performer, RobotBody | None], Performance]
 """From who wears which sensors, and the robot (None: the human alone), to the performance."""
 
 HUMAN_PRIORITIES = "human"
+LONGEST_HOLD_S = 5.0
+"""So long a robot waits for a performer who cannot be followed; then it is parked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,6 +201,8 @@ def _robot_side(
     gate = Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach), path_is_clear=clearance)
     goals: GoalFilter = gate if options.gate else OpenGate(servos.max_acceleration, dt=dt)
     limits = robot.profile.guard_limits()
+    if parks:
+        limits = replace(limits, max_hold=LONGEST_HOLD_S)
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
     return RobotSide(
         robot=robot,

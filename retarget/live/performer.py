@@ -66,6 +66,7 @@ class LivePerformer:
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
         names = stream.roles.sensors
         self._rejoin: Rejoin | None = None
+        self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
         self._carrying = [names.index(name) for name in CARRYING if name in names]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
@@ -127,7 +128,10 @@ class LivePerformer:
         if self._rejoin is None:  # the body has not moved yet
             self._rejoin = Rejoin(len(heard.states))
             self._rejoin.start(heard.states)
+        took_part = self._rejoin.weights > 0.5
         believed = self._rejoin.step(heard.states, self.dt) > 0.0
+        doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
+        self._leapt = doubted & (self._leapt | took_part)
         names = self.stream.roles.sensors
         sample = live_sample(names, heard, self.alignment, believed=believed, mirror=self.mirror)
         before = self.engagement.state
@@ -140,8 +144,6 @@ class LivePerformer:
 
     def _is_good(self, heard: Heard, now: float) -> bool:
         """Whether enough can be believed to move: somebody speaks, nobody has leapt, and what carries is known."""
-        doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
         fresh = heard.fresh
-        return bool(
-            now - self.stream.last <= SILENCE_S and fresh.any() and fresh[self._carrying].all() and not doubted.any()
-        )
+        known = fresh.any() and fresh[self._carrying].all()
+        return bool(now - self.stream.last <= SILENCE_S and known and not self._leapt.any())
