@@ -88,6 +88,19 @@ def test_it_goes_on_for_50_ms_and_then_holds() -> None:
     assert set(again.how) == {How.LATEST} and worst(again) < 1e-9
 
 
+def test_a_velocity_of_long_ago_or_of_a_moment_is_not_carried_on() -> None:
+    still, orientation = np.zeros((COUNT, 3)), pose(0.0)[1]
+    playout = buffered(periods=0.0)
+    for time, height in ((1.0, 0.0), (3.0, 1.0)):
+        playout.push(ROWS, time, still + height, orientation, ALL, arrival=time)
+    played = playout.read(3.03)
+    assert set(played.how) == {How.LATEST} and (played.position == 1.0).all()
+    shaky = buffered(periods=0.0)
+    for time, height in ((1.0, 0.0), (1.01, 0.0), (1.02, 0.0), (1.03, 0.0), (1.030001, 0.001)):
+        shaky.push(ROWS, time, still + height, orientation, ALL, arrival=time)
+    assert shaky.read(1.07).position.max() < 0.0031
+
+
 def test_latest_wins_shows_the_newest_as_it_is() -> None:
     playout = Playout(COUNT)
     for time in (1.0, 1.02, 1.01):

@@ -30,8 +30,6 @@ COARSE_S = 0.002
 """No two frames share a step of a clock finer than this: an equal stamp is the same frame."""
 YOUNG_S = 10.0
 """A clock that leapt back to less than this was restarted."""
-SQUEEZE = 0.5
-"""While the estimate falls, delivered time runs at least this fast in terms of the sender's."""
 NUDGE_S = 1e-6
 """Between two samples in order that could not be told apart in time."""
 REMEMBERED = 64
@@ -187,9 +185,6 @@ class ClockMap:
         time = min(arrival, stamp + self._offset + step)
         if stamp < self._newest:
             return min(time, self._latest - NUDGE_S)
-        if self._newest > -inf:
-            slowest = self._latest + SQUEEZE * (stamp - self._newest)
-            time = max(time, min(arrival, slowest))
         self._newest = stamp
         return self._deliver(time)
 
