@@ -73,6 +73,7 @@ class Readings:
         self._valid = np.zeros(count, dtype=np.bool_)
         self._answered = np.full(count, -np.inf)  # [s]
         self._slow_at = np.full(count, -np.inf)  # [s] when voltage and temperature were told
+        self._slow_due = -np.inf  # [s] before then nobody owes them
 
     def begin(self) -> None:
         """A new cycle: nobody has answered yet."""
@@ -89,6 +90,7 @@ class Readings:
             self._voltage[who] = rows[names.voltage]
             self._temperature[who] = rows[names.temperature]
             self._slow_at[who] = now
+            self._slow_due = now + SLOW_PERIOD
         if names is NAMES1:
             speed = rows[names.velocity].astype(np.int64)
             self._velocity[who] = np.where(speed & _SIGN1, -(speed & _SIZE1), speed)
@@ -105,6 +107,8 @@ class Readings:
 
     def slow_due(self, now: float) -> bool:
         """Whether somebody who answered in the last cycle owes voltage and temperature; at first everybody does."""
+        if now < self._slow_due:
+            return False
         old = self._slow_at < now - SLOW_PERIOD
         return bool((old & self._valid).any()) or not np.isfinite(self._slow_at).any()
 

@@ -175,6 +175,9 @@ class Line:
                 at += timing.before_status(spoken.return_delay)
             at += timing.on_wire(len(spoken.data), self.baud)
             late = timing.latency
+            if not faults.spoil:
+                self._arrive(spoken.data, at + late)
+                continue
             for part in faults.to_host(spoken.id, spoken.data):
                 late += part.delay
                 self._arrive(part.data, at + late)
