@@ -58,7 +58,8 @@ class Reconstructor:
     ) -> None:
         """rest (18, 4): see `calibration.rest_orientations`; only sensors with an orientation need it. iterations:
         instead of the file's. observed: which observers, instead of the file's choice. scene: what is around the human,
-        in the performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what a human does not have."""
+        in the performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what
+        a human does not have."""
         self._human = human
         self._worn = WornSensors(performer, human, rest)
         self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)

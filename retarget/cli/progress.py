@@ -9,7 +9,7 @@ __all__ = ["progress_bar"]
 
 @contextmanager
 def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Yields a function that takes how much is done of `total` (None: nobody knows). The bar is on stderr and leaves nothing behind."""
+    """Yields a function that takes how much is done of `total` (None: nobody knows). The bar is on stderr."""
     if not sys.stderr.isatty():
         yield lambda done: None
         return
