@@ -22,7 +22,7 @@ def run(
         str,
         typer.Option(
             help="Motion file of the performer (AMC, BVH or C3D), or a live stream: vmc://:39539, vrchat://:9000, "
-            "mvn://:9763, json://:7000, replay://FILE.",
+            "mvn://:9763, natnet://HOST, json://:14150, replay://FILE.",
             metavar="FILE|ADDRESS",
         ),
     ],
