@@ -16,6 +16,7 @@ from retarget.live.datagram import Datagram, Source
 from retarget.live.playout import Playout
 from retarget.live.playout_delay import PlayoutDelay
 from retarget.live.roles import roles_of
+from retarget.live.smoothing import pose_filter
 from retarget.live.stream import LiveStream
 from retarget.live.trust import Trust
 from retarget.options import RunOptions
@@ -92,6 +93,7 @@ def live_stream(sender: Sender, performer: Performer) -> LiveStream:
         clock_map=ClockMap(),
         trust=Trust(roles.sensors),
         playout=Playout(len(roles.sensors), delay=PlayoutDelay()),
+        smooth=pose_filter("light", len(roles.sensors)),
     )
 
 

@@ -53,7 +53,7 @@ def follow_live(
         tap = None if record_raw is None else stack.enter_context(RawTap(RawWriter(record_raw, url=address.text)))
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-            stream = open_stream(address, performer, clock=clock, tap=tap)
+            stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
             stack.callback(stream.receiver.close)
             rate = HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
             return begin_live(stream, live, clock=clock, rate_hz=rate, where=address.text, tell=_tell)

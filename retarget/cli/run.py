@@ -11,6 +11,7 @@ from retarget.cli.outputs import Outputs
 from retarget.clip import Parts, Playback
 from retarget.frames import SensorFrames
 from retarget.live.begin import LiveOptions
+from retarget.live.smoothing import LIGHT
 from retarget.options import RunOptions
 
 
@@ -73,6 +74,12 @@ def run(
     countdown: Annotated[
         float, typer.Option(help="Live: time to get into the pose of the calibration.", metavar="S")
     ] = 3.0,
+    smoothing: Annotated[
+        str, typer.Option(help="Live: of the sensors, by a One-Euro filter.", metavar="off|light|strong")
+    ] = LIGHT,
+    latest: Annotated[
+        bool, typer.Option("--latest", help="Live: the newest poses at once, without a playout buffer.")
+    ] = False,
     record_raw: Annotated[
         Path | None, typer.Option("--record-raw", help="Live: keep every datagram, for replay://.", metavar="FILE")
     ] = None,
@@ -102,7 +109,7 @@ def run(
 
     if "://" in source:
         refuse_for_live({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start})
-        live = LiveOptions(countdown=countdown, duration=end, mirror=mirror)
+        live = LiveOptions(countdown=countdown, duration=end, mirror=mirror, smoothing=smoothing, latest=latest)
         raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw))
 
     def read() -> SensorFrames:

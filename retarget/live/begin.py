@@ -11,6 +11,7 @@ from retarget.errors import InputError
 from retarget.live.alignment import Alignment
 from retarget.live.performer import INTAKE, LivePerformer, live_sample
 from retarget.live.rest_capture import CAPTURE_S, Calibrated, RestCapture
+from retarget.live.smoothing import LIGHT
 from retarget.live.stream import LiveStream
 from retarget.live.trust_state import TrustState
 from retarget.rest_pose import REQUIRED
@@ -30,13 +31,16 @@ FOR_EVER = 10**9
 @dataclass(frozen=True)
 class LiveOptions:
     """How a live run begins. patience: s of waiting for data. countdown: s to get into the pose. duration: s of the
-    run, None: until it is stopped. mirror: left and right exchanged. mass: kg of the performer, if known."""
+    run, None: until it is stopped. mirror: left and right exchanged. mass: kg of the performer, if known. smoothing:
+    of `smoothing.SMOOTHINGS`. latest: the newest poses count, without a playout buffer."""
 
     patience: float = 10.0
     countdown: float = 3.0
     duration: float | None = None
     mirror: bool = False
     mass: float | None = None
+    smoothing: str = LIGHT
+    latest: bool = False
 
 
 def begin_live(

@@ -14,6 +14,7 @@ from retarget.live.playout_delay import PlayoutDelay
 from retarget.live.raw_tap import RawTap
 from retarget.live.replay import recorded_kind
 from retarget.live.roles import roles_of
+from retarget.live.smoothing import LIGHT, pose_filter
 from retarget.live.stream import LiveStream
 from retarget.live.trust import Trust
 from retarget.performer import Performer
@@ -49,15 +50,23 @@ def stream_kinds() -> dict[str, StreamKind]:
 
 
 def open_stream(
-    address: StreamAddress, performer: Performer, *, clock: Clock, tap: RawTap | None = None, latest: bool = False
+    address: StreamAddress,
+    performer: Performer,
+    *,
+    clock: Clock,
+    tap: RawTap | None = None,
+    smoothing: str = LIGHT,
+    latest: bool = False,
 ) -> LiveStream:
-    """Open the port, or the recording, of an address. latest: the newest poses at once, instead of a playout buffer.
+    """Open the port, or the recording, of an address. smoothing: see `smoothing.SMOOTHINGS`. latest: the newest poses
+    at once, instead of a playout buffer.
 
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that the sender cannot
     tell.
     """
     kind, kinds = recorded_kind(address) if address.kind == "replay" else address.kind, stream_kinds()
     how = kinds[kind]
+    smooth = pose_filter(smoothing, len(performer.sensors))
     roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
     if address.kind != "replay" and isinstance(clock, VirtualClock):
         raise InputError("a live stream runs on real time", where=address.text)
@@ -69,5 +78,6 @@ def open_stream(
         clock_map=how.clock(),
         trust=Trust(roles.sensors),
         playout=Playout(len(roles.sensors), delay=None if latest else PlayoutDelay()),
+        smooth=smooth,
         tap=tap,
     )

@@ -10,6 +10,7 @@ from retarget.live.admission import Admission
 from retarget.live.clock_map import ClockMap
 from retarget.live.datagram import Datagram, Receiver
 from retarget.live.playout import Playout
+from retarget.live.pose_filter import PoseFilter
 from retarget.live.raw_tap import RawTap
 from retarget.live.roles import Roles, SensorPoses
 from retarget.live.trust import Trust
@@ -21,6 +22,7 @@ __all__ = ["Heard", "LiveStream"]
 
 PARTNER_S = 0.1
 """[s] A pose that is told in parts (position here, rotation there) is put together from parts this near in time."""
+_GOES_ON = (TrustState.FRESH, TrustState.FROZEN)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +56,7 @@ class LiveStream:
         clock_map: ClockMap,
         trust: Trust,
         playout: Playout,
+        smooth: PoseFilter | None = None,
         tap: RawTap | None = None,
     ) -> None:
         self.receiver, self.decoder, self.roles = receiver, decoder, roles
@@ -62,7 +65,7 @@ class LiveStream:
         self.last = -np.inf
         self.names: dict[str, None] = {}
         """Poses that the sender has told, by its own names; bounded."""
-        self._tap = tap
+        self._smooth, self._tap = smooth, tap
         count = len(roles.sensors)
         self._position, self._position_at = np.full((count, 3), np.nan), np.full(count, -np.inf)
         self._orientation, self._orientation_at = np.full((count, 4), np.nan), np.full(count, -np.inf)
@@ -78,8 +81,14 @@ class LiveStream:
 
     def read(self, now: float) -> Heard:
         """Every sensor at `now`, s."""
-        played = self.playout.read(now)
-        return Heard(played.position, played.orientation, self.trust.judge(now))
+        played, states = self.playout.read(now), self.trust.judge(now)
+        if self._smooth is None:
+            return Heard(played.position, played.orientation, states)
+        gone = ~np.isin(states, _GOES_ON)
+        if gone.any():  # where it comes back is no motion
+            self._smooth.reset(gone)
+        position, orientation = self._smooth.step(played.time, played.position, played.orientation)
+        return Heard(position, orientation, states)
 
     def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
         frames = self.decoder.decode(datagram.payload)
