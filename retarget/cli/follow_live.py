@@ -10,12 +10,15 @@ from hardware.clock import Clock, MonotonicClock, VirtualClock
 from retarget.cli.buses import make_bus
 from retarget.cli.follow_clip import finished
 from retarget.cli.interrupt import stop_on_signals
+from retarget.cli.keys import Keys
+from retarget.cli.live_controls import HELP, LiveControls
 from retarget.cli.outputs import Outputs
 from retarget.cli.progress import progress_bar
 from retarget.errors import UsageError
 from retarget.live.address import parse_address
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
+from retarget.live.performer import LivePerformer
 from retarget.live.raw_tap import RawTap
 from retarget.options import RunOptions
 from retarget.performer import Performer
@@ -39,13 +42,21 @@ def refuse_for_live(given: Mapping[str, object]) -> None:
 
 
 def follow_live(
-    source: str, options: RunOptions, outputs: Outputs, live: LiveOptions, *, record_raw: Path | None = None
+    source: str,
+    options: RunOptions,
+    outputs: Outputs,
+    live: LiveOptions,
+    *,
+    record_raw: Path | None = None,
+    stop_file: Path | None = None,
 ) -> int:
     """Run, write the files, show a summary. Returns the exit code.
 
-    Raises RetargetError for what cannot be run; then nothing has moved and nothing is written.
+    stop_file: its appearance stops the robot. Raises RetargetError for what cannot be run; then nothing has moved and
+    nothing is written.
     """
     _refuse_played(options)
+    _refuse_stopped(stop_file)
     address = parse_address(source)
     virtual = address.kind == "replay" and options.simulated
     clock: Clock = VirtualClock() if virtual else MonotonicClock()
@@ -65,9 +76,13 @@ def follow_live(
             make_bus=lambda robot, clock: make_bus(options.bus, robot, clock, faults=options.faults),
             parks=True,
         ) as prepared:
-            stop = stack.enter_context(stop_on_signals())
+            stop, keys = stack.enter_context(stop_on_signals()), stack.enter_context(Keys())
+            assert isinstance(prepared.samples, LivePerformer)
+            controls = LiveControls(keys, stop, prepared.samples, stop_file=stop_file, tell=_tell)
+            if keys.listens:
+                _tell(HELP)
             with progress_bar(options.robot, _ticks(live, prepared.samples.dt)) as show:
-                run = prepared.run(Watch(show, stop, stop.insisted))
+                run = prepared.run(Watch(show, controls.look, controls.insisted))
         return finished(run, outputs)
 
 
@@ -76,6 +91,16 @@ def _refuse_played(options: RunOptions) -> None:
     if playback.speed != 1.0 or playback.loop:
         raise UsageError(
             "a live performer moves in real time", where="--speed, --loop", next_step="Leave them out, or play a file"
+        )
+
+
+def _refuse_stopped(stop_file: Path | None) -> None:
+    if stop_file is not None and stop_file.exists():
+        raise UsageError(
+            "the file that stops the robot is there already",
+            where="--stop-file",
+            found=str(stop_file),
+            next_step="Remove it",
         )
 
 

@@ -83,6 +83,9 @@ def run(
     record_raw: Annotated[
         Path | None, typer.Option("--record-raw", help="Live: keep every datagram, for replay://.", metavar="FILE")
     ] = None,
+    stop_file: Annotated[
+        Path | None, typer.Option("--stop-file", help="Live: stop when this file appears.", metavar="FILE")
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Write the numbers of the run.", metavar="FILE.json|DIR")] = None,
     save: Annotated[Path | None, typer.Option(help="Write every tick, for other tools.", metavar="FILE.npz")] = None,
     plots: Annotated[Path | None, typer.Option(help="Write pictures.", metavar="DIR")] = None,
@@ -110,7 +113,7 @@ def run(
     if "://" in source:
         refuse_for_live({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start})
         live = LiveOptions(countdown=countdown, duration=end, mirror=mirror, smoothing=smoothing, latest=latest)
-        raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw))
+        raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw, stop_file=stop_file))
 
     def read() -> SensorFrames:
         from retarget.sources.open import open_source

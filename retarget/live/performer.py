@@ -8,7 +8,7 @@ import numpy as np
 from hardware.clock import Clock
 from retarget.clip import Clip
 from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
-from retarget.live.alignment import Alignment
+from retarget.live.alignment import Alignment, facing_of
 from retarget.live.engagement import Engagement
 from retarget.live.rejoin import Rejoin
 from retarget.live.stream import Heard, LiveStream
@@ -106,6 +106,28 @@ class LivePerformer:
             self._valid[tick] = shown.valid
             self._last_tick = max(self._last_tick, tick)
         return sample
+
+    def pause(self) -> bool:
+        """Let go of the robot, which holds, or take it up again from where it is; whether it is paused now."""
+        self.engagement.wanted = not self.engagement.wanted
+        return not self.engagement.wanted
+
+    def reset_heading(self) -> bool:
+        """Take the way that the performer faces now as straight ahead: trackers drift. The robot holds, and goes on
+        from there. Whether left and right tell where that is."""
+        heard = self.stream.read(self._clock.now())
+        everybody = np.ones(len(heard.states), dtype=bool)
+        names = self.stream.roles.sensors
+        sample = live_sample(names, heard, self.alignment, believed=everybody)
+        at = {name: point for name, point, ok in zip(names, sample.position, sample.valid, strict=True) if ok}
+        forward = facing_of(at)
+        if forward is None:
+            return False
+        self.engagement.hold()
+        self.alignment = self.alignment.turned(
+            -float(np.arctan2(forward[1], forward[0])), np.mean([*at.values()], axis=0)
+        )
+        return True
 
     def recorded(self) -> Clip:
         """The samples that were followed, where they held the last one again."""
