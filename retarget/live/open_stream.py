@@ -1,7 +1,7 @@
 """From an address and a performer to a stream that can be listened to."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hardware.clock import Clock, VirtualClock
 from retarget.errors import InputError
@@ -23,9 +23,12 @@ from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.stream_frame import StreamDecoder
 from retarget.sources.vmc import VmcDecoder
+from retarget.sources.vmc_body import VmcBodyDecoder
 from retarget.sources.vrchat import VrchatDecoder
 
 __all__ = ["StreamKind", "open_stream", "stream_kinds"]
+BONES = "unity_bones"
+"""The convention whose poses are relative to each other on the wire."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ def open_stream(
     """
     kind, kinds = recorded_kind(address) if address.kind == "replay" else address.kind, stream_kinds()
     how = kinds[kind]
+    if kind == "vmc" and performer.roles == BONES:
+        how = replace(how, decoder=VmcBodyDecoder)
     smooth = pose_filter(smoothing, len(performer.sensors))
     roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
     if address.kind != "replay" and isinstance(clock, VirtualClock):
