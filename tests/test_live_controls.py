@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from live_rig import LiveRig, Sender
+from live_rig import LiveRig
 from retarget.cli.interrupt import StopRequest
 from retarget.cli.keys import Keys
 from retarget.cli.live_controls import LiveControls
@@ -14,6 +14,7 @@ from retarget.live.performer import LivePerformer
 from retarget.pipeline import INTERRUPTED, Watch
 from retarget.prepare import Prepared
 from retarget.run_result import RunResult
+from sim.faults.sender import FakeSender
 
 
 class Typed(Keys):
@@ -31,7 +32,7 @@ class Typed(Keys):
 def played(
     keys: dict[int, str], *, stop_file: Path | None = None, each: Callable[[int], None] = lambda look: None
 ) -> tuple[LiveRig, RunResult]:
-    rig = LiveRig(Sender(), options=LiveOptions(countdown=0.5, duration=5.0))
+    rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=5.0))
     with rig.prepared() as prepared:
         return rig, _run(rig, prepared, keys, stop_file, each)
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from hardware.guard_state import GuardState, StopCause
-from live_rig import STILL_S, LiveRig, Sender, frozen, lost, moved, silent, swapped
+from live_rig import LiveRig
 from retarget.errors import InputError
 from retarget.live.begin import LiveOptions
 from retarget.metrics.measure import measure
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
+from sim.faults.sender import STILL_S, FakeSender, frozen, lost, moved, silent, swapped
 
 
 def run(rig: LiveRig) -> RunResult:
@@ -25,7 +26,7 @@ def check_motion(result: RunResult) -> None:
 
 
 def test_whoever_performs_is_followed_and_the_end_is_parked() -> None:
-    rig = LiveRig(Sender())
+    rig = LiveRig(FakeSender())
     result = run(rig)
     check_motion(result)
     report = measure(result)
@@ -39,7 +40,7 @@ def test_whoever_performs_is_followed_and_the_end_is_parked() -> None:
 
 
 def test_a_silent_stream_is_held_and_taken_up_again() -> None:
-    rig = LiveRig(Sender(faults=[silent(5.0, 6.0)]), options=LiveOptions(countdown=0.5, duration=5.5))
+    rig = LiveRig(FakeSender(faults=[silent(5.0, 6.0)]), options=LiveOptions(countdown=0.5, duration=5.5))
     result = run(rig)
     check_motion(result)
     assert rig.said.count("the performer is not followed: the robot holds") == 1
@@ -48,7 +49,7 @@ def test_a_silent_stream_is_held_and_taken_up_again() -> None:
 
 
 def test_a_stream_that_stays_silent_ends_in_a_stop_and_torque_off() -> None:
-    rig = LiveRig(Sender(faults=[silent(5.0, 99.0)]), options=LiveOptions(countdown=0.5, duration=12.0))
+    rig = LiveRig(FakeSender(faults=[silent(5.0, 99.0)]), options=LiveOptions(countdown=0.5, duration=12.0))
     result = run(rig)
     check_motion(result)
     assert result.stop is not None and result.stop.cause is StopCause.STALE_GOAL
@@ -57,7 +58,7 @@ def test_a_stream_that_stays_silent_ends_in_a_stop_and_torque_off() -> None:
 
 @pytest.mark.parametrize("fault", [lost("l_wrist", 5.0, 6.5), frozen("l_wrist", 5.0, 6.5)])
 def test_a_wrist_that_is_lost_is_left_out_and_comes_back(fault: object) -> None:
-    rig = LiveRig(Sender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=6.0))  # type: ignore[list-item]
+    rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=6.0))  # type: ignore[list-item]
     result = run(rig)
     check_motion(result)
     assert rig.said.count("the performer is not followed: the robot holds") == 0
@@ -65,7 +66,7 @@ def test_a_wrist_that_is_lost_is_left_out_and_comes_back(fault: object) -> None:
 
 
 def test_a_foot_that_is_lost_is_held() -> None:
-    rig = LiveRig(Sender(faults=[lost("l_ankle", 5.0, 6.5)]), options=LiveOptions(countdown=0.5, duration=6.0))
+    rig = LiveRig(FakeSender(faults=[lost("l_ankle", 5.0, 6.5)]), options=LiveOptions(countdown=0.5, duration=6.0))
     result = run(rig)
     check_motion(result)
     assert rig.said.count("the performer is not followed: the robot holds") == 1
@@ -75,7 +76,7 @@ def test_a_foot_that_is_lost_is_held() -> None:
     "fault", [moved("r_wrist", 5.0, 8.0, (0.0, 0.0, 0.8)), swapped("l_wrist", "r_wrist", 5.0, 8.0)]
 )
 def test_a_leap_is_held_and_said(fault: object) -> None:
-    rig = LiveRig(Sender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=4.5))  # type: ignore[list-item]
+    rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=4.5))  # type: ignore[list-item]
     result = run(rig)
     check_motion(result)
     assert "the performer is not followed: the robot holds" in rig.said
@@ -83,7 +84,7 @@ def test_a_leap_is_held_and_said(fault: object) -> None:
 
 
 def test_clocks_that_leap_are_taken_up_again() -> None:
-    sender = Sender()
+    sender = FakeSender()
     sender.stamp = lambda time: time + (5000.0 if time > STILL_S + 3.0 else 1000.0)
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=5.5))
     result = run(rig)
@@ -92,13 +93,13 @@ def test_clocks_that_leap_are_taken_up_again() -> None:
 
 
 def test_nothing_arrives() -> None:
-    rig = LiveRig(Sender(faults=[silent(0.0, 99.0)]), options=LiveOptions(patience=2.0))
+    rig = LiveRig(FakeSender(faults=[silent(0.0, 99.0)]), options=LiveOptions(patience=2.0))
     with pytest.raises(InputError, match="json://:7000: nothing arrives, waited 2 s"):
         run(rig)
 
 
 def test_a_sensor_that_the_stream_lacks_is_named() -> None:
-    rig = LiveRig(Sender(faults=[lost("head", 0.0, 99.0)]), options=LiveOptions(patience=2.0))
+    rig = LiveRig(FakeSender(faults=[lost("head", 0.0, 99.0)]), options=LiveOptions(patience=2.0))
     with pytest.raises(InputError, match=r"sensors are missing in the stream; found no head \(head\)"):
         run(rig)
 
@@ -108,21 +109,21 @@ def test_whoever_does_not_stand_still_is_not_measured() -> None:
         aside = np.array([0.0, 0.1 * np.sin(9.0 * time), 0.0])
         return {name: at + aside for name, at in poses.items()}
 
-    rig = LiveRig(Sender(faults=[dancing]), options=LiveOptions(countdown=0.5, patience=2.0))
+    rig = LiveRig(FakeSender(faults=[dancing]), options=LiveOptions(countdown=0.5, patience=2.0))
     with pytest.raises(InputError, match="did not stand still"):
         run(rig)
 
 
 def test_the_human_alone_is_followed_too() -> None:
-    rig = LiveRig(Sender(), robot="human", options=LiveOptions(countdown=0.5, duration=2.0))
+    rig = LiveRig(FakeSender(), robot="human", options=LiveOptions(countdown=0.5, duration=2.0))
     result = run(rig)
     assert result.robot is None and result.ticks_followed == 200
     assert measure(result).tracking_mm["head"].mean < 60.0
 
 
 def test_mirrored_left_is_right() -> None:
-    plain = run(LiveRig(Sender(), options=LiveOptions(countdown=0.5, duration=3.0)))
-    mirrored = run(LiveRig(Sender(), options=LiveOptions(countdown=0.5, duration=3.0, mirror=True)))
+    plain = run(LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=3.0)))
+    mirrored = run(LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=3.0, mirror=True)))
     names = plain.clip.frames.names
     left, right = names.index("l_wrist"), names.index("r_wrist")
     rows = slice(200, 350)

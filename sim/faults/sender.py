@@ -1,0 +1,136 @@
+"""A performer's sensors as JSON datagrams on virtual time, and what may go wrong with a sender."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from retarget.frames import SensorFrames
+from retarget.live.datagram import Datagram, Source
+from retarget.rotations import FloatArray
+from retarget.sources.stream_frame import Dropped
+from sim.performer import synthetic_performer
+
+STILL_S = 2.0
+"""So long the performer stands still first."""
+NOISE_M = 0.0005
+JITTER_S = 0.004
+
+Poses = dict[str, FloatArray]
+SenderFault = Callable[[float, Poses], Poses | None]
+"""From time (s of the sender) and positions by name to what is sent instead; None: nothing is sent."""
+Garble = Callable[[float, bytes], list[bytes]]
+"""From time and a datagram to what arrives instead."""
+
+
+@dataclass
+class FakeSender:
+    """A `retarget.live.datagram.Receiver` that hears a performer, on the clock that it is polled by.
+
+    faults: of what is sent; garbles: of datagrams; stamp: the sender's clock; others: what else arrives at a time, from
+    anywhere.
+    """
+
+    frames: SensorFrames = field(default_factory=synthetic_performer)
+    rate_hz: float = 100.0
+    faults: list[SenderFault] = field(default_factory=list)
+    garbles: list[Garble] = field(default_factory=list)
+    source: Source = ("127.0.0.1", 40000)
+    dropped: Dropped = field(default_factory=Dropped)
+    stamp: Callable[[float], float] = lambda time: time + 1000.0
+    others: list[Callable[[float, float], list[Datagram]]] = field(default_factory=list)
+    seed: int = 3
+
+    def __post_init__(self) -> None:
+        self._chance = np.random.default_rng(self.seed)
+        self._track = self.frames.resample(np.arange(0.0, self.frames.duration_s, 1.0 / self.rate_hz)).position
+        self._sent = 0
+        self._begun: float | None = None
+        self._polled = 0.0
+
+    @property
+    def begun(self) -> float:
+        """When its time began, s of the clock that polls."""
+        return 0.0 if self._begun is None else self._begun
+
+    def poll(self, now: float) -> list[Datagram]:
+        """What was sent by now."""
+        if self._begun is None:
+            self._begun = self._polled = now
+        found = []
+        while (due := self._begun + self._sent / self.rate_hz) <= now:
+            time = self._sent / self.rate_hz
+            payload = self._payload(time)
+            self._sent += 1
+            for datagram in self._garbled(time, payload):
+                arrival = min(due + self._chance.uniform(0.0, JITTER_S), now)
+                found.append(Datagram(arrival, self.source, datagram))
+        for other in self.others:
+            found += other(self._polled - self._begun, now - self._begun)
+        self._polled = now
+        return found[:128]
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def _payload(self, time: float) -> bytes | None:
+        row = min(max(round((time - STILL_S) * self.rate_hz), 0), len(self._track) - 1)
+        noise = self._chance.normal(0.0, NOISE_M, self._track[row].shape)
+        poses: Poses | None = dict(zip(self.frames.names, self._track[row] + noise, strict=True))
+        for fault in self.faults:
+            poses = None if poses is None else fault(time, poses)
+        return None if poses is None else encoded(self.stamp(time), poses)
+
+    def _garbled(self, time: float, payload: bytes | None) -> list[bytes]:
+        found = [] if payload is None else [payload]
+        for garble in self.garbles:
+            found = [new for datagram in found for new in garble(time, datagram)]
+        return found
+
+
+def encoded(stamp: float, poses: Poses) -> bytes:
+    """A datagram of `retarget.sources.json_pose`."""
+    told = {name: {"p": [round(float(x), 6) for x in point]} for name, point in poses.items()}
+    return json.dumps({"axes": "rep103", "time": stamp, "poses": told}).encode()
+
+
+def silent(first: float, last: float) -> SenderFault:
+    """Nothing is sent from `first` to `last`, s of the sender."""
+    return lambda time, poses: None if first <= time < last else poses
+
+
+def flapping(first: float, last: float, period: float = 0.3) -> SenderFault:
+    """Half of the time nothing is sent."""
+    return lambda time, poses: None if first <= time < last and (time / period) % 1.0 < 0.6 else poses
+
+
+def lost(name: str, first: float, last: float) -> SenderFault:
+    """One sensor is not in the datagrams."""
+    return lambda time, poses: (
+        {other: at for other, at in poses.items() if other != name} if first <= time < last else poses
+    )
+
+
+def frozen(name: str, first: float, last: float) -> SenderFault:
+    """One sensor repeats its place, to the bit."""
+    kept: list[FloatArray] = []
+
+    def fault(time: float, poses: Poses) -> Poses:
+        if not first <= time < last:
+            return poses
+        if not kept:
+            kept.append(poses[name])
+        return poses | {name: kept[0]}
+
+    return fault
+
+
+def moved(name: str, first: float, last: float, by: tuple[float, float, float]) -> SenderFault:
+    """One sensor is somewhere else at once."""
+    return lambda time, poses: poses | {name: poses[name] + np.array(by)} if first <= time < last else poses
+
+
+def swapped(one: str, other: str, first: float, last: float) -> SenderFault:
+    """Two sensors exchange their names."""
+    return lambda time, poses: poses | {one: poses[other], other: poses[one]} if first <= time < last else poses
