@@ -21,6 +21,7 @@ COMMANDS = {
     "robots": "List the robots known by name.",
     "emulate": "Answer as a robot's servos would, on a serial port.",
     "servo": "Work with servos: find, set up, watch, rest, reboot, home.",
+    "faults": "Hurt a live run in every way of the fault table, and see what the robot does.",
     "fit-observers": "Propose collision observers from a robot's body.",
     "experiments": "Repeat the paper's experiments and figures.",
 }
