@@ -1,11 +1,12 @@
 """Segment lengths of one person: where each joint lies from its parent, standing with the arms hanging."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from retarget.anthropometry import FRACTIONS, StatureFractions
 from retarget.errors import InputError, Problem
+from retarget.frames import mirrored_name
 from retarget.human_joints import ENDS, HUMAN_JOINTS
 from retarget.rotations import FloatArray
 
@@ -15,6 +16,7 @@ __all__ = [
     "HumanDimensions",
     "check_plausible",
     "default_mass",
+    "mirrored_dimensions",
     "points_of",
     "proportional_dimensions",
     "stature_of",
@@ -97,6 +99,12 @@ def stature_of(offset: FloatArray) -> float:
 def default_mass(stature: float) -> float:
     """Mass (kg) of a person of this stature (m) whose mass is not known."""
     return BODY_MASS_INDEX * stature**2
+
+
+def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:
+    """The same person with left and right exchanged."""
+    columns = [POINTS.index(mirrored_name(name)) for name in POINTS]
+    return replace(dimensions, offset=dimensions.offset[columns] * np.array([1.0, -1.0, 1.0]))
 
 
 def proportional_dimensions(stature: float, *, mass: float | None = None) -> HumanDimensions:

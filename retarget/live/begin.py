@@ -1,46 +1,28 @@
 """The beginning of a live run: wait for data, let the performer stand still on a countdown, and begin there."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hardware.clock import Clock
+from hardware.clock import Clock, today
 from retarget.clip import MAX_TICKS
 from retarget.errors import InputError
-from retarget.live.alignment import Alignment
+from retarget.human_dimensions import mirrored_dimensions
+from retarget.live.live_options import LiveOptions
+from retarget.live.measuring import LISTEN_S, measure
 from retarget.live.performer import INTAKE, LivePerformer, live_sample
-from retarget.live.rest_capture import CAPTURE_S, Calibrated, RestCapture
-from retarget.live.smoothing import LIGHT
+from retarget.live.person_file import check_person_place, person_of, read_person, write_person
+from retarget.live.rest_capture import Calibrated
+from retarget.live.side_check import check_sides
 from retarget.live.stream import LiveStream
-from retarget.live.trust_state import TrustState
 from retarget.rest_pose import REQUIRED
 from retarget.samples import Performance
 
 __all__ = ["LiveOptions", "begin_live"]
 
-LISTEN_S = 0.01
-"""Between two looks at the stream while nothing moves."""
-TRY_S = 0.1
-"""Between two looks at whether the performer stands still by now."""
 KEPT_S = 600.0
 """So long a run is remembered for its report; a longer one goes on without."""
 FOR_EVER = 10**9
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """How a live run begins. patience: s of waiting for data. countdown: s to get into the pose. duration: s of the
-    run, None: until it is stopped. mirror: left and right exchanged. mass: kg of the performer, if known. smoothing:
-    of `smoothing.SMOOTHINGS`. latest: the newest poses count, without a playout buffer."""
-
-    patience: float = 10.0
-    countdown: float = 3.0
-    duration: float | None = None
-    mirror: bool = False
-    mass: float | None = None
-    smoothing: str = LIGHT
-    latest: bool = False
 
 
 def begin_live(
@@ -55,15 +37,24 @@ def begin_live(
     """Wait for the stream, calibrate, and return who performs.
 
     tell: hears what the performer is to do, and later what changes. Raises InputError: no data, sensors missing, not
-    still, no rest pose; with what to do.
+    still, no rest pose, sides exchanged; ConfigError, UsageError: the person's file; with what to do.
     """
+    person = None
+    if options.person is not None:
+        check_person_place(options.person)
+        person = None if options.recalibrate else read_person(options.person)
     _wait(stream, options, clock, where=where)
-    calibrated = _calibrate(stream, options, clock, where=where, tell=tell)
+    known = None if person is None else person.dimensions
+    calibrated = measure(stream, options, known, clock=clock, where=where, tell=tell)
     heard = stream.read(clock.now())
     everybody = np.ones(len(heard.states), dtype=bool)
     names = stream.roles.sensors
     first = live_sample(names, heard, calibrated.alignment, believed=everybody, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
+    if options.check_sides:
+        check_sides(stream, calibrated, clock=clock, where=where, tell=tell)
+    if options.person is not None and person is None:
+        _keep(options.person, calibrated, tell)
     performer = LivePerformer(
         stream,
         calibrated.alignment,
@@ -76,7 +67,15 @@ def begin_live(
         tell=tell,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)
-    return Performance(performer, calibrated.dimensions, notes, INTAKE)
+    size = calibrated.dimensions
+    return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, INTAKE)
+
+
+def _keep(name: str, calibrated: Calibrated, tell: Callable[[str], object]) -> None:
+    """Write the person's file."""
+    sensors = tuple(sensor for sensor in calibrated.sensors if sensor not in calibrated.missing)
+    path = write_person(person_of(name, calibrated.dimensions, sensors=sensors, date=today()))
+    tell(f"kept for --person {name}: {path}")
 
 
 def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
@@ -120,38 +119,3 @@ def _nothing(stream: LiveStream, missing: list[str], waited: float, *, where: st
         allowed=", ".join(list(stream.names)[:40]),
         next_step="Wear and switch on these, or choose another --performer",
     )
-
-
-def _calibrate(
-    stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str, tell: Callable[[str], object]
-) -> Calibrated:
-    """A countdown, then a second of standing still, as soon as there is one."""
-    pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
-    tell(f"{pose}: {options.countdown:g} s")
-    end = clock.now() + options.countdown
-    while clock.now() < end:
-        clock.sleep_until(clock.now() + LISTEN_S)
-        stream.listen(clock.now(), moving=False)
-    capture, end, look = RestCapture(where=where), clock.now() + options.patience + CAPTURE_S, 0.0
-    names = stream.roles.sensors
-    while True:
-        clock.sleep_until(clock.now() + LISTEN_S)
-        now = clock.now()
-        stream.listen(now, moving=False)
-        heard = stream.read(now)
-        # Nothing that is worn by somebody who stands still has to move.
-        still = np.where(heard.states == TrustState.FROZEN, TrustState.FRESH, heard.states).astype(np.uint8)
-        everybody = np.ones(len(still), dtype=bool)
-        capture.take(now, live_sample(names, replace(heard, states=still), Alignment(), believed=everybody))
-        if now >= end or (capture.done and now >= look):
-            look = now + TRY_S
-            try:
-                found = capture.result(mass=options.mass)
-            except InputError:
-                if now >= end:
-                    raise
-                continue
-            if found.missing and now < end:  # it may be fresh soon
-                continue
-            tell(f"measured: {found.dimensions.stature:.2f} m tall")
-            return found

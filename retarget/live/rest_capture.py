@@ -1,21 +1,28 @@
 """Calibration of a live performer: a second of standing still in the rest pose gives size, floor and heading."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from retarget.anthropometry import FRACTIONS
 from retarget.errors import InputError
 from retarget.frames import SensorSample
-from retarget.human_dimensions import HumanDimensions
+from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.live.alignment import Alignment, align
+from retarget.live.stream import Heard
+from retarget.live.trust_state import TrustState
 from retarget.rest_pose import REQUIRED, dimensions_from_rest_pose
 from retarget.rotations import FloatArray
 
-__all__ = ["Calibrated", "RestCapture"]
+__all__ = ["CAPTURE_S", "KNOWN_CAPTURE_S", "Calibrated", "RestCapture", "believing_still"]
 
 CAPTURE_S = 1.0
 """So long the performer stands still."""
+KNOWN_CAPTURE_S = 0.5
+"""And so long one whose size is known: floor and heading are all that is looked for."""
+OTHER_SHARE = 0.1
+"""Whoever stands this much taller or smaller than the size that is known is somebody else, or does not stand."""
 STILL_M = 0.03
 """Farthest that a sensor may be from where it is on average: breathing and swaying move a head by a centimetre."""
 FRESH_SHARE = 0.8
@@ -40,12 +47,18 @@ class Calibrated:
     missing: tuple[str, ...]
 
 
-class RestCapture:
-    """The last CAPTURE_S of samples of the stream's world: `take` them, and ask for the `result` once it is `done`."""
+def believing_still(heard: Heard) -> Heard:
+    """What was heard, frozen sensors too: nothing that is worn by somebody who stands still has to move."""
+    states = np.where(heard.states == TrustState.FROZEN, TrustState.FRESH, heard.states)
+    return replace(heard, states=states.astype(np.uint8))
 
-    def __init__(self, *, where: str) -> None:
+
+class RestCapture:
+    """The last `lasts` s of samples of the stream's world: `take` them, and ask for the `result` once it is `done`."""
+
+    def __init__(self, *, where: str, lasts: float = CAPTURE_S) -> None:
         """where: the stream, for messages."""
-        self._where = where
+        self._where, self._lasts = where, lasts
         self._times: deque[float] = deque()
         self._samples: deque[SensorSample] = deque()
         self._began = np.inf  # [s] the first sample of all
@@ -53,19 +66,22 @@ class RestCapture:
     @property
     def done(self) -> bool:
         """Whether it has lasted long enough."""
-        return len(self._times) >= FEWEST and self._times[-1] - self._began >= CAPTURE_S
+        return len(self._times) >= FEWEST and self._times[-1] - self._began >= self._lasts
 
     def take(self, time: float, sample: SensorSample) -> None:
-        """A sample at `time`, s; what is older than CAPTURE_S is forgotten."""
+        """A sample at `time`, s; what is older than that is forgotten."""
         self._began = min(self._began, time)
         self._times.append(time)
         self._samples.append(sample)
-        while self._times[0] < time - CAPTURE_S or len(self._times) > MOST:
+        while self._times[0] < time - self._lasts or len(self._times) > MOST:
             self._times.popleft()
             self._samples.popleft()
 
-    def result(self, *, mass: float | None = None) -> Calibrated:
-        """Size and alignment. Raises InputError: no fresh data, not still, not standing in a rest pose."""
+    def result(self, *, mass: float | None = None, size: HumanDimensions | None = None) -> Calibrated:
+        """Size and alignment; size: where it is known already, and only to be seen to fit.
+
+        Raises InputError: no fresh data, not still, not standing in a rest pose, or not of that size.
+        """
         if not self._samples:
             raise self._refused("no data for the calibration", "no fresh sample", "Start the sender")
         names = self._samples[0].names
@@ -79,12 +95,38 @@ class RestCapture:
         self._refuse_restless(names, track, mean)
         alignment = align(names, mean, where=self._where)
         standing = alignment.positions(mean)
-        known = [index for index, ok in enumerate(counts) if ok]
-        dimensions = dimensions_from_rest_pose(
-            [names[index] for index in known], standing[known], mass=mass, source=self._where
-        )
+        if size is None:
+            known = [index for index, ok in enumerate(counts) if ok]
+            size = dimensions_from_rest_pose(
+                [names[index] for index in known], standing[known], mass=mass, source=self._where
+            )
+        else:
+            beyond = self._refuse_other(dict(zip(names, standing, strict=True)), size)
+            # Without ankles the floor is as far below the head as this person is tall.
+            alignment = replace(alignment, origin=alignment.origin + np.array([0.0, 0.0, beyond]))
+            standing = alignment.positions(mean)
         missing = tuple(name for name, ok in zip(names, counts, strict=True) if not ok)
-        return Calibrated(dimensions, alignment, names, standing, missing)
+        return Calibrated(size, alignment, names, standing, missing)
+
+    def _refuse_other(self, at: dict[str, FloatArray], size: HumanDimensions) -> float:
+        """How far (m) the head stands higher than that of a person of this size; 0 where ankles tell the floor."""
+        points = dict(zip(POINTS, size.standing(), strict=True))
+        ankles = [name for name in ("l_ankle", "r_ankle") if name in at and np.isfinite(at[name]).all()]
+        expected = points["head"][2] - np.mean([points["l_ankle"][2], points["r_ankle"][2]])
+        if ankles:
+            found = at["head"][2] - np.mean([at[name][2] for name in ankles])
+        else:
+            found, expected = at["head"][2], expected + FRACTIONS.ankle_height * size.stature
+        low, high = (1.0 - OTHER_SHARE) * expected, (1.0 + OTHER_SHARE) * expected
+        if not low <= found <= high:
+            raise InputError(
+                "the performer is not of the size that is known, or does not stand upright",
+                where=f"{self._where}, calibration",
+                found=f"the head {found:.2f} m above the {'ankles' if ankles else 'floor'}",
+                allowed=f"{low:.2f} to {high:.2f} m ({size.origin})",
+                next_step="Stand upright; measure anew with --recalibrate, or give another --person",
+            )
+        return 0.0 if ankles else float(found - expected)
 
     def _refuse_stale(self, stale: list[str]) -> None:
         if stale:

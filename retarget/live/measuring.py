@@ -1,0 +1,89 @@
+"""Measuring a live performer: a countdown, and then a moment of standing still, as soon as there is one."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hardware.clock import Clock
+from retarget.calibration import dimensions_from_skeleton
+from retarget.errors import InputError
+from retarget.human_dimensions import HumanDimensions
+from retarget.live.alignment import Alignment
+from retarget.live.live_options import LiveOptions
+from retarget.live.performer import live_sample
+from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S, Calibrated, RestCapture, believing_still
+from retarget.live.stream import LiveStream
+from retarget.live.told_skeleton import told_skeleton
+
+__all__ = ["LISTEN_S", "measure"]
+
+LISTEN_S = 0.01
+"""Between two looks at the stream while nothing moves."""
+TRY_S = 0.1
+"""Between two looks at whether the performer stands still by now."""
+
+
+def measure(
+    stream: LiveStream,
+    options: LiveOptions,
+    known: HumanDimensions | None,
+    *,
+    clock: Clock,
+    where: str,
+    tell: Callable[[str], object],
+) -> Calibrated:
+    """Floor, heading, and the size: as `known`, else as the stream's skeleton tells, else from the rest pose.
+
+    Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
+    """
+    pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
+    tell(f"{pose}: {options.countdown:g} s")
+    end = clock.now() + options.countdown
+    while clock.now() < end:
+        clock.sleep_until(clock.now() + LISTEN_S)
+        stream.listen(clock.now(), moving=False)
+    size = known or _told_size(stream, options, where=where, tell=tell)
+    capture = RestCapture(where=where, lasts=CAPTURE_S if known is None else KNOWN_CAPTURE_S)
+    found = _captured(stream, options, capture, size, clock=clock)
+    height = f"{found.dimensions.stature:.2f} m tall"
+    tell(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
+    return found
+
+
+def _told_size(
+    stream: LiveStream, options: LiveOptions, *, where: str, tell: Callable[[str], object]
+) -> HumanDimensions | None:
+    """The size by the skeleton that the sender has told; None where it has none that is a human's."""
+    skeleton = told_skeleton(stream.decoder)
+    if skeleton is None:
+        return None
+    try:
+        return dimensions_from_skeleton(skeleton, mass=options.mass, source=where)
+    except InputError as error:
+        tell(f"the stream's skeleton is not used: {error}")
+        return None
+
+
+def _captured(
+    stream: LiveStream, options: LiveOptions, capture: RestCapture, size: HumanDimensions | None, *, clock: Clock
+) -> Calibrated:
+    """The first moment of standing still."""
+    end, look = clock.now() + options.patience + CAPTURE_S, 0.0
+    names = stream.roles.sensors
+    everybody = np.ones(len(names), dtype=bool)
+    while True:
+        clock.sleep_until(clock.now() + LISTEN_S)
+        now = clock.now()
+        stream.listen(now, moving=False)
+        capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
+        if now >= end or (capture.done and now >= look):
+            look = now + TRY_S
+            try:
+                found = capture.result(mass=options.mass, size=size)
+            except InputError:
+                if now >= end:
+                    raise
+                continue
+            if found.missing and now < end:  # it may be fresh soon
+                continue
+            return found
