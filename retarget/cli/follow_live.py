@@ -28,7 +28,7 @@ from retarget.robot_body import RobotBody
 from retarget.samples import Performance
 from retarget.sources.raw_record import RawWriter
 
-__all__ = ["follow_live", "refuse_for_live"]
+__all__ = ["follow_live", "refuse_for_file", "refuse_for_live", "sides_are_checked"]
 
 HUMAN_RATE_HZ = 100.0
 """Ticks per second where there is no robot whose profile says it."""
@@ -39,6 +39,20 @@ def refuse_for_live(given: Mapping[str, object]) -> None:
     found = [option for option, value in given.items() if value is not None]
     if found:
         raise UsageError("only a motion file has this", where=", ".join(found), next_step="Leave it out")
+
+
+def refuse_for_file(given: Mapping[str, object]) -> None:
+    """Raise UsageError for options that only a live stream has."""
+    found = [option for option, value in given.items() if value is not None]
+    if found:
+        raise UsageError("only a live stream has this", where=", ".join(found), next_step="Leave it out")
+
+
+def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
+    """Whether the left arm is to be raised first: as asked, else for whoever is there and did not say --yes."""
+    if asked and yes:
+        raise UsageError("one asks, the other does not", where="--check-sides, --yes", next_step="Leave one out")
+    return not yes and not source.startswith("replay:") if asked is None else asked
 
 
 def follow_live(
@@ -56,6 +70,8 @@ def follow_live(
     nothing is written.
     """
     _refuse_played(options)
+    if live.recalibrate and live.person is None:
+        raise UsageError("nobody is kept without a name", where="--recalibrate", next_step="Give it a --person")
     _refuse_stopped(stop_file)
     address = parse_address(source)
     virtual = address.kind == "replay" and options.simulated

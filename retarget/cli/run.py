@@ -6,7 +6,7 @@ from typing import Annotated, cast
 import typer
 
 from retarget.cli.follow_clip import follow_clip
-from retarget.cli.follow_live import follow_live, refuse_for_live
+from retarget.cli.follow_live import follow_live, refuse_for_file, refuse_for_live, sides_are_checked
 from retarget.cli.outputs import Outputs
 from retarget.clip import Parts, Playback
 from retarget.frames import SensorFrames
@@ -74,6 +74,24 @@ def run(
     countdown: Annotated[
         float, typer.Option(help="Live: time to get into the pose of the calibration.", metavar="S")
     ] = 3.0,
+    person: Annotated[
+        str | None,
+        typer.Option(help="Live: keep the performer's size under this name, and take it from there.", metavar="NAME"),
+    ] = None,
+    recalibrate: Annotated[
+        bool, typer.Option("--recalibrate", help="Live: measure a --person anew who was measured before.")
+    ] = False,
+    check_sides: Annotated[
+        bool | None,
+        typer.Option(
+            "--check-sides/--no-check-sides",
+            help="Live: raise your left arm first; it proves left, right and up. Usual, but not for replay://.",
+            show_default=False,
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Live: the sides are known to be right: no --check-sides.")
+    ] = False,
     smoothing: Annotated[
         str, typer.Option(help="Live: of the sensors, by a One-Euro filter.", metavar="off|light|strong")
     ] = LIGHT,
@@ -112,8 +130,19 @@ def run(
 
     if "://" in source:
         refuse_for_live({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start})
-        live = LiveOptions(countdown=countdown, duration=end, mirror=mirror, smoothing=smoothing, latest=latest)
+        live = LiveOptions(
+            countdown=countdown,
+            duration=end,
+            mirror=mirror,
+            smoothing=smoothing,
+            latest=latest,
+            person=person,
+            recalibrate=recalibrate,
+            check_sides=sides_are_checked(source, check_sides, yes=yes),
+        )
         raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw, stop_file=stop_file))
+
+    refuse_for_file({"--person": person, "--recalibrate": recalibrate or None, "--check-sides": check_sides})
 
     def read() -> SensorFrames:
         from retarget.sources.open import open_source
