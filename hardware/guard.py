@@ -1,6 +1,7 @@
 """The guard: alone switches torque on, alone writes to the bus, and always knows how to stop."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,8 @@ robot stands: the next one on the way to where it is parked; None: it is there, 
 
 TORQUE_OFF = " (torque is off)"
 CUT_POWER = " (torque could not be switched off: cut the power)"
+GOING_HOME = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+"""Stops that are no fault of the robot."""
 FOLLOWING = (GuardState.ARMED, GuardState.MOVING, GuardState.HOLDING)
 """States in which goals are asked for."""
 
@@ -58,14 +61,15 @@ class Guard:
         self._filter = goal_filter
         self._clock = clock
         self.limits = limits or GuardLimits()
-        self._health = ServoHealth(joint_map, self.limits)
+        self.health = ServoHealth(joint_map, self.limits)
         self._state = GuardState.IDLE
         self._stop: Stop | None = None
         self._step = StopCause.BUS  # what is to blame if the running step of the tick fails
         self._states: ServoStates | None = None
         self._sent: TickArray | None = None
         self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
-        self._braked = 0  # ticks of braking so far
+        self._braked = self._homed = 0  # ticks of braking, and of going home, so far
+        self._stood = False  # since the stop began
         self._held_since: float | None = None  # [s] since when nobody knew a goal
         self._begun: float | None = None  # [s] when the last tick began; None before the first
 
@@ -94,6 +98,12 @@ class Guard:
         """Whether the guard expects a tick: torque is on and the robot is held, moved or braked."""
         return self._state in (*FOLLOWING, GuardState.STOPPING)
 
+    @property
+    def may_go_home(self) -> bool:
+        """Whether a stopping robot may go where it is parked: nothing is wrong with it, and it does not take for ever."""
+        well = self._stop is None or (self._stop.cause in GOING_HOME and self._stop.then is None)
+        return well and self._homed < self.limits.max_home_ticks
+
     def arm(self) -> FloatArray:
         """Set every goal to its present position, then switch torque on. Returns the present posture, rad (n,).
 
@@ -104,7 +114,7 @@ class Guard:
         try:
             states = self._bus.read()
             self._states = states
-            self._health.refuse_unhealthy(states)
+            self.health.refuse_unhealthy(states)
             self._filter.seed(self._map.to_radians(states.position))
             present = self._filter.position
             goals = self._map.to_ticks(present)
@@ -117,8 +127,9 @@ class Guard:
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
         except BaseException as error:
-            had_torque = self._states is not None and self._states.driven.any()  # from before
-            if self._state is GuardState.ARMED or (not self._torque_off() and had_torque):
+            answered = self._states is not None and self._states.valid.any()
+            # Somebody may have torque from before: what does not confirm that it is off is not called safe.
+            if self._state is GuardState.ARMED or (not self._torque_off() and answered):
                 self.cut(_text(error), StopCause.BUS)
             raise
         return present
@@ -148,7 +159,7 @@ class Guard:
         if self._stop is None:
             self._stop = Stop(cause, reason, self._clock.now())
         if self._state is not GuardState.STOPPING:
-            self._state, self._braked = (GuardState.STOPPING if self.active else GuardState.STOPPED), 0
+            self._begin_stopping(GuardState.STOPPING if self.active else GuardState.STOPPED)
 
     def cut(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
         """Torque off at once and latched, because there is no way or no time to brake; nothing is written any more."""
@@ -166,7 +177,7 @@ class Guard:
     def rest(self) -> None:
         """Come to rest without a stop: brake, tick by tick, until the state is `armed` again."""
         if self._state in (GuardState.MOVING, GuardState.HOLDING):
-            self._state, self._braked = GuardState.STOPPING, 0
+            self._begin_stopping(GuardState.STOPPING)
 
     def release(self) -> None:
         """Switch torque off; a latched stop stays latched. A bus that does not take it latches, and is raised."""
@@ -183,6 +194,15 @@ class Guard:
         self._bus.torque(False)
         self._stop = None
         self._state = GuardState.IDLE
+
+    def _begin_stopping(self, state: GuardState) -> None:
+        self._state, self._braked, self._homed, self._stood = state, 0, 0, False
+
+    def _add(self, reason: str, cause: StopCause) -> None:
+        """Something more goes wrong on the way to a stop."""
+        stop = self._stop
+        if stop is not None and stop.then is None and cause is not stop.cause:
+            self._stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def _attempt(self, step: Callable[[], None]) -> None:
         """The tick's one boundary: whatever goes wrong in `step` stops the robot."""
@@ -205,10 +225,13 @@ class Guard:
     def _read(self) -> None:
         self._step = StopCause.BUS
         self._states = states = self._bus.read()
-        complaint = self._health.complaint(states, self._sent)
+        complaint = self.health.complaint(states, self._sent)
         if complaint is not None:
             cause, reason = complaint
-            self.stop(reason, cause)
+            if self._state is GuardState.STOPPING and self._stop is not None:
+                self._add(reason, cause)
+            else:
+                self.stop(reason, cause)
 
     def _move(self, think: Think, halt: Halt, begun: float) -> None:
         assert self._states is not None, "a tick reads before it thinks"
@@ -258,10 +281,14 @@ class Guard:
         if stood and self._filter.at_rest:
             self._state = GuardState.ARMED if self._stop is None else GuardState.STOPPED
             return
-        if self._braked == self.limits.max_brake_ticks:
+        self._stood |= stood
+        if self._stood and self.may_go_home:
+            self._homed += 1  # at the end of these it stands where it is
+        elif self._braked == self.limits.max_brake_ticks:
             self.cut(f"still moving after {self._braked} ticks of braking", StopCause.FILTER)
             return
-        self._braked += 1
+        else:
+            self._braked += 1
         if self._pending is None:
             self._pending = self._filter.brake()
         self._send(self._pending)

@@ -32,6 +32,7 @@ class StopCause(Enum):
     SERVO_LIMP = "servo limp"
     TEMPERATURE = "temperature"
     VOLTAGE = "voltage"
+    CURRENT = "current"
     FOLLOWING_ERROR = "following error"
     STALE_GOAL = "stale goal"
     SOURCE = "source"
@@ -59,7 +60,10 @@ class GuardLimits:
 
     max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
     degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the goal of the last tick
-    and the present position. max_brake_ticks: until the robot must stand. max_hold: s without a goal.
+    and the present position, at once; lasting_error: rad, for lasting_time, s. max_current: A, for current_time, s.
+    max_brake_ticks: until the robot must stand. max_hold: s without a goal.
+    The fields named warn_ are levels, in the same units, at which somebody is told. Beyond those of temperature and
+    current the robot is left slow_share of its speed.
     """
 
     max_age: float = 0.1
@@ -68,3 +72,13 @@ class GuardLimits:
     following_error: float = math.inf
     max_brake_ticks: int = 1000
     max_hold: float = math.inf
+    lasting_error: float = math.inf
+    lasting_time: float = 0.2
+    max_current: float = math.inf
+    current_time: float = 1.0
+    warn_age: float = math.inf
+    warn_temperature: float = math.inf
+    warn_voltage: tuple[float, float] = (-math.inf, math.inf)
+    warn_current: float = math.inf
+    warn_following_error: float = math.inf
+    slow_share: float = 0.5
