@@ -23,6 +23,8 @@ SILENCE_S = 0.14
 """A stream that says nothing for so long is held, before its sensors are stale."""
 CARRYING = ("pelvis", "l_ankle", "r_ankle")
 """Without one of these that is worn, the robot does not know how to stand."""
+CARRYING_ALONE = ("head",)
+"""What stands for them where none is worn: all that tells where the body is."""
 _REFLECT = np.array([1.0, -1.0, 1.0])
 _REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
 
@@ -67,7 +69,8 @@ class LivePerformer:
         names = stream.roles.sensors
         self._rejoin: Rejoin | None = None
         self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
-        self._carrying = [names.index(name) for name in CARRYING if name in names]
+        carrying = [name for name in CARRYING if name in names] or [name for name in CARRYING_ALONE if name in names]
+        self._carrying = [names.index(name) for name in carrying]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
         self._valid = np.zeros((self._kept, len(names)), dtype=bool)
