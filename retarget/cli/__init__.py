@@ -18,6 +18,7 @@ COMMANDS = {
     "run": "Let a robot follow a recorded performer.",
     "inspect": "Say what is in a motion file.",
     "check": "Validate profiles, priorities, performers and scenes.",
+    "doctor": "Say what is wrong with a stream, a servo port or this machine.",
     "robots": "List the robots known by name.",
     "emulate": "Answer as a robot's servos would, on a serial port.",
     "servo": "Work with servos: find, set up, watch, rest, reboot, home.",

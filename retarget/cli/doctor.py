@@ -1,0 +1,122 @@
+"""`retarget doctor`: what is wrong with a stream, a servo port or this machine, each in a line with what to do."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hardware.clock import Clock, MonotonicClock, VirtualClock
+from retarget.doctor.finding import Finding, Level
+from retarget.errors import UsageError
+
+LISTEN_S = 5.0
+LONGEST_S = 600.0
+
+
+def doctor(
+    target: Annotated[
+        str | None,
+        typer.Argument(
+            help="A stream (vmc://:39539, natnet://HOST, ...) or a servo port; without: this machine.",
+            metavar="[ADDRESS|PORT]",
+            show_default=False,
+        ),
+    ] = None,
+    performer: Annotated[
+        str | None, typer.Option(help="Whose sensors the stream is to tell; five if not said.", metavar="NAME|FILE")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Look at the servo ports of this robot.", metavar="NAME|PATH")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="How long to listen; 5 if not said, of a recording all.", metavar="S")
+    ] = None,
+    file: Annotated[Path | None, typer.Option("--json", help="Write the findings as well.", metavar="FILE")] = None,
+) -> None:
+    """Say what is wrong with a stream, a servo port or this machine, and what to do.
+
+    Nothing is moved and no servo is asked. Exit code 0: nothing is wrong; 1: something is to be mended; 2: a bad
+    argument.
+    """
+    _check(target, performer=performer, robot=robot, seconds=seconds)
+    if target is not None and "://" in target:
+        found = _stream(target, performer or "five", seconds)
+    elif target is not None or robot is not None:
+        found = _ports(target, robot)
+    else:
+        found = _machine(MonotonicClock())
+    for finding in found:
+        typer.echo(finding.render())
+    wrong = sum(finding.level is Level.MEND for finding in found)
+    typer.echo("nothing is wrong" if not wrong else f"{wrong} to mend")
+    if file is not None:
+        _write(file, found)
+    raise typer.Exit(1 if wrong else 0)
+
+
+def _check(target: str | None, *, performer: str | None, robot: str | None, seconds: float | None) -> None:
+    """Raise UsageError for what does not go together."""
+    is_stream = target is not None and "://" in target
+    if target is not None and robot is not None:
+        step = "Leave one out"
+        raise UsageError("the ports of a robot, or something else", where="--robot", found=target[:200], next_step=step)
+    if not is_stream:
+        for option, value in (("--performer", performer), ("--seconds", seconds)):
+            if value is not None:
+                raise UsageError("only a stream has this", where=option, next_step="Add its address: vmc://:39539")
+    if seconds is not None and not (isfinite(seconds) and 0.0 < seconds <= LONGEST_S):
+        raise UsageError("no such time", where="--seconds", found=seconds, allowed=f"above 0, to {LONGEST_S:g}")
+    if target is not None and not is_stream and not target.startswith(("/", "./", "../")) and not Path(target).exists():
+        allowed = "an address (vmc://:39539), or the path of a port (/dev/ttyUSB0); a robot's with --robot NAME"
+        raise UsageError("neither a stream nor a port", where=target[:200] or "an empty word", allowed=allowed)
+
+
+def _stream(text: str, name: str, seconds: float | None) -> list[Finding]:
+    from retarget.doctor.stream_findings import stream_findings
+    from retarget.live.address import parse_address
+    from retarget.performer import load_performer
+
+    address = parse_address(text)
+    recorded = address.kind == "replay"
+    clock: Clock = VirtualClock() if recorded else MonotonicClock()
+    listen = (LONGEST_S if recorded else LISTEN_S) if seconds is None else seconds
+    if not recorded:
+        typer.echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
+    return stream_findings(address, load_performer(name), clock=clock, seconds=listen)
+
+
+def _ports(path: str | None, robot: str | None) -> list[Finding]:
+    from retarget.doctor.port_findings import port_findings
+
+    if robot is None:
+        return port_findings(path or "")
+    from retarget.robot_body import load_uncalibrated
+
+    buses = load_uncalibrated(robot).profile.bus_specs()
+    return [finding for bus in buses for finding in port_findings(bus.port, baud=bus.baud)]
+
+
+def _machine(clock: Clock) -> list[Finding]:
+    from retarget.doctor.machine_findings import lateness_finding, machine_findings
+    from retarget.doctor.serial_rights import serial_findings
+    from retarget.doctor.solver_findings import frame_findings, python_findings
+
+    return [
+        *python_findings(),
+        *frame_findings(),
+        *machine_findings(Path.cwd()),
+        lateness_finding(clock),
+        *serial_findings(),
+    ]
+
+
+def _write(file: Path, found: Sequence[Finding]) -> None:
+    text = json.dumps({"findings": [asdict(finding) for finding in found]}, indent=2, ensure_ascii=False)
+    try:
+        file.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise UsageError("cannot be written", where=f"--json {file}", found=error.strerror or error) from error
