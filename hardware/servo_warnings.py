@@ -57,7 +57,7 @@ class ServoWarnings:
         if began.any():
             self._tell(began, seen, "warning: servo {warning} {names}{slower}")
         if ended.any():
-            self._tell(ended, seen, "over: servo {warning} {names}")
+            self._tell(ended, seen, "over: servo {warning} {names} now")
         self._change_speed(now)
         self.busy = self.slow < 1.0 or self.levels.waiting or bool(self._active.any())
 

@@ -21,6 +21,7 @@ from retarget.robot_body import RobotBody
 from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
+from retarget.slow_time import SlowTime
 from retarget.stance import Stance, plant
 from retarget.stopping import Stopping
 from retarget.surroundings import Surroundings
@@ -119,12 +120,13 @@ class Follower:
         self._servos = robot.servo_columns
         self._since_start = 0.0
         self._q = stance.q
+        self._time = SlowTime(robot.body, self._limits)
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
         self.landmark_map.restart()
         self._chase.restart()
-        self._since_start = 0.0
+        self._since_start, self._time.pace = 0.0, 1.0
         self.surroundings.restart()
         self._q = self.stance.q
         self.hierarchy.solver.reset(self._q)
@@ -153,20 +155,31 @@ class Follower:
         self._since_start += dt
         asked = self.landmark_map.ask(human, dt)
         haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
-        targets, hierarchy = self._targets, self.hierarchy
+        targets, hierarchy, pace = self._targets, self.hierarchy, self._time.pace
+        self.surroundings.tick(hierarchy, dt, pace=pace)
+        dt *= pace  # from here on the robot's own time
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
         if self._edges:
             hierarchy.set_support(targets, braked_edges(self._edges, self._reached.centre_of_mass, dt))
         hierarchy.set_previous(targets, self._q, dt)
-        self.surroundings.tick(hierarchy, dt)
         self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
         self._reached = self._reader.read(self._q)
         return self._posture(asked)
 
+    def keep_pace(self, pace: float) -> None:
+        """Follow at a share (0, 1] of all speeds, from the next tick on."""
+        if pace == self._time.pace:
+            return
+        solver = self.hierarchy.solver
+        change = self._time.turn(pace, self._q, solver.velocity)
+        solver.reset(self._q, solver.velocity / change)
+        if self._stopping is not None:
+            self._stopping.keep_pace(change)
+
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
         self.surroundings.tick(None, dt)
-        step = None if self._stopping is None else self._stopping.follow(dt)
+        step = None if self._stopping is None else self._stopping.follow(dt * self._time.pace)
         if step is None:
             return None
         self._q, velocity = step
@@ -177,6 +190,7 @@ class Follower:
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
         self._q = q
+        velocity = velocity / self._time.pace
         self.hierarchy.solver.reset(q, velocity)
         if self._stopping is not None:
             self._stopping.begin(q, velocity)

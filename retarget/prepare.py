@@ -44,9 +44,16 @@ MakeBus = Callable[[RobotBody, Clock], ServoBus]
 Perform = Callable[[Performer, RobotBody | None], Performance]
 """From who wears which sensors, and the robot (None: the human alone), to the performance."""
 
+Tell = Callable[[str], object]
+"""Hears a sentence."""
+
 HUMAN_PRIORITIES = "human"
 LONGEST_HOLD_S = 5.0
 """So long a robot waits for a performer who cannot be followed; then it is parked."""
+
+
+def _to_nobody(text: str) -> None:
+    """Nobody listens."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +95,7 @@ class Prepared:
 
 @contextmanager
 def prepare(
-    read: Callable[[], SensorFrames], options: RunOptions, *, clock: Clock, make_bus: MakeBus
+    read: Callable[[], SensorFrames], options: RunOptions, *, clock: Clock, make_bus: MakeBus, tell: Tell = _to_nobody
 ) -> Iterator[Prepared]:
     """A run of a recorded performance, see `prepare_for`."""
 
@@ -98,17 +105,24 @@ def prepare(
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
         return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
 
-    with prepare_for(perform, options, clock=clock, make_bus=make_bus) as prepared:
+    with prepare_for(perform, options, clock=clock, make_bus=make_bus, tell=tell) as prepared:
         yield prepared
 
 
 @contextmanager
 def prepare_for(
-    perform: Perform, options: RunOptions, *, clock: Clock, make_bus: MakeBus, parks: bool = False
+    perform: Perform,
+    options: RunOptions,
+    *,
+    clock: Clock,
+    make_bus: MakeBus,
+    parks: bool = False,
+    tell: Tell = _to_nobody,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    parks: a stop ends in the robot's rest posture. Raises RetargetError for whatever cannot be used.
+    parks: a stop ends in the robot's rest posture. tell: hears of servos that are not well.
+    Raises RetargetError for whatever cannot be used.
     """
     performer = load_performer(options.performer)
     robot = None if options.is_human else load_robot(options.robot)
@@ -138,7 +152,7 @@ def prepare_for(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None and robot.stands:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=samples.dt, parks=parks)
+    side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
     bus.open()
     failed = True
     try:
@@ -194,7 +208,15 @@ def _follower(
 
 
 def _robot_side(
-    robot: RobotBody, follower: Follower, options: RunOptions, *, bus: ServoBus, clock: Clock, dt: float, parks: bool
+    robot: RobotBody,
+    follower: Follower,
+    options: RunOptions,
+    *,
+    bus: ServoBus,
+    clock: Clock,
+    dt: float,
+    parks: bool,
+    tell: Tell,
 ) -> RobotSide:
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     clearance = _clearance(robot, follower, dt) if options.gate else None
@@ -214,6 +236,7 @@ def _robot_side(
         clearance=clearance,
         passes=gate.passes if options.gate else None,
         parks=parks,
+        tell=tell,
     )
 
 

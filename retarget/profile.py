@@ -24,6 +24,7 @@ from retarget.profile_parts import (
     Safety,
     Servo,
 )
+from retarget.profile_safety import guard_limits
 from retarget.profile_specs import bus_specs, servo_specs
 from retarget.schema import Name, Schema, Text, read_model
 from retarget.strict_yaml import Document
@@ -76,13 +77,7 @@ class RobotProfile(Schema):
 
     def guard_limits(self) -> GuardLimits:
         """What the guard tolerates, by the profile's `safety`."""
-        safety = self.safety
-        return GuardLimits(
-            max_age=safety.freshness,
-            max_temperature=safety.temperature_c,
-            voltage=safety.voltage,
-            following_error=safety.following_error,
-        )
+        return guard_limits(self.safety)
 
 
 def load_profile(path_or_name: str | Path) -> RobotProfile:

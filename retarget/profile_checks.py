@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from retarget.errors import Problem
 from retarget.frames import JOINTS
 from retarget.profile_parts import Landmark, Point2
+from retarget.profile_safety import check_safety
 from retarget.profile_servos import check_buses, check_couplings, check_servos
 from retarget.schema_errors import keys_of, listed, unknown_name
 from retarget.strict_yaml import Document
@@ -35,6 +36,7 @@ def check_parts(profile: "RobotProfile", document: Document) -> list[Problem]:
         _landmarks,
         _observers,
         _ignore_pairs,
+        check_safety,
     )
     return [problem for check in checks for problem in check(profile, document)]
 

@@ -204,10 +204,12 @@ class Landmark(Schema):
 
 
 class SpeedCaps(Schema):
-    """Shares (0, 1] of each servo's max_velocity: while following, and while approaching a posture (start, rest)."""
+    """Shares (0, 1] of each servo's max_velocity: while following, and while approaching a posture (start, rest).
+    warm: share of the speed of following that is left while a servo is too warm or draws too much."""
 
     follow: Share = 1.0
     approach: Share = 0.2
+    warm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.25, le=1)] = 0.5
 
 
 class Safety(Schema):
@@ -215,12 +217,25 @@ class Safety(Schema):
 
     freshness: oldest state of a servo that is acted on, and most that a goal may take from the start of its tick, s.
     speed_caps: what the stages and the gate keep. temperature_c: hottest servo, degrees Celsius. voltage: lowest and
-    highest supply, V. following_error: largest distance between goal and present position, rad.
+    highest supply, V. following_error: largest distance between goal and present position, rad;
+    following_error_lasting: a smaller one that stops only if it lasts following_error_s, s. current_a: most that a
+    servo may draw for current_s, s. The keys that end in _warn are levels at which somebody is told, each
+    within that of its stop; temperature_warn_c, by default 5 degrees less than temperature_c, and current_warn_a slow
+    the robot too. What is left out is not watched.
     """
 
     rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]
     freshness: Positive
+    freshness_warn: Positive | None = None
     speed_caps: SpeedCaps = SpeedCaps()
     temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
+    temperature_warn_c: Positive | None = None
     voltage: Interval
+    voltage_warn: Interval | None = None
     following_error: Positive
+    following_error_lasting: Positive | None = None
+    following_error_s: Annotated[Positive, Field(le=10)] = 0.2
+    following_error_warn: Positive | None = None
+    current_a: Positive | None = None
+    current_warn_a: Positive | None = None
+    current_s: Annotated[Positive, Field(le=60)] = 1.0

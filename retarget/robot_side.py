@@ -34,7 +34,8 @@ class RobotSide:
 
     clearance: what the gate asks about collision, told here where the robot is. parks: a stop ends in the profile's
     rest posture, and not where the robot comes to a stand. passes: whether the gate would send a
-    goal; where it would not, the robot yields by itself, on its soles, before each joint is braked on its own.
+    goal; where it would not, the robot yields by itself, on its soles, before each joint is braked on its own. tell:
+    hears of servos that are not well, a sentence each.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class RobotSide:
         clearance: PathClearance | None = None,
         passes: Callable[[FloatArray], bool] | None = None,
         parks: bool = False,
+        tell: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.robot = robot
         self.guard = guard
@@ -74,7 +76,7 @@ class RobotSide:
         self._asked: FloatArray | None = None
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
-        self._parks = parks
+        self._parks, self._tell = parks, tell
         self._way_home: Iterator[FloatArray] | None = None
 
     @property
@@ -121,6 +123,7 @@ class RobotSide:
 
     def follow(self, human: HumanPosture) -> FloatArray:
         """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
+        self._follower.keep_pace(self.guard.health.slow)
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
         self._asked, self._modes = posture.landmarks_asked, posture.observer_modes
@@ -142,6 +145,8 @@ class RobotSide:
         self._goal, self._asked, self._rooted = None, None, False
         before = self.guard.sent
         self.guard.tick(think if self._clearance is None else self._measured(think), self._halt)
+        for text in self.guard.health.warnings.take_news():
+            self._tell(text)
         sent = self.guard.sent is not before
         if sent:
             self._went()

@@ -30,6 +30,10 @@ class ObstaclePoses:
     linear_velocity: FloatArray
     angular_velocity: FloatArray
 
+    def seen_at(self, pace: float) -> "ObstaclePoses":
+        """The same, for somebody for whom only `pace` seconds go by in a second."""
+        return ObstaclePoses(self.position, self.quat, self.linear_velocity / pace, self.angular_velocity / pace)
+
 
 @dataclass(frozen=True, slots=True)
 class _Track:

@@ -39,6 +39,11 @@ class FollowingStage(Protocol):
         """The next posture."""
         ...
 
+    def keep_pace(self, pace: float) -> None:
+        """From the next tick on, follow at a share (0, 1] of all speeds, called before every `step`: the robot lags
+        behind what is too fast for that, and catches up smoothly."""
+        ...
+
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) on a way to a stop; None: none is known."""
         ...

@@ -44,12 +44,15 @@ class Surroundings:
         self.look()
         self._runs = True
 
-    def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:
-        """Tell the hierarchy (None: nobody) where they are at the start of a tick of `dt` s, and let time go on."""
+    def tick(self, hierarchy: Hierarchy | None, dt: float, *, pace: float = 1.0) -> None:
+        """Tell the hierarchy (None: nobody) where they are at the start of a tick of `dt` s, and let time go on.
+
+        pace: s of the hierarchy's time that go by in a second: the slower it is, the faster all else seems to it.
+        """
         if self.scene is None:
             return
         self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)
         if hierarchy is not None:
-            hierarchy.set_obstacles(self.now)
+            hierarchy.set_obstacles(self.now if pace == 1.0 else self.now.seen_at(pace))
         if self._runs:
             self.time += dt

@@ -71,6 +71,7 @@ class StubFollower:
         self.script = script
         self.tick = 0
         self.reseeded: list[FloatArray] = []
+        self.paces: list[float] = []
         self.stance = plant(robot, robot.profile.postures.stand)
 
     def start(self, human: HumanPosture) -> RobotPosture:
@@ -83,6 +84,9 @@ class StubFollower:
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:
         self.tick += 1
         return self._posture(self.tick)
+
+    def keep_pace(self, pace: float) -> None:
+        self.paces.append(pace)
 
     def halt(self, dt: float) -> FloatArray | None:
         return None

@@ -14,6 +14,7 @@ from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
 from retarget.profile import RobotProfile, load_profile
+from retarget.profile_safety import safety_facts
 from retarget.robot_body import RobotBody, load_robot
 from retarget.scene import Scene, load_scene
 from retarget.scene_parts import Obstacle
@@ -140,6 +141,7 @@ def _robot(path: Path) -> str:
             or "only neighbours along the body",
             "feet": ", ".join(profile.feet) or "none",
             "tick": f"{profile.safety.rate_hz:g} Hz",
+            **safety_facts(profile.safety),
             "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}",
         },
     )

@@ -36,6 +36,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             options,
             clock=clock,
             make_bus=lambda robot, clock: make_bus(options.bus, robot, clock, faults=options.faults),
+            tell=lambda text: typer.echo(text, err=True),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with progress_bar(options.robot, prepared.samples.ticks) as show:

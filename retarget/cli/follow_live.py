@@ -91,6 +91,7 @@ def follow_live(
             clock=clock,
             make_bus=lambda robot, clock: make_bus(options.bus, robot, clock, faults=options.faults),
             parks=True,
+            tell=_tell,
         ) as prepared:
             stop, keys = stack.enter_context(stop_on_signals()), stack.enter_context(Keys())
             assert isinstance(prepared.samples, LivePerformer)
