@@ -1,0 +1,132 @@
+"""Measured once, known from then on: half a second for floor and heading; who else stands there is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from live_rig import WHERE, five, live_stream
+from retarget.errors import ConfigError, InputError
+from retarget.human_dimensions import proportional_dimensions
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.measuring import measure
+from retarget.live.performer import LivePerformer
+from retarget.live.person_file import person_of, person_path, read_person, write_person
+from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S
+from retarget.performer import Performer, load_performer
+from retarget.rotations import FloatArray, from_axis_angle, rotate
+from retarget.samples import Performance
+from sim.faults.sender import FakeSender, Poses, SenderFault
+
+COUNTDOWN_S = 0.2
+
+
+@pytest.fixture(autouse=True)
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's configuration folder, empty."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    return tmp_path
+
+
+def placed(yaw: float, by: tuple[float, float, float]) -> SenderFault:
+    """The stream's world lies elsewhere."""
+    turn = from_axis_angle([0.0, 0.0, 1.0], yaw)
+    return lambda time, poses: {name: rotate(turn, at) + np.array(by) for name, at in poses.items()}
+
+
+def begun(
+    *faults: SenderFault,
+    person: str | None = "anna",
+    recalibrate: bool = False,
+    performer: Performer | None = None,
+) -> tuple[Performance, list[str], float]:
+    """What begins, what is said, and how long it took, s."""
+    said: list[str] = []
+    clock, stream = VirtualClock(), live_stream(FakeSender(faults=list(faults)), performer or five())
+    options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S, person=person, recalibrate=recalibrate)
+    found = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=said.append)
+    return found, said, clock.now()
+
+
+def alone(*names: str) -> SenderFault:
+    def fault(time: float, poses: Poses) -> Poses:
+        return {name: poses[name] for name in names}
+
+    return fault
+
+
+def origin(performance: Performance) -> FloatArray:
+    assert isinstance(performance.samples, LivePerformer)
+    return performance.samples.alignment.origin
+
+
+def test_who_is_measured_once_is_known_in_another_place() -> None:
+    first, said, took = begun()
+    assert said[-1] == f"kept for --person anna: {person_path('anna')}"
+    kept = read_person("anna")
+    assert kept is not None and kept.sensors == tuple(five().sensors)
+    again, known, faster = begun(placed(1.2, (3.0, -2.0, 0.4)))
+    np.testing.assert_allclose(again.dimensions.offset, first.dimensions.offset, atol=5.1e-5)
+    assert "anna, measured on" in known[-1] and faster < took - 0.9 * (CAPTURE_S - KNOWN_CAPTURE_S)
+    assert isinstance(again.samples, LivePerformer) and isinstance(first.samples, LivePerformer)
+    one, other = (found.samples.sample(0) for found in (first, again))
+    assert one is not None and other is not None
+    np.testing.assert_allclose(one.position, other.position, atol=0.005)
+    assert origin(again)[2] - origin(first)[2] == pytest.approx(0.4, abs=0.003)
+
+
+def test_who_is_not_named_is_not_kept() -> None:
+    begun(person=None)
+    assert not person_path("anna").parent.exists()
+
+
+def test_measured_anew_where_it_is_asked() -> None:
+    write_person(person_of("anna", proportional_dimensions(1.72), sensors=("head",), date="2020-01-01"))
+    found, said, _ = begun(recalibrate=True)
+    kept = read_person("anna")
+    assert kept is not None and kept.date > "2020-01-01" and any(text.startswith("measured: ") for text in said)
+    assert kept.stature == pytest.approx(found.dimensions.stature, abs=1e-4)
+    assert person_path("anna").with_suffix(".previous.yaml").exists()
+
+
+@pytest.mark.parametrize("stature", [1.4, 2.1])
+def test_somebody_else_is_refused(stature: float) -> None:
+    write_person(person_of("anna", proportional_dimensions(stature), sensors=("head",), date="2020-01-01"))
+    with pytest.raises(InputError, match=r"not of the size that is known.*--recalibrate"):
+        begun()
+
+
+def test_a_file_that_is_unsound_is_refused_before_the_stream_is_waited_for() -> None:
+    path = write_person(person_of("anna", proportional_dimensions(1.7), sensors=("head",), date="2020-01-01"))
+    path.write_text(path.read_text().replace("layout: 1", "layout: 7"))
+    clock = VirtualClock()
+    with pytest.raises(ConfigError, match="another layout"):
+        begin_live(
+            live_stream(FakeSender(), five()),
+            LiveOptions(person="anna"),
+            clock=clock,
+            rate_hz=100.0,
+            where=WHERE,
+            tell=lambda text: None,
+        )
+    assert clock.now() == 0.0
+
+
+def test_without_ankles_the_floor_is_as_far_below_the_head_as_the_person_is_tall() -> None:
+    three, worn = load_performer("three"), alone("head", "l_wrist", "r_wrist")
+    begun(worn, performer=three)
+    found, _, _ = begun(worn, placed(0.0, (0.0, 0.0, 0.06)), performer=three)
+    assert origin(found)[2] == pytest.approx(0.06, abs=0.004)
+    with pytest.raises(InputError, match="m above the floor"):
+        begun(worn, placed(0.0, (0.0, 0.0, 0.5)), performer=three)
+
+
+def test_a_known_size_is_told_as_such() -> None:
+    said: list[str] = []
+    clock, stream = VirtualClock(), live_stream(FakeSender(), five())
+    size = proportional_dimensions(1.72)
+    options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S)
+    found = measure(stream, options, size, clock=clock, where=WHERE, tell=said.append)
+    assert found.dimensions is size
+    assert said[-1] == f"known: 1.72 m tall ({size.origin})"
