@@ -1,7 +1,6 @@
 """The guard: alone switches torque on, alone writes to the bus, and always knows how to stop."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from hardware.goal_filter import GoalFilter
 from hardware.guard_state import GuardLimits, GuardState, Stop, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
+from hardware.stop_latch import StopLatch
 
 Think = Callable[[ServoStates], FloatArray | None]
 """From the servo states to a goal posture, rad (n,); None: nobody knows one, the robot brakes and holds."""
@@ -22,10 +22,6 @@ Halt = Callable[[], FloatArray | None]
 robot stands: the next one on the way to where it is parked; None: it is there, or stays where it is."""
 
 
-TORQUE_OFF = " (torque is off)"
-CUT_POWER = " (torque could not be switched off: cut the power)"
-GOING_HOME = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
-"""Stops that are no fault of the robot."""
 FOLLOWING = (GuardState.ARMED, GuardState.MOVING, GuardState.HOLDING)
 """States in which goals are asked for."""
 
@@ -63,13 +59,11 @@ class Guard:
         self.limits = limits or GuardLimits()
         self.health = ServoHealth(joint_map, self.limits)
         self._state = GuardState.IDLE
-        self._stop: Stop | None = None
+        self._latch = StopLatch(self.limits)
         self._step = StopCause.BUS  # what is to blame if the running step of the tick fails
         self._states: ServoStates | None = None
         self._sent: TickArray | None = None
         self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
-        self._braked = self._homed = 0  # ticks of braking, and of going home, so far
-        self._stood = False  # since the stop began
         self._held_since: float | None = None  # [s] since when nobody knew a goal
         self._begun: float | None = None  # [s] when the last tick began; None before the first
 
@@ -81,7 +75,7 @@ class Guard:
     @property
     def stop_reason(self) -> Stop | None:
         """The latched stop, or None."""
-        return self._stop
+        return self._latch.stop
 
     @property
     def states(self) -> ServoStates | None:
@@ -100,9 +94,8 @@ class Guard:
 
     @property
     def may_go_home(self) -> bool:
-        """Whether a stopping robot may go where it is parked: nothing is wrong with it, and it does not take for ever."""
-        well = self._stop is None or (self._stop.cause in GOING_HOME and self._stop.then is None)
-        return well and self._homed < self.limits.max_home_ticks
+        """Whether a stopping robot may go where it is parked."""
+        return self._latch.may_go_home
 
     def arm(self) -> FloatArray:
         """Set every goal to its present position, then switch torque on. Returns the present posture, rad (n,).
@@ -156,22 +149,14 @@ class Guard:
 
     def stop(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
         """Stop the robot and latch `reason`; a stop that is already latched keeps its first reason."""
-        if self._stop is None:
-            self._stop = Stop(cause, reason, self._clock.now())
+        self._latch.latch(cause, reason, self._clock.now())
         if self._state is not GuardState.STOPPING:
             self._begin_stopping(GuardState.STOPPING if self.active else GuardState.STOPPED)
 
     def cut(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
         """Torque off at once and latched, because there is no way or no time to brake; nothing is written any more."""
-        powered, then = not self._torque_off(), None
-        if self._stop is not None:
-            first, then = self._stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self._stop.then
-            if reason in first:
-                reason = first
-            else:
-                reason, then = f"{first}, then: {reason}", cause
-            cause = self._stop.cause
-        self._stop = Stop(cause, reason + (CUT_POWER if powered else TORQUE_OFF), self._clock.now(), powered, then)
+        powered = not self._torque_off()
+        self._latch.cut(cause, reason, self._clock.now(), powered=powered)
         self._state = GuardState.STOPPED
 
     def rest(self) -> None:
@@ -186,23 +171,18 @@ class Guard:
         except Exception as error:
             self.cut(_text(error), StopCause.BUS)
             raise
-        self._state = GuardState.IDLE if self._stop is None else GuardState.STOPPED
+        self._state = GuardState.IDLE if self._latch.stop is None else GuardState.STOPPED
 
     def acknowledge(self) -> None:
         """A person has seen why the robot stopped: torque off, back to idle. Raises GuardError unless stopped."""
         self._require(GuardState.STOPPED)
         self._bus.torque(False)
-        self._stop = None
+        self._latch.stop = None
         self._state = GuardState.IDLE
 
     def _begin_stopping(self, state: GuardState) -> None:
-        self._state, self._braked, self._homed, self._stood = state, 0, 0, False
-
-    def _add(self, reason: str, cause: StopCause) -> None:
-        """Something more goes wrong on the way to a stop."""
-        stop = self._stop
-        if stop is not None and stop.then is None and cause is not stop.cause:
-            self._stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
+        self._state = state
+        self._latch.begin()
 
     def _attempt(self, step: Callable[[], None]) -> None:
         """The tick's one boundary: whatever goes wrong in `step` stops the robot."""
@@ -228,10 +208,9 @@ class Guard:
         complaint = self.health.complaint(states, self._sent)
         if complaint is not None:
             cause, reason = complaint
-            if self._state is GuardState.STOPPING and self._stop is not None:
-                self._add(reason, cause)
-            else:
-                self.stop(reason, cause)
+            if self._state is GuardState.STOPPING:
+                self._latch.add(cause, reason)
+            self.stop(reason, cause)
 
     def _move(self, think: Think, halt: Halt, begun: float) -> None:
         assert self._states is not None, "a tick reads before it thinks"
@@ -279,16 +258,12 @@ class Guard:
         """Send the next posture of the way. stood: before anybody was asked; if it still stands, there is no way on."""
         self._step = StopCause.FILTER
         if stood and self._filter.at_rest:
-            self._state = GuardState.ARMED if self._stop is None else GuardState.STOPPED
+            self._state = GuardState.ARMED if self._latch.stop is None else GuardState.STOPPED
             return
-        self._stood |= stood
-        if self._stood and self.may_go_home:
-            self._homed += 1  # at the end of these it stands where it is
-        elif self._braked == self.limits.max_brake_ticks:
-            self.cut(f"still moving after {self._braked} ticks of braking", StopCause.FILTER)
+        spent = self._latch.spend(stood=stood)
+        if spent is not None:
+            self.cut(f"still moving after {spent} ticks of braking", StopCause.FILTER)
             return
-        else:
-            self._braked += 1
         if self._pending is None:
             self._pending = self._filter.brake()
         self._send(self._pending)
@@ -314,7 +289,7 @@ class Guard:
     def _require(self, *allowed: GuardState) -> None:
         if self._state not in allowed:
             names = ", ".join(state.value for state in allowed)
-            then = f"It stopped because: {self._stop.reason}" if self._stop else ""
+            then = f"It stopped because: {self._latch.stop.reason}" if self._latch.stop else ""
             raise GuardError(
                 describe(
                     what="not possible in this state", where="guard", found=self._state.value, allowed=names, then=then

@@ -61,7 +61,8 @@ class GuardLimits:
     max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
     degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the goal of the last tick
     and the present position, at once; lasting_error: rad, for lasting_time, s. max_current: A, for current_time, s.
-    max_brake_ticks: until the robot must stand. max_hold: s without a goal.
+    max_brake_ticks: until the robot must stand; max_home_ticks: from there to where it is parked. max_hold: s without a
+    goal.
     The fields named warn_ are levels, in the same units, at which somebody is told. Beyond those of temperature and
     current the robot is left slow_share of its speed.
     """
@@ -71,6 +72,7 @@ class GuardLimits:
     voltage: tuple[float, float] = (-math.inf, math.inf)
     following_error: float = math.inf
     max_brake_ticks: int = 1000
+    max_home_ticks: int = 5000
     max_hold: float = math.inf
     lasting_error: float = math.inf
     lasting_time: float = 0.2

@@ -1,5 +1,6 @@
 """Whole turns of servos after power-up: a servo of many turns then reports one turn, wherever its joint is."""
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -11,15 +12,18 @@ from hardware.joint_map import JointMap
 SLACK = 0.05  # [rad] by which a limp joint may lie beyond its limits
 
 
-def resolve_turns(joint_map: JointMap, ticks: TickArray, *, slack: float = SLACK) -> TickArray:
+def resolve_turns(
+    joint_map: JointMap, ticks: TickArray, *, groups: Sequence[Sequence[int]] | None = None, slack: float = SLACK
+) -> TickArray:
     """Return what has to be added to every reported tick (n,), a multiple of the ticks of a turn, (n,).
 
     Of all whole turns those count that put the joint inside its limits (and `slack` rad beyond). Raises HardwareError
-    with all joints for which none is left, or more than one. A servo of one turn is never shifted.
+    with all joints for which none is left, or more than one. A servo of one turn is never shifted. groups: of those of
+    `turn_groups`; None: all.
     """
     offsets = np.zeros(len(joint_map), dtype=np.int64)
     problems: list[str] = []
-    for group in _groups(joint_map):
+    for group in map(list, turn_groups(joint_map) if groups is None else groups):
         turns = [_turns(joint_map, column, int(ticks[column]), slack) for column in group]
         found = [
             shift
@@ -42,7 +46,7 @@ def resolve_turns(joint_map: JointMap, ticks: TickArray, *, slack: float = SLACK
     return offsets
 
 
-def _groups(joint_map: JointMap) -> list[list[int]]:
+def turn_groups(joint_map: JointMap) -> list[list[int]]:
     """Columns whose turns depend on each other: single servos, and coupled pairs. Only those with a servo of many
     turns."""
     column = {joint: index for index, joint in enumerate(joint_map.joints)}

@@ -83,7 +83,7 @@ class Pipeline:
         """Make room for every row: of so many ticks of approach, of the clip, and of the longest braking; and one more,
         which takes what there is no room for."""
         clip, robot, human = self._clip, self._robot, self._human
-        rows = approach + clip.kept + (0 if robot is None else robot.guard.limits.max_brake_ticks) + 1
+        rows = approach + clip.kept + (0 if robot is None else robot.stopping_ticks) + 1
         self._record = Record(
             np.asarray((np.arange(rows) - approach) * clip.dt, dtype=np.float64),
             np.full(rows, Phase.FOLLOW, dtype=np.int8),

@@ -80,6 +80,12 @@ class RobotSide:
         self._way_home: Iterator[FloatArray] | None = None
 
     @property
+    def stopping_ticks(self) -> int:
+        """Most ticks from the beginning of a stop to its end."""
+        limits = self.guard.limits
+        return limits.max_brake_ticks + (limits.max_brake_ticks + limits.max_home_ticks if self._parks else 0)
+
+    @property
     def following(self) -> bool:
         """Whether the guard still lets the robot follow."""
         return self.guard.state in FOLLOWING
@@ -260,7 +266,7 @@ class RobotSide:
 
     def _homeward(self) -> FloatArray | None:
         """The next goal on the way to where the robot is parked; None: it is there, cannot go on, or is to stay."""
-        if not self._parks or self.guard.state is not GuardState.STOPPING:
+        if not (self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home):
             return None
         if self._way_home is None:
             speed, joints = self.robot.profile.safety.speed_caps.approach, self.robot.joint_map

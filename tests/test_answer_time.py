@@ -3,7 +3,11 @@
 import pytest
 
 from bus_rig import BusRig, bus_of, specs
+from hardware.dynamixel import protocol2
 from hardware.dynamixel.answer_time import LOOKS, too_slow
+from hardware.dynamixel.control_table import find_table
+from hardware.dynamixel.exchange import Ask, Kind
+from scripted_port import ScriptedPort
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.wire import Timing
 
@@ -38,3 +42,18 @@ def test_an_echo_is_no_answer(protocol: int) -> None:
 def test_one_fast_answer_is_enough_and_silence_is_told_elsewhere() -> None:
     assert _said(2, 20e-6, Fault(FaultKind.LATE, value=0.05, end=0.1))[0] == ""
     assert _said(2, 20e-6, Fault(FaultKind.MISSING, ids=(1,)))[0] == ""
+
+
+@pytest.mark.parametrize("late", [0.004, 0.030])
+def test_an_answer_in_pieces_is_no_quick_one(late: float) -> None:
+    """The tail of one answer must not be taken for the beginning of the next."""
+    table = find_table("XM430-W350", 2)
+    status = protocol2.status(1, 0, b"\x00\x08\x00\x00")
+
+    def in_pieces(request: bytes) -> list[tuple[float, bytes]]:
+        return [(late, status[:5]), (late + 0.001, status[5:10]), (late + 0.002, status[10:])]
+
+    port = ScriptedPort(in_pieces, baud=57_600)
+    told = too_slow(port, table, 1, 0.0)
+    allowed = Ask(Kind.SYNC, (1,), 132, 4).timeouts(port, 0.0).first
+    assert bool(told) == (late > allowed)

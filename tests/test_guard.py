@@ -44,8 +44,10 @@ def test_arming_refuses_an_unhealthy_servo_by_name(fault: MockFault, text: str) 
     with pytest.raises(GuardError) as refusal:
         rig.guard.arm()
     assert text in str(refusal.value)
-    assert rig.bus.calls == ["torque off"]
-    assert rig.state() is GuardState.IDLE
+    assert set(rig.bus.calls) == {"torque off"}
+    silent = fault.kind is FaultKind.MISSING  # it cannot confirm that it has no torque
+    assert rig.state() is (GuardState.STOPPED if silent else GuardState.IDLE)
+    assert (rig.guard.stop_reason is not None and rig.guard.stop_reason.powered) == silent
 
 
 def test_arming_without_any_servo_says_so() -> None:

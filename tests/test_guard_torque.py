@@ -4,7 +4,7 @@ import pytest
 
 from guard_rig import Rig
 from hardware.errors import BusError, GuardError
-from hardware.guard_state import GuardState, StopCause
+from hardware.guard_state import GuardLimits, GuardState, StopCause
 from sim.mock_faults import FaultKind, MockFault
 
 FOR_EVER = 10**6
@@ -80,3 +80,16 @@ def test_what_interrupts_arming_leaves_nothing_unsaid(
     )
     with pytest.raises(GuardError, match="port gone"):
         rig.guard.arm()
+
+
+def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_told() -> None:
+    rig = Rig(MockFault(FaultKind.HOT, 0, 99, servo=1, value=95.0), limits=GuardLimits(max_temperature=60.0))
+    rig.bus._torque[:] = True  # of an earlier run
+
+    def deaf(on: bool) -> None:
+        raise BusError("waist (id 3) did not confirm that torque is off. Cut the power by hand")
+
+    rig.bus.torque = deaf  # type: ignore[method-assign]
+    with pytest.raises(GuardError, match="not every servo is well"):
+        rig.guard.arm()
+    assert rig.state() is GuardState.STOPPED and powered(rig) and "cut the power" in reason(rig)

@@ -1,11 +1,13 @@
 """The robot's half of a tick: goals that keep their distance in time, and an end that leaves no torque on."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
-from hardware.bus import ServoGoals
+from hardware.bus import ServoAlert, ServoGoals
 from hardware.errors import BusError, TorqueError
-from hardware.guard_state import GuardState
+from hardware.guard_state import GuardState, StopCause
 from retarget.pipeline import INTERRUPTED, Ending, Pipeline, Watch
 from retarget.robot_side import INSISTED, RobotSide
 from retarget.rotations import FloatArray
@@ -250,3 +252,17 @@ def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeyp
     play(rig, Watch())
     assert 50 < homeward < 60
     assert rig.guard.state is GuardState.IDLE and not rig.bus.torque_on
+
+
+@pytest.mark.parametrize("kind", [FaultKind.ALERT, FaultKind.MISSING])
+@pytest.mark.parametrize("first", [20, 60])
+def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind, first: int) -> None:
+    """Before the end of the clip, or on the way home: it brakes and stands."""
+    fault = MockFault(kind, first, 10**6, servo=12, alert=ServoAlert.OVERLOAD)
+    rig = parking(Rig(np.zeros((200, 20)), faults=(fault,)))
+    with suppress(TorqueError):
+        play(rig)
+    parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
+    assert np.abs(rig.gate.position - parked).max() > 0.3
+    assert rig.guard.stop_reason is not None
+    assert rig.guard.stop_reason.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)

@@ -2,7 +2,7 @@
 
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.control_table import ControlTable
-from hardware.dynamixel.exchange import Ask, Kind
+from hardware.dynamixel.exchange import Ask, Kind, settle
 from hardware.errors import describe
 
 LOOKS = 5
@@ -11,17 +11,22 @@ PATIENCE = 0.1
 """[s] After which one of them is given up."""
 
 
-def first_byte(port: BytePort, ask: Ask) -> float | None:
-    """Time in s from sending to the first byte that is not the request's echo; None: it did not come."""
+def answer_time(port: BytePort, ask: Ask) -> float | None:
+    """Time in s from sending to the first byte that is not the request's echo, of an answer that then comes whole and
+    sound; None: none did. The line is silent before and after."""
     port.drop()
     request, sent = ask.request(), port.now()
     port.write(request)
-    heard = b""
-    while port.wait(sent + PATIENCE):
+    heard, took, whole = b"", None, False
+    while port.now() < sent + PATIENCE and port.wait(sent + PATIENCE):
         heard += port.read()
-        if heard and not request.startswith(heard):
-            return port.now() - sent
-    return None
+        if took is None and heard and not request.startswith(heard):
+            took = port.now() - sent
+        whole = len(ask.answers(heard.removeprefix(request))) == len(ask.ids)
+        if whole:
+            break
+    settle(port)
+    return took if whole else None
 
 
 def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: float) -> str:
@@ -35,13 +40,11 @@ def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: flo
     allowed = ask.timeouts(port, return_delay).first
     fastest = None
     for _ in range(LOOKS):
-        took = first_byte(port, ask)
+        took = answer_time(port, ask)
         if took is not None:
             fastest = took if fastest is None else min(fastest, took)
-        if fastest is not None and fastest <= allowed:
-            return ""
-    port.sleep_until(port.now() + PATIENCE)  # what is left of the last answer
-    port.drop()
+            if fastest <= allowed:
+                return ""
     if fastest is None:
         return ""  # that nobody answers is said elsewhere
     return describe(

@@ -17,7 +17,7 @@ from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings
 from hardware.errors import BusError, HardwareError, describe
 from hardware.joint_map import JointMap
-from hardware.turns import resolve_turns
+from hardware.turns import resolve_turns, turn_groups
 
 MakePort = Callable[[BusSpec], BytePort]
 """From a bus of the profile to the way to it."""
@@ -164,23 +164,36 @@ class DynamixelBus:
         tables = {line.index_of[device]: image.table for line in self._lines for device, image in line.images.items()}
         self._readings = Readings([tables[index] for index in range(len(servos))])
         self._goals = None
+        self._counted = np.ones(len(servos), dtype=np.bool_)  # whose turns are known
+        for group in turn_groups(self._map):
+            self._counted[group] = False
         for _ in range(FIRST_CYCLES):
             if self._cycle().valid.all():
                 break
-        with suppress(HardwareError):  # it can be looked at and homed, but not driven: torque asks again
-            self._count_turns(range(len(servos)))
+        valid = self._readings.valid
+        with suppress(BusError):  # it can be looked at and homed, but not driven: torque asks again
+            self._count_turns(np.flatnonzero(valid).tolist())
 
-    def _count_turns(self, limp: Iterable[int]) -> None:
-        """Find the whole turns of servos without torque (places in servo order), which may have forgotten them.
+    def _count_turns(self, columns: Iterable[int]) -> None:
+        """Find the whole turns of servos (places in servo order) that may have forgotten them.
 
         Raises BusError for those that do not say.
         """
         states = self._readings.states(self._lines[0].port.now())
-        shown = states.position - self._readings.turns
-        turns = self._readings.turns.copy()
-        limp = list(limp)
-        turns[limp] = resolve_turns(self._map, shown)[limp]
+        shown, turns = states.position - self._readings.turns, self._readings.turns.copy()
+        wanted, problems = set(columns), list[str]()
+        for group in turn_groups(self._map):
+            if not wanted.intersection(group):
+                continue
+            self._counted[group] = False
+            try:
+                turns[group] = resolve_turns(self._map, shown, groups=[group])[group]
+                self._counted[group] = True
+            except HardwareError as error:
+                problems.append(str(error))
         self._readings.turns = turns
+        if problems:
+            raise BusError(" ".join(problems))
 
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
@@ -214,13 +227,17 @@ class DynamixelBus:
         powering.raise_drive(self._lines, drives, self._watch_rise)
 
     def _recount(self, ready: Sequence[powering.Ready]) -> None:
-        """See on which turn limp servos are now. Raises BusError where that is not known, or not what it was."""
+        """See on which turn limp servos are now, and those that nobody has counted yet.
+
+        Raises BusError where that is not known, or not what it was.
+        """
         states = self._cycle()
         if not states.valid.all():
             silent = [servo.label for servo, valid in zip(self._map.servos, states.valid, strict=True) if not valid]
             raise BusError(describe(what=f"no answer from {', '.join(silent)}", where="bus, torque on"))
         before = self._readings.turns
-        self._count_turns(line.index_of[device] for line, limp in ready for device in limp)
+        limp = {line.index_of[device] for line, off in ready for device in off}
+        self._count_turns(limp | set(np.flatnonzero(~self._counted).tolist()))
         moved = np.flatnonzero(self._readings.turns != before)
         if moved.size:
             raise BusError(

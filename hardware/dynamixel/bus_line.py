@@ -49,8 +49,10 @@ class BusLine:
     def adopt(self, images: dict[int, ServoImage]) -> None:
         """Go by what the servos say of themselves: their firmware tells their tables. Of others the usual is
         expected."""
+        before = self.tables, self.longest_delay
         self.images = images
-        self._cyclic = self._wire(self.tables)
+        if (self.tables, self.longest_delay) != before:
+            self._cyclic = self._wire(self.tables)
 
     @property
     def tables(self) -> dict[int, ControlTable]:

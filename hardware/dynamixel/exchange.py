@@ -111,9 +111,8 @@ class Ask:
         at = heard.find(protocol2.HEADER)
         while at >= 0 and len(best) < len(self.ids):
             parts = sound_parts(heard[at:], (self.size,) * len(self.ids))
-            sound = [
-                part for part, device in zip(parts, self.ids, strict=False) if part.id == device and not _refused(part)
-            ]
+            asked = iter(self.ids)  # in this order; one that is missing may leave no gap
+            sound = [part for part in parts if part.id in asked and not _refused(part)]
             best = max(best, sound, key=len)
             at = heard.find(protocol2.HEADER, at + 1)
         return best

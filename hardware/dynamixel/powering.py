@@ -57,11 +57,15 @@ def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[D
         if len(limp) < len(own):  # whom its watchdog has stopped takes no goal until that is cleared
             torque.arm_watchdogs(line)
         torque.confirm_goals(line, own)
-    for line, limp in ready:
+    lines = [line for line, _ in ready]
+    for line in lines:
         torque.arm_watchdogs(line)
+        torque.feed_watchdogs(lines)
+    for line, limp in ready:
         if limp:
             torque.wake(line, limp)
             torque.enable(line, limp)
+            torque.feed_watchdogs(lines)
     return drives
 
 

@@ -13,7 +13,7 @@ from hardware.dynamixel.packets import ALERT, Error1
 
 SLOW_PERIOD = 0.2
 """[s] Between two looks at voltage and temperature."""
-SLOW_AGE = 1.0
+SLOW_AGE = 3.0
 """[s] After which what was said of them is forgotten."""
 UNKNOWN_ALERT = 0x80
 """Alert bits of a servo that says that it has an error, until it has said which."""
@@ -90,7 +90,8 @@ class Readings:
             self._voltage[who] = rows[names.voltage]
             self._temperature[who] = rows[names.temperature]
             self._slow_at[who] = now
-            self._slow_due = now + SLOW_PERIOD
+            late = (self._slow_at < now - 2.0 * SLOW_PERIOD) & self._valid
+            self._slow_due = now if late.any() else now + SLOW_PERIOD
         if names is NAMES1:
             speed = rows[names.velocity].astype(np.int64)
             self._velocity[who] = np.where(speed & _SIGN1, -(speed & _SIZE1), speed)

@@ -29,6 +29,18 @@ def arm_watchdogs(line: BusLine) -> None:
         write_and_read(line, [(device, Setting(register, value)) for device in ids])
 
 
+def feed_watchdogs(lines: Sequence[BusLine]) -> None:
+    """Say something on every bus, to which nobody answers: while one is busy, the others must not seem dead.
+
+    Raises BusError when a port is gone.
+    """
+    for line in lines:
+        watched = _watched(line)
+        if watched:
+            register = line.images[watched[0]].table["bus_watchdog"]
+            line.write_all(register, [(device, line.spec.watchdog_value) for device in watched])
+
+
 def check_still(line: BusLine, goals: dict[int, int]) -> None:
     """See that every servo is there, and still where its goal (by id, ticks) is. Raises BusError."""
     _refuse_moved(line, read_everybody(line, "present_position", list(goals)), goals)

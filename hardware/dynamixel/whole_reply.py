@@ -61,9 +61,7 @@ def _layout(ids: tuple[int, ...], size: int) -> _Layout:
     """A CRC without start value is linear: the CRC of a part is the sum (exclusive or) of those of its bytes, each with
     zeros in place of all others; and going on from a value is the same as to add it to the first two bytes."""
     body = size + 2
-    crcs = np.array(
-        [[umts(bytes((value,)) + bytes(body - 1 - at), 0) for value in range(256)] for at in range(body)], np.uint16
-    )
+    crcs, folded = _crcs(size)
     start = fast_start((size,) * len(ids))
     return _Layout(
         start=start,
@@ -71,7 +69,16 @@ def _layout(ids: tuple[int, ...], size: int) -> _Layout:
         length=fast_length((size,) * len(ids)),
         places=256 * np.arange(body),
         crcs=crcs,
-        # The bytes of the CRC before (low, high), added to the value to go on from (high, low): twice the same.
-        folded=np.array([umts(bytes((value, value)) + bytes(body), 0) for value in range(256)], np.uint16),
+        folded=folded,
         first=np.uint16(umts(start + bytes(body), 0)),
     )
+
+
+@lru_cache(LAYOUTS)
+def _crcs(size: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """What byte values add at each place of a part, and what the CRC before does, for parts of `size` bytes of data."""
+    body = size + 2
+    places = [[umts(bytes((value,)) + bytes(body - 1 - at), 0) for value in range(256)] for at in range(body)]
+    # The bytes of the CRC before (low, high), added to the value to go on from (high, low): twice the same.
+    folded = [umts(bytes((value, value)) + bytes(body), 0) for value in range(256)]
+    return np.array(places, np.uint16), np.array(folded, np.uint16)
