@@ -29,6 +29,7 @@ class ServoHealth:
         self._most = np.minimum(self._levels.most, warned.most)
         self._seen = np.zeros((len(self._rows), count))
         self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was told at least once
+        self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
         self._all_known = np.ones(self._seen.shape, dtype=np.bool_)
 
     @property
@@ -66,7 +67,7 @@ class ServoHealth:
                     what="not every servo is well",
                     where="arming",
                     found="; ".join(problems),
-                    then="Torque was not switched on",
+                    then="It was not armed",
                 )
             )
 
@@ -90,7 +91,7 @@ class ServoHealth:
     def _wrong(self, now: float) -> BoolArray:
         """Which servos (rows, n) are beyond which bound."""
         unknown = np.isnan(self._seen)
-        wrong = self._levels.beyond(self._seen, now) | (unknown & self._known)
+        wrong = self._levels.beyond(self._seen, now) | (unknown & self._known & self._limited)
         self._known = self._known | ~unknown
         return np.asarray(wrong)
 
