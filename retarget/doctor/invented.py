@@ -48,9 +48,15 @@ def _track(listening: Listening, name: str) -> FloatArray:
 
 
 def _moves(track: FloatArray) -> bool:
-    """Whether a pose goes or turns by so much that somebody must be moving."""
-    track = track[np.isfinite(track[:, :3]).all(axis=1)]
-    return len(track) > 1 and float(np.ptp(track[:, :3], axis=0).max()) > MOVED_M
+    """Whether poses (n, 7) go or turn by so much that somebody must be moving."""
+    places, turns = track[np.isfinite(track[:, 0]), :3], track[np.isfinite(track[:, 3]), 3:]
+    gone = len(places) > 1 and float(np.ptp(places, axis=0).max()) > MOVED_M
+    return gone or (len(turns) > 1 and _turned(turns) > MOVED_RAD)
+
+
+def _turned(turns: FloatArray) -> float:
+    """How far orientations (n, 4) are from the first at most, rad."""
+    return float(rotations.angle_between(turns, np.broadcast_to(turns[0], turns.shape)).max())
 
 
 def _hangs(limb: Place, trunk: Place, listening: Listening) -> bool:
@@ -67,8 +73,7 @@ def _hangs(limb: Place, trunk: Place, listening: Listening) -> bool:
     place, base, turn = place[sound], base[sound], turn[sound]
     if len(place) < LEAST_LOOKS:
         return False
-    turned = float(rotations.angle_between(turn, np.broadcast_to(turn[0], turn.shape)).max())
-    if np.ptp(base, axis=0).max() < MOVED_M and turned < MOVED_RAD:
+    if np.ptp(base, axis=0).max() < MOVED_M and _turned(turn) < MOVED_RAD:
         return False
     inside = rotations.rotate(rotations.conjugate(turn), place - base)
     return bool(np.ptp(inside, axis=0).max() < RIGID_M)

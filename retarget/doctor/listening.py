@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,7 +46,7 @@ class Listening:
     """What was heard. All of it is bounded.
 
     stream: with the counts that it keeps itself. began, ended: s of its clock. sources: datagrams by sender. kinds: of
-    some datagrams, what they look like, and whether a frame came of any. largest: bytes of the longest datagram of each
+    some datagrams, what they look like. largest: bytes of the longest datagram of each
     address. looks: poses (7,) at regular times by the sender's names, position and wxyz. states (n, k): a TrustState
     each. told: the last pose of each name.
     """
@@ -147,8 +147,9 @@ def _take(listening: Listening, datagram: Datagram, noting: _Noting, now: float)
         listening.largest[host] = max(size, listening.largest.get(host, 0))
     if listening.arrived <= ALL_NAMED or listening.arrived % SELDOM == 0:
         got = recognise(datagram.payload)
-        if got in listening.kinds or len(listening.kinds) < MOST_KINDS:
-            listening.kinds[got] += 1
+        if got not in listening.kinds and len(listening.kinds) >= MOST_KINDS:
+            got = replace(got, detail="and others")
+        listening.kinds[got] += 1
     before, noting.latest = stream.frames, []
     stream.listen(now, moving=False)
     if stream.frames == before:

@@ -1,6 +1,6 @@
 """What to do when something else arrives than the address reads: the mix-ups that people make."""
 
-from retarget.doctor.recognise import Recognised
+from retarget.doctor.recognise import DAMAGED, Recognised
 from retarget.live.address import KINDS
 from retarget.sources.stream_axes import CONVENTIONS
 
@@ -35,6 +35,8 @@ def advice_for(kind: str, got: Recognised, *, port: int) -> str:
         to = f", its usual port being {KINDS[kind].port}" if KINDS[kind].port else ""
         elsewhere = f" (it usually goes to port {usual})" if usual and usual != port else ""
         return f"Listen with {there}, or send {got.name} elsewhere{elsewhere} and let {SENDERS[kind]} send here{to}"
+    if got.name.startswith(DAMAGED):
+        return f"Look at the settings of {SENDERS[kind]}, and at what may cut its datagrams on the way"
     if got.name in _ALIEN:
         return _ALIEN[got.name]
     return f"Look which program sends it, and let {SENDERS[kind]} send here instead"

@@ -57,7 +57,7 @@ def _rate(arrivals: FloatArray) -> Finding:
         step = "Raise the sender's rate to 60 or more; look at Wi-Fi and at the trackers' own rate"
         return mend("rate", f"{told}, fewer than the {SLOWEST_HZ:.0f} that are needed", step)
     if rate < GOOD_HZ:
-        return note("rate", f"{told}: enough, and motion is delayed by more than with {GOOD_HZ:.0f}")
+        return note("rate", f"{told}: enough; from {GOOD_HZ:.0f} on, motion is delayed less")
     return ok("rate", told)
 
 
@@ -125,7 +125,8 @@ def _clock(frames: list[FrameNote], arrivals: FloatArray, listening: Listening) 
         step = "Let only one sender run; switch off what sets its clock, or let it send a steady one"
         how = _LEAPS[clock.last_jump.kind]
         shift = abs(clock.last_jump.shift)
-        return [mend("clock", f"the sender's clock leapt {clock.jumps} times, last by {shift:.3f} s: {how}", step)]
+        often = "once" if clock.jumps == 1 else f"{clock.jumps} times, the last time"
+        return [mend("clock", f"the sender's clock leapt {often} by {shift:.3f} s: {how}", step)]
     speed = float(stamps[-1] - stamps[0]) / max(float(at[-1] - at[0]), 1e-9)
     if at[-1] - at[0] > SKEW_S and abs(speed - 1.0) > SKEW:
         step = "Let it send seconds of a steady clock; a recording must be played at its own speed"

@@ -13,10 +13,12 @@ from retarget.sources.natnet_wire import MessageId, split
 from retarget.sources.osc import OscPacket, read_osc
 from retarget.sources.stream_axes import CONVENTIONS
 
-__all__ = ["Recognised", "recognise"]
+__all__ = ["DAMAGED", "Recognised", "recognise"]
 
 LONGEST_NAME = 60
 """Characters of a sender's own words that are shown."""
+DAMAGED = "damaged "
+"""Begins the name of what cannot be taken apart."""
 _LZ4 = b"\x04\x22\x4d\x18"
 _AXIS_STUDIO = b"\xff\xdd"
 _MVN_TYPES = {
@@ -68,7 +70,7 @@ def recognise(datagram: bytes) -> Recognised:
 def _osc(packet: OscPacket) -> Recognised:
     addresses = [message.address for message in packet.messages]
     if not addresses:
-        return Recognised("", "OSC", packet.dropped[0] if packet.dropped else "an empty bundle")
+        return Recognised("", DAMAGED + "OSC", packet.dropped[0] if packet.dropped else "an empty bundle")
     if any(address.startswith("/VMC/") for address in addresses):
         return Recognised("vmc", "VMC", _vmc(addresses))
     if any(address.startswith("/tracking/trackers/") for address in addresses):
@@ -90,7 +92,7 @@ def _vmc(addresses: list[str]) -> str:
 def _mvn(datagram: bytes) -> Recognised:
     header = read_header(datagram)
     if header is None:
-        return Recognised("", "MVN", "a damaged header")
+        return Recognised("", DAMAGED + "MVN")
     if header.kind == QUATERNION:
         return Recognised("mvn", "MVN")
     return Recognised("mvn", "MVN", _MVN_TYPES.get(header.kind, f"type {header.kind:02d}, unknown"))
@@ -100,7 +102,7 @@ def _json(datagram: bytes) -> Recognised:
     try:
         message = json.loads(datagram)
     except (ValueError, RecursionError):
-        return Recognised("", "JSON", "cut off or damaged")
+        return Recognised("", DAMAGED + "JSON")
     if type(message) is not dict:
         return Recognised("", "JSON", "no object")
     if {"scene", "version"} <= message.keys():

@@ -4,7 +4,6 @@ from retarget.catalogue import Kind, entries
 from retarget.doctor.finding import Finding, mend, ok
 from retarget.doctor.listening import Listening
 from retarget.errors import RefusedError
-from retarget.frames import mirrored_name
 from retarget.live.roles import CONVENTIONS, Place
 from retarget.live.trust_state import TrustState
 from retarget.performer import Performer, load_performer
@@ -27,54 +26,53 @@ _DOUBTS = {
         "jumps farther than a human can",
         "Look for its tracker's view, drift or magnetic fields, and for two senders at once",
     ),
-    TrustState.SWAPPED: ("and its other side change places", "Exchange the two trackers' roles at the sender"),
-    TrustState.OUT_OF_RANGE: ("is told to be outside the room (10 m)", "Set the sender's origin and its unit (metres)"),
+    TrustState.SWAPPED: ("left and right change places", "Exchange the two trackers' roles at the sender"),
+    TrustState.OUT_OF_RANGE: (
+        "told to be outside the room (10 m)",
+        "Set the sender's origin, its axes and its unit (metres)",
+    ),
+    TrustState.FROZEN: (
+        "repeats one value to the bit while others move",
+        "See that its tracker is on and in view; leave out what is not worn (another --performer)",
+    ),
 }
+_LEAST = {TrustState.FROZEN: FROZEN_SHARE}
 
 
 def role_findings(performer: Performer, convention: str, listening: Listening) -> list[Finding]:
     """convention: by which the performer's sensors are named."""
     if not listening.frames:
         return []
-    roles = listening.stream.roles
-    told = listening.told
-    missing, found, good = [], list[Finding](), []
-    for sensor, place in zip(roles.sensors, roles.places, strict=True):
-        if place.position not in told:
+    told, missing = dict[str, Place](), list[tuple[str, Place]]()
+    for sensor, place in zip(listening.stream.roles.sensors, listening.stream.roles.places, strict=True):
+        if place.position in listening.told:
+            told[sensor] = place
+        else:
             missing.append((sensor, place))
-            continue
-        doubts = _doubts(sensor, place, listening)
-        found += doubts
-        if not doubts:
-            good.append(sensor)
-    unusable = _unusable(listening)
-    found += unusable
-    doubted = {finding.subject for finding in unusable}
-    good = [] if "sensors" in doubted else [sensor for sensor in good if sensor not in doubted]
-    if missing:
-        found = _missing(performer, convention, missing, listening) + found
-    return found + ([ok("sensors", f"{', '.join(good)} told and believed")] if good else [])
+    found = [_missing(performer, convention, missing, listening)] if missing else []
+    doubts = _doubts(told, listening) + _unusable(told, listening)
+    doubted = {name for finding in doubts for name in finding.subject.split(", ")}
+    good = [] if "sensors" in doubted else [sensor for sensor in told if sensor not in doubted]
+    return found + doubts + ([ok("sensors", f"{', '.join(good)} told and believed")] if good else [])
 
 
-def _missing(
-    performer: Performer, convention: str, missing: list[tuple[str, Place]], listening: Listening
-) -> list[Finding]:
+def _missing(performer: Performer, convention: str, missing: list[tuple[str, Place]], listening: Listening) -> Finding:
     names = ", ".join(
-        sensor if place.position == UNNAMED else f"{sensor} ({place.position})" for sensor, place in missing
+        sensor if place.position in (UNNAMED, sensor) else f"{sensor} ({place.position})" for sensor, place in missing
     )
     told = list(listening.told)
     shown = ", ".join(told[:SHOWN]) + (f" and {len(told) - SHOWN} more" if len(told) > SHOWN else "")
-    steps = ["Switch on, wear and assign what is missing"]
-    if any(place.position == UNNAMED for _, place in missing):
-        steps = (
-            [NO_WRISTS]
-            if convention == "slimevr_vrchat"
-            else [f"Name each pose with `role` in the performer's file (a copy of {performer.name})"]
-        )
+    unnamed = any(place.position == UNNAMED for _, place in missing)
     others = _fitting(listening, convention)
+    if unnamed and convention == "slimevr_vrchat":
+        step = NO_WRISTS
+    elif unnamed or (len(missing) == len(performer.sensors) and not others):
+        step = f"Name each pose with `role` in the performer's file (a copy of {performer.name})"
+    else:
+        step = "Switch on, wear and assign what is missing"
     if others:
-        steps.append(f"or use --performer {' or '.join(others)}")
-    return [mend("sensors", f"the stream tells no {names}; it tells {shown}", ", ".join(steps))]
+        step += f", or use --performer {' or '.join(others)}"
+    return mend("sensors", f"the stream tells no {names}; it tells {shown}", step)
 
 
 def _fitting(listening: Listening, convention: str) -> list[str]:
@@ -92,39 +90,31 @@ def _fitting(listening: Listening, convention: str) -> list[str]:
     return [name for _, name in sorted(found, reverse=True)[:3]]
 
 
-def _doubts(sensor: str, place: Place, listening: Listening) -> list[Finding]:
-    """What speaks against a sensor that is told."""
+def _doubts(told: dict[str, Place], listening: Listening) -> list[Finding]:
+    """What speaks against sensors that are told: a line for all of which the same is to be said."""
     found = []
     for state, (what, step) in _DOUBTS.items():
-        share = listening.share(sensor, state)
-        if share > SOME and not (state is TrustState.SWAPPED and sensor.startswith("r_")):
-            subject = f"{sensor}, {mirrored_name(sensor)}" if state is TrustState.SWAPPED else sensor
-            found.append(mend(subject, f"{what}, {100 * share:.0f} % of the time", step))
-    frozen = listening.share(sensor, TrustState.FROZEN)
-    if frozen > FROZEN_SHARE:
-        step = f"See that its tracker is on and in view; if it is not worn, leave {sensor} out (--performer)"
-        what = f"repeats one value while others move, {100 * frozen:.0f} % of the time ({place.position})"
-        found.append(mend(sensor, what, step))
+        shares = {sensor: listening.share(sensor, state) for sensor in told}
+        shares = {sensor: share for sensor, share in shares.items() if share > _LEAST.get(state, SOME)}
+        if shares:
+            worst = f"{100 * max(shares.values()):.0f} % of the time"
+            found.append(mend(", ".join(shares), f"{what}, {worst}", step))
     return found
 
 
-def _unusable(listening: Listening) -> list[Finding]:
+def _unusable(told: dict[str, Place], listening: Listening) -> list[Finding]:
     """Sensors that are told, and of which nothing can be used: each alone, or all of them."""
-    told = {
-        sensor: _unheard(sensor, place, listening)
-        for sensor, place in zip(listening.stream.roles.sensors, listening.stream.roles.places, strict=True)
-        if place.position in listening.told
-    }
+    unheard = {sensor: _unheard(sensor, place, listening) for sensor, place in told.items()}
     reasons = ", ".join(reason for reason, _ in listening.stream.trust.refused.reasons.most_common(2))
     why = f" ({reasons})" if reasons else ""
-    least = min(told.values(), default=0.0)
+    least = min(unheard.values(), default=0.0)
     found = [
         mend(
             sensor,
             f"is told, and cannot be used {100 * share:.0f} % of the time{why}",
             "See that its tracker is seen by the system, and fixed well",
         )
-        for sensor, share in told.items()
+        for sensor, share in unheard.items()
         if share > least + UNHEARD_SHARE
     ]
     if least > UNHEARD_SHARE and reasons:

@@ -1,10 +1,12 @@
 """Who sends and what: the wrong protocol, refused senders, damaged or large datagrams, what the kernel lost."""
 
+from collections import Counter
 from ipaddress import AddressValueError, IPv4Address
 
 from retarget.doctor.finding import Finding, mend, note, ok
 from retarget.doctor.listening import Listening
 from retarget.doctor.mix_ups import SENDERS, advice_for
+from retarget.doctor.recognise import DAMAGED
 from retarget.live.address import StreamAddress
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -41,7 +43,7 @@ def _refused(address: StreamAddress, listening: Listening) -> list[Finding]:
     for (host, port), reason in listening.stream.admission.news():
         if reason == NOT_ALLOWED:
             step = f"Add {host} to ?allow= of the address if it is the sender, else stop it"
-            found.append(mend("sender", f"{host}, port {port}, sends too, and is not on the allow-list", step))
+            found.append(mend("sender", f"{host}, port {port}, sends, and is not on the allow-list", step))
         elif reason == SECOND_SOURCE:
             owner = listening.stream.admission.owner
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
@@ -61,13 +63,22 @@ def _refused(address: StreamAddress, listening: Listening) -> list[Finding]:
 
 def _foreign(kind: str, listening: Listening, port: int) -> list[Finding]:
     """What is no part of the protocol, or another part than is read."""
-    found = []
-    for got, count in listening.kinds.most_common():
+    found, looked, counts = [], listening.kinds.total(), Counter[str]()
+    for got, count in listening.kinds.items():
+        counts[got.name] += count
+    seen = set[str]()
+    for got, _ in listening.kinds.most_common():
         advice = advice_for(kind, got, port=port)
-        if not advice or (got.kind == kind and listening.frames):
+        mixed = bool(listening.frames) and (got.kind == kind or got.name.startswith(DAMAGED))
+        if not advice or mixed or got.name in seen:
             continue
-        what = f"{got.text} arrives, and {kind}:// is listened for" if got.kind != kind else f"{got.text} arrives"
-        found.append(mend("protocol", f"{what} ({count} of {listening.kinds.total()} looked at)", advice))
+        seen.add(got.name)
+        told = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
+        told += f", and {kind}:// is listened for" if got.kind != kind else ""
+        if listening.frames and not got.kind:
+            found.append(note("protocol", f"also: {told}", advice))
+        else:
+            found.append(mend("protocol", told, advice))
     return found
 
 

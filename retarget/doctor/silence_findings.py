@@ -19,13 +19,15 @@ def silence_findings(
     """Why an address hears nothing, the surest cause first. answered: what is wrong was told in another way."""
     found = []
     if not answered:
-        found.append(mend("stream", f"nothing arrives in {seconds:.0f} s at {_place(address)}", _start(address)))
+        found.append(mend("stream", f"nothing arrives in {seconds:.1f} s at {_place(address)}", _start(address)))
     found += [stray_finding(address, stray) for stray in strays]
     if strays or address.kind == "replay":
         return found
     if IPv4Address(address.bind).is_loopback:
         if address.kind != "natnet":
-            step = f"If the sender is another computer: {address.kind}://0.0.0.0:{address.port}?allow=ITS_ADDRESS"
+            option = "allow" if _protocol(address) == "UDP" else "tcp"
+            other = f"{address.kind}://0.0.0.0:{address.port}?{option}=ITS_ADDRESS"
+            step = f"If the sender is another computer: {other}"
             found.append(note("network", f"only this machine is heard; its own addresses are {_interfaces()}", step))
         return found
     allowed = ", ".join(str(network) for network in address.allow)
