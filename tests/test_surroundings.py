@@ -32,6 +32,17 @@ def ball() -> Surroundings:
     return Surroundings(SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": {"b": BALL}})))
 
 
+def test_time_goes_by_as_ever_for_obstacles_and_they_seem_faster_to_a_slow_robot() -> None:
+    around, listener = ball(), Listener()
+    around.begin()
+    around.tick(cast(Hierarchy, listener), 0.5, pace=0.5)
+    around.tick(cast(Hierarchy, listener), 0.5, pace=0.5)
+    poses = listener.told[-1]
+    assert around.time == 1.0
+    assert (float(poses.position[0, 0]), float(poses.linear_velocity[0, 0])) == (0.5, 2.0)
+    assert around.now is not None and float(around.now.linear_velocity[0, 0]) == 1.0  # what the gate looks at
+
+
 def test_until_it_begins_everything_stands_where_it_is_at_first() -> None:
     around, listener = ball(), Listener()
     assert [listener.tick(around) for _ in range(3)] == [(0.0, 0.0)] * 3
