@@ -12,18 +12,24 @@ from retarget.schema import Name, Schema, Switch, Text, read_model
 from retarget.schema_errors import unknown_name
 from retarget.strict_yaml import Document
 
-__all__ = ["Performer", "WornSensor", "load_performer"]
+__all__ = ["HELD", "Performer", "WornSensor", "load_performer"]
+
+
+HELD = ("head", "l_wrist", "r_wrist")
+"""Sensors that may sit beside their joints: a cap or headset, and controllers, which turn with head and hands."""
 
 
 class WornSensor(Schema):
     """A sensor and the joint of the human that it sits on. orientation: used where the source knows it.
 
-    role: what a live sender calls it, where the sender's convention does not say so already.
+    role: what a live sender calls it, where the sender's convention does not say so already. beside: it sits some
+    centimetres beside its joint, and where is to be found out while a live performer stands still.
     """
 
     joint: Name
     orientation: Switch = False
     role: Text | None = None
+    beside: Switch = False
 
 
 class Performer(Schema):
@@ -58,6 +64,9 @@ def _check(performer: Performer, document: Document) -> list[Problem]:
             problems.append(unknown_name(document, ("sensors", name), "sensor", name, SENSORS))
         if sensor.joint not in JOINTS:
             problems.append(unknown_name(document, ("sensors", name, "joint"), "joint", sensor.joint, JOINTS))
+        if sensor.beside and name not in HELD:
+            here, allowed = ("sensors", name, "beside"), ", ".join(HELD)
+            problems.append(document.problem(here, "only these may sit beside their joints", allowed=allowed))
         earlier = first.setdefault(sensor.joint, name)
         if earlier != name:
             found = f"{sensor.joint}, which {earlier} sits on"

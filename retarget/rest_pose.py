@@ -7,6 +7,7 @@ N, A and T, five sensors gave stature within 5 mm, arm length within 28 mm and l
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +18,14 @@ from retarget.frames import SensorFrames
 from retarget.human_dimensions import POINTS, STATURE_M, HumanDimensions, default_mass, stature_of
 from retarget.rotations import FloatArray
 
-__all__ = ["dimensions_from_rest_pose", "find_rest_frames", "rest_pose_name", "standing_stature"]
+__all__ = [
+    "RestFit",
+    "dimensions_from_rest_pose",
+    "find_rest_frames",
+    "fit_rest_pose",
+    "rest_pose_name",
+    "standing_stature",
+]
 
 REQUIRED = ("head", "l_wrist", "r_wrist")
 """Without ankles the ground (z = 0) stands in for them."""
@@ -25,6 +33,9 @@ _ANKLES = ("l_ankle", "r_ankle")
 
 SENSOR_SPREAD_M = 0.01
 """How far a sensor sits from the joint centre that it stands for."""
+LOOSE_SPREAD_M = 0.05
+"""And how far one that is known to sit beside it: a controller in the hand, a cap on the head."""
+MAX_LOOSE_M = 0.2
 MAX_RESIDUAL_M = 0.06
 """A fit that misses the sensors by more (root mean square) is no rest pose of a human."""
 MAX_SPREADS = 5.0
@@ -43,10 +54,31 @@ def rest_pose_name(arm_angle: float) -> str:
     return "N" if degrees < 25.0 else "A" if degrees < 65.0 else "T"
 
 
+@dataclass(frozen=True, eq=False)
+class RestFit:
+    """A person at rest. offset (k, 3) m, world: from its joint to each sensor, zero for those that sit on theirs."""
+
+    dimensions: HumanDimensions
+    offset: FloatArray
+
+
 def dimensions_from_rest_pose(
     names: Sequence[str], position: FloatArray, *, mass: float | None = None, source: str = ""
 ) -> HumanDimensions:
-    """Fit a person to sensors at rest. names: k canonical sensor names; position (k, 3) m, world, z up.
+    """The size of who is fitted to sensors at rest: see `fit_rest_pose`."""
+    return fit_rest_pose(names, position, mass=mass, source=source).dimensions
+
+
+def fit_rest_pose(
+    names: Sequence[str],
+    position: FloatArray,
+    *,
+    loose: Sequence[str] = (),
+    mass: float | None = None,
+    source: str = "",
+) -> RestFit:
+    """Fit a person to sensors at rest. names: k canonical sensor names; position (k, 3) m, world, z up. loose: those
+    that sit beside their joints, nobody knows where.
 
     Head and wrists are needed, ankles should be there. Raises InputError: sensors missing, or no upright human.
     """
@@ -66,20 +98,27 @@ def dimensions_from_rest_pose(
     ankles = [POINTS.index(name) for name in _ANKLES]
     seen = np.array([middle in names for middle, _ in rest_body.LIMBS])
     bend = np.where(seen, rest_body.SEEN_BEND_SPREAD_RAD, rest_body.BEND_SPREAD_RAD)
+    beside = [row for row, name in enumerate(names) if name in loose]
 
-    def residual(parameters: FloatArray) -> FloatArray:
+    def residual(unknown: FloatArray) -> FloatArray:
+        parameters, offset = unknown[: rest_body.COUNT], unknown[rest_body.COUNT :]
         points = rest_body.points(parameters)
-        parts = [(points[columns] - position).ravel() / SENSOR_SPREAD_M, rest_body.prior(parameters, bend)]
+        off = points[columns] - position
+        off[beside] += offset.reshape(-1, 3)
+        parts = [off.ravel() / SENSOR_SPREAD_M, rest_body.prior(parameters, bend), offset / LOOSE_SPREAD_M]
         if on_ground:
             height = FRACTIONS.ankle_height * np.exp(parameters[rest_body.STATURE])
             parts.append((points[ankles, 2] - height) / SENSOR_SPREAD_M)
         return np.concatenate(parts)
 
     start = _first_guess(dict(zip(names, position, strict=True)), source=source)
-    fit = least_squares(residual, start, max_nfev=100).x
+    found = least_squares(residual, np.concatenate([start, np.zeros(3 * len(beside))]), max_nfev=100).x
+    fit, offset = found[: rest_body.COUNT], np.zeros((len(names), 3))
+    offset[beside] = found[rest_body.COUNT :].reshape(-1, 3)
+    offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(np.linalg.norm(offset, axis=1), 1e-9))[:, None]
     unusual = float(np.abs(rest_body.prior(fit, bend)[:7]).max())
-    _check_fit(rest_body.points(fit)[columns] - position, unusual, source=source)
-    return _dimensions(fit, mass=mass, source=source)
+    _check_fit(rest_body.points(fit)[columns] + offset - position, unusual, source=source)
+    return RestFit(_dimensions(fit, mass=mass, source=source), offset)
 
 
 def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:

@@ -43,6 +43,8 @@ def begin_live(
     if options.person is not None:
         check_person_place(options.person)
         person = None if options.recalibrate else read_person(options.person)
+    if person is not None:
+        stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     _wait(stream, options, clock, where=where)
     known = None if person is None else person.dimensions
     calibrated = measure(stream, options, known, clock=clock, where=where, tell=tell)
@@ -54,7 +56,7 @@ def begin_live(
     if options.check_sides:
         check_sides(stream, calibrated, clock=clock, where=where, tell=tell)
     if options.person is not None and person is None:
-        _keep(options.person, calibrated, tell)
+        _keep(options.person, calibrated, stream.roles.convention, tell)
     performer = LivePerformer(
         stream,
         calibrated.alignment,
@@ -71,10 +73,18 @@ def begin_live(
     return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, INTAKE)
 
 
-def _keep(name: str, calibrated: Calibrated, tell: Callable[[str], object]) -> None:
+def _keep(name: str, calibrated: Calibrated, convention: str, tell: Callable[[str], object]) -> None:
     """Write the person's file."""
-    sensors = tuple(sensor for sensor in calibrated.sensors if sensor not in calibrated.missing)
-    path = write_person(person_of(name, calibrated.dimensions, sensors=sensors, date=today()))
+    rows = [row for row, sensor in enumerate(calibrated.sensors) if sensor not in calibrated.missing]
+    person = person_of(
+        name,
+        calibrated.dimensions,
+        sensors=tuple(calibrated.sensors[row] for row in rows),
+        date=today(),
+        convention=convention,
+        offset=calibrated.offset[rows],
+    )
+    path = write_person(person)
     tell(f"kept for --person {name}: {path}")
 
 

@@ -19,6 +19,8 @@ __all__ = ["LISTEN_S", "measure"]
 
 LISTEN_S = 0.01
 """Between two looks at the stream while nothing moves."""
+SETTLE_S = 0.3
+"""So long what is smoothed takes to be where a corrected sensor is."""
 TRY_S = 0.1
 """Between two looks at whether the performer stands still by now."""
 
@@ -38,16 +40,29 @@ def measure(
     """
     pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
     tell(f"{pose}: {options.countdown:g} s")
-    end = clock.now() + options.countdown
-    while clock.now() < end:
-        clock.sleep_until(clock.now() + LISTEN_S)
-        stream.listen(clock.now(), moving=False)
+    _listen(stream, clock, options.countdown)
     size = known or _told_size(stream, options, where=where, tell=tell)
-    capture = RestCapture(where=where, lasts=CAPTURE_S if known is None else KNOWN_CAPTURE_S)
+    lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
+    capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose)
     found = _captured(stream, options, capture, size, clock=clock)
     height = f"{found.dimensions.stature:.2f} m tall"
     tell(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
+    if found.offset.any():
+        stream.roles = stream.roles.shifted(found.offset)
+        off = np.linalg.norm(found.offset, axis=1)
+        told = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
+        tell(f"beside their joints: {', '.join(told)}")
+        _listen(stream, clock, SETTLE_S)
     return found
+
+
+def _listen(stream: LiveStream, clock: Clock, seconds: float) -> None:
+    """Nothing else for so long."""
+    end = clock.now() + seconds
+    while clock.now() < end:
+        clock.sleep_until(clock.now() + LISTEN_S)
+        stream.listen(clock.now(), moving=False)
+        stream.read(clock.now())
 
 
 def _told_size(

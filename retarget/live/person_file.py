@@ -14,11 +14,14 @@ from pydantic import Field
 
 from retarget.catalogue import user_folder
 from retarget.errors import ConfigError, InputError, Problem, UsageError
+from retarget.frames import SENSORS
 from retarget.human_dimensions import POINTS, STATURE_M, HumanDimensions, check_plausible, proportional_dimensions
 from retarget.outputs import check_folder, make_folder, write_atomic, write_stream
+from retarget.rest_pose import MAX_LOOSE_M
+from retarget.rotations import FloatArray
 from retarget.schema import Integer, Name, Positive, Schema, Text, Vector3, read_model
 from retarget.schema_errors import unknown_name
-from retarget.strict_yaml import Document, read_text, scan
+from retarget.strict_yaml import Document, KeyPath, read_text, scan
 
 __all__ = ["LAYOUT", "Person", "check_person_place", "person_of", "person_path", "read_person", "write_person"]
 
@@ -39,6 +42,8 @@ class Person(Schema):
     """A measured person. stature: m; mass: kg; origin: by what they were measured; sensors: which took part.
 
     offsets: each of `human_dimensions.POINTS` from its parent, m, standing, arms hanging, x forward, y left, z up.
+    sensor_offsets: by convention of roles and sensor, from the joint to the sensor, m, in its canonical axes, beyond
+    what the convention knows.
     """
 
     layout: Integer
@@ -49,6 +54,7 @@ class Person(Schema):
     origin: Text
     sensors: Annotated[tuple[Name, ...], Field(max_length=64)]
     offsets: Annotated[dict[Name, Vector3], Field(max_length=64)]
+    sensor_offsets: Annotated[dict[Name, dict[Name, Vector3]], Field(default_factory=dict, max_length=16)]
 
     @property
     def dimensions(self) -> HumanDimensions:
@@ -56,13 +62,25 @@ class Person(Schema):
         offset = np.array([self.offsets[name] for name in POINTS])
         return HumanDimensions(offset, self.stature, self.mass, f"{self.name}, measured on {self.date}: {self.origin}")
 
+    def offset(self, convention: str, sensors: tuple[str, ...]) -> FloatArray:
+        """Offsets (k, 3) m of these sensors, zero where none is known."""
+        known = self.sensor_offsets.get(convention, {})
+        return np.array([known.get(sensor, (0.0, 0.0, 0.0)) for sensor in sensors])
 
-def person_of(name: str, dimensions: HumanDimensions, *, sensors: tuple[str, ...], date: str) -> Person:
-    """Somebody who was just measured; to the tenth of a millimetre."""
-    offsets = {
-        point: (round(float(x), 4), round(float(y), 4), round(float(z), 4))
-        for point, (x, y, z) in zip(POINTS, dimensions.offset, strict=True)
-    }
+
+def person_of(
+    name: str,
+    dimensions: HumanDimensions,
+    *,
+    sensors: tuple[str, ...],
+    date: str,
+    convention: str = "",
+    offset: FloatArray | None = None,
+) -> Person:
+    """Somebody who was just measured; to the tenth of a millimetre. offset (k, 3) m: see `Person.offset`."""
+    offsets = {point: _rounded(at) for point, at in zip(POINTS, dimensions.offset, strict=True)}
+    rows = {} if offset is None else dict(zip(sensors, offset, strict=True))
+    beside = {sensor: _rounded(by) for sensor, by in rows.items() if by.any()}
     return Person(
         layout=LAYOUT,
         name=name,
@@ -72,7 +90,13 @@ def person_of(name: str, dimensions: HumanDimensions, *, sensors: tuple[str, ...
         origin=dimensions.origin,
         sensors=sensors,
         offsets=offsets,
+        sensor_offsets={convention: beside} if beside else {},
     )
+
+
+def _rounded(at: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 4) for value in at)
+    return x, y, z
 
 
 def person_path(name: str) -> Path:
@@ -137,6 +161,14 @@ def _problems(read: Person, document: Document) -> list[Problem]:
         problems.append(
             document.problem(("offsets",), "points missing", found=f"no {', '.join(missing[:5])}", next_step=STEP)
         )
+    for convention, beside in (read.sensor_offsets or {}).items():
+        for sensor, by in beside.items():
+            here: KeyPath = ("sensor_offsets", convention, sensor)
+            if sensor not in SENSORS:
+                problems.append(unknown_name(document, here, "sensor", sensor, SENSORS))
+            elif float(np.linalg.norm(by)) > MAX_LOOSE_M + 1e-3:
+                what, allowed = "a sensor too far from its joint", f"at most {MAX_LOOSE_M:g} m"
+                problems.append(document.problem(here, what, found=str(list(by)), allowed=allowed, next_step=STEP))
     if read.stature is not None and read.mass is not None and not (problems or document.problems or missing):
         problems += _inhuman(read, document)
     return problems
@@ -187,6 +219,11 @@ def _as_yaml(person: Person) -> str:
         "offsets:",
     ]
     lines += [f"  {point}: [{x!r}, {y!r}, {z!r}]" for point, (x, y, z) in person.offsets.items()]
+    if person.sensor_offsets:
+        lines += ["# From its joint to each sensor, in the sensor's own axes.", "sensor_offsets:"]
+    for convention, beside in person.sensor_offsets.items():
+        lines.append(f"  {convention}:")
+        lines += [f"    {sensor}: [{x!r}, {y!r}, {z!r}]" for sensor, (x, y, z) in beside.items()]
     return "\n".join(lines) + "\n"
 
 

@@ -5,14 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from retarget import rotations
 from retarget.anthropometry import FRACTIONS
 from retarget.errors import InputError
-from retarget.frames import SensorSample
+from retarget.frames import BoolArray, SensorSample
 from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.live.alignment import Alignment, align
 from retarget.live.stream import Heard
 from retarget.live.trust_state import TrustState
-from retarget.rest_pose import REQUIRED, dimensions_from_rest_pose
+from retarget.rest_pose import REQUIRED, fit_rest_pose
 from retarget.rotations import FloatArray
 
 __all__ = ["CAPTURE_S", "KNOWN_CAPTURE_S", "Calibrated", "RestCapture", "believing_still"]
@@ -37,7 +38,8 @@ MOST = 1000
 class Calibrated:
     """What a rest pose tells: size; where the stream's world lies; sensors without which it was (they were not fresh).
 
-    sensors: k names, position (k, 3) m: where they were in our world, NaN for those that did not count.
+    sensors: k names, position (k, 3) m: where their joints were in our world, NaN for those that did not count. offset
+    (k, 3) m: from the joint to each sensor beyond what was known, in the sensor's canonical axes.
     """
 
     dimensions: HumanDimensions
@@ -45,6 +47,7 @@ class Calibrated:
     sensors: tuple[str, ...]
     position: FloatArray
     missing: tuple[str, ...]
+    offset: FloatArray
 
 
 def believing_still(heard: Heard) -> Heard:
@@ -56,9 +59,9 @@ def believing_still(heard: Heard) -> Heard:
 class RestCapture:
     """The last `lasts` s of samples of the stream's world: `take` them, and ask for the `result` once it is `done`."""
 
-    def __init__(self, *, where: str, lasts: float = CAPTURE_S) -> None:
-        """where: the stream, for messages."""
-        self._where, self._lasts = where, lasts
+    def __init__(self, *, where: str, lasts: float = CAPTURE_S, loose: tuple[str, ...] = ()) -> None:
+        """where: the stream, for messages. loose: sensors that may sit beside their joints."""
+        self._where, self._lasts, self._loose = where, lasts, loose
         self._times: deque[float] = deque()
         self._samples: deque[SensorSample] = deque()
         self._began = np.inf  # [s] the first sample of all
@@ -94,19 +97,34 @@ class RestCapture:
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_restless(names, track, mean)
         alignment = align(names, mean, where=self._where)
-        standing = alignment.positions(mean)
+        standing, offset = alignment.positions(mean), np.zeros((len(names), 3))
         if size is None:
-            known = [index for index, ok in enumerate(counts) if ok]
-            size = dimensions_from_rest_pose(
-                [names[index] for index in known], standing[known], mass=mass, source=self._where
-            )
+            turns = alignment.orientations(self._turns(counts))
+            rows = [row for row, ok in enumerate(counts) if ok]
+            loose = [names[row] for row in rows if names[row] in self._loose and np.isfinite(turns[row]).all()]
+            told = [names[row] for row in rows]
+            fit = fit_rest_pose(told, standing[rows], loose=loose, mass=mass, source=self._where)
+            size = fit.dimensions
+            standing[rows] -= fit.offset
+            offset[rows] = np.nan_to_num(rotations.rotate(rotations.conjugate(turns[rows]), fit.offset))
         else:
             beyond = self._refuse_other(dict(zip(names, standing, strict=True)), size)
             # Without ankles the floor is as far below the head as this person is tall.
             alignment = replace(alignment, origin=alignment.origin + np.array([0.0, 0.0, beyond]))
             standing = alignment.positions(mean)
         missing = tuple(name for name, ok in zip(names, counts, strict=True) if not ok)
-        return Calibrated(size, alignment, names, standing, missing)
+        return Calibrated(size, alignment, names, standing, missing, offset)
+
+    def _turns(self, counts: BoolArray) -> FloatArray:
+        """Mean orientation (k, 4) of those who count, of the stream's world; NaN where it was not told."""
+        track = np.array([np.where(one.valid[:, None], one.orientation, np.nan) for one in self._samples])
+        known = counts & np.isfinite(track).any(axis=(0, 2))
+        mean = np.full(track.shape[1:], np.nan)
+        for row in np.flatnonzero(known):
+            told = track[np.isfinite(track[:, row]).all(axis=1), row]
+            total = (told * np.where(told @ told[0] < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
+            mean[row] = total / np.linalg.norm(total)
+        return mean
 
     def _refuse_other(self, at: dict[str, FloatArray], size: HumanDimensions) -> float:
         """How far (m) the head stands higher than that of a person of this size; 0 where ankles tell the floor."""

@@ -1,7 +1,7 @@
 """From a sender's poses to the sensors that a performer wears: which name is which sensor, by convention or by file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +30,15 @@ class Place:
     """Where a sensor's pose comes from. position, orientation: the sender's names of poses, "" for none.
 
     rest: what the sender tells, wxyz, in the T-pose facing x. offset: from the joint to the point that is told, m, in
-    the axes of that pose.
+    the axes of that pose. loose: a thing that is worn or held beside the joint, which turns with what the joint
+    carries; where exactly, the sender does not know.
     """
 
     position: str
     orientation: str = ""
     rest: Quaternion = _UPRIGHT
     offset: Triple = _NOWHERE
+    loose: bool = False
 
 
 def _of_role_set(name: str) -> dict[str, Place]:
@@ -94,14 +96,27 @@ class _Plan:
 class Roles:
     """The sensors of a performer in the poses of one sender."""
 
-    def __init__(self, sensors: Sequence[str], places: Sequence[Place]) -> None:
-        self.sensors, self.places = tuple(sensors), tuple(places)
+    def __init__(self, sensors: Sequence[str], places: Sequence[Place], *, convention: str = "") -> None:
+        self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
         self._plans: dict[tuple[str, ...], _Plan | None] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
         """The sender's names that are listened for, each once."""
         return tuple(dict.fromkeys(name for one in self.places for name in (one.position, one.orientation) if name))
+
+    @property
+    def loose(self) -> tuple[str, ...]:
+        """Sensors that sit beside their joints."""
+        return tuple(sensor for sensor, place in zip(self.sensors, self.places, strict=True) if place.loose)
+
+    def shifted(self, offset: FloatArray) -> "Roles":
+        """The same with loose sensors known to be farther off: offset (k, 3) m, in canonical axes."""
+        places = []
+        for place, by in zip(self.places, offset, strict=True):
+            x, y, z = (rotations.rotate(rotations.conjugate(place.rest), by) + place.offset).tolist()
+            places.append(replace(place, offset=(x, y, z)) if place.loose else place)
+        return Roles(self.sensors, places, convention=self.convention)
 
     def take(self, frame: StreamFrame) -> SensorPoses | None:
         """The sensors that a frame tells; None when it tells none."""
@@ -162,10 +177,17 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
         )
     known, places, problems = CONVENTIONS[convention], [], []
     for name, sensor in performer.sensors.items():
-        if sensor.role is not None:
-            places.append(Place(sensor.role, sensor.role))
-        elif name in known:
-            places.append(known[name])
+        place = known.get(name) if sensor.role is None else Place(sensor.role, sensor.role)
+        if place is not None and (not sensor.beside or place.position == place.orientation):
+            places.append(replace(place, loose=sensor.beside))
+        elif place is not None:
+            problems.append(
+                Problem(
+                    f"sender of kind {convention} does not tell how {name} turns",
+                    f"{where}: sensors.{name}.beside",
+                    next_step="Leave `beside` out",
+                )
+            )
         else:
             problems.append(
                 Problem(
@@ -177,4 +199,4 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
             )
     if problems:
         raise UsageError.from_problems(problems)
-    return Roles(tuple(performer.sensors), places)
+    return Roles(tuple(performer.sensors), places, convention=convention)
