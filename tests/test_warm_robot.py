@@ -1,0 +1,73 @@
+"""A warm servo in a whole run: half of the speed in time, by the goals that went onto the bus, and a person is told."""
+
+import numpy as np
+import pytest
+
+from hardware.clock import Clock, VirtualClock
+from retarget.clip import Playback
+from retarget.options import RunOptions
+from retarget.prepare import prepare
+from retarget.record import Phase
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+from retarget.run_result import RunResult
+from sim.mock_bus import MockBus
+from sim.mock_faults import FaultKind, MockFault
+from sim.performer import synthetic_performer
+
+FIRST = 450
+"""Cycle of the bus in which the servo gets warm."""
+TICK = 1.534e-3
+"""[rad] of an XM430: goals are whole ones."""
+
+
+def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
+    """The run, its goals (T, n) rad, and what was told."""
+    told: list[str] = []
+
+    def make_bus(robot: RobotBody, clock: Clock) -> MockBus:
+        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
+
+    options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=14.0))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, tell=told.append) as ready:
+        result = ready.run()
+    assert result.robot is not None and result.record.robot is not None
+    return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), told
+
+
+@pytest.fixture(scope="module")
+def warm() -> tuple[RunResult, FloatArray, list[str]]:
+    return run(MockFault(FaultKind.HOT, FIRST, 250, servo=3, value=61.0))
+
+
+def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
+    result, goals, _ = warm
+    assert result.robot is not None and result.state == "idle"
+    most, dt = result.robot.joint_map.max_velocity, 1.0 / result.robot.profile.safety.rate_hz
+    steps = np.abs(np.diff(goals, axis=0))
+    following = result.record.phase[1:] == Phase.FOLLOW
+    slow, before = slice(FIRST + round(1.1 / dt), FIRST + 250), slice(0, FIRST)
+    assert following[slow].all() and following[before].any()
+    assert (steps[slow] <= 0.5 * most * dt + TICK).all()
+    assert (steps[before] / (most * dt)).max() > 0.6
+    changes = np.abs(np.diff(goals, n=2, axis=0))
+    assert (changes <= result.robot.joint_map.max_acceleration * dt**2 + 2.0 * TICK).all()
+    assert result.record.robot is not None and not result.record.robot.gated[following.argmax() + 1 :].any()
+
+
+def test_it_is_told_once_that_it_began_and_once_that_it_ended(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
+    _, _, told = warm
+    assert len(told) == 2
+    assert "is hotter than 60 degrees Celsius: l_sho_roll (id 4) 61; the robot goes at 50% of its speed" in told[0]
+    assert told[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
+
+
+def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
+    result, _, told = run(
+        MockFault(FaultKind.HOT, FIRST, 60, servo=3, value=61.0),
+        MockFault(FaultKind.HOT, FIRST + 60, 999, 3, value=66.0),
+    )
+    assert result.stop is not None and "is hotter than 65 degrees Celsius" in result.stop.reason
+    assert told[0].startswith("warning: ")
+    assert len(result.record.phase) < FIRST + 60 + 125
