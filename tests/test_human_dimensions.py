@@ -9,7 +9,13 @@ from numpy.testing import assert_allclose
 from retarget.anthropometry import FRACTIONS
 from retarget.errors import InputError
 from retarget.frames import JOINTS
-from retarget.human_dimensions import PARENTS, POINTS, check_plausible, proportional_dimensions
+from retarget.human_dimensions import (
+    PARENTS,
+    POINTS,
+    check_plausible,
+    mirrored_dimensions,
+    proportional_dimensions,
+)
 
 
 def test_the_points_are_the_canonical_joints_parents_first() -> None:
@@ -30,6 +36,18 @@ def test_left_and_right_mirror_each_other() -> None:
     for name in POINTS:
         if name.startswith("l_"):
             assert_allclose(person.of(name), person.of("r_" + name[2:]) * [1, -1, 1])
+
+
+def test_mirrored_left_is_right_and_twice_is_nothing() -> None:
+    usual = proportional_dimensions(1.7)
+    offset = usual.offset.copy()
+    offset[POINTS.index("l_knee")] *= 1.1
+    offset[POINTS.index("spine"), 1] = 0.01
+    person = replace(usual, offset=offset)
+    mirrored = mirrored_dimensions(person)
+    assert mirrored.length("r_knee") == person.length("l_knee") > mirrored.length("l_knee")
+    assert mirrored.of("spine")[1] == -0.01 and mirrored.of("l_hip")[1] > 0.0
+    assert_allclose(mirrored_dimensions(mirrored).offset, person.offset)
 
 
 def test_the_head_of_a_standing_person_is_where_the_table_has_it() -> None:

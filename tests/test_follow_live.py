@@ -1,0 +1,83 @@
+"""A live run from the command line: a real recording in place of a sender, and options that go together or do not."""
+
+from pathlib import Path
+
+import pytest
+
+from retarget.cli import main
+from retarget.cli.follow_live import refuse_for_file, sides_are_checked
+from retarget.errors import UsageError
+
+SWAPPED = """\
+name: swapped
+description: The hands' trackers are exchanged.
+sensors:
+  head:    {joint: head}
+  l_wrist: {joint: l_wrist, role: "human://RIGHT_HAND"}
+  r_wrist: {joint: r_wrist, role: "human://LEFT_HAND"}
+  l_ankle: {joint: l_ankle}
+  r_ankle: {joint: r_ankle}
+"""
+
+
+@pytest.fixture
+def slimevr(shared: Path) -> str:
+    """Somebody who stands still, and raises the left arm two seconds later."""
+    return f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc"
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
+    """Exit code, and what is said."""
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--robot", "human", "--countdown", "0", "--end", "0.2", *words])
+    code = ended.value.code
+    assert isinstance(code, int)
+    return code, capsys.readouterr().err
+
+
+def test_a_real_left_arm_passes_and_the_person_is_kept(
+    slimevr: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    words = ("--source", slimevr, "--person", "anna")
+    code, said = run(capsys, *words, "--check-sides")
+    assert code == 0 and "left is left, and up is up" in said and "measured: 1.6" in said
+    assert (tmp_path / "retarget/people/anna.yaml").is_file()
+    code, said = run(capsys, *words)
+    assert code == 0 and "known: 1.6" in said and "left arm" not in said
+
+
+def test_exchanged_hands_are_refused(slimevr: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "swapped.yaml"
+    file.write_text(SWAPPED)
+    code, said = run(capsys, "--source", slimevr, "--performer", str(file), "--check-sides")
+    assert code == 2 and "the right wrist rose: left and right are exchanged" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--recalibrate",), "--recalibrate: nobody is kept without a name"),
+        (("--person", "../anna"), "--person: this is no name of a performer"),
+        (("--check-sides", "--yes"), "one asks, the other does not"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    slimevr: str, words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = run(capsys, "--source", slimevr, *words)
+    assert code == 2 and message in said
+
+
+def test_the_sides_of_whoever_is_there_are_checked() -> None:
+    assert sides_are_checked("vmc://:39539", None, yes=False)
+    assert not sides_are_checked("vmc://:39539", None, yes=True)
+    assert not sides_are_checked("vmc://:39539", asked=False, yes=False)
+    assert not sides_are_checked("replay://a.raw", None, yes=False)
+    assert sides_are_checked("replay://a.raw", asked=True, yes=False)
+
+
+def test_a_file_has_no_live_options() -> None:
+    refuse_for_file({"--person": None})
+    with pytest.raises(UsageError, match="--person: only a live stream has this"):
+        refuse_for_file({"--person": "anna", "--recalibrate": None})
