@@ -41,9 +41,7 @@ class ServoHealth:
         """Why the robot must stop, or None. sent (n,): goal ticks of the last tick."""
         self._look(states, sent)
         seen, levels, warnings = self._seen, self._levels, self.warnings
-        well = ((seen >= self._least) & (seen <= self._most)).all()
-        if well and not (levels.waiting or warnings.busy):
-            self._known = self._all_known
+        if not (levels.waiting or warnings.busy) and self._all_well():
             warnings.pass_over(states.time)
             return None
         warnings.look(seen, states.time)
@@ -87,6 +85,19 @@ class ServoHealth:
         else:  # where a silent servo was is not where it is: what was known of it last still stands
             heard = self._joint_map.heard(states.valid)
             seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(heard, far, seen[Row.FAR])
+
+    def _all_well(self) -> bool:
+        """Whether there is nothing to say of any servo, not even that something lasts for too long."""
+        seen = self._seen
+        inside = (seen >= self._least) & (seen <= self._most)
+        if inside.all():
+            self._known = self._all_known
+            return True
+        unknown = np.isnan(seen)
+        if not (inside | (unknown & ~(self._known & self._limited))).all():
+            return False
+        self._known = self._known | ~unknown
+        return True
 
     def _wrong(self, now: float) -> BoolArray:
         """Which servos (rows, n) are beyond which bound."""

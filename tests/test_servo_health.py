@@ -245,3 +245,22 @@ def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
     # Where one of the two is silent, nothing is known of either joint.
     silent = replace(states, valid=np.array([True, False, True, True]))
     assert health.complaint(silent, states.position - off) is None
+
+
+def test_a_bus_that_tells_nothing_of_some_costs_nobody_else_a_warning() -> None:
+    """Unknown values go along with known ones that are watched as ever."""
+    rig = Rig(
+        MockFault(FaultKind.SUPPLY, 0, 999, servo=1, value=float("nan")),
+        MockFault(FaultKind.HOT, first=20, cycles=999, servo=0, value=66.0),
+        limits=LIMITS,
+    )
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.TEMPERATURE
+
+
+def test_a_value_without_a_limit_is_not_missed() -> None:
+    rig = Rig(MockFault(FaultKind.HOT, 20, 99, servo=1, value=float("nan")), limits=GuardLimits(voltage=(10.0, 14.8)))
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.state() is GuardState.MOVING
