@@ -80,13 +80,13 @@ def _stream(text: str, name: str, seconds: float | None) -> list[Finding]:
     from retarget.live.address import parse_address
     from retarget.performer import load_performer
 
-    address = parse_address(text)
+    address, worn = parse_address(text), load_performer(name)
     recorded = address.kind == "replay"
     clock: Clock = VirtualClock() if recorded else MonotonicClock()
     listen = (LONGEST_S if recorded else LISTEN_S) if seconds is None else seconds
     if not recorded:
         typer.echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
-    return stream_findings(address, load_performer(name), clock=clock, seconds=listen)
+    return stream_findings(address, worn, clock=clock, seconds=listen)
 
 
 def _ports(path: str | None, robot: str | None) -> list[Finding]:

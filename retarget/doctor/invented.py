@@ -17,6 +17,9 @@ RIGID_M = 1e-3
 """A limb that a person carries is never so still within the trunk while the trunk goes."""
 MOVED_M, MOVED_RAD = 0.05, 0.15
 """So far must the trunk have gone, or turned, to say anything."""
+STEP_M, STEP_RAD = 0.001, 0.002
+LEAST_STEPS = 10
+"""Looks between which the trunk went on: a reset of the trackers takes the whole body along at once."""
 LEAST_LOOKS = 20
 _CARRIERS = {"chest": ("wrist", "elbow"), "pelvis": ("ankle", "knee")}
 """Parts of the trunk and the limbs that hang from them."""
@@ -62,7 +65,7 @@ def _turned(turns: FloatArray) -> float:
 def _hangs(limb: Place, trunk: Place, listening: Listening) -> bool:
     both = [
         (look[limb.position], look[trunk.position], look[trunk.orientation])
-        for look in listening.looks
+        for look in listening.looks[listening.settled :]
         if limb.position in look and trunk.position in look and trunk.orientation in look
     ]
     if len(both) < LEAST_LOOKS:
@@ -74,6 +77,11 @@ def _hangs(limb: Place, trunk: Place, listening: Listening) -> bool:
     if len(place) < LEAST_LOOKS:
         return False
     if np.ptp(base, axis=0).max() < MOVED_M and _turned(turn) < MOVED_RAD:
+        return False
+    went = (np.linalg.norm(np.diff(base, axis=0), axis=1) > STEP_M) | (
+        rotations.angle_between(turn[1:], turn[:-1]) > STEP_RAD
+    )
+    if np.count_nonzero(went) < LEAST_STEPS:
         return False
     inside = rotations.rotate(rotations.conjugate(turn), place - base)
     return bool(np.ptp(inside, axis=0).max() < RIGID_M)

@@ -20,7 +20,7 @@ __all__ = ["FrameNote", "Listening", "listen_to"]
 STEP_S = 0.01
 LOOK_S = 0.05
 """Between two looks at what is thought of the sensors."""
-SETTLING_S = 1.0
+SETTLING_S = 1.5
 MOST_FRAMES = 500_000
 MOST_LOOKS = 12_000
 """Ten minutes of looks."""
@@ -68,12 +68,17 @@ class Listening:
         """How long it listened."""
         return self.ended - self.began
 
+    @property
+    def settled(self) -> int:
+        """The first look that counts."""
+        first = next((row for row, look in enumerate(self.looks) if look), len(self.looks))
+        return first + round(SETTLING_S / LOOK_S)
+
     def share(self, sensor: str, state: TrustState) -> float:
-        """Of the time, in which a sensor was in a state, 0 to 1. The first second does not count: trackers settle, and
+        """Of the time, in which a sensor was in a state, 0 to 1. The beginning does not count: trackers settle, and
         who comes into the middle of a motion has nothing to compare with."""
         column = self.stream.roles.sensors.index(sensor)
-        first = next((row for row, look in enumerate(self.looks) if look), len(self.looks))
-        rows = self.states[first + round(SETTLING_S / LOOK_S) :]
+        rows = self.states[self.settled :]
         return sum(row[column] == state for row in rows) / max(len(rows), 1)
 
 

@@ -13,6 +13,7 @@ from retarget.doctor.finding import Finding, Level, mend, note, ok
 
 __all__ = ["port_findings"]
 
+SUBJECT = "port"
 NOBODY = "another process"
 """What is said of holders when none can be seen."""
 
@@ -49,14 +50,14 @@ def _trouble(path: str, baud: int) -> Finding | None:
     except (OSError, ValueError):
         there = is_device = False
     if not there:
-        return Finding(Level.MEND, path or "port", str(port_trouble.no_such_port(path)))
+        return Finding(Level.MEND, SUBJECT, str(port_trouble.no_such_port(path)))
     if not is_device:
         cause = OSError(errno.ENOTTY, os.strerror(errno.ENOTTY))
     elif not os.access(path, os.R_OK | os.W_OK):
         cause = OSError(errno.EACCES, os.strerror(errno.EACCES))
     else:
         return None
-    return Finding(Level.MEND, path, str(port_trouble.why_not_open(path, baud, cause)))
+    return Finding(Level.MEND, SUBJECT, str(port_trouble.why_not_open(path, baud, cause)))
 
 
 def _holders(path: str, processes: Path) -> list[Finding]:

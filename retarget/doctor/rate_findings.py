@@ -121,16 +121,16 @@ def _clock(frames: list[FrameNote], arrivals: FloatArray, listening: Listening) 
     if len(np.unique(stamps)) == 1:
         step = "Let the sender stamp each frame, or tell no time at all"
         return [mend("clock", "the sender's time stands still", step)]
+    speed = _speed(stamps, at)
+    if at[-1] - at[0] > SKEW_S and abs(speed - 1.0) > SKEW:
+        step = "Let it send seconds of a steady clock; a recording must be played at its own speed"
+        return [mend("clock", f"the sender's second lasts {1.0 / max(speed, 1e-9):.2f} of ours", step)]
     if clock.jumps and clock.last_jump is not None:
         step = "Let only one sender run; switch off what sets its clock, or let it send a steady one"
         how = _LEAPS[clock.last_jump.kind]
         shift = abs(clock.last_jump.shift)
         often = "once" if clock.jumps == 1 else f"{clock.jumps} times, the last time"
         return [mend("clock", f"the sender's clock leapt {often} by {shift:.3f} s: {how}", step)]
-    speed = float(stamps[-1] - stamps[0]) / max(float(at[-1] - at[0]), 1e-9)
-    if at[-1] - at[0] > SKEW_S and abs(speed - 1.0) > SKEW:
-        step = "Let it send seconds of a steady clock; a recording must be played at its own speed"
-        return [mend("clock", f"the sender's second lasts {1.0 / max(speed, 1e-9):.2f} of ours", step)]
     step_s = _step(stamps)
     if step_s > COARSE_S and clock.dropped.reasons["repeated"] > LOST_SHARE * len(frames):
         step = "Restart the sender: its clock is a number of single precision, which grows coarse in hours"
@@ -140,6 +140,13 @@ def _clock(frames: list[FrameNote], arrivals: FloatArray, listening: Listening) 
         reasons = ", ".join(f"{reason} ({count})" for reason, count in clock.dropped.reasons.most_common(3))
         return [mend("clock", f"frames that come too late to be used: {reasons}", "Use a cable, not Wi-Fi")]
     return [ok("clock", f"no leap in {arrivals[-1] - arrivals[0]:.1f} s")]
+
+
+def _speed(stamps: FloatArray, at: FloatArray) -> float:
+    """Seconds of the sender in one of ours: the median over an eighth of the time, which leaps do not change."""
+    lag = max(len(stamps) // 8, 1)
+    ours = at[lag:] - at[:-lag]
+    return float(np.median((stamps[lag:] - stamps[:-lag]) / np.maximum(ours, 1e-9)))
 
 
 def _step(stamps: FloatArray) -> float:

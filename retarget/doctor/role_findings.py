@@ -14,6 +14,8 @@ UNNAMED = "?"
 """Role of a sensor that neither the performer's file nor the sender's kind names."""
 NO_WRISTS = "Let the sender send VMC as well, which has wrists (vmc://:39539)"
 """VRChat's trackers are hip, feet, knees, elbows, chest and head."""
+RECENT = 200
+"""Frames of which the names are told: Motive's bodies have numbers before they have names."""
 SHOWN = 30
 """Names of the sender that are listed."""
 SOME = 0.02
@@ -60,7 +62,7 @@ def _missing(performer: Performer, convention: str, missing: list[tuple[str, Pla
     names = ", ".join(
         sensor if place.position in (UNNAMED, sensor) else f"{sensor} ({place.position})" for sensor, place in missing
     )
-    told = list(listening.told)
+    told = list(dict.fromkeys(name for frame in listening.frames[-RECENT:] for name in frame.names))
     shown = ", ".join(told[:SHOWN]) + (f" and {len(told) - SHOWN} more" if len(told) > SHOWN else "")
     unnamed = any(place.position == UNNAMED for _, place in missing)
     others = _fitting(listening, convention)

@@ -1,0 +1,37 @@
+"""Advice about what arrives at the wrong address."""
+
+import pytest
+
+from retarget.doctor.mix_ups import SENDERS, advice_for
+from retarget.doctor.recognise import Recognised
+from retarget.live.address import KINDS
+
+
+def test_every_kind_of_stream_has_a_sender() -> None:
+    assert SENDERS.keys() == KINDS.keys() - {"replay"}
+
+
+@pytest.mark.parametrize("kind", SENDERS)
+@pytest.mark.parametrize("other", SENDERS)
+def test_each_at_the_address_of_each(kind: str, other: str) -> None:
+    advice = advice_for(kind, Recognised(other, other.upper()), port=5000)
+    assert (not advice) if kind == other else f"Listen with {other}://" in advice
+
+
+@pytest.mark.parametrize(
+    ("kind", "got", "part"),
+    [
+        ("mvn", Recognised("mvn", "MVN", "type 05, Unity poses"), "Quaternion"),
+        ("mvn", Recognised("mvn", "MVN", "type 12, names"), ""),
+        ("json", Recognised("json", "poses as JSON", "no axes"), "rep103, unity"),
+        ("vmc", Recognised("vmc", "VMC", "bones only"), "--performer avatar"),
+        ("vmc", Recognised("vmc", "VMC", "no poses"), "Load an avatar"),
+        ("natnet", Recognised("natnet", "NatNet", "connect"), "another client"),
+        ("vmc", Recognised("", "mocopi"), "MCP2VMCP"),
+        ("vmc", Recognised("", "damaged OSC", "x"), "VMC output"),
+        ("vmc", Recognised("", "an unknown protocol"), "which program"),
+    ],
+)
+def test_the_cure_is_named(kind: str, got: Recognised, part: str) -> None:
+    advice = advice_for(kind, got, port=1)
+    assert part in advice and bool(part) == bool(advice)

@@ -1,0 +1,102 @@
+"""Rate, jitter, gaps, loss and clock of a stream."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from doctor_rig import FRAMES, heard, json_poses, mends, played, text_of
+from live_rig import five
+from retarget.doctor.listening import Listening
+from retarget.doctor.rate_findings import rate_findings
+from retarget.live.datagram import Datagram
+from sim.faults.sender import FakeSender, silent
+
+POSES = {name: {"p": [0.0, 0.1 * row, 1.0]} for row, name in enumerate(five().sensors)}
+SOURCE = ("127.0.0.1", 1)
+
+
+def sent(
+    *, rate: float = 100.0, seconds: float = 4.0, frame: Callable[[int], dict[str, object]] = lambda k: {}
+) -> Listening:
+    """Frame k at k / rate; `frame` says what else stands in it, {"leave": True}: it is lost."""
+    rows = []
+    for k in range(round(rate * seconds)):
+        more = frame(k)
+        if not more.pop("leave", False):
+            payload = json_poses(1000.0 + k / rate, POSES, **more)
+            rows.append(Datagram(0.1 + k / rate, SOURCE, payload))
+    return played(rows, seconds=seconds)
+
+
+def wrong(listening: Listening) -> str:
+    return "\n".join(mends(rate_findings("json", listening)))
+
+
+def test_a_sound_stream_has_nothing_to_mend() -> None:
+    found = rate_findings("json", sent(frame=lambda k: {"frame": k}))
+    assert not mends(found)
+    assert "100 frames/s" in text_of(found) and "no leap" in text_of(found) and "loss: 0 of" in text_of(found)
+
+
+def test_a_slow_one() -> None:
+    assert "rate: 10 frames/s, fewer than the 25" in wrong(sent(rate=10.0))
+    assert "note rate: 30" in text_of(rate_findings("json", sent(rate=30.0)))
+
+
+def test_silence_in_the_middle_and_at_the_end() -> None:
+    middle = "\n".join(mends(rate_findings("json", heard(silent(3.0, 3.5)))))
+    assert "1 gaps longer than 0.14 s, the longest 0.5" in middle and "silent for" not in middle
+    assert "silent for the last 1.0 s" in wrong(heard(silent(4.0, 9.0)))
+
+
+def test_uneven_arrivals() -> None:
+    rows = [Datagram(np.ceil(8.0 * k / 50.0) / 8.0, SOURCE, json_poses(k / 50.0, POSES)) for k in range(200)]
+    assert "jitter" in wrong(played(rows, seconds=4.0))
+
+
+def test_loss_by_frame_numbers() -> None:
+    assert "loss: 77 of 389 frames" in wrong(sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0}))
+
+
+def test_a_sender_that_counts_by_two_loses_nothing() -> None:
+    assert not wrong(sent(frame=lambda k: {"frame": 2 * k}))
+
+
+def test_a_number_that_stands_still() -> None:
+    assert "number stands still" in wrong(sent(frame=lambda k: {"frame": 7}))
+
+
+def test_frames_that_were_overtaken_are_counted() -> None:
+    found = rate_findings("json", sent(frame=lambda k: {"frame": k ^ 1}))
+    assert "came after a later one" in text_of(found)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "words"),
+    [
+        (lambda time: 5.0, "time stands still"),
+        (lambda time: time + (50.0 if time > 3.0 else 0.0), "leapt once by 49.99"),
+        (lambda time: time - (9.0 if time > 3.0 else 0.0) + 500.0, "leapt once by 9."),
+        (lambda time: 1.3 * time, "second lasts 0.77 of ours"),
+        (lambda time: 0.7 * time, "second lasts 1.43 of ours"),
+    ],
+)
+def test_clocks(stamp: Callable[[float], float], words: str) -> None:
+    assert words in wrong(heard(sender=FakeSender(frames=FRAMES, stamp=stamp)))
+
+
+def test_a_sender_without_time_is_told_so_and_not_blamed() -> None:
+    listening = sent()
+    listening.frames = [type(one)(one.arrival, None, None, one.names) for one in listening.frames]
+    found = rate_findings("json", listening)
+    assert not mends(found) and "arrivals count" in text_of(found)
+
+
+def test_a_few_frames_say_little() -> None:
+    assert "only 3 frames" in wrong(sent(rate=1.0, seconds=3.0))
+
+
+def test_left_out_samples_of_mvn_are_not_its_fault() -> None:
+    listening = sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0})
+    assert not any("loss" in line for line in mends(rate_findings("mvn", listening)))

@@ -1,0 +1,48 @@
+"""From an address to findings."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from doctor_rig import heard, judged, mends, text_of
+from hardware.clock import MonotonicClock, VirtualClock
+from live_rig import five
+from retarget.doctor.stream_findings import stream_findings
+from retarget.errors import InputError
+from retarget.live.address import parse_address
+
+
+def test_a_sound_stream_has_nothing_to_mend() -> None:
+    found = judged(heard())
+    assert not mends(found), text_of(found)
+    assert {"stream", "rate", "jitter", "clock", "sensors"} <= {finding.subject for finding in found}
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "wrong"),
+    [("full12_vmc_50hz", "vmc", []), ("full12_vrcosc_20hz", "vrchat", ["rate", "sensors"])],
+)
+def test_real_recordings(shared: Path, name: str, kind: str, wrong: list[str]) -> None:
+    address = parse_address(f"replay://{shared}/streams/slimevr/{name}.udprec.gz?kind={kind}")
+    found = stream_findings(address, five(), clock=VirtualClock(), seconds=6.0)
+    assert [line.split(":")[0].split()[1] for line in mends(found)] == wrong
+
+
+def test_a_recording_of_another_kind(shared: Path) -> None:
+    address = parse_address(f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=mvn")
+    (line,) = mends(stream_findings(address, five(), clock=VirtualClock(), seconds=3.0))
+    assert "VMC" in line and "mvn:// is listened for" in line
+
+
+def test_no_such_recording_is_a_bad_argument() -> None:
+    with pytest.raises(InputError, match="no such recording"):
+        stream_findings(parse_address("replay://nope?kind=vmc"), five(), clock=VirtualClock(), seconds=1.0)
+
+
+def test_a_port_that_is_taken_is_to_be_mended() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("127.0.0.1", 0))
+        address = parse_address(f"vmc://:{holder.getsockname()[1]}")
+        found = stream_findings(address, five(), clock=MonotonicClock(), seconds=1.0)
+    assert "is taken" in mends(found)[0] and "Stop it" in mends(found)[0]
