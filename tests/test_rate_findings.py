@@ -100,3 +100,11 @@ def test_a_few_frames_say_little() -> None:
 def test_left_out_samples_of_mvn_are_not_its_fault() -> None:
     listening = sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0})
     assert not any("loss" in line for line in mends(rate_findings("mvn", listening)))
+
+
+def test_seconds_of_single_precision_grow_coarse() -> None:
+    listening = sent()
+    hours = 40.0 * 3600.0
+    listening.frames = [type(one)(one.arrival, hours + one.arrival, None, one.names) for one in listening.frames]
+    assert "in steps of 16 ms" in "\n".join(mends(rate_findings("vmc", listening)))
+    assert not mends(rate_findings("json", listening))

@@ -1,7 +1,5 @@
 """How often and how evenly frames come, what is lost by their numbers, and what the sender's clock does."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from retarget.doctor.finding import Finding, mend, note, ok
@@ -40,7 +38,7 @@ def rate_findings(kind: str, listening: Listening) -> list[Finding]:
     arrivals = np.array([frame.arrival for frame in frames])
     gaps = np.diff(arrivals)
     found = [_rate(arrivals), _jitter(gaps), *_silences(gaps, listening)]
-    return found + _loss(kind, frames) + _clock(frames, arrivals, listening)
+    return found + _loss(kind, frames) + _clock(kind, frames, arrivals, listening)
 
 
 def _of_one_sensor(listening: Listening) -> list[FrameNote]:
@@ -111,7 +109,7 @@ def _loss(kind: str, frames: list[FrameNote]) -> list[Finding]:
     return found
 
 
-def _clock(frames: list[FrameNote], arrivals: FloatArray, listening: Listening) -> list[Finding]:
+def _clock(kind: str, frames: list[FrameNote], arrivals: FloatArray, listening: Listening) -> list[Finding]:
     """Leaps, a clock that stands, one that runs at another speed, one that has become coarse."""
     clock = listening.stream.clock_map
     told = [(frame.stamp, frame.arrival) for frame in frames if frame.stamp is not None]
@@ -131,10 +129,10 @@ def _clock(frames: list[FrameNote], arrivals: FloatArray, listening: Listening) 
         shift = abs(clock.last_jump.shift)
         often = "once" if clock.jumps == 1 else f"{clock.jumps} times, the last time"
         return [mend("clock", f"the sender's clock leapt {often} by {shift:.3f} s: {how}", step)]
-    step_s = _step(stamps)
-    if step_s > COARSE_S and clock.dropped.reasons["repeated"] > LOST_SHARE * len(frames):
-        step = "Restart the sender: its clock is a number of single precision, which grows coarse in hours"
-        return [mend("clock", f"the sender's time goes in steps of {1e3 * step_s:.0f} ms", step)]
+    coarse = float(np.spacing(np.float32(stamps[-1]))) if kind == "vmc" else 0.0
+    if coarse > COARSE_S:
+        step = "Restart the sender: it tells seconds in single precision, which grow coarse in hours"
+        return [mend("clock", f"the sender's time goes in steps of {1e3 * coarse:.0f} ms", step)]
     late = sum(clock.dropped.reasons[reason] for reason in ("late", "stamped ahead", "out of order"))
     if late > LOST_SHARE * len(frames):
         reasons = ", ".join(f"{reason} ({count})" for reason, count in clock.dropped.reasons.most_common(3))
@@ -147,8 +145,3 @@ def _speed(stamps: FloatArray, at: FloatArray) -> float:
     lag = max(len(stamps) // 8, 1)
     ours = at[lag:] - at[:-lag]
     return float(np.median((stamps[lag:] - stamps[:-lag]) / np.maximum(ours, 1e-9)))
-
-
-def _step(stamps: FloatArray) -> float:
-    """The least time between two different stamps, s."""
-    return min((abs(b - a) for a, b in pairwise(stamps.tolist()) if a != b), default=0.0)
