@@ -14,6 +14,7 @@ from hardware.guard_state import GuardState, StopCause
 from retarget.approach import approach, slower_in_line
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
+from retarget.paced_way import PacedWay
 from retarget.path_clearance import PathClearance
 from retarget.planted_root import plant_root
 from retarget.record import ModeArray, Phase, RobotRecord
@@ -70,6 +71,7 @@ class RobotSide:
         self._velocity = np.zeros(robot.body.nv)  # with which it got there
         self._start = self._sent = self._moved = np.zeros(0)
         self._first: RobotPosture
+        self._way: PacedWay
         self._started = False
         # Of the tick that runs: what is asked, whether its root is known, and whether just that was sent.
         self._goal: FloatArray | None = None
@@ -115,10 +117,10 @@ class RobotSide:
             self._clearance.begin(self._before, present)
         self._deadline = self._clock.now()
         speed = self.robot.profile.safety.speed_caps.approach
-        way = approach(present, posture.joint_positions, self.robot.joint_map, speed=speed, dt=self._dt)
-        return [self._approaching(goal) for goal in way] + [
-            self._approaching(there.joint_positions) for there in arrival
-        ]
+        way = [*approach(present, posture.joint_positions, self.robot.joint_map, speed=speed, dt=self._dt)]
+        way += [there.joint_positions for there in arrival]
+        self._way = PacedWay(np.array([present, *way]))
+        return [self._approaching] * len(way)
 
     def new_record(self, rows: int) -> RobotRecord:
         """Room for so many ticks of this run, after `begin`."""
@@ -129,6 +131,8 @@ class RobotSide:
 
     def follow(self, human: HumanPosture) -> FloatArray:
         """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
+        if not (self._started or self._way.done):  # slower than it was laid out
+            return self._approaching(self.guard.states)
         self._follower.keep_pace(self.guard.health.slow)
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
@@ -240,14 +244,10 @@ class RobotSide:
         if self._clearance is not None and states is not None:
             self._clearance.measure(self.robot.joint_map.to_radians(states.position))
 
-    def _approaching(self, goal: FloatArray) -> Think:
-        """A thought that is already finished."""
-
-        def think(states: ServoStates) -> FloatArray:
-            self.phase, self._goal = Phase.APPROACH, goal
-            return goal
-
-        return think
+    def _approaching(self, states: ServoStates | None) -> FloatArray:
+        """A thought that is already finished: the next goal, rad (n,), on the way to where following begins."""
+        self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow)
+        return self._goal
 
     def _halt(self) -> FloatArray | None:
         """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach; from there on

@@ -100,6 +100,34 @@ def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
     assert still * DT <= 0.35
 
 
+def test_a_leap_of_the_pace_is_none_of_the_robot() -> None:
+    """What moves goes on at its speed, and brakes from there: in following, and on the way to a stop."""
+    for halts in (False, True):
+        robot = begun()
+        rows = [robot.step(posture, DT).joint_positions for posture in human()[:200]]
+        robot.keep_pace(0.7)
+        q = robot.halt(DT) if halts else robot.step(human()[200], DT).q
+        assert q is not None
+        steps = np.diff([*rows[-2:], q[op3().servo_columns]], axis=0)
+        assert np.abs(steps[0]).max() / DT > 1.0
+        gentler = 0.7**2 if not halts else 1.0  # a way to a stop that was known is gone on as it was
+        assert (np.abs(steps[1] - steps[0]) <= gentler * op3().joint_map.max_acceleration * DT**2 + 1e-9).all()
+
+
+def test_whoever_tells_where_it_is_speaks_of_our_time() -> None:
+    robot = begun()
+    for posture in human()[:100]:
+        before, q = robot.step(posture, DT), robot.step(posture, DT).q
+    robot.keep_pace(0.5)
+    body = op3().body.solver_body()
+    moved = body.difference(before.q, q)
+    robot.reseed(q, moved / DT)
+    after = robot.step(human()[100], DT).q
+    change = np.abs(body.difference(q, after) - moved)[-len(op3().joint_map) :]
+    assert np.abs(moved[-len(op3().joint_map) :]).max() / DT > 0.5
+    assert change.max() <= 0.25 * op3().joint_map.max_acceleration.max() * DT**2 + 1e-9
+
+
 def hinge() -> tuple[SlowTime, FloatArray, FloatArray]:
     body = op3().body
     limits = JointLimits(*(np.full(body.nv, value) for value in (-1.0, 1.0, 4.0, 10.0)))
