@@ -128,6 +128,15 @@ def test_whoever_tells_where_it_is_speaks_of_our_time() -> None:
     assert change.max() <= 0.25 * op3().joint_map.max_acceleration.max() * DT**2 + 1e-9
 
 
+def test_obstacles_are_told_of_the_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, told = begun(), list[tuple[float, float]]()
+    robot.keep_pace(0.5)
+    monkeypatch.setattr(robot.surroundings, "tick", lambda who, dt, pace=1.0: told.append((dt, pace)))
+    robot.step(human()[0], DT)
+    robot.halt(DT)
+    assert told == [(DT, 0.5), (DT, 1.0)]
+
+
 def hinge() -> tuple[SlowTime, FloatArray, FloatArray]:
     body = op3().body
     limits = JointLimits(*(np.full(body.nv, value) for value in (-1.0, 1.0, 4.0, 10.0)))

@@ -6,11 +6,13 @@ import pytest
 from hardware.clock import Clock, VirtualClock
 from retarget.clip import Playback
 from retarget.options import RunOptions
+from retarget.pipeline import Pipeline
 from retarget.prepare import prepare
 from retarget.record import Phase
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
+from rig import Rig, StubReconstructor, person, short_clip
 from sim.mock_bus import MockBus
 from sim.mock_faults import FaultKind, MockFault
 from sim.performer import synthetic_performer
@@ -71,3 +73,21 @@ def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
     assert result.stop is not None and "is hotter than 65 degrees Celsius" in result.stop.reason
     assert told[0].startswith("warning: ")
     assert len(result.record.phase) < FIRST + 60 + 125
+
+
+def approaching(slow: float) -> FloatArray:
+    """Goals (T, n) rad of the way to where following begins, 0.3 rad from where the robot stands."""
+    rig = Rig(np.full((60, 20), 0.3))
+    rig.guard.health.warnings.slow = slow
+    clip = short_clip(seconds=1.0)
+    record = Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run().record
+    assert record.robot is not None
+    return rig.robot.joint_map.to_radians(record.robot.goal_ticks[record.phase == Phase.APPROACH])
+
+
+def test_the_way_to_where_following_begins_is_slowed_too_and_gone_to_its_end() -> None:
+    usual, slow = approaching(1.0), approaching(0.5)
+    assert len(slow) in (2 * len(usual) - 1, 2 * len(usual))
+    np.testing.assert_array_equal(slow[-1], usual[-1])
+    fastest, half = (np.abs(np.diff(goals, axis=0)).max() for goals in (usual, slow))
+    assert half <= 0.5 * fastest + 1.5 * TICK and fastest > 4.0 * TICK
