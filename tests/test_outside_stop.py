@@ -9,7 +9,7 @@ import pytest
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
-from hardware.errors import GuardError
+from hardware.errors import GuardError, TorqueError
 from retarget.clip import Playback
 from retarget.frames import SensorFrames
 from retarget.metrics import standing
@@ -115,10 +115,11 @@ def test_a_stop_by_the_guard() -> None:
 def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
     silent = MockFault(FaultKind.MISSING, first=0, cycles=10**6, servo=2)
     with (
-        pytest.raises(GuardError, match="not every servo is well"),
+        pytest.raises(TorqueError, match=r"not every servo is well.*cut the power") as refusal,
         prepared(synthetic_performer, 15.6, [silent]) as it,
     ):
         it.run()
+    assert isinstance(refusal.value.__cause__, GuardError)  # it is silent: nobody knows whether it has torque
 
 
 def test_without_the_way_the_same_stop_tears_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:
