@@ -9,9 +9,9 @@ from sim.faults.rows import Reaction, Row
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import goal_writes, violations
 
-ONSET = 1.2
+ONSET = 0.8
 """s of following before the fault."""
-AFTER = 2.0
+AFTER = 1.2
 """s of following after it."""
 REST_S = 0.35
 """From the beginning of a hold until goals stand still."""
@@ -39,7 +39,7 @@ class When(Enum):
 def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
     """Run a row and judge it."""
     longer = 6.0 if row.limit > AFTER and when is When.MOVING else AFTER
-    duration = 0.5 if when is When.IDLE else ONSET + longer + 1.0
+    duration = 0.3 if when is When.IDLE else ONSET + longer + 0.3
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed)
     if when is When.STOPPING:
         bench.at(ONSET - 0.05, lambda: bench.guard.stop("asked for"))

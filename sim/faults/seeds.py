@@ -12,4 +12,4 @@ def judged_seed(seed: int) -> Verdict:
     """Two rows at random times, maybe the same one twice."""
     chance = random.Random(seed)
     first, second = chance.choice(ROWS), chance.choice(ROWS)
-    return judged_pair(first, second, at=chance.uniform(0.2, 2.0), gap=chance.choice((0.0, 0.02, 0.2, 0.8)), seed=seed)
+    return judged_pair(first, second, at=chance.uniform(0.2, 1.5), gap=chance.choice((0.0, 0.02, 0.2, 0.8)), seed=seed)
