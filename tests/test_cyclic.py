@@ -11,6 +11,7 @@ from hardware.dynamixel.cyclic import PROBE_PERIOD, RETRIES, kind_of
 from hardware.dynamixel.exchange import Kind
 from hardware.dynamixel.packets import Instruction
 from sim.emulator.conversation import Gaps
+from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Direction, Fault, FaultKind, Unit
 
 STEP = 3  # ticks by which every goal moves in a cycle
@@ -159,11 +160,23 @@ DAMAGE = {
 }
 
 
+SEEDS = range(6)  # one packet that comes late may cost a whole cycle: a single run says little of how often
+
+
 @pytest.mark.parametrize("case", list(DAMAGE))
 def test_damage_is_asked_again_and_never_believed(case: str) -> None:
-    rig = BusRig().ready(torque=True)
+    cycles = 100
+    lost = sum(_damaged(case, seed, cycles) for seed in SEEDS)
+    assert lost <= len(SEEDS) * cycles * 20 * 0.002
+
+
+def _damaged(case: str, seed: int, cycles: int) -> int:
+    """Answers that did not come in so many cycles; what came is held against the truth."""
+    rig = BusRig()
+    rig.line.faults = FaultState(rig.line.devices, seed=seed)
+    rig.ready(torque=True)
     rig.fault(DAMAGE[case])
-    lost, cycles = 0, 200
+    lost = 0
     for cycle in range(cycles):
         states, took = rig.tick(np.arange(20) * 5 + 2048 + STEP * cycle % 200)
         lost += int((~states.valid).sum())
@@ -172,9 +185,9 @@ def test_damage_is_asked_again_and_never_believed(case: str) -> None:
         speed = np.abs(states.velocity) / rig.servos[0].model.tick_rad
         assert (np.abs(states.position - truth)[states.valid] <= (speed * (took + CYCLE) + 12)[states.valid]).all()
         assert not states.alert.any() and states.driven.all()
-    assert lost <= cycles * 20 * 0.002
     assert case == "duplicate" or rig.bus.retries > 0
     assert rig.bus.retries <= RETRIES * cycles
+    return lost
 
 
 def test_an_adapter_may_echo() -> None:
@@ -266,3 +279,21 @@ def test_temperatures_that_nobody_hears_are_forgotten() -> None:
     for _ in range(30):
         states = rig.tick().states
     assert np.isfinite(states.temperature).all()
+
+
+def test_on_a_noisy_line_goals_are_sent_twice_and_on_a_quiet_one_once() -> None:
+    rig = BusRig(specs(3)).ready(torque=True)
+
+    def goals_sent() -> int:
+        rig.port.sent.clear()
+        rig.tick()
+        return codes([one for one in rig.port.sent if len(one) > 7]).count(Instruction.SYNC_WRITE)
+
+    assert [goals_sent() for _ in range(10)] == [1] * 10
+    rig.fault(Fault(FaultKind.CRC_STORM, direction=Direction.TO_HOST, end=0.02))
+    rig.tick()
+    rig.tick()
+    assert [goals_sent() for _ in range(10)] == [2] * 10
+    for _ in range(150):
+        rig.tick()
+    assert goals_sent() == 1

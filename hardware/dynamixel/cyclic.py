@@ -28,6 +28,10 @@ PROBE_PERIOD = 0.1
 """[s] Between two looks for lost servos."""
 MAX_ERRANDS = 1000
 """Requests that are kept ready-made."""
+NOISY = 1.0
+"""[s] After a request that had to be repeated goals are sent twice for so long."""
+TWICE_WITHIN = 1.5e-3
+"""[s] If a packet of them takes no longer."""
 STATUS_EVERY = 4
 """Cycles between two looks at one servo's torque, errors and watchdog, each servo in its turn."""
 
@@ -88,6 +92,7 @@ class CyclicPort:
         self._queue: deque[Errand] = deque()
         self._sent = 0.0  # [s]
         self._line_free = -np.inf  # [s] when the last goals have left the wire
+        self._noisy_until = -np.inf  # [s]
         self._cycle = 0
         self._probed = -np.inf
         self._errands: dict[tuple[object, ...], Errand] = {}
@@ -98,8 +103,11 @@ class CyclicPort:
         if silent:  # whoever it is may have started anew
             driven = driven.copy()
             driven[silent] = False
+        noisy = self.port.now() < self._noisy_until
         for packet in self._goals.packets(ticks, driven):
             self.post(packet)
+            if noisy and 10 * len(packet) / self.port.baud < TWICE_WITHIN:
+                self.post(packet)  # nobody says that a goal was lost
 
     def post(self, packet: bytes) -> None:
         """Send what nobody answers. Raises BusError."""
@@ -197,6 +205,8 @@ class CyclicPort:
         if errand.tries == RETRIES or (len(silent) == 1 and not noise and known):
             return
         self.retries += 1
+        if noise:
+            self._noisy_until = self.port.now() + NOISY
         kind = errand.ask.kind
         if kind is Kind.FAST and (answers or noise):
             kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only its own
