@@ -62,8 +62,8 @@ def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(raw_tap, "PATIENCE_S", 0.01)
     writer = HeldWriter(tmp_path / "a.raw")
     writer.answers.clear()
+    writer.reached.clear()  # before the thread begins: it waits in its first flush
     tap = RawTap(writer)
-    writer.reached.clear()
     assert writer.reached.wait(PATIENCE_S)
     for number in range(100):
         tap.take(datagram(number, size=60_000))
