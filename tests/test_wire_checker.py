@@ -37,6 +37,12 @@ def test_what_is_within_limits_is_good() -> None:
     assert violations(goals(gentle()), [SERVO], DT, latched=None) == []
 
 
+def test_goals_sent_twice_are_one() -> None:
+    twice = [again for one in goals(gentle()) for again in (one, Sent(one.time + 1e-4, one.data))]
+    assert violations(twice, [SERVO], DT, latched=None) == []
+    assert violations([*twice, *goals([0.0], start=twice[-1].time + DT)], [SERVO], DT, latched=None) != []
+
+
 def test_every_violation_is_found() -> None:
     def found(sent: list[Sent], latched: float | None = None) -> str:
         return " ".join(violations(sent, [SERVO], DT, latched=latched))

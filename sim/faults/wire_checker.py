@@ -47,13 +47,22 @@ def goal_writes(sent: Sequence[Sent]) -> list[tuple[float, dict[int, int]]]:
 def violations(sent: Sequence[Sent], servos: Sequence[ServoSpec], dt: float, *, latched: float | None) -> list[str]:
     """What is wrong with the goals of plain servos (no couplings), a line each. latched: s, when the guard latched a
     stop that leaves nothing to send."""
-    writes = goal_writes(sent)
+    writes = _once(goal_writes(sent), within=0.5 * dt)
     found = [f"a goal {time - latched:.3f} s after the latch" for time, _ in writes if latched and time > latched]
     for servo in servos:
         times = np.array([time for time, goals in writes if servo.id in goals])
         ticks = np.array([goals[servo.id] for _, goals in writes if servo.id in goals], dtype=np.float64)
         if ticks.size:
             found += _of_servo(servo, times, (ticks - servo.zero_tick) / servo.ticks_per_rad, dt)
+    return found
+
+
+def _once(writes: Sequence[tuple[float, dict[int, int]]], *, within: float) -> list[tuple[float, dict[int, int]]]:
+    """Goals that are sent again at once, as on a noisy line, are one goal."""
+    found: list[tuple[float, dict[int, int]]] = []
+    for time, goals in writes:
+        if not (found and goals == found[-1][1] and time - found[-1][0] < within):
+            found.append((time, goals))
     return found
 
 
