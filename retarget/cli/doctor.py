@@ -32,6 +32,9 @@ def doctor(
     robot: Annotated[
         str | None, typer.Option(help="Look at the servo ports of this robot.", metavar="NAME|PATH")
     ] = None,
+    everywhere: Annotated[
+        bool, typer.Option("--everywhere", help="Listen on all interfaces too, to find a sender that misses this one.")
+    ] = False,
     seconds: Annotated[
         float | None, typer.Option(help="How long to listen; 5 if not said, of a recording all.", metavar="S")
     ] = None,
@@ -44,7 +47,7 @@ def doctor(
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
     if target is not None and "://" in target:
-        found = _stream(target, performer or "five", seconds)
+        found = _stream(target, performer or "five", seconds, everywhere=everywhere)
     elif target is not None or robot is not None:
         found = _ports(target, robot)
     else:
@@ -75,7 +78,7 @@ def _check(target: str | None, *, performer: str | None, robot: str | None, seco
         raise UsageError("neither a stream nor a port", where=target[:200] or "an empty word", allowed=allowed)
 
 
-def _stream(text: str, name: str, seconds: float | None) -> list[Finding]:
+def _stream(text: str, name: str, seconds: float | None, *, everywhere: bool) -> list[Finding]:
     from retarget.doctor.stream_findings import stream_findings
     from retarget.live.address import parse_address
     from retarget.performer import load_performer
@@ -86,7 +89,7 @@ def _stream(text: str, name: str, seconds: float | None) -> list[Finding]:
     listen = (LONGEST_S if recorded else LISTEN_S) if seconds is None else seconds
     if not recorded:
         typer.echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
-    return stream_findings(address, worn, clock=clock, seconds=listen)
+    return stream_findings(address, worn, clock=clock, seconds=listen, everywhere=everywhere)
 
 
 def _ports(path: str | None, robot: str | None) -> list[Finding]:

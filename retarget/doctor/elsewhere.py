@@ -35,15 +35,20 @@ class Stray:
 
 
 class Elsewhere:
-    """Sockets at the same port of other interfaces, and at the usual ports. What cannot be opened is left out."""
+    """Sockets at the same port of other interfaces, and at the usual ports. What cannot be opened is left out.
 
-    def __init__(self, address: StreamAddress, *, ports: Iterable[int] = USUAL_PORTS) -> None:
+    everywhere: listen beyond the interface of `address`, which the user must have asked for.
+    """
+
+    def __init__(self, address: StreamAddress, *, everywhere: bool, ports: Iterable[int] = USUAL_PORTS) -> None:
         self._receivers: list[tuple[str, int, UdpReceiver]] = []
         self._found: dict[tuple[str, int], Stray] = {}
         if address.kind == "replay":
             return
-        places = [(EVERYWHERE, port) for port in dict.fromkeys(ports) if port != address.port]
-        if address.bind == LOOPBACK and address.port:
+        places = [
+            (EVERYWHERE if everywhere else address.bind, port) for port in dict.fromkeys(ports) if port != address.port
+        ]
+        if everywhere and address.bind == LOOPBACK and address.port:
             places += [(own, address.port) for own in local_interfaces().values() if not IPv4Address(own).is_loopback]
         plain = replace(address, multicast=None, host=None)
         for bind, port in places:

@@ -25,7 +25,9 @@ from retarget.sources.natnet_trouble import natnet_problems
 __all__ = ["judge", "stream_findings"]
 
 
-def stream_findings(address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float) -> list[Finding]:
+def stream_findings(
+    address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float, everywhere: bool = False
+) -> list[Finding]:
     """Listen for so long and judge. Raises InputError for a recording that cannot be read."""
     kind = recorded_kind(address) if address.kind == "replay" else address.kind
     convention = performer.roles or stream_kinds()[kind].roles
@@ -36,7 +38,7 @@ def stream_findings(address: StreamAddress, performer: Performer, *, clock: Cloc
         if address.kind == "replay":
             raise
         return mend_all("port", error.problems)
-    with closing(stream.receiver), closing(Elsewhere(address)) as elsewhere:
+    with closing(stream.receiver), closing(Elsewhere(address, everywhere=everywhere)) as elsewhere:
         heard = listen_to(stream, clock=clock, seconds=seconds, beside=elsewhere.poll)
         found = judge(address, performer, convention, heard, kind=kind)
         if not heard.arrived:
