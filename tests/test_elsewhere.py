@@ -54,7 +54,7 @@ def test_a_recording_has_no_elsewhere() -> None:
     assert Elsewhere(parse_address("replay://a.raw"), everywhere=True)._receivers == []
 
 
-def test_it_stays_on_the_interface_that_was_asked_for():
+def test_it_stays_on_the_interface_that_was_asked_for() -> None:
     elsewhere = Elsewhere(parse_address(f"vmc://:{free_port()}"), everywhere=False)
     assert elsewhere._receivers and {bind for bind, _, _ in elsewhere._receivers} == {"127.0.0.1"}
     elsewhere.close()
