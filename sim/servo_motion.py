@@ -22,8 +22,12 @@ def loop_lag(servo: ServoSpec) -> float:
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:
     """Time constant in s of a model's position loop with a P `gain` (register counts of the X series, above 0)."""
-    full_drive_error = FULL_PWM * GAIN_UNIT / gain * _tick_of_x_series(model)  # [rad]
-    return full_drive_error / model.no_load_speed
+    return full_drive_error(model, gain) / model.no_load_speed
+
+
+def full_drive_error(model: ServoModel, gain: float) -> float:
+    """Error in rad of the shaft at which a P `gain` (register counts of the X series, above 0) asks for full drive."""
+    return FULL_PWM * GAIN_UNIT / gain * _tick_of_x_series(model)
 
 
 def _tick_of_x_series(model: ServoModel) -> float:
