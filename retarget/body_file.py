@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 from retarget.errors import InputError
 
-__all__ = ["BodyFile", "Root", "compile_body", "compile_body_text"]
+__all__ = ["BodyFile", "Root", "body_spec", "compile_body", "compile_body_text"]
 
 Root = Literal["free", "fixed", "suspended"]
 """How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs bolted to a stand."""
@@ -56,6 +56,16 @@ def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
     return _compile(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
 
 
+def body_spec(path: Path, *, root: Root) -> Any:
+    """The `mujoco.MjSpec` of a file that `compile_body` has read, for whoever builds a world around the body."""
+    import mujoco
+
+    with path.open("rb") as stream:
+        urdf = _is_urdf(stream, source=str(path))
+    spec, _, _ = _prepared(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
+    return spec
+
+
 def compile_body_text(text: str, *, source: str, root: Root | None = None) -> BodyFile:
     """As `compile_body`, from MJCF or URDF text; `source` names it in messages."""
     import mujoco
@@ -76,15 +86,7 @@ def _is_urdf(stream: IO[bytes], *, source: str) -> bool:
 
 
 def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> BodyFile:
-    notes: list[str] = []
-    try:
-        spec = parse()
-        _keep_every_link(spec, urdf=urdf)
-        for key in list(spec.keys):  # keyframes have the size of the file's own root
-            spec.delete(key)
-    except (ValueError, RuntimeError) as error:
-        raise _refused(source, error) from error
-    found = _set_root(spec, root, source=source, notes=notes)
+    spec, found, notes = _prepared(parse, urdf=urdf, source=source, root=root)
     try:
         model = spec.compile()
     except (ValueError, RuntimeError) as error:
@@ -97,6 +99,19 @@ def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | 
     _check(model, source=source)
     notes += _unused(spec)
     return BodyFile(source=source, model=model, root=found, notes=tuple(notes))
+
+
+def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> tuple[Any, Root, list[str]]:
+    """A body that is read and has its root, how it stands, and notes; not compiled."""
+    notes: list[str] = []
+    try:
+        spec = parse()
+        _keep_every_link(spec, urdf=urdf)
+        for key in list(spec.keys):  # keyframes have the size of the file's own root
+            spec.delete(key)
+    except (ValueError, RuntimeError) as error:
+        raise _refused(source, error) from error
+    return spec, _set_root(spec, root, source=source, notes=notes), notes
 
 
 def _refused(source: str, error: Exception) -> InputError:
