@@ -1,6 +1,6 @@
 """Servos in this process, each with a speed limit, a first-order lag and an encoder, on the time of a given clock."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import compress
 
 import numpy as np
@@ -24,7 +24,7 @@ class MockBus:
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
     whose drive saturates at its no-load speed. `lag` in s, for all servos; None takes it from the model and its P gain
     (about 45 ms for an XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart
-    they are. `start` in ticks, (n,).
+    they are. `start` in ticks, (n,). protocols: of the buses, by name, for the gains' unit; 2 where it is not told.
     """
 
     def __init__(
@@ -35,6 +35,7 @@ class MockBus:
         start: TickArray | None = None,
         lag: float | None = None,
         faults: Sequence[MockFault] = (),
+        protocols: Mapping[str, int] | None = None,
     ) -> None:
         count = len(servos)
         self._clock = clock
@@ -43,7 +44,9 @@ class MockBus:
         models = [servo.model for servo in servos]
         self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
-        self._lag = np.array([loop_lag(servo) if lag is None else lag for servo in servos])  # (n,) [s]
+        spoken = protocols or {}
+        lags = [loop_lag(servo, protocol=spoken.get(servo.bus, 2)) for servo in servos]
+        self._lag = np.array([own if lag is None else lag for own in lags])  # (n,) [s]
         self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._current_unit = np.array([model.current_unit or np.nan for model in models])  # (n,) [A], NaN: reports none

@@ -9,15 +9,18 @@ from hardware.servo import ServoModel, ServoSpec
 FULL_PWM = 885.0  # register value of full drive
 GAIN_UNIT = 128.0  # position P gain register per unit of gain
 DEFAULT_P_GAIN = 800  # XM430 series
+DEFAULT_P_GAIN_1 = 32
+"""Of Protocol 1.0, whose default loop is taken to be as stiff as that of 2.0."""
 
 
-def loop_lag(servo: ServoSpec) -> float:
+def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:
     """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load
     speed.
 
-    Source: e-Manual, Position PID Gain (84, unit 1/128) and Goal PWM (100, full at 885).
+    Source: e-Manual, Position PID Gain (84, unit 1/128; protocol 1: 28) and Goal PWM (100, full at 885).
     """
-    return lag_of_gain(servo.model, servo.gains.position_p or DEFAULT_P_GAIN)
+    usual = DEFAULT_P_GAIN if protocol == 2 else DEFAULT_P_GAIN_1
+    return lag_of_gain(servo.model, DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual)
 
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:

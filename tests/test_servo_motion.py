@@ -50,3 +50,12 @@ def test_a_stiffer_loop_lags_less() -> None:
     servo = four_servos()[0]
     stiff = replace(servo, gains=ServoGains(position_p=1600))
     assert loop_lag(stiff) == pytest.approx(loop_lag(servo) / 2)
+
+
+def test_the_default_gain_of_protocol_1_is_another_number_for_the_same_loop() -> None:
+    servo = four_servos()[0]
+    first = replace(servo, gains=ServoGains(position_p=32))
+    assert loop_lag(first, protocol=1) == pytest.approx(loop_lag(servo))
+    assert loop_lag(replace(servo, gains=ServoGains()), protocol=1) == pytest.approx(loop_lag(servo))
+    soft = replace(servo, gains=ServoGains(position_p=16))
+    assert loop_lag(soft, protocol=1) == pytest.approx(2.0 * loop_lag(servo))

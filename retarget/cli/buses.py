@@ -27,7 +27,8 @@ def make_bus(name: str, robot: RobotBody, clock: Clock, *, faults: Path | None =
     if name == "mock":
         from sim.mock_bus import MockBus
 
-        return MockBus(robot.joint_map.servos, clock, start=standing_ticks(robot))
+        protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
+        return MockBus(robot.joint_map.servos, clock, start=standing_ticks(robot), protocols=protocols)
     if name == "emulator":
         from sim.emulated_bus import emulated_bus
 
