@@ -1,0 +1,134 @@
+"""What a simulated robot touches: floor, its own soles, fixtures; and which shapes are looked at together.
+
+A sole touches the floor with small balls in the corners of its polygon, whose lowest points are the corners: exact
+where it stands and where it tips, and the cheapest contact there is. The foot's own shapes do not see the floor.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from retarget import rotations
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+from retarget.scene import Scene
+from retarget.scene_motion import SceneState
+from retarget.scene_paths import Rest, motion_of
+from retarget.scene_poses import Pose
+from retarget.scene_shapes import ShapeKind
+from sim.physics.requirements import import_mujoco
+
+__all__ = ["FIXTURE", "FLOOR", "SOLE", "add_fixtures", "add_floor", "add_soles", "sole_corners", "sort_shapes"]
+
+FLOOR, SOLE, FIXTURE = "physics_floor", "physics_sole", "physics_fixture"
+"""How the names of shapes begin that are not the robot's own."""
+
+MAX_CORNERS = 6
+"""Of a sole's polygon; where it has more, those are taken that lose the least of its area."""
+BALL_M = 0.003
+"""Radius of the ball in a corner of a sole."""
+SOLREF = (0.006, 1.0)
+"""Time constant s and damping ratio of contacts: three steps, and no bounce."""
+SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
+TORSION, ROLLING = 0.005, 0.0001  # [m] MuJoCo's own, without effect in contacts of three rows
+
+# Bits of what a shape is (contype) and what it sees (conaffinity): two shapes touch where one sees the other.
+ROBOT_BIT, GROUND_BIT, FIXTURE_BIT = 1, 2, 4
+
+
+def add_floor(spec: Any, friction: float) -> None:
+    """Put up the ground plane z = 0, whose friction holds in all its contacts."""
+    mujoco = import_mujoco()
+    spec.worldbody.add_geom(
+        name=FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0.0, 0.0, 1.0],
+        contype=GROUND_BIT,
+        conaffinity=0,
+        condim=3,
+        friction=[friction, TORSION, ROLLING],
+        priority=1,
+        solref=SOLREF,
+        solimp=SOLIMP,
+    )
+
+
+def add_soles(spec: Any, robot: RobotBody) -> None:
+    """Put balls into the corners of the soles. Their bodies have masses of their own: the balls weigh nothing."""
+    mujoco = import_mujoco()
+    for name, foot in robot.profile.feet.items():
+        frame = robot.frame(foot.frame)
+        corners = sole_corners(np.array(foot.polygon))
+        local = np.column_stack([corners, np.full(len(corners), BALL_M)])
+        places = frame.position + rotations.rotate(frame.quat, local)
+        link = spec.body(robot.body.body_names[frame.body])
+        for index, place in enumerate(places):
+            link.add_geom(
+                name=f"{SOLE}_{name}_{index}",
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[BALL_M, 0.0, 0.0],
+                pos=place,
+                mass=0.0,
+                contype=0,
+                conaffinity=GROUND_BIT,
+                condim=3,
+                group=3,
+            )
+
+
+def sole_corners(polygon: FloatArray) -> FloatArray:
+    """Corners (c, 2) m, at most MAX_CORNERS, that keep most of a convex polygon's area (n, 2)."""
+    if len(polygon) <= MAX_CORNERS:
+        return polygon
+    chosen = max(combinations(range(len(polygon)), MAX_CORNERS), key=lambda some: _area(polygon[list(some)]))
+    return np.asarray(polygon[list(chosen)])
+
+
+def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
+    """Put up the obstacles of a scene that do not move. Returns the names of those that do, and are left out."""
+    mujoco = import_mujoco()
+    kinds = {
+        ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
+        ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+        ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+        ShapeKind.HALF_SPACE: mujoco.mjtGeom.mjGEOM_PLANE,
+    }
+    state = SceneState(scene, stand=stand)
+    poses, shapes = state.at_rest(0.0), state.shapes
+    moving = []
+    for row, (name, obstacle) in enumerate(scene.obstacles.items()):
+        if not isinstance(motion_of(obstacle), Rest):
+            moving.append(name)
+            continue
+        kind, size = ShapeKind(int(shapes.kinds[row])), shapes.sizes[row]
+        ball = kind is ShapeKind.CAPSULE and size[1] == 0.0
+        spec.worldbody.add_geom(
+            name=f"{FIXTURE}_{name}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE if ball else kinds[kind],
+            size=[0.0, 0.0, 1.0] if kind is ShapeKind.HALF_SPACE else np.maximum(size, 1e-4),
+            pos=poses.position[row],
+            quat=poses.quat[row],
+            contype=GROUND_BIT | FIXTURE_BIT,
+            conaffinity=0,
+            condim=3,
+            solref=SOLREF,
+            solimp=SOLIMP,
+        )
+    return tuple(moving)
+
+
+def sort_shapes(spec: Any, feet: Sequence[str]) -> None:
+    """Set what the robot's own shapes see. feet: links that have soles. Shapes that touch nothing stay so."""
+    for geom in spec.geoms:
+        if geom.name.startswith((FLOOR, SOLE, FIXTURE)) or not (geom.contype or geom.conaffinity):
+            continue
+        geom.contype = ROBOT_BIT
+        geom.conaffinity = ROBOT_BIT | (FIXTURE_BIT if geom.parent.name in feet else GROUND_BIT)
+
+
+def _area(polygon: FloatArray) -> float:
+    """Of a polygon (n, 2), counter-clockwise (shoelace formula)."""
+    x, y = polygon.T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0

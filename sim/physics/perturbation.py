@@ -1,0 +1,81 @@
+"""What is different about a robot, its floor or its day: data, so that a run can be repeated under trouble."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from math import cos, pi, sin
+
+import numpy as np
+
+__all__ = ["FRICTION", "NOMINAL", "Perturbation", "Push", "Trouble", "drawn"]
+
+FRICTION = 0.8
+"""Of rubber soles on a hard floor, where nothing else is said."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force (3,) N, world, from `start` on for `duration` s on the bus's time since it was opened. frame: point of
+    the profile that is pushed; None: the centre of mass of the root link."""
+
+    force: tuple[float, float, float]
+    start: float
+    duration: float
+    frame: str | None = None
+
+    @property
+    def end(self) -> float:
+        """When it is over, s."""
+        return self.start + self.duration
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """mass_scale: of every link, inertia with it. com_offset (3,) m: of the whole robot's centre of mass, along the
+    axes of the root link, whose own mass is moved for it. friction: sliding coefficient of the floor. latency_s: by
+    which every goal takes effect later than usual."""
+
+    mass_scale: float = 1.0
+    com_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    friction: float = FRICTION
+    latency_s: float = 0.0
+    pushes: tuple[Push, ...] = ()
+
+
+NOMINAL = Perturbation()
+"""Nothing is different."""
+
+
+class Trouble(StrEnum):
+    """Kinds of perturbation of the robustness runs."""
+
+    MASS = "mass"
+    CENTRE_OF_MASS = "centre_of_mass"
+    FRICTION = "friction"
+    LATENCY = "latency"
+    PUSH = "push"
+
+
+_FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
+
+
+def drawn(trouble: Trouble, seed: int, *, within: tuple[float, float], frame: str | None = None) -> Perturbation:
+    """One of the cases of a kind of trouble: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, a push of
+    3 N for 0.2 s. The same seed draws the same.
+
+    within: times between which a push begins, s. frame: what is pushed, from the front, the back and the side in turn.
+    """
+    chance = np.random.default_rng(seed)
+    if trouble is Trouble.MASS:
+        return Perturbation(mass_scale=float(chance.uniform(0.9, 1.1)))
+    if trouble is Trouble.CENTRE_OF_MASS:
+        turn = float(chance.uniform(0.0, 2.0 * pi))
+        return Perturbation(com_offset=(0.01 * cos(turn), 0.01 * sin(turn), 0.0))
+    if trouble is Trouble.FRICTION:
+        return Perturbation(friction=float(chance.uniform(0.5, 1.0)))
+    if trouble is Trouble.LATENCY:
+        return Perturbation(latency_s=0.03)
+    directions: Sequence[tuple[float, float]] = (_FRONT, _BACK, _SIDE)
+    x, y = directions[seed % len(directions)]
+    start = float(chance.uniform(*within))
+    return Perturbation(pushes=(Push((3.0 * x, 3.0 * y, 0.0), start, 0.2, frame),))

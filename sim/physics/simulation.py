@@ -1,0 +1,201 @@
+"""A robot's mechanics over time: goals and torque go in at their times, shafts, contacts and heat come out.
+
+Time is seconds since the start, in whole steps of the engine. The only state that chance draws from the seed: where in
+its tick each shaft begins, and how much friction each servo has.
+"""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from hardware.arrays import BoolArray, FloatArray
+from sim.physics.electrics import Electrics
+from sim.physics.hand import Hand
+from sim.physics.motors import SHAFT, Motors
+from sim.physics.mount import Support
+from sim.physics.perturbation import Perturbation, Push
+from sim.physics.requirements import import_mujoco
+from sim.physics.rope import damp_swinging
+from sim.physics.world import World
+
+__all__ = ["Simulation"]
+
+BATCH_S = 0.008
+"""Longest time between two looks at motors and hand, s."""
+HEAT_S = 0.032
+"""Time between two looks at supply and heat, s."""
+LONGEST_S = 60.0
+"""More than this, s, is not simulated at one go: the rest of a longer silence is skipped."""
+MAX_WAITING = 1000
+"""Most goals that are on their way."""
+ROUND_OFF = 1e-6  # of a step
+FRICTION_SPREAD = 0.1
+"""Share by which the friction of two servos of a type differs."""
+
+
+class Simulation:
+    """`data`: the engine's. `motors`: goals and torque. `electrics`: current, heat, supply. `hand`: None on a mount."""
+
+    def __init__(self, world: World, *, perturbation: Perturbation, seed: int) -> None:
+        mujoco = import_mujoco()
+        self.world = world
+        self.perturbation = perturbation
+        self._step_many = mujoco.mj_step
+        self._model = model = world.model
+        chance = np.random.default_rng(seed)
+        self.motors = Motors(model, world.drives)
+        self._vary(chance)
+        _load(model, world, perturbation)
+        self.data: Any = mujoco.MjData(model)
+        if world.mount.support is Support.GANTRY:
+            damp_swinging(model, world.weight)
+        mujoco.mj_setConst(model, self.data)
+        mujoco.mj_resetData(model, self.data)
+        self.data.qpos[:] = world.start
+        self._blur_start(chance)
+        mujoco.mj_forward(model, self.data)
+        self.hand = Hand(model, self.data, world.root) if world.mount.support is Support.FLOOR else None
+        self.electrics = Electrics(world.drives)
+        self.motors.goal = self.motors.angle(self.data)
+        self._wanted: BoolArray = np.zeros(len(world.drives), dtype=np.bool_)
+        self._waiting: deque[tuple[int, FloatArray]] = deque()
+        self._done = self._heated = self._heat_due = 0  # steps
+        self._pushes = [(self._count(push.start), self._count(push.end), push) for push in perturbation.pushes]
+        self._moves = False  # torque has been on
+
+    @property
+    def time(self) -> float:
+        """How far the engine is, s since the start."""
+        return self._done * self.world.step
+
+    @property
+    def moves(self) -> bool:
+        """Whether the mechanics run: from the first torque on."""
+        return self._moves
+
+    @property
+    def held(self) -> bool:
+        """Whether a hand still holds the robot."""
+        return self.hand is not None and self.hand.holding
+
+    def aim(self, angles: FloatArray, at: float) -> None:
+        """Let shafts go to `angles` (n,) rad from the time `at` on, s; later by the latency of the perturbation."""
+        if len(self._waiting) < MAX_WAITING:
+            self._waiting.append((self._count(at + self.perturbation.latency_s), angles))
+
+    def settle_goals(self) -> None:
+        """Let everything arrive that is on its way."""
+        if self._waiting:
+            self.motors.goal = self._waiting[-1][1]
+            self._waiting.clear()
+
+    def switch(self, wanted: BoolArray) -> None:
+        """Switch torque: `wanted` (n,). What has an alert stays off."""
+        self._wanted = wanted & (self.electrics.alert == 0)
+        self._power()
+        if self._wanted.any():
+            self._moves = True
+            if self.hand is not None:
+                self.hand.let_go(self.time)
+
+    def advance(self, to: float) -> None:
+        """Go on up to the time `to`, s; a time that has passed changes nothing."""
+        end = self._count(to)
+        if end - self._done > self._count(LONGEST_S):
+            self._done = end - self._count(LONGEST_S)
+        while self._done < end:
+            self._take_due()
+            steps = min(self._next_event(), end) - self._done
+            elapsed = steps * self.world.step
+            if self._moves:
+                self._run(steps, elapsed)
+            self._done += steps
+            if self._done >= self._heat_due:
+                self._heat()
+
+    def push(self, push: Push) -> None:
+        """Push the robot, at times since the start."""
+        self._pushes.append((self._count(push.start), self._count(push.end), push))
+
+    def _run(self, steps: int, elapsed: float) -> None:
+        self.motors.command(self.data, elapsed)
+        if self.hand is not None:
+            self.hand.ease(self.time)
+        if self._pushes:
+            self._apply_pushes()
+        self._step_many(self._model, self.data, nstep=steps)
+
+    def _heat(self) -> None:
+        """Heat and alerts; a servo that has one loses its torque."""
+        elapsed = (self._done - self._heated) * self.world.step
+        self._heated = self._done
+        self._heat_due = self._done + self._count(HEAT_S)
+        if self.electrics.advance(self.motors.torque(self.data), self.motors.driven, elapsed):
+            self._wanted &= self.electrics.alert == 0
+            self._power()
+
+    def _power(self) -> None:
+        self.motors.power(self._wanted, self.electrics.voltage)
+
+    def _count(self, time: float) -> int:
+        """Steps of the engine in a time, s."""
+        return int(np.floor(time / self.world.step + ROUND_OFF))
+
+    def _take_due(self) -> None:
+        while self._waiting and self._waiting[0][0] <= self._done:
+            self.motors.goal = self._waiting.popleft()[1]
+
+    def _next_event(self) -> int:
+        """Step at which the engine has to stop for something, or for the end of a batch."""
+        event = self._done + max(self._count(BATCH_S), 1)
+        if self._waiting:
+            event = min(event, self._waiting[0][0])
+        for start, end, _ in self._pushes:
+            for edge in (start, end):
+                if self._done < edge < event:
+                    event = edge
+        return event
+
+    def _apply_pushes(self) -> None:
+        """Forces of the pushes that last now, on the engine's bodies."""
+        self.data.xfrc_applied[:] = 0.0
+        for start, end, push in self._pushes:
+            if start <= self._done < end:
+                self._apply(push)
+
+    def _apply(self, push: Push) -> None:
+        force, link, data = np.array(push.force), self.world.root, self.data
+        point = data.xipos[link]
+        if push.frame is not None:
+            frame = self.world.robot.frame(push.frame)
+            link = self._model.body(self.world.robot.body.body_names[frame.body]).id
+            point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ frame.position
+        data.xfrc_applied[link, :3] += force
+        data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
+
+    def _vary(self, chance: np.random.Generator) -> None:
+        """No two servos are alike: friction by seed."""
+        factors = 1.0 + FRICTION_SPREAD * chance.uniform(-1.0, 1.0, len(self.world.drives))
+        for drive, factor in zip(self.world.drives, factors, strict=True):
+            if drive.servo.coupling is None:
+                self._model.dof_frictionloss[self._model.joint(drive.servo.joint).dofadr[0]] *= factor
+            else:
+                self._model.tendon_frictionloss[self._model.tendon(SHAFT + drive.servo.joint).id] *= factor
+
+    def _blur_start(self, chance: np.random.Generator) -> None:
+        """Where in its tick each shaft begins."""
+        within = chance.uniform(-0.5, 0.5, len(self.world.drives))
+        for drive, share in zip(self.world.drives, within, strict=True):
+            if drive.servo.coupling is None:
+                address = self._model.joint(drive.servo.joint).qposadr[0]
+                self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
+
+
+def _load(model: Any, world: World, perturbation: Perturbation) -> None:
+    """Change the masses of the robot's links."""
+    links = slice(world.root, None)  # the world and what is fixed to it weigh nothing that matters
+    model.body_mass[links] *= perturbation.mass_scale
+    model.body_inertia[links] *= perturbation.mass_scale
+    total = model.body_mass[links].sum()
+    model.body_ipos[world.root] += np.array(perturbation.com_offset) * total / model.body_mass[world.root]

@@ -1,0 +1,143 @@
+"""What a simulated robot does, as nobody can measure it on the real one: contacts, IMU, ground truth of balance."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hardware.arrays import FloatArray
+from retarget import rotations
+from sim.physics.simulation import Simulation
+from sim.physics.world import World
+
+__all__ = ["LOADED_SHARE", "PhysicsState", "StateReader"]
+
+LOADED_SHARE = 0.03
+"""A sole carries when it bears this share of the robot's weight."""
+GRAVITY = 9.81  # [m/s^2]
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicsState:
+    """One tick of n servos and k soles. World frame, SI.
+
+    q (nq,): posture in the coordinates of the robot's own body, root included where it has one; root (7,): xyz and
+    wxyz of the root link, and its velocity (3,). com (3,). zmp (2,): centre of pressure of the soles, NaN in the air, and
+    while a hand holds the robot.
+    load (k,): N on each sole. sole (k, 3): where each is; tilt (k,): of each to the floor, rad. gyro (3,) rad/s and
+    accelerometer (3,) m/s^2 at the root link's origin, in its frame; at rest it shows gravity upward. torque (n,) N m
+    at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each other; fixture_contacts;
+    touching: whether anything but the soles touches the floor.
+    """
+
+    time: float
+    q: FloatArray
+    root: FloatArray
+    velocity: FloatArray
+    com: FloatArray
+    zmp: FloatArray
+    load: FloatArray
+    sole: FloatArray
+    tilt: FloatArray
+    gyro: FloatArray
+    accelerometer: FloatArray
+    torque: FloatArray
+    temperature: FloatArray
+    self_contacts: int
+    fixture_contacts: int
+    touching: bool
+
+
+class StateReader:
+    """Reads states off a simulation, each since the one before."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        world = simulation.world
+        self._simulation, self._world = simulation, world
+        self._least = LOADED_SHARE * world.weight
+        self._owners = world.owners
+        self._feet = np.array([_link(world, sole.body) for sole in world.soles], dtype=np.intp)
+        self._places = np.array([sole.position for sole in world.soles]).reshape(-1, 3, 1)
+        self._ups = np.array([rotations.rotate(sole.quat, np.array([0.0, 0.0, 1.0])) for sole in world.soles])
+        self._ups = self._ups.reshape(-1, 3, 1)
+        self._own_root = 7 if world.robot.body.root == "free" else 0
+        self._q = world.robot.body.qpos0.copy()
+        self._joints = world.robot.body.joint_qpos[world.robot.body.joint_type > 1]
+        self._before = (simulation.time, np.zeros(3))
+        self._rest = np.zeros(3)
+
+    def loaded(self, load: FloatArray) -> FloatArray:
+        """Which soles carry, by the load (k,) N on each."""
+        return np.asarray(load > self._least)
+
+    def read(self) -> PhysicsState:
+        """The state now."""
+        simulation, data = self._simulation, self._simulation.data
+        load, zmp, counts = self._contacts(data)
+        turns = data.xmat[self._feet].reshape(-1, 3, 3)
+        sole = data.xpos[self._feet] + (turns @ self._places)[:, :, 0]
+        up = np.minimum((turns @ self._ups)[:, 2, 0], 1.0)
+        root, velocity, gyro, accelerometer = self._imu(data)
+        self._q[self._joints] = data.qpos[self._world.columns]
+        if self._own_root:
+            self._q[:7] = root
+        return PhysicsState(
+            time=simulation.time,
+            q=self._q.copy(),
+            root=root,
+            velocity=velocity,
+            com=data.subtree_com[self._world.root].copy(),
+            zmp=zmp,
+            load=load,
+            sole=sole,
+            tilt=np.arccos(up),
+            gyro=gyro,
+            accelerometer=accelerometer,
+            torque=simulation.motors.torque(data),
+            temperature=simulation.electrics.temperature,
+            self_contacts=counts[0],
+            fixture_contacts=counts[1],
+            touching=counts[2],
+        )
+
+    def _contacts(self, data: Any) -> tuple[FloatArray, FloatArray, tuple[int, int, bool]]:
+        """Load of the soles (k,) N, centre of pressure (2,) m, and counts: own links, fixtures, floor without soles."""
+        load: FloatArray = np.zeros(len(self._feet))
+        zmp: FloatArray = np.full(2, np.nan)
+        if not data.ncon:
+            return load, zmp, (0, 0, False)
+        pair = self._owners[data.contact.geom]
+        low, high = pair.min(axis=1), pair.max(axis=1)
+        row = data.contact.efc_address
+        force = np.where(row >= 0, data.efc_force[np.maximum(row, 0)], 0.0) if data.nefc else np.zeros(len(row))
+        floor = low == 0
+        on_sole = floor & (high < World.ROBOT)
+        pressed = force * on_sole
+        total = float(pressed.sum())
+        if total > self._least and not self._simulation.held:
+            zmp = pressed @ data.contact.pos[:, :2] / total
+        load += np.bincount(high[on_sole] - 1, weights=pressed[on_sole], minlength=len(self._feet))
+        fixtures = high == World.FIXTURES
+        own = len(low) - int(np.count_nonzero(floor | fixtures))
+        return load, zmp, (own, int(np.count_nonzero(fixtures)), bool((floor & (high == World.ROBOT)).any()))
+
+    def _imu(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Root (7,), its velocity (3,), and what a gyro and an accelerometer there read, averaged since the last
+        reading."""
+        link = self._world.root
+        if not self._world.free:
+            turn = data.xmat[link].reshape(3, 3)
+            root = np.concatenate([data.xpos[link], data.xquat[link]])
+            return root, self._rest, self._rest, turn.T @ np.array([0.0, 0.0, GRAVITY])
+        root, velocity = data.qpos[:7].copy(), data.qvel[:3].copy()
+        time, before = self._before
+        elapsed = self._simulation.time - time
+        gain = (velocity - before) / elapsed if elapsed > 0.0 and self._simulation.moves else np.zeros(3)
+        self._before = (self._simulation.time, velocity)
+        gain[2] += GRAVITY
+        return root, velocity, data.qvel[3:6].copy(), data.xmat[link].reshape(3, 3).T @ gain
+
+
+def _link(world: World, body: int) -> int:
+    """The engine's index of a link of the robot's body."""
+    return int(world.model.body(world.robot.body.body_names[body]).id)

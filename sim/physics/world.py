@@ -1,0 +1,233 @@
+"""The world of a simulated robot: its own body on a floor, on a stand or on a gantry, compiled for the engine."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.body import Frame
+from retarget.body_file import body_spec
+from retarget.errors import ConfigError
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+from retarget.scene import Scene
+from retarget.scene_poses import HERE, Pose
+from retarget.stance import Stance, plant
+from sim.physics.drive_numbers import drive_numbers
+from sim.physics.ground import FIXTURE, FLOOR, add_fixtures, add_floor, add_soles, sort_shapes
+from sim.physics.hand import add_hand
+from sim.physics.motors import Drive, add_motors
+from sim.physics.mount import Mount, Support, check_mount
+from sim.physics.perturbation import Perturbation
+from sim.physics.position_loop import position_loop
+from sim.physics.requirements import check_gains, check_masses, import_mujoco
+from sim.physics.rope import add_rope
+
+__all__ = ["STEP_S", "World", "build_world"]
+
+STEP_S = 0.002
+"""Step of the engine, s."""
+ITERATIONS, LINE_ITERATIONS = 20, 10
+"""Most of the contact solver; it starts warm, and needs one or two."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A compiled world and what its numbers mean.
+
+    model: `mujoco.MjModel`. drives: in servo order. root: index of the root link. free: whether the root moves.
+    columns (nj,): where the joints of the robot's own q, without its root, are in the engine's. soles: frames on their
+    links, in the profile's order. owners (ngeom,): 0 the floor, 1 + i the foot of sole i, ROBOT, FIXTURES.
+    start: the engine's position coordinates at the beginning.
+    """
+
+    robot: RobotBody
+    mount: Mount
+    model: Any
+    drives: tuple[Drive, ...]
+    root: int
+    free: bool
+    columns: NDArray[np.intp]
+    soles: tuple[Frame, ...]
+    owners: NDArray[np.int64]
+    start: FloatArray
+
+    ROBOT = 100
+    FIXTURES = 101
+
+    @property
+    def step(self) -> float:
+        """Step of the engine, s."""
+        return float(self.model.opt.timestep)
+
+    @property
+    def weight(self) -> float:
+        """Of the robot, N."""
+        return float(self.model.body_subtreemass[self.root] * -self.model.opt.gravity[2])
+
+
+def build_world(
+    robot: RobotBody,
+    angles: FloatArray,
+    *,
+    mount: Mount,
+    perturbation: Perturbation,
+    scene: Scene | None = None,
+    tell: Callable[[str], object] = lambda note: None,
+) -> World:
+    """The world in which a robot begins with servo joints at `angles` (n,) rad, its soles on the floor at the origin.
+
+    tell: hears what of the scene is left out. Raises ConfigError for a robot that has no masses, no gains, nothing to
+    stand on or no hook to hang from, and where MuJoCo is missing.
+    """
+    import_mujoco()
+    check_gains(robot)
+    check_mount(robot, mount)
+    free = mount.support is not Support.STAND
+    spec = body_spec(robot.profile.body_path, root="free" if free else "fixed")
+    check_masses(robot, spec)
+    drives = robot_drives(robot)
+    stance = plant(robot, dict(zip(robot.joint_map.joints, angles.tolist(), strict=True)))
+    place = _placed(robot, stance, mount)
+    base = _bare(spec)
+    _set_options(spec)
+    if not free:
+        base.pos, base.quat = place.position, place.quat
+    add_floor(spec, perturbation.friction)
+    add_soles(spec, robot)
+    if scene is not None:
+        for name in add_fixtures(spec, scene, HERE if mount.support is Support.FLOOR else place):
+            tell(f"{name} moves: it is not part of the physics")
+    links = robot.body.body_names
+    soles = tuple(robot.frame(foot.frame) for foot in robot.profile.feet.values())
+    sort_shapes(spec, [links[sole.body] for sole in soles])
+    add_motors(spec, drives)
+    if mount.support is Support.FLOOR:
+        add_hand(spec, base.name)
+    if mount.support is Support.GANTRY:
+        hook = robot.frame(mount.hook)
+        at = stance.points[mount.hook] + np.array([0.0, 0.0, _lift(robot, mount)])
+        add_rope(spec, links[hook.body], hook, at=at, length=mount.rope)
+    _let_touching_shapes_be(spec, robot, drives)
+    model = _compiled(spec, robot)
+    return _world(robot, mount, model, drives, place=place, angles=angles, root=base.name)
+
+
+def robot_drives(robot: RobotBody) -> tuple[Drive, ...]:
+    """The servos of a robot with their motors and loops, in servo order."""
+    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
+    return tuple(
+        Drive(servo, drive_numbers(servo.model), position_loop(servo, protocol=protocols[servo.bus]))
+        for servo in robot.joint_map.servos
+    )
+
+
+def _placed(robot: RobotBody, stance: Stance, mount: Mount) -> Pose:
+    """Where the root link is at the start: soles on the floor, or `lift` above it."""
+    if robot.profile.root == "free":
+        position, quat = stance.q[:3], stance.q[3:7]
+    else:  # as the body file has it
+        base = int(np.flatnonzero(robot.body.parent == 0)[1])
+        position, quat = robot.body.body_pos[base], robot.body.body_quat[base]
+    x, y, z = position.tolist()
+    w, i, j, k = quat.tolist()
+    return Pose((x, y, z + _lift(robot, mount)), (w, i, j, k))
+
+
+def _lift(robot: RobotBody, mount: Mount) -> float:
+    """How far the start is above where the robot would stand, m; the root of a file that bolts it down stays."""
+    return 0.0 if mount.support is Support.FLOOR or robot.profile.root != "free" else mount.lift
+
+
+def _bare(spec: Any) -> Any:
+    """Take what belongs to another world out of a body; name its links. Returns the root link."""
+    extras = (spec.actuators, spec.sensors, spec.worldbody.geoms, spec.cameras, spec.lights)
+    for part in [part for parts in extras for part in list(parts)]:
+        spec.delete(part)
+    for index, link in enumerate(spec.bodies):
+        link.name = link.name or f"body_{index}"
+    return spec.worldbody.first_body()
+
+
+def _set_options(spec: Any) -> None:
+    mujoco = import_mujoco()
+    option = spec.option
+    option.timestep = STEP_S
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 1.0
+    option.iterations, option.ls_iterations = ITERATIONS, LINE_ITERATIONS
+    option.gravity = [0.0, 0.0, -9.81]
+
+
+def _let_touching_shapes_be(spec: Any, robot: RobotBody, drives: Sequence[Drive]) -> None:
+    """Exclude pairs of links that the profile ignores, and those that touch where the robot is at home: shapes are
+    larger than the links, and would press them apart."""
+    mujoco = import_mujoco()
+    model = _compiled(spec, robot)
+    data = mujoco.MjData(model)
+    postures = robot.profile.postures
+    pairs = {frozenset(ignored.pair) for ignored in robot.profile.ignore_pairs}
+    for posture in (postures.neutral, postures.stand, postures.rest):
+        for drive in drives:
+            data.qpos[model.joint(drive.servo.joint).qposadr[0]] = posture.get(drive.servo.joint, 0.0)
+        mujoco.mj_forward(model, data)
+        pairs |= {frozenset(_links(model, geoms)) for geoms in data.contact.geom[data.contact.dist < 0.0]}
+    known = {(link.bodyname1, link.bodyname2) for link in spec.excludes}
+    for first, second in sorted(tuple(sorted(pair)) for pair in pairs if len(pair) == 2 and "world" not in pair):
+        if (first, second) not in known and (second, first) not in known:
+            spec.add_exclude(bodyname1=first, bodyname2=second)
+
+
+def _links(model: Any, geoms: Iterable[int]) -> tuple[str, ...]:
+    return tuple(model.body(model.geom_bodyid[geom]).name for geom in geoms)
+
+
+def _compiled(spec: Any, robot: RobotBody) -> Any:
+    try:
+        return spec.compile()
+    except (ValueError, RuntimeError) as error:
+        raise ConfigError(
+            "the body cannot be simulated",
+            where=robot.body.source,
+            found=" ".join(str(error).split()),
+            next_step="Mend the body file: kinematics needs less of it than physics",
+        ) from error
+
+
+def _world(
+    robot: RobotBody,
+    mount: Mount,
+    model: Any,
+    drives: tuple[Drive, ...],
+    *,
+    place: Pose,
+    angles: FloatArray,
+    root: str,
+) -> World:
+    """Name the parts of a compiled model."""
+    soles = tuple(robot.frame(foot.frame) for foot in robot.profile.feet.values())
+    free = mount.support is not Support.STAND
+    index = model.body(root).id
+    start = np.array(model.qpos0)
+    if free:
+        start[:7] = (*place.position, *place.quat)
+    for drive, angle in zip(drives, angles, strict=True):
+        start[model.joint(drive.servo.joint).qposadr[0]] = angle
+    scalar = [name for name, kind in zip(robot.body.joint_names, robot.body.joint_type, strict=True) if kind > 1]
+    columns = np.array([model.joint(name).qposadr[0] for name in scalar], dtype=np.intp)
+    owners = np.array(
+        [_owner(model, geom, [robot.body.body_names[s.body] for s in soles]) for geom in range(model.ngeom)]
+    )
+    return World(robot, mount, model, drives, index, free, columns, soles, owners, start)
+
+
+def _owner(model: Any, geom: int, feet: Sequence[str]) -> int:
+    name, link = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+    if name == FLOOR:
+        return 0
+    if name.startswith(FIXTURE):
+        return World.FIXTURES
+    return 1 + feet.index(link) if link in feet else World.ROBOT

@@ -1,0 +1,62 @@
+"""A robot's bus above its simulated mechanics: what `--bus physics` opens."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hardware.arrays import TickArray
+from hardware.clock import Clock
+from retarget.robot_body import RobotBody
+from retarget.scene import Scene
+from sim.physics.bus import PhysicsBus
+from sim.physics.mount import Mount, mount_of
+from sim.physics.perturbation import NOMINAL, Perturbation
+from sim.physics.simulation import Simulation
+from sim.physics.world import build_world
+
+__all__ = ["physics_bus", "simulation_of"]
+
+
+def physics_bus(
+    robot: RobotBody,
+    clock: Clock,
+    *,
+    start: TickArray,
+    scene: Scene | None = None,
+    mount: Mount | None = None,
+    perturbation: Perturbation | None = None,
+    seed: int = 0,
+    tell: Callable[[str], object] = lambda note: None,
+) -> PhysicsBus:
+    """The bus of a robot whose servos begin at `start`, ticks (n,), as its profile's root says or on `mount`.
+
+    Goals take effect one cycle of the robot after they are written. tell: hears what is left out. The same seed gives
+    the same bits. Raises ConfigError (see `build_world`).
+    """
+    simulation = simulation_of(
+        robot, start=start, scene=scene, mount=mount, perturbation=perturbation, seed=seed, tell=tell
+    )
+    return PhysicsBus(simulation, clock, latency=1.0 / robot.profile.safety.rate_hz)
+
+
+def simulation_of(
+    robot: RobotBody,
+    *,
+    start: TickArray,
+    scene: Scene | None = None,
+    mount: Mount | None = None,
+    perturbation: Perturbation | None = None,
+    seed: int = 0,
+    tell: Callable[[str], object] = lambda note: None,
+) -> Simulation:
+    """The mechanics of a robot, without a bus (see `physics_bus`)."""
+    trouble = NOMINAL if perturbation is None else perturbation
+    world = build_world(
+        robot,
+        np.asarray(robot.joint_map.to_radians(start)),
+        mount=mount_of(robot) if mount is None else mount,
+        perturbation=trouble,
+        scene=scene,
+        tell=tell,
+    )
+    return Simulation(world, perturbation=trouble, seed=seed)
