@@ -65,6 +65,8 @@ class Guard:
         self._sent: TickArray | None = None
         self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
         self._held_since: float | None = None  # [s] since when nobody knew a goal
+        self.paused = False
+        """Whether somebody holds the robot on purpose: that may last."""
         self._begun: float | None = None  # [s] when the last tick began; None before the first
 
     @property
@@ -235,7 +237,7 @@ class Guard:
     def _hold(self, halt: Halt, now: float) -> None:
         """Brake and stand, torque on, while nobody knows a goal; not for ever."""
         if self._state is not GuardState.ARMED:  # a robot that has not moved yet may wait
-            since = self._held_since = now if self._held_since is None else self._held_since
+            since = self._held_since = now if self.paused or self._held_since is None else self._held_since
             if now - since > self.limits.max_hold:
                 self.stop(f"no goal for {now - since:.3g} s, allowed {self.limits.max_hold:g} s", StopCause.STALE_GOAL)
                 return

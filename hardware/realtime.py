@@ -62,7 +62,7 @@ def _pin(core: int, usable: set[int]) -> None:
         return
     allowed = ", ".join(str(number) for number in sorted(usable))
     raise HardwareError(
-        describe(what="this core cannot be had", where="--core", found=core, allowed=allowed, then="Choose one of these")
+        describe(what="this core cannot be had", where="--core", found=core, allowed=allowed, then="Choose another")
     ) from error
 
 

@@ -129,7 +129,7 @@ class RobotSide:
         nq = self.robot.body.nq
         return RobotRecord.empty(rows, nq=nq, start=self._start, landmark_names=names, observers=modes)
 
-    def follow(self, human: HumanPosture) -> FloatArray:
+    def follow(self, human: HumanPosture) -> FloatArray | None:
         """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
         if not (self._started or self._way.done):  # slower than it was laid out
             return self._approaching(self.guard.states)
@@ -244,9 +244,12 @@ class RobotSide:
         if self._clearance is not None and states is not None:
             self._clearance.measure(self.robot.joint_map.to_radians(states.position))
 
-    def _approaching(self, states: ServoStates | None) -> FloatArray:
-        """A thought that is already finished: the next goal, rad (n,), on the way to where following begins."""
-        self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow)
+    def _approaching(self, states: ServoStates | None) -> FloatArray | None:
+        """A thought that is already finished: the next goal, rad (n,), on the way to where following begins; None while
+        somebody holds the robot there, and until it stands."""
+        if self.guard.paused or (self._way.left and not self._goals.at_rest):
+            return None
+        self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow, here=self._sent)
         return self._goal
 
     def _halt(self) -> FloatArray | None:
@@ -259,6 +262,7 @@ class RobotSide:
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
         if not self._started:
+            self._way.leave()
             self._goal = self._sent + slower_in_line(self._moved, self._change)
             return self._goal
         q = self._follower.halt(self._dt)

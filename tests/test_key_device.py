@@ -122,5 +122,5 @@ def test_without_permission_it_says_what_to_do(pedal: Pedal, monkeypatch: pytest
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(os, "open", forbidden)
-    with pytest.raises(HardwareError, match="not for this user.*usermod -aG input"):
+    with pytest.raises(HardwareError, match=r"not for this user.*usermod -aG input"):
         KeyDevice(pedal.path)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from retarget.paced_way import PacedWay
+from retarget.paced_way import REJOINING, PacedWay
 
 ROWS = np.cumsum(np.sin(np.linspace(0.0, np.pi, 40)))[:, None] * [1.0, -0.5]
 
@@ -43,3 +43,29 @@ def test_no_step_is_longer_than_its_pace_and_the_end_is_the_end(paces: list[floa
         assert (np.abs(here - before) <= pace * most + 1e-12).all()
         before = here
     assert way.done and np.array_equal(before, ROWS[-1])
+
+
+def test_left_and_taken_up_again_it_comes_back_from_where_the_robot_stands_without_a_leap() -> None:
+    way, beside = PacedWay(ROWS), np.array([0.3, -0.2])
+    for _ in range(10):
+        last = way.next()
+    way.leave()
+    assert way.left and not way.done
+    here = last + beside
+    got = [here]
+    while not way.done:
+        got.append(way.next(here=here))
+    most = np.abs(np.diff(ROWS, axis=0)).max(axis=0) + 1.5 * np.abs(beside) / REJOINING
+    steps = np.diff(got, axis=0)
+    assert (np.abs(steps) <= most * 1.001).all() and (np.abs(steps[0]) < 0.02 * most).all()
+    assert not way.left and np.array_equal(got[-1], ROWS[-1])
+
+
+def test_left_at_its_end_it_is_gone_back_to() -> None:
+    way = PacedWay(ROWS)
+    for _ in range(39):
+        way.next()
+    assert way.done
+    way.leave()
+    got = [way.next(here=ROWS[-1] + 0.1) for _ in range(REJOINING)]
+    assert way.done and np.array_equal(got[-1], ROWS[-1]) and np.abs(got[0] - ROWS[-1]).max() > 0.09

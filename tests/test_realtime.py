@@ -45,13 +45,13 @@ def test_what_is_not_permitted_is_refused_with_how_to_permit_it(monkeypatch: pyt
 
 @pytest.mark.parametrize("priority", [0, -1, 100])
 def test_a_priority_that_does_not_exist_is_refused(priority: int) -> None:
-    with pytest.raises(HardwareError, match="--realtime: no such real-time priority.*1 to 99"):
+    with pytest.raises(HardwareError, match=r"--realtime: no such real-time priority.*1 to 99"):
         refuse_scheduling(Scheduling(priority=priority))
 
 
 @pytest.mark.parametrize("core", [-1, 1023, 10**12])
 def test_a_core_that_does_not_exist_is_refused(core: int) -> None:
-    with pytest.raises(HardwareError, match="--core: this core cannot be had; found .*allowed: "):
+    with pytest.raises(HardwareError, match=r"--core: this core cannot be had; found .*allowed: "):
         refuse_scheduling(Scheduling(core=core))
 
 

@@ -16,6 +16,7 @@ from retarget.cli.boundary import exit_code_of
 COMMANDS = {
     "demo": "See it work: no data and no hardware needed.",
     "run": "Let a robot follow a recorded performer.",
+    "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",
     "check": "Validate profiles, priorities, performers and scenes.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",
@@ -40,8 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _call(chosen: list[str], words: list[str]) -> None:
     from retarget.cli.application import application
+    from retarget.cli.optional_values import with_values
 
-    application(chosen)(args=words, prog_name="retarget")
+    panels = bool(chosen) and "--help" in words
+    application(chosen, panels=panels)(args=with_values(words), prog_name="retarget")
 
 
 def _make_haste() -> None:

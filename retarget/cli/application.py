@@ -17,18 +17,22 @@ EPILOG = (
 )
 
 
-def application(chosen: Sequence[str]) -> typer.Typer:
+def application(chosen: Sequence[str], *, panels: bool = False) -> typer.Typer:
     """The application in which only the command of the words `chosen` is real (a group's: the group and its command);
-    the others lend their name and line to the help."""
-    known = _commands("retarget.cli", chosen, epilog=EPILOG)
+    the others lend their name and line to the help. panels: whether help has headings; they cost time."""
+    known = _commands("retarget.cli", chosen, epilog=EPILOG, panels=panels)
     known.callback(invoke_without_command=True)(_options)
     return known
 
 
-def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None) -> typer.Typer:
+def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None, panels: bool = False) -> typer.Typer:
     """The commands of a package; its `COMMANDS` names them."""
     group = typer.Typer(
-        add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=epilog
+        add_completion=False,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="rich" if panels else None,
+        epilog=epilog,
     )
     for name, summary in importlib.import_module(package).COMMANDS.items():
         if name not in chosen[:1]:

@@ -1,18 +1,23 @@
 """A live run: open the stream, calibrate, follow until somebody stops it; on virtual time where nothing is real."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
 import typer
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
+from hardware.realtime import scheduled
 from retarget.cli.buses import make_bus
+from retarget.cli.clutch import Clutch
+from retarget.cli.control_socket import ControlSocket, socket_path
+from retarget.cli.dead_man import DeadMan, open_dead_man
 from retarget.cli.follow_clip import finished
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.keys import Keys
 from retarget.cli.live_controls import HELP, LiveControls
 from retarget.cli.outputs import Outputs
+from retarget.cli.oversight import Oversight, has_terminal, refuse_oversight
 from retarget.cli.progress import progress_bar
 from retarget.errors import UsageError
 from retarget.live.address import parse_address
@@ -23,8 +28,9 @@ from retarget.live.raw_tap import RawTap
 from retarget.options import RunOptions
 from retarget.performer import Performer
 from retarget.pipeline import Watch
-from retarget.prepare import prepare_for
+from retarget.prepare import Prepared, prepare_for
 from retarget.robot_body import RobotBody
+from retarget.run_result import RunResult
 from retarget.samples import Performance
 from retarget.sources.raw_record import RawWriter
 
@@ -62,21 +68,22 @@ def follow_live(
     live: LiveOptions,
     *,
     record_raw: Path | None = None,
-    stop_file: Path | None = None,
+    oversight: Oversight | None = None,
 ) -> int:
     """Run, write the files, show a summary. Returns the exit code.
 
-    stop_file: its appearance stops the robot. Raises RetargetError for what cannot be run; then nothing has moved and
-    nothing is written.
+    Raises RetargetError for what cannot be run; then nothing has moved and nothing is written. KeyboardInterrupt:
+    stopped before anything moved.
     """
     _refuse_played(options)
     if live.recalibrate and live.person is None:
         raise UsageError("nobody is kept without a name", where="--recalibrate", next_step="Give it a --person")
-    _refuse_stopped(stop_file)
-    address = parse_address(source)
+    oversight, address = oversight or Oversight(), parse_address(source)
     virtual = address.kind == "replay" and options.simulated
+    refuse_oversight(oversight, virtual=virtual)
     clock: Clock = VirtualClock() if virtual else MonotonicClock()
     with ExitStack() as stack:
+        socket, dead_man = _opened(oversight, stack)
         tap = None if record_raw is None else stack.enter_context(RawTap(RawWriter(record_raw, url=address.text)))
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
@@ -94,13 +101,59 @@ def follow_live(
             tell=_tell,
         ) as prepared:
             stop, keys = stack.enter_context(stop_on_signals()), stack.enter_context(Keys())
-            assert isinstance(prepared.samples, LivePerformer)
-            controls = LiveControls(keys, stop, prepared.samples, stop_file=stop_file, tell=_tell)
+            performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
+            assert isinstance(performer, LivePerformer)
+            clutch = Clutch(performer, clock=clock, tell=_tell, guard=guard, dead_man=dead_man)
+            controls = LiveControls(
+                keys, stop, performer, clutch, tell=_tell, guard=guard, stop_file=oversight.stop_file, socket=socket
+            )
             if keys.listens:
                 _tell(HELP)
-            with progress_bar(options.robot, _ticks(live, prepared.samples.dt)) as show:
-                run = prepared.run(Watch(show, controls.look, controls.insisted))
+            if dead_man is not None:
+                _tell(f"hold {dead_man.told}: the robot moves only while it is held")
+                _wait_until_held(clutch, controls, performer, clock)
+            with progress_bar(options.robot, _ticks(live, performer.dt)) as show, scheduled(oversight.scheduling):
+                run = _run(prepared, controls, show, clock)
         return finished(run, outputs)
+
+
+def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:
+    socket = dead_man = None
+    if oversight.control_socket is not None:
+        socket = stack.enter_context(ControlSocket(socket_path(oversight.control_socket)))
+        _tell(f"`retarget stop --socket {socket.path}` stops it")
+    if oversight.dead_man is not None:
+        dead_man = open_dead_man(oversight.dead_man, terminal=has_terminal())
+        stack.callback(dead_man.close)
+    return socket, dead_man
+
+
+def _wait_until_held(clutch: Clutch, controls: LiveControls, performer: LivePerformer, clock: Clock) -> None:
+    """Nothing has torque before somebody holds what must be held. Raises KeyboardInterrupt if it is to stop instead."""
+    while not clutch.engaged:
+        if controls.look():
+            raise KeyboardInterrupt
+        performer.listen()
+        clock.sleep_until(clock.now() + performer.dt)
+
+
+def _run(prepared: Prepared, controls: LiveControls, show: Callable[[int], object], clock: Clock) -> RunResult:
+    """Play it; in time, also where there is no robot whose side keeps it."""
+    look = controls.look if prepared.side is not None else _in_time(controls.look, prepared.samples.dt, clock)
+    return prepared.run(Watch(show, look, controls.insisted))
+
+
+def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:
+    """`look`, every `dt` s."""
+    deadline = clock.now()
+
+    def waited() -> bool:
+        nonlocal deadline
+        deadline = max(deadline + dt, clock.now())
+        clock.sleep_until(deadline)
+        return look()
+
+    return waited
 
 
 def _refuse_played(options: RunOptions) -> None:
@@ -108,16 +161,6 @@ def _refuse_played(options: RunOptions) -> None:
     if playback.speed != 1.0 or playback.loop:
         raise UsageError(
             "a live performer moves in real time", where="--speed, --loop", next_step="Leave them out, or play a file"
-        )
-
-
-def _refuse_stopped(stop_file: Path | None) -> None:
-    if stop_file is not None and stop_file.exists():
-        raise UsageError(
-            "the file that stops the robot is there already",
-            where="--stop-file",
-            found=str(stop_file),
-            next_step="Remove it",
         )
 
 

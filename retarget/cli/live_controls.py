@@ -1,43 +1,68 @@
-"""What a person at the machine may ask of a live run: by keys, or by a file that appears."""
+"""What a person at the machine may ask of a live run: by keys, by what is held, by a file that appears, by a socket."""
 
+import json
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hardware.guard import Guard
+from retarget.cli.clutch import LONGEST_S, Clutch
+from retarget.cli.control_socket import ControlSocket
 from retarget.cli.interrupt import StopRequest
 from retarget.cli.keys import Keys
+from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 
-__all__ = ["HELP", "LiveControls"]
+__all__ = ["HELP", "LiveControls", "LiveStatus"]
 
 HELP = "keys: space stops (twice: torque off at once), p pauses and goes on, h takes the way you face as straight ahead"
 FILE_PERIOD = 5
 """Ticks between two looks for the file."""
+WORDS = "stop, cut, hold, status"
+
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """state: of the guard, null without a robot. followed: whether the performer is, now. let_go: on purpose. stop: why
+    the robot stops or stopped, else null."""
+
+    state: str | None
+    followed: bool
+    let_go: bool
+    stop: str | None
 
 
 class LiveControls:
-    """`look` in every tick. stop_file: its appearance stops the robot; it is left where it is."""
+    """`look` in every tick. guard: of the robot, None without one. stop_file: its appearance stops the robot; it is
+    left where it is. socket: where other programs stop or hold it; what would let it move is refused there."""
 
     def __init__(
         self,
         keys: Keys,
         stop: StopRequest,
         performer: LivePerformer,
+        clutch: Clutch,
         *,
-        stop_file: Path | None,
         tell: Callable[[str], object],
+        guard: Guard | None = None,
+        stop_file: Path | None = None,
+        socket: ControlSocket | None = None,
     ) -> None:
-        self._keys, self._stop, self._performer = keys, stop, performer
-        self._stop_file, self._tell = stop_file, tell
+        self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
+        self._guard, self._stop_file, self._socket, self._tell = guard, stop_file, socket, tell
         self._ticks = 0
 
     def look(self) -> bool:
         """Do what was asked; whether that is to stop."""
-        for key in self._keys.pressed():
+        pressed = self._keys.pressed()
+        for key in pressed:
             self._press(key)
+        self._clutch.look(pressed)
+        if self._socket is not None:
+            self._socket.poll(self._obey)
         self._ticks += 1
-        if self._ticks % FILE_PERIOD == 0 and not self._stop() and self._is_stopped_by_file():
-            self._tell(f"{self._stop_file} is there: stopping")
-            self._stop.ask()
+        if not self._stop():
+            self._stop_by_itself()
         return self._stop()
 
     def insisted(self) -> bool:
@@ -45,20 +70,56 @@ class LiveControls:
         self.look()
         return self._stop.insisted()
 
-    def _is_stopped_by_file(self) -> bool:
-        return self._stop_file is not None and self._stop_file.exists()
+    def status(self) -> LiveStatus:
+        """How it is now."""
+        guard, following = self._guard, self._performer.engagement.state is Engaged.FOLLOWING
+        reason = None if guard is None or guard.stop_reason is None else guard.stop_reason.reason
+        state = None if guard is None else guard.state.value
+        return LiveStatus(state, following, not self._clutch.engaged, reason)
+
+    def _stop_by_itself(self) -> None:
+        if self._ticks % FILE_PERIOD == 0 and self._stop_file is not None and self._stop_file.exists():
+            self._ask(f"{self._stop_file} is there: stopping")
+        elif self._clutch.expired:
+            self._ask(f"let go for {LONGEST_S:g} s: stopping")
+
+    def _ask(self, text: str) -> None:
+        self._tell(text)
+        self._stop.ask()
 
     def _press(self, key: str) -> None:
         if key == " ":
             if self._stop():
                 self._stop.insist()
             else:
-                self._tell("stopping")
-                self._stop.ask()
+                self._ask("stopping")
         elif key == "p":
-            paused = self._performer.pause()
-            self._tell("paused: the robot holds; p goes on" if paused else "going on")
+            if self._clutch.paused:
+                self._clutch.unpause()
+                self._tell("going on")
+            else:
+                self._clutch.pause()
+                self._tell("paused: the robot holds; p goes on")
         elif key == "h":
             self._tell(
                 "straight ahead is where you face now" if self._performer.reset_heading() else "left and right are lost"
             )
+
+    def _obey(self, word: str) -> str:
+        """The answer to a word of the socket."""
+        if word == "status":
+            return json.dumps(asdict(self.status()))
+        if word == "stop":
+            if not self._stop():
+                self._ask("stopping, asked by the control socket")
+            return "ok stopping"
+        if word == "cut":
+            self._tell("torque off at once, asked by the control socket")
+            self._stop.insist()
+            return "ok torque off"
+        if word == "hold":
+            if not self._clutch.paused:
+                self._clutch.pause()
+                self._tell("paused by the control socket: the robot holds; p goes on")
+            return "ok holding"
+        return f"error: found {word[:20]!a}, allowed: {WORDS}; only a person at the keyboard lets the robot move"

@@ -5,14 +5,19 @@ from typing import Annotated, cast
 
 import typer
 
+from hardware.realtime import Scheduling
 from retarget.cli.follow_clip import follow_clip
 from retarget.cli.follow_live import follow_live, refuse_for_file, refuse_for_live, sides_are_checked
 from retarget.cli.outputs import Outputs
+from retarget.cli.oversight import Oversight
 from retarget.clip import Parts, Playback
 from retarget.frames import SensorFrames
 from retarget.live.begin import LiveOptions
 from retarget.live.smoothing import LIGHT
 from retarget.options import RunOptions
+
+LIVE = "Live streams"
+"""Heading of their options in the help."""
 
 
 def run(
@@ -72,37 +77,77 @@ def run(
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frames per second instead of the file's.", metavar="HZ")] = None,
     countdown: Annotated[
-        float, typer.Option(help="Live: time to get into the pose of the calibration.", metavar="S")
+        float,
+        typer.Option(help="Time to get into the pose of the calibration.", metavar="S", rich_help_panel=LIVE),
     ] = 3.0,
     person: Annotated[
         str | None,
-        typer.Option(help="Live: keep the performer's size under this name, and take it from there.", metavar="NAME"),
+        typer.Option(
+            help="Keep the performer's size under this name, and take it from there.",
+            metavar="NAME",
+            rich_help_panel=LIVE,
+        ),
     ] = None,
     recalibrate: Annotated[
-        bool, typer.Option("--recalibrate", help="Live: measure a --person anew who was measured before.")
+        bool,
+        typer.Option("--recalibrate", help="Measure a --person anew who was measured before.", rich_help_panel=LIVE),
     ] = False,
     check_sides: Annotated[
         bool | None,
         typer.Option(
             "--check-sides/--no-check-sides",
-            help="Live: raise your left arm first; it proves left, right and up. Usual, but not for replay://.",
+            help="Raise your left arm first; it proves left, right and up. Usual, but not for replay://.",
             show_default=False,
+            rich_help_panel=LIVE,
         ),
     ] = None,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Live: the sides are known to be right: no --check-sides.")
+        bool, typer.Option("--yes", help="The sides are known to be right: no --check-sides.", rich_help_panel=LIVE)
     ] = False,
     smoothing: Annotated[
-        str, typer.Option(help="Live: of the sensors, by a One-Euro filter.", metavar="off|light|strong")
+        str,
+        typer.Option(help="Of the sensors, by a One-Euro filter.", metavar="off|light|strong", rich_help_panel=LIVE),
     ] = LIGHT,
     latest: Annotated[
-        bool, typer.Option("--latest", help="Live: the newest poses at once, without a playout buffer.")
+        bool,
+        typer.Option("--latest", help="The newest poses at once, without a playout buffer.", rich_help_panel=LIVE),
     ] = False,
     record_raw: Annotated[
-        Path | None, typer.Option("--record-raw", help="Live: keep every datagram, for replay://.", metavar="FILE")
+        Path | None,
+        typer.Option("--record-raw", help="Keep every datagram, for replay://.", metavar="FILE", rich_help_panel=LIVE),
+    ] = None,
+    dead_man: Annotated[
+        str | None,
+        typer.Option(
+            "--dead-man",
+            help="The robot moves only while this key of the terminal, or pedal, is held.",
+            metavar="KEY|pedal:DEVICE",
+            rich_help_panel=LIVE,
+        ),
     ] = None,
     stop_file: Annotated[
-        Path | None, typer.Option("--stop-file", help="Live: stop when this file appears.", metavar="FILE")
+        Path | None,
+        typer.Option("--stop-file", help="Stop when this file appears.", metavar="FILE", rich_help_panel=LIVE),
+    ] = None,
+    control_socket: Annotated[
+        str | None,
+        typer.Option(
+            "--control-socket",
+            help="Be stopped or held by other programs, see `retarget stop`; in XDG_RUNTIME_DIR without a PATH.",
+            metavar="[PATH]",
+            rich_help_panel=LIVE,
+        ),
+    ] = None,
+    realtime: Annotated[
+        int | None,
+        typer.Option(
+            help="Real-time priority of the ticks (SCHED_FIFO), 1 to 99; 40 if none is given.",
+            metavar="[PRIORITY]",
+            rich_help_panel=LIVE,
+        ),
+    ] = None,
+    core: Annotated[
+        int | None, typer.Option(help="The only core on which the ticks run.", metavar="N", rich_help_panel=LIVE)
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write the numbers of the run.", metavar="FILE.json|DIR")] = None,
     save: Annotated[Path | None, typer.Option(help="Write every tick, for other tools.", metavar="FILE.npz")] = None,
@@ -140,9 +185,17 @@ def run(
             recalibrate=recalibrate,
             check_sides=sides_are_checked(source, check_sides, yes=yes),
         )
-        raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw, stop_file=stop_file))
+        oversight = Oversight(
+            stop_file=stop_file,
+            dead_man=dead_man,
+            control_socket=control_socket,
+            scheduling=Scheduling(priority=realtime, core=core),
+        )
+        raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw, oversight=oversight))
 
     refuse_for_file({"--person": person, "--recalibrate": recalibrate or None, "--check-sides": check_sides})
+    refuse_for_file({"--record-raw": record_raw, "--stop-file": stop_file, "--dead-man": dead_man})
+    refuse_for_file({"--control-socket": control_socket, "--realtime": realtime, "--core": core})
 
     def read() -> SensorFrames:
         from retarget.sources.open import open_source

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hardware.clock import Clock
+from hardware.tick_pace import TickPace
 from retarget.clip import Clip
 from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
 from retarget.live.alignment import Alignment, facing_of
@@ -66,6 +67,7 @@ class LivePerformer:
         self.engagement = Engagement(first)
         self._first, self._clock, self._tell = first, clock, tell
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
+        self._pace = TickPace(1.0 / rate_hz)
         names = stream.roles.sensors
         self._rejoin: Rejoin | None = None
         self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
@@ -110,10 +112,11 @@ class LivePerformer:
             self._last_tick = max(self._last_tick, tick)
         return sample
 
-    def pause(self) -> bool:
-        """Let go of the robot, which holds, or take it up again from where it is; whether it is paused now."""
-        self.engagement.wanted = not self.engagement.wanted
-        return not self.engagement.wanted
+    def clutch(self, *, engaged: bool) -> None:
+        """Take the robot up again from where it is, or let go of it: it holds."""
+        self.engagement.wanted = engaged
+        if not engaged:
+            self.engagement.hold()
 
     def reset_heading(self) -> bool:
         """Take the way that the performer faces now as straight ahead: trackers drift. The robot holds, and goes on
@@ -149,6 +152,7 @@ class LivePerformer:
 
     def _now(self) -> SensorSample | None:
         now = self._clock.now()
+        self._pace.begin(now)
         heard = self.stream.read(now)
         if self._rejoin is None:  # the body has not moved yet
             self._rejoin = Rejoin(len(heard.states))
@@ -168,7 +172,8 @@ class LivePerformer:
         return followed
 
     def _is_good(self, heard: Heard, now: float) -> bool:
-        """Whether enough can be believed to move: somebody speaks, nobody has leapt, and what carries is known."""
+        """Whether enough can be believed to move: somebody speaks, nobody has leapt, what carries is known, and it is
+        not too late for it."""
         fresh = heard.fresh
         known = fresh.any() and fresh[self._carrying].all()
-        return bool(now - self.stream.last <= SILENCE_S and known and not self._leapt.any())
+        return bool(now - self.stream.last <= SILENCE_S and known and not (self._pace.behind or self._leapt.any()))

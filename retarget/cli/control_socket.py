@@ -1,0 +1,178 @@
+"""A local socket on which other programs of this user stop or hold a live run: one word a line, one line back."""
+
+import errno
+import os
+import socket
+import stat
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from retarget.errors import UsageError
+
+__all__ = ["MAX_LINE", "MOST_CLIENTS", "USUAL", "ControlSocket", "connect_to", "socket_path"]
+
+USUAL = "usual"
+"""What `--control-socket` means without a path."""
+WHERE = "--control-socket"
+MAX_PATH = 107
+"""Bytes of a path that a socket can have (unix(7))."""
+MAX_LINE = 64
+"""Bytes; whoever sends a longer line is cut off."""
+MOST_CLIENTS = 4
+"""At once; a newcomer takes the place of whoever has been there longest."""
+MOST_LINES = 8
+"""Of one client in one look."""
+CONNECT_S = 1.0
+
+
+def socket_path(text: str | None) -> Path:
+    """The path that is asked for; None or "usual": in the folder of this user's session. Raises UsageError where there
+    is none, or the path is too long."""
+    if text is None or text == USUAL:
+        folder = os.environ.get("XDG_RUNTIME_DIR", "")
+        if not Path(folder).is_absolute():
+            raise UsageError(
+                "XDG_RUNTIME_DIR is not set, so there is no usual place",
+                where=WHERE,
+                next_step="Give it a path, here and to `retarget stop --socket`",
+            )
+        path = Path(folder) / "retarget.sock"
+    else:
+        path = Path(text)
+    length = len(os.fsencode(path))
+    if length > MAX_PATH or "\0" in str(path):
+        raise UsageError(
+            "no socket can have such a path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
+        )
+    return path
+
+
+def connect_to(path: Path) -> socket.socket:
+    """A connection, blocking for CONNECT_S at most. Raises OSError."""
+    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        client.settimeout(CONNECT_S)
+        client.connect(str(path))
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+class ControlSocket:
+    """The listener, as a context: only its owner may connect, and its file is gone afterwards. Nothing waits, nothing
+    from outside raises, memory is bounded."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises UsageError: in use, no socket, or no such folder."""
+        self.path = path
+        self._clients: dict[socket.socket, bytes] = {}  # what each has sent of its next line; oldest first
+        _clear(path)
+        self._listener = _listening(path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for client in [*self._clients]:
+            self._drop(client)
+        with suppress(OSError):
+            self.path.unlink()
+        self._listener.close()
+
+    def poll(self, obey: Callable[[str], str]) -> None:
+        """Answer what has come. obey: from a word to the line that is answered."""
+        self._accept()
+        for client in [*self._clients]:
+            self._hear(client, obey)
+
+    def _accept(self) -> None:
+        for _ in range(MOST_CLIENTS):
+            try:
+                client, _ = self._listener.accept()
+            except OSError:  # nobody, or somebody who has left already
+                return
+            client.setblocking(False)
+            if len(self._clients) >= MOST_CLIENTS:
+                self._drop(next(iter(self._clients)))
+            self._clients[client] = b""
+
+    def _hear(self, client: socket.socket, obey: Callable[[str], str]) -> None:
+        try:
+            data = client.recv(MAX_LINE * MOST_LINES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        *lines, rest = (self._clients[client] + data).split(b"\n")
+        if not data or len(rest) > MAX_LINE:
+            self._drop(client)
+        else:
+            self._clients[client] = rest
+        for line in lines[:MOST_LINES]:  # also of somebody who did not wait for the answer
+            answer = (
+                obey(line.decode("ascii", errors="replace").strip()) if len(line) <= MAX_LINE else "error: too long"
+            )
+            if client in self._clients:
+                self._answer(client, answer)
+
+    def _answer(self, client: socket.socket, text: str) -> None:
+        line = text.encode() + b"\n"
+        try:
+            sent = client.send(line)
+        except OSError:
+            sent = 0
+        if sent < len(line):  # it does not read
+            self._drop(client)
+
+    def _drop(self, client: socket.socket) -> None:
+        self._clients.pop(client, None)
+        client.close()
+
+
+def _clear(path: Path) -> None:
+    """Remove a socket that nobody listens on any more."""
+    try:
+        mode = path.lstat().st_mode
+    except OSError:
+        return
+    if not stat.S_ISSOCK(mode):
+        raise UsageError("this is no socket", where=f"{WHERE} {path}", next_step="Choose another path")
+    try:
+        connect_to(path).close()
+    except ConnectionRefusedError:
+        with suppress(OSError):
+            path.unlink()
+        return
+    except OSError:  # somebody listens and is busy, or it is not ours: binding tells
+        pass
+    raise UsageError(
+        "another run listens there",
+        where=f"{WHERE} {path}",
+        next_step="Stop it (retarget stop), or choose another path",
+    )
+
+
+def _listening(path: Path) -> socket.socket:
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    before = os.umask(0o177)  # from its first moment on only its owner may connect
+    try:
+        listener.setblocking(False)
+        listener.bind(str(path))
+        listener.listen(MOST_CLIENTS)
+    except OSError as error:
+        listener.close()
+        step = "Choose a path in a folder that is there and yours"
+        if error.errno == errno.EADDRINUSE:
+            step = "Choose another path"
+        raise UsageError(
+            f"cannot listen: {error.strerror or error}", where=f"{WHERE} {path}", next_step=step
+        ) from error
+    finally:
+        os.umask(before)
+    return listener

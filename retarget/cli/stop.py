@@ -1,0 +1,53 @@
+"""`retarget stop`: stop a live run through its `--control-socket`."""
+
+from typing import Annotated
+
+import typer
+
+from retarget.cli.boundary import DONE, STOPPED
+from retarget.cli.control_socket import MAX_LINE, connect_to, socket_path
+from retarget.errors import UsageError
+
+__all__ = ["stop"]
+
+PATIENCE_S = 2.0
+
+
+def stop(
+    path: Annotated[
+        str | None,
+        typer.Option("--socket", help="The socket of the run, if it is not the usual one.", metavar="PATH"),
+    ] = None,
+    cut: Annotated[bool, typer.Option("--cut", help="Torque off at once, without braking: it may fall.")] = False,
+) -> None:
+    """Stop a live run that has a `--control-socket`: it brakes, goes to its rest posture, and torque goes off.
+
+    Exit code 0: the run confirmed it; 1: it did not; 2: nobody listens there.
+    """
+    where = socket_path(path)
+    try:
+        client = connect_to(where)
+    except OSError as error:
+        raise UsageError(
+            f"no live run listens there: {error.strerror or error}",
+            where=str(where),
+            next_step="Start the run with --control-socket, and give the same path here; in a hurry cut the power",
+        ) from error
+    answer = b""
+    with client:
+        client.settimeout(PATIENCE_S)
+        try:
+            client.sendall(b"cut\n" if cut else b"stop\n")
+            while b"\n" not in answer and len(answer) <= MAX_LINE:
+                data = client.recv(MAX_LINE)
+                if not data:
+                    break
+                answer += data
+        except OSError:
+            pass
+    text = answer.decode("ascii", errors="replace").strip()
+    if not text.startswith("ok"):
+        typer.echo(f"error: the run did not confirm it ({text or 'no answer'}): cut the power", err=True)
+        raise typer.Exit(STOPPED)
+    typer.echo(text)
+    raise typer.Exit(DONE)
