@@ -155,7 +155,8 @@ class Motors:
         if self._integrates:
             error = self.goal - self.angle(data)
             most = 1.0 / np.maximum(self._proportional, 1e-9)
-            self._sum = self.driven * np.clip(self._sum + self._integral * error * elapsed, -most, most)
+            self._sum += self._integral * error * elapsed
+            self._sum = np.asarray(self.driven * np.clip(self._sum, -most, most))
             asked = asked + self._sum
         data.ctrl[self._motor] = asked
 
@@ -170,7 +171,7 @@ class Motors:
     def torque(self, data: Any) -> FloatArray:
         """Torques (n,) of the motors at their shafts over the last step, N m."""
         force = data.actuator_force
-        return np.minimum(np.maximum(force[self._motor] + force[self._emf], -self._most), self._most)
+        return np.asarray(np.minimum(np.maximum(force[self._motor] + force[self._emf], -self._most), self._most))
 
     def _of_shafts(self, joints: FloatArray) -> FloatArray:
         return np.asarray(joints * self._plain if self._plain is not None else self._turns @ joints)

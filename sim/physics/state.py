@@ -22,12 +22,11 @@ class PhysicsState:
     """One tick of n servos and k soles. World frame, SI.
 
     q (nq,): posture in the coordinates of the robot's own body, root included where it has one; root (7,): xyz and
-    wxyz of the root link, and its velocity (3,). com (3,). zmp (2,): centre of pressure of the soles, NaN in the air, and
-    while a hand holds the robot.
-    load (k,): N on each sole. sole (k, 3): where each is; tilt (k,): of each to the floor, rad. gyro (3,) rad/s and
-    accelerometer (3,) m/s^2 at the root link's origin, in its frame; at rest it shows gravity upward. torque (n,) N m
-    at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each other; fixture_contacts;
-    touching: whether anything but the soles touches the floor.
+    wxyz of the root link, and its velocity (3,). com (3,). zmp (2,): centre of pressure of the soles, NaN in the air
+    and while a hand holds the robot. load (k,): N on each sole. sole (k, 3): where each is; tilt (k,): of each to the
+    floor, rad. gyro (3,) rad/s and accelerometer (3,) m/s^2 at the root link's origin, in its frame; at rest it shows
+    gravity upward. torque (n,) N m at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each
+    other; fixture_contacts; touching: whether anything but the soles touches the floor.
     """
 
     time: float

@@ -1,0 +1,149 @@
+"""The physics bus: an interface like every other, above a robot that can fall."""
+
+import numpy as np
+import pytest
+
+from hardware.bus import ServoBus, ServoGoals
+from hardware.errors import BusError
+from physics_rig import DT, PhysicsRig, op3, standing, ticks
+from sim.physics.perturbation import Perturbation, Push
+
+
+def test_it_is_a_servo_bus() -> None:
+    rig = PhysicsRig()
+    bus: ServoBus = rig.bus
+    states = bus.read()
+    assert states.position.tolist() == rig.start.tolist()
+    assert states.valid.all() and not states.driven.any() and not states.age.any()
+    assert (states.voltage > 11.0).all() and (states.temperature == 25.0).all() and not states.current.any()
+
+
+def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(1.0)
+    before = rig.bus.state.sole.copy()
+    states = rig.run(10.0)
+    bus = rig.bus
+    assert not bus.fallen
+    assert np.abs(bus.state.sole - before).max() < 5e-4
+    assert bus.log.slip_m.max() < 5e-4
+    assert np.degrees(bus.log.worst_tilt) < 0.5
+    assert 0.005 < rig.error(states) < 0.05  # P gains without an I gain sag
+    assert bus.state.load.sum() == pytest.approx(bus.simulation.world.weight, rel=0.01)
+    assert bus.state.load[0] == pytest.approx(bus.state.load[1], rel=0.1)
+
+
+def test_before_torque_a_hand_holds_it() -> None:
+    rig = PhysicsRig()
+    rig.clock.advance(5.0)
+    assert rig.bus.read().position.tolist() == rig.start.tolist()
+    assert not rig.bus.fallen and rig.bus.log.rows == 0
+    assert rig.bus.simulation.held
+
+
+def test_the_hand_lets_go_without_a_jolt() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(2.0)
+    assert not rig.bus.simulation.held
+    root = rig.bus.log.column("root")[:, 2]
+    assert np.abs(np.diff(root, n=2)).max() / DT**2 < 0.5  # [m/s^2]
+    assert 0.0 < root[0] - root[-1] < 3e-3
+
+
+def test_without_torque_it_falls_and_that_counts() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(1.0)
+    rig.bus.torque(False)
+    rig.run(2.0)
+    fall = rig.bus.fall
+    assert fall is not None and not fall.powered and not rig.bus.parked
+
+
+def test_closing_watches_what_becomes_of_it() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(1.0)
+    before = rig.bus.fallen
+    rig.bus.close()
+    rig.bus.close()  # twice is allowed
+    assert (before, rig.bus.fallen) == (False, True)
+
+
+def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
+    rest = ticks(op3().profile.postures.rest)
+    rig = PhysicsRig(start=rest)
+    rig.arm()
+    rig.run(1.0, rest)
+    rig.bus.close()
+    assert rig.bus.parked and not rig.bus.fallen
+
+
+def test_a_strong_push_fells_it_and_a_weak_one_does_not() -> None:
+    weak, strong = (
+        PhysicsRig(perturbation=Perturbation(pushes=(Push((force, 0.0, 0.0), 1.0, 0.2),))) for force in (3.0, 20.0)
+    )
+    for rig in (weak, strong):
+        rig.arm()
+        rig.run(3.0)
+    assert not weak.bus.fallen
+    assert np.ptp(weak.bus.log.column("com")[150:, 0]) > 1e-3
+    fall = strong.bus.fall
+    assert fall is not None and fall.powered and fall.time > 1.0
+
+
+def test_goals_take_effect_one_cycle_after_they_are_written() -> None:
+    rig, late = PhysicsRig(), PhysicsRig(perturbation=Perturbation(latency_s=0.03))
+    moved = []
+    for one in (rig, late):
+        one.arm()
+        one.run(1.5)
+        goal = standing()
+        goal[0] += 200
+        one.bus.write(ServoGoals(goal))
+        quiet = one.bus.simulation.motors.goal[0]
+        cycles = 0
+        while one.bus.simulation.motors.goal[0] == quiet:
+            one.clock.advance(0.002)
+            one.bus.read()
+            cycles += 1
+        moved.append(cycles)
+    assert moved[0] == pytest.approx(5, abs=1)  # applied in the step that begins at 8 ms
+    assert moved[1] - moved[0] == pytest.approx(15, abs=1)
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
+    def record(seed: int) -> bytes:
+        rig = PhysicsRig(seed=seed, perturbation=Perturbation(pushes=(Push((0.0, 3.0, 0.0), 0.8, 0.2),)))
+        rig.arm()
+        rig.run(1.5)
+        return rig.bus.log.column("q").tobytes()
+
+    assert record(3) == record(3) != record(4)
+
+
+def test_reading_more_often_changes_nothing() -> None:
+    once, often = PhysicsRig(), PhysicsRig()
+    for rig in (once, often):
+        rig.arm()
+    once.run(0.4)
+    for _ in range(50):
+        often.clock.advance(DT)
+        often.bus.read()
+        often.bus.read()
+        often.bus.write(ServoGoals(often.start))
+    assert often.bus.state.q.tobytes() == once.bus.state.q.tobytes()
+
+
+def test_what_it_refuses() -> None:
+    rig = PhysicsRig()
+    goal = standing()
+    goal[3] = 5000
+    with pytest.raises(BusError, match="out of range"):
+        rig.bus.write(ServoGoals(goal))
+    rig.bus.close()
+    for call in (rig.bus.read, lambda: rig.bus.write(ServoGoals(standing())), lambda: rig.bus.torque(True)):
+        with pytest.raises(BusError, match="closed"):
+            call()
