@@ -1,4 +1,4 @@
-"""Send a waving performer as JSON over UDP (docs/json-input.md): python send_poses.py [HOST [PORT [SECONDS]]]."""
+"""Send somebody who stands, waves and stands as JSON over UDP (docs/json-input.md): send_poses.py [HOST [PORT [S]]]."""
 
 import json
 import math
@@ -7,19 +7,17 @@ import sys
 import time
 
 UPRIGHT, RATE_HZ = [1, 0, 0, 0], 60
-STILL = {
-    "head": (0.0, 0.0, 1.6),
-    "l_wrist": (0.0, 0.25, 0.8),
-    "l_ankle": (0.0, 0.1, 0.08),
-    "r_ankle": (0.0, -0.1, 0.08),
-}
+STILL = {"head": (0.0, 0.0, 1.6), "l_wrist": (0.0, 0.25, 0.8), "r_wrist": (0.0, -0.25, 0.8)}
+STILL |= {"l_ankle": (0.0, 0.1, 0.08), "r_ankle": (0.0, -0.1, 0.08)}
 
 
 def message(number: int) -> bytes:
-    """The pose of one frame: x forward, y left, z up, metres; the right hand waves beside the head."""
+    """The pose of one frame: x forward, y left, z up, metres. Six seconds still, six with the right hand at work."""
     seconds = number / RATE_HZ
-    places = STILL | {"r_wrist": (0.2, -0.4 + 0.15 * math.sin(2.0 * math.pi * 0.5 * seconds), 1.6)}
-    poses = {name: {"p": place, "q": UPRIGHT} for name, place in places.items()}
+    raised = max(0.0, -math.sin(2.0 * math.pi * seconds / 12.0))  # 0 hanging, 1 out to the side and up
+    sway = 0.001 * math.sin(2.0 * math.pi * seconds / 4.0)  # nobody stands like a stone: that is what lost trackers do
+    places = STILL | {"r_wrist": (0.1 * raised, -0.25 - 0.35 * math.sin(math.pi * raised), 0.8 + 0.75 * raised)}
+    poses = {name: {"p": (x + sway, y, z), "q": UPRIGHT} for name, (x, y, z) in places.items()}
     return json.dumps(
         {"axes": "rep103", "quaternion": "wxyz", "time": seconds, "frame": number, "poses": poses}
     ).encode()

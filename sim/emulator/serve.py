@@ -10,7 +10,7 @@ from sim.emulator.pseudo_terminal import PseudoTerminal
 EARLY = 120e-6
 """What is due within so many s is not slept for: a timer is no finer than 50 us, and a pseudo-terminal takes some 70 us
 for the way there and back, which no adapter has."""
-BATCH = 1e-3
+BATCH = 0.3e-3
 """Answers that come within so many s of each other, and no more than the adapter's latency, are handed over together,
 when the last of them is due: an adapter passes packets on, not bytes."""
 LONGEST_SLEEP = 3600.0
