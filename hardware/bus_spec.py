@@ -42,7 +42,7 @@ class BusSpec:
     baud: int
     protocol: int
     ids: tuple[int, ...]
-    watchdog: float = 0.2
+    watchdog: float = 0.1
     return_delay: float = 0.0
     power: PowerSwitch | None = None
 

@@ -118,7 +118,7 @@ class Power(Schema):
 class Bus(Schema):
     """A line of servos. ids: every device expected to answer on it, servos and others.
 
-    watchdog_s: longest silence after which the servos stop by themselves, a multiple of 0.02 s, 0: never; absent: 0.2,
+    watchdog_s: longest silence after which the servos stop by themselves, a multiple of 0.02 s, 0: never; absent: 0.1,
     and 0 with Protocol 1.0, whose servos have none. return_delay_us: pause before an answer, even.
     """
 

@@ -7,7 +7,7 @@ from hardware.bus_spec import BusSpec, PowerSwitch
 from hardware.servo import ServoGains, ServoMode, ServoSpec, find_model
 from retarget.profile_parts import Bus, Coupling, Servo
 
-DEFAULT_WATCHDOG = 0.2  # [s]
+DEFAULT_WATCHDOG = 0.1  # [s]
 
 
 def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> tuple[ServoSpec, ...]:

@@ -109,7 +109,7 @@ def test_torque_rises_from_a_tenth_within_half_a_second() -> None:
         if rig.shown("torque_enable") != torque_before:
             enabled.append(rig.shown("goal_pwm"))
             assert rig.shown("goal_position") == rig.shafts().tolist()
-            assert rig.shown("bus_watchdog") == [10] * 3
+            assert rig.shown("bus_watchdog") == [5] * 3
 
     rig.port.write = write  # type: ignore[method-assign]
     begun = rig.clock.now()
@@ -241,11 +241,11 @@ def test_torque_on_provisions_who_started_anew() -> None:
         states = rig.tick().states
     assert states.driven.tolist() == [True, False, True]
     assert rig.shown("position_p_gain") == [333, rig.device(2).table["position_p_gain"].initial, 333]
-    assert rig.shown("bus_watchdog") == [10, 0, 10]
+    assert rig.shown("bus_watchdog") == [5, 0, 5]
     rig.bus.torque(True)
     assert rig.shown("torque_enable") == [1, 1, 1]
     assert rig.shown("position_p_gain") == [333] * 3
-    assert rig.shown("bus_watchdog") == [10] * 3
+    assert rig.shown("bus_watchdog") == [5] * 3
     assert rig.shown("goal_pwm") == [FULL] * 3
     for _ in range(20):
         states = rig.tick().states

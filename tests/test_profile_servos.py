@@ -53,7 +53,7 @@ def coupled(matrix: str, joints: str = "[head_pan, head_tilt]") -> tuple[str, st
 def test_a_plain_profile_says_what_it_always_said(tmp_path: Path, root: Path) -> None:
     profile = load(tmp_path, root)
     (bus,) = profile.bus_specs()
-    assert (bus.name, bus.baud, bus.protocol, bus.watchdog_value, bus.return_delay_value) == ("main", 2000000, 2, 10, 0)
+    assert (bus.name, bus.baud, bus.protocol, bus.watchdog_value, bus.return_delay_value) == ("main", 2000000, 2, 5, 0)
     assert bus.power == PowerSwitch(id=200, register=24, value=1, wait=0.5)
     assert bus.ids[-1] == 200
     assert all(spec.mode is ServoMode.POSITION and spec.coupling is None for spec in profile.servo_specs())

@@ -102,7 +102,7 @@ def test_whoever_keeps_torque_keeps_its_watchdog() -> None:
     two.write = deaf  # type: ignore[method-assign]
     assert torque.off_everywhere(rig.bus.lines) == ["j2 (id 2)"]
     assert rig.shown("torque_enable") == [0, 1]
-    assert rig.shown("bus_watchdog") == [0, 10]
+    assert rig.shown("bus_watchdog") == [0, 5]
 
 
 def test_how_far_a_limp_joint_may_move_is_an_angle() -> None:
