@@ -1,19 +1,14 @@
 """The OP3 body against published numbers, and the postures of its profile against statics and collisions."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from hardware.servo import find_model
-from retarget.profile import RobotProfile, load_profile
-
-Array = NDArray[np.float64]
+from posed_body import PosedBody
+from retarget.profile import load_profile
 
 # Zero-pose joint anchors in the base frame, m, and axes: computed from ROBOTIS' own model.
 LEFT = {
@@ -64,61 +59,19 @@ POSES = [
 POSTURES = ("neutral", "stand", "rest", "attractor")
 
 
-class Body:
-    """The body file in MuJoCo, posed."""
-
-    def __init__(self, profile: RobotProfile) -> None:
-        self.profile = profile
-        self.model: Any = mujoco.MjModel.from_xml_path(str(profile.body_path))
-        self.data: Any = mujoco.MjData(self.model)
-
-    def pose(self, joints: Mapping[str, float]) -> "Body":
-        self.data.qpos[:] = self.model.qpos0
-        for joint, angle in joints.items():
-            self.data.qpos[self.model.joint(joint).qposadr[0]] = angle
-        mujoco.mj_forward(self.model, self.data)
-        return self
-
-    def frame(self, name: str) -> tuple[Array, Array]:
-        """World position (3,) and rotation (3,3) of a frame of the profile."""
-        frame = self.profile.frames[name]
-        link = self.data.body(frame.link)
-        rotation = np.array(link.xmat).reshape(3, 3)
-        own = np.zeros(9)
-        mujoco.mju_quat2Mat(own, np.array(frame.quat))
-        return np.array(link.xpos) + rotation @ np.array(frame.pos), rotation @ own.reshape(3, 3)
-
-    def at(self, name: str) -> Array:
-        return self.frame(name)[0]
-
-    def com_in_stand_frame(self) -> Array:
-        (left, left_axes), (right, right_axes) = self.frame("l_sole"), self.frame("r_sole")
-        up = left_axes[:, 2] + right_axes[:, 2]
-        up /= np.linalg.norm(up)
-        ahead = left_axes[:, 0] + right_axes[:, 0]
-        ahead -= up * (up @ ahead)
-        ahead /= np.linalg.norm(ahead)
-        axes = np.stack([ahead, np.cross(up, ahead), up])
-        return np.asarray(axes @ (self.data.subtree_com[1] - (left + right) / 2))
-
-    def touching(self) -> set[tuple[str, str]]:
-        links = self.model.geom_bodyid
-        return {(self.model.body(links[c.geom1]).name, self.model.body(links[c.geom2]).name) for c in self.data.contact}
-
-
 @pytest.fixture(scope="module")
-def body(root: Path) -> Body:
-    return Body(load_profile(root / "configs" / "robots" / "op3"))
+def body(root: Path) -> PosedBody:
+    return PosedBody(load_profile(root / "configs" / "robots" / "op3"))
 
 
-def test_size_and_mass(body: Body) -> None:
+def test_size_and_mass(body: PosedBody) -> None:
     assert (body.model.nq, body.model.nv, body.model.nu) == (27, 26, 20)
     assert body.model.body_mass.sum() == pytest.approx(3.14747, abs=1e-9)
 
 
 @pytest.mark.parametrize(("joint", "place"), [*LEFT.items(), *RIGHT.items(), *HEAD.items()])
 def test_anchor_and_axis_at_the_zero_pose(
-    body: Body, joint: str, place: tuple[tuple[float, ...], tuple[float, ...]]
+    body: PosedBody, joint: str, place: tuple[tuple[float, ...], tuple[float, ...]]
 ) -> None:
     body.pose({})
     found = body.data.joint(joint)
@@ -128,54 +81,49 @@ def test_anchor_and_axis_at_the_zero_pose(
 
 @pytest.mark.parametrize(("joints", "com"), POSES)
 def test_centre_of_mass_of_published_poses(
-    body: Body, joints: dict[str, float], com: tuple[float, float, float]
+    body: PosedBody, joints: dict[str, float], com: tuple[float, float, float]
 ) -> None:
     np.testing.assert_allclose(body.pose(joints).com_in_stand_frame(), com, atol=2e-6)
 
 
-def test_joint_ranges_are_those_of_the_servos(body: Body) -> None:
+def test_joint_ranges_are_those_of_the_servos(body: PosedBody) -> None:
     for joint, servo in body.profile.servos.items():
         np.testing.assert_allclose(body.model.joint(joint).range, servo.limits, atol=1e-6)
 
 
-def test_servo_ids_follow_the_actuators(body: Body) -> None:
+def test_servo_ids_follow_the_actuators(body: PosedBody) -> None:
     names = [body.model.actuator(index).name for index in range(body.model.nu)]
     assert names == sorted(body.profile.servos, key=lambda joint: body.profile.servos[joint].id)
     assert list(body.profile.servos) == names
 
 
 @pytest.mark.parametrize("name", POSTURES)
-def test_postures_touch_nothing(body: Body, name: str) -> None:
+def test_postures_touch_nothing(body: PosedBody, name: str) -> None:
     assert body.pose(getattr(body.profile.postures, name)).touching() == set()
 
 
-def test_a_pose_that_touches_is_seen(body: Body) -> None:
+def test_a_pose_that_touches_is_seen(body: PosedBody) -> None:
     assert ("l_hip_roll_link", "l_ank_pitch_link") in body.pose(CROUCH).touching()
 
 
 @pytest.mark.parametrize("name", POSTURES)
-def test_postures_stand_flat_and_balanced(body: Body, name: str) -> None:
+def test_postures_stand_flat_and_balanced(body: PosedBody, name: str) -> None:
     body.pose(getattr(body.profile.postures, name))
-    corners = []
     for foot in body.profile.feet.values():
-        position, axes = body.frame(foot.frame)
-        np.testing.assert_allclose(axes, np.eye(3), atol=1e-9)
-        corners += [position + axes @ (x, y, 0.0) for x, y in foot.polygon]
-    assert np.ptp([corner[2] for corner in corners]) < 1e-9
-    equations = ConvexHull(np.array(corners)[:, :2]).equations  # outward normal, offset
-    clearance = -np.max(equations[:, :2] @ body.data.subtree_com[1][:2] + equations[:, 2])
-    assert clearance > 0.05
+        np.testing.assert_allclose(body.frame(foot.frame)[1], np.eye(3), atol=1e-9)
+    assert np.ptp(body.sole_corners()[:, 2]) < 1e-9
+    assert body.support_margin() > 0.05
     assert abs(body.com_in_stand_frame()[0]) < 0.01
 
 
-def test_postures_are_mirror_images(body: Body) -> None:
+def test_postures_are_mirror_images(body: PosedBody) -> None:
     for name in POSTURES:
         body.pose(getattr(body.profile.postures, name))
         for frame in [frame for frame in body.profile.frames if frame.startswith("l_")]:
             np.testing.assert_allclose(body.at(frame) * (1, -1, 1), body.at("r" + frame[1:]), atol=1e-9)
 
 
-def test_rest_is_lower_than_stand(body: Body) -> None:
+def test_rest_is_lower_than_stand(body: PosedBody) -> None:
     heights = {}
     for name in ("stand", "rest"):
         body.pose(getattr(body.profile.postures, name))
@@ -183,13 +131,13 @@ def test_rest_is_lower_than_stand(body: Body) -> None:
     assert heights["rest"] < 0.65 * heights["stand"]
 
 
-def test_soles_start_on_the_ground(body: Body) -> None:
+def test_soles_start_on_the_ground(body: PosedBody) -> None:
     body.pose({})
     assert body.at("l_sole")[2] == pytest.approx(0.0, abs=1e-9)
     assert body.data.geom("l_foot_wide").xpos[2] - 0.004 == pytest.approx(0.0, abs=1e-9)
 
 
-def test_landmarks_ask_for_less_than_the_stretched_limb(body: Body) -> None:
+def test_landmarks_ask_for_less_than_the_stretched_limb(body: PosedBody) -> None:
     body.pose({})
     landmarks = body.profile.landmarks
     arm = np.linalg.norm(body.at("l_hand") - body.at("l_shoulder"))
@@ -202,7 +150,7 @@ def test_landmarks_ask_for_less_than_the_stretched_limb(body: Body) -> None:
     np.testing.assert_allclose(body.at("l_sole") - body.at("l_ankle"), landmarks["l_sole"].offset, atol=2e-4)
 
 
-def test_acceleration_limit_is_within_the_torque(body: Body) -> None:
+def test_acceleration_limit_is_within_the_torque(body: PosedBody) -> None:
     """Base held: inertia about each joint times max_acceleration plus gravity stays below stall torque."""
     seed = 20
     random = np.random.default_rng(seed)
@@ -219,7 +167,7 @@ def test_acceleration_limit_is_within_the_torque(body: Body) -> None:
             assert torque < 0.8 * stall, f"{joint}, seed {seed}"
 
 
-def test_observers_cover_their_links_loosely(body: Body) -> None:
+def test_observers_cover_their_links_loosely(body: PosedBody) -> None:
     """Ends of each capsule lie inside the shell of its link, so that none floats off it."""
     for name, observer in body.profile.observers.items():
         capsule = observer.shape.capsule

@@ -12,8 +12,8 @@ from retarget.profile import read_profile
 def robots() -> None:
     """List the robots known by name: shipped ones and those in the user's configuration folder."""
     table = Table(box=None, pad_edge=False)
-    for heading in ("robot", "servos", "root", "priorities", "from"):
-        table.add_column(heading, overflow="fold")
+    for heading, width in (("robot", 10), ("servos", 17), ("root", 4), ("priorities", 12), ("from", 7)):
+        table.add_column(heading, overflow="fold", min_width=width)
     for entry in entries(Kind.ROBOT):
         table.add_row(*_row(entry))
     Console().print(table)
