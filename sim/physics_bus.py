@@ -1,6 +1,7 @@
 """A robot's bus above its simulated mechanics: what `--bus physics` opens."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -8,13 +9,17 @@ from hardware.arrays import TickArray
 from hardware.clock import Clock
 from retarget.robot_body import RobotBody
 from retarget.scene import Scene
+from sim.emulated_bus import emulated_bus
+from sim.emulator.wire import Timing
 from sim.physics.bus import PhysicsBus
 from sim.physics.mount import Mount, mount_of
 from sim.physics.perturbation import NOMINAL, Perturbation
 from sim.physics.simulation import Simulation
+from sim.physics.witness import Witness
+from sim.physics.witnessed_bus import WitnessedBus
 from sim.physics.world import build_world
 
-__all__ = ["physics_bus", "simulation_of"]
+__all__ = ["physics_bus", "physics_wire_bus", "simulation_of"]
 
 
 def physics_bus(
@@ -37,6 +42,30 @@ def physics_bus(
         robot, start=start, scene=scene, mount=mount, perturbation=perturbation, seed=seed, tell=tell
     )
     return PhysicsBus(simulation, clock, latency=1.0 / robot.profile.safety.rate_hz)
+
+
+def physics_wire_bus(
+    robot: RobotBody,
+    clock: Clock,
+    *,
+    start: TickArray,
+    scene: Scene | None = None,
+    mount: Mount | None = None,
+    perturbation: Perturbation | None = None,
+    seed: int = 0,
+    faults: Path | None = None,
+    timing: Timing | None = None,
+    tell: Callable[[str], object] = lambda note: None,
+) -> WitnessedBus:
+    """As `physics_bus`, through the bytes of emulated servos: the robot's own driver above (see `emulated_bus`).
+
+    Latency is that of the wires. Raises ConfigError as both do.
+    """
+    simulation = simulation_of(
+        robot, start=start, scene=scene, mount=mount, perturbation=perturbation, seed=seed, tell=tell
+    )
+    bus = emulated_bus(robot, clock, start=start, faults=faults, timing=timing, simulation=simulation, tell=tell)
+    return WitnessedBus(bus, Witness(simulation))
 
 
 def simulation_of(

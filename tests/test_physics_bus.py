@@ -22,23 +22,23 @@ def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
     rig = PhysicsRig()
     rig.arm()
     rig.run(1.0)
-    before = rig.bus.state.sole.copy()
+    before = rig.bus.witness.state.sole.copy()
     states = rig.run(10.0)
     bus = rig.bus
-    assert not bus.fallen
-    assert np.abs(bus.state.sole - before).max() < 5e-4
-    assert bus.log.slip_m.max() < 5e-4
-    assert np.degrees(bus.log.worst_tilt) < 0.5
+    assert not bus.witness.fallen
+    assert np.abs(bus.witness.state.sole - before).max() < 5e-4
+    assert bus.witness.log.slip_m.max() < 5e-4
+    assert np.degrees(bus.witness.log.worst_tilt) < 0.5
     assert 0.005 < rig.error(states) < 0.05  # P gains without an I gain sag
-    assert bus.state.load.sum() == pytest.approx(bus.simulation.world.weight, rel=0.01)
-    assert bus.state.load[0] == pytest.approx(bus.state.load[1], rel=0.1)
+    assert bus.witness.state.load.sum() == pytest.approx(bus.simulation.world.weight, rel=0.01)
+    assert bus.witness.state.load[0] == pytest.approx(bus.witness.state.load[1], rel=0.1)
 
 
 def test_before_torque_a_hand_holds_it() -> None:
     rig = PhysicsRig()
     rig.clock.advance(5.0)
     assert rig.bus.read().position.tolist() == rig.start.tolist()
-    assert not rig.bus.fallen and rig.bus.log.rows == 0
+    assert not rig.bus.witness.fallen and rig.bus.witness.log.rows == 0
     assert rig.bus.simulation.held
 
 
@@ -47,7 +47,7 @@ def test_the_hand_lets_go_without_a_jolt() -> None:
     rig.arm()
     rig.run(2.0)
     assert not rig.bus.simulation.held
-    root = rig.bus.log.column("root")[:, 2]
+    root = rig.bus.witness.log.column("root")[:, 2]
     assert np.abs(np.diff(root, n=2)).max() / DT**2 < 0.5  # [m/s^2]
     assert 0.0 < root[0] - root[-1] < 3e-3
 
@@ -58,18 +58,18 @@ def test_without_torque_it_falls_and_that_counts() -> None:
     rig.run(1.0)
     rig.bus.torque(False)
     rig.run(2.0)
-    fall = rig.bus.fall
-    assert fall is not None and not fall.powered and not rig.bus.parked
+    fall = rig.bus.witness.fall
+    assert fall is not None and not fall.powered and not rig.bus.witness.parked
 
 
 def test_closing_watches_what_becomes_of_it() -> None:
     rig = PhysicsRig()
     rig.arm()
     rig.run(1.0)
-    before = rig.bus.fallen
+    before = rig.bus.witness.fallen
     rig.bus.close()
     rig.bus.close()  # twice is allowed
-    assert (before, rig.bus.fallen) == (False, True)
+    assert (before, rig.bus.witness.fallen) == (False, True)
 
 
 def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
@@ -78,7 +78,7 @@ def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
     rig.arm()
     rig.run(1.0, rest)
     rig.bus.close()
-    assert rig.bus.parked and not rig.bus.fallen
+    assert rig.bus.witness.parked and not rig.bus.witness.fallen
 
 
 def test_a_strong_push_fells_it_and_a_weak_one_does_not() -> None:
@@ -88,9 +88,9 @@ def test_a_strong_push_fells_it_and_a_weak_one_does_not() -> None:
     for rig in (weak, strong):
         rig.arm()
         rig.run(3.0)
-    assert not weak.bus.fallen
-    assert np.ptp(weak.bus.log.column("com")[150:, 0]) > 1e-3
-    fall = strong.bus.fall
+    assert not weak.bus.witness.fallen
+    assert np.ptp(weak.bus.witness.log.column("com")[150:, 0]) > 1e-3
+    fall = strong.bus.witness.fall
     assert fall is not None and fall.powered and fall.time > 1.0
 
 
@@ -119,7 +119,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
         rig = PhysicsRig(seed=seed, perturbation=Perturbation(pushes=(Push((0.0, 3.0, 0.0), 0.8, 0.2),)))
         rig.arm()
         rig.run(1.5)
-        return rig.bus.log.column("q").tobytes()
+        return rig.bus.witness.log.column("q").tobytes()
 
     assert record(3) == record(3) != record(4)
 
@@ -134,7 +134,7 @@ def test_reading_more_often_changes_nothing() -> None:
         often.bus.read()
         often.bus.read()
         often.bus.write(ServoGoals(often.start))
-    assert often.bus.state.q.tobytes() == once.bus.state.q.tobytes()
+    assert often.bus.witness.state.q.tobytes() == once.bus.witness.state.q.tobytes()
 
 
 def test_what_it_refuses() -> None:

@@ -10,7 +10,7 @@ from retarget import rotations
 from sim.physics.fall import FallWatch
 from sim.physics.state import PhysicsState
 
-STANDING = PhysicsRig().bus.state
+STANDING = PhysicsRig().bus.witness.state
 
 
 def judged(state: PhysicsState) -> str | None:

@@ -10,7 +10,7 @@ from physics_rig import PhysicsRig
 from sim.physics.log import FIRST_ROWS, SLIP_RESOLUTION_M, PhysicsLog
 from sim.physics.state import PhysicsState
 
-STATE = PhysicsRig().bus.state
+STATE = PhysicsRig().bus.witness.state
 
 
 def log() -> PhysicsLog:

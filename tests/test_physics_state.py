@@ -17,7 +17,7 @@ def settled(**options: object) -> PhysicsRig:
 
 def test_at_rest_the_imu_feels_gravity_and_the_pressure_is_below_the_mass() -> None:
     rig = settled()
-    state = rig.bus.state
+    state = rig.bus.witness.state
     assert np.linalg.norm(state.accelerometer) == pytest.approx(9.81, rel=1e-2)
     assert state.accelerometer[2] == pytest.approx(9.81, rel=1e-2)
     assert np.abs(state.gyro).max() < 0.02
@@ -29,22 +29,22 @@ def test_at_rest_the_imu_feels_gravity_and_the_pressure_is_below_the_mass() -> N
 
 def test_pushed_the_pressure_moves_against_and_the_gyro_turns() -> None:
     rig = settled(perturbation=Perturbation(pushes=(Push((4.0, 0.0, 0.0), 1.5, 0.1),)))
-    before = rig.bus.state.zmp[0]
+    before = rig.bus.witness.state.zmp[0]
     rig.run(0.1)
-    assert rig.bus.state.zmp[0] > before + 0.005  # a push forward loads the toes
-    assert rig.bus.log.column("com")[-1, 0] > rig.bus.log.column("com")[-12, 0]
+    assert rig.bus.witness.state.zmp[0] > before + 0.005  # a push forward loads the toes
+    assert rig.bus.witness.log.column("com")[-1, 0] > rig.bus.witness.log.column("com")[-12, 0]
 
 
 def test_before_it_is_let_go_nobody_knows_its_pressure() -> None:
     rig = PhysicsRig()
     rig.arm()
     rig.run(0.1)
-    assert np.isnan(rig.bus.state.zmp).all()
+    assert np.isnan(rig.bus.witness.state.zmp).all()
 
 
 def test_on_a_stand_nothing_carries_and_the_imu_still_feels_gravity() -> None:
     rig = settled(mount=Mount(Support.STAND))
-    state = rig.bus.state
+    state = rig.bus.witness.state
     assert np.isnan(state.zmp).all() and not state.load.any()
     assert np.linalg.norm(state.accelerometer) == pytest.approx(9.81)
 
@@ -53,4 +53,4 @@ def test_what_lies_touches_the_floor() -> None:
     rig = settled()
     rig.bus.torque(False)
     rig.run(1.5)
-    assert rig.bus.state.touching
+    assert rig.bus.witness.state.touching

@@ -8,6 +8,7 @@ otherwise it goes in steps, at most MAX_STEPS per call, each exact for a goal th
 
 from enum import Enum, auto
 from math import ceil, exp, inf
+from typing import Protocol
 
 from sim.emulator.follow import follow
 from sim.emulator.profile_path import ProfilePath
@@ -25,6 +26,18 @@ class Law(Enum):
     VELOCITY = auto()
     CURRENT = auto()
     PWM = auto()
+
+
+class Mechanics(Protocol):
+    """What turns a shaft in place of the motion here: a simulation with mass, say."""
+
+    def follow(self, shaft: "Shaft", now: float) -> tuple[float, float]:
+        """Go on to `now` (s); return the position that the shaft has then, tick, and its velocity, tick/s."""
+        ...
+
+    def effort(self, shaft: "Shaft") -> float:
+        """Return the torque of the motor as a share of its stall torque, signed."""
+        ...
 
 
 class Shaft:
@@ -62,6 +75,8 @@ class Shaft:
         """Acceleration towards a goal velocity, tick/s^2."""
         self.path: ProfilePath | None = None
         self.time = 0.0
+        self.mechanics: Mechanics | None = None
+        """What turns it; None: the motion here."""
         self._bias = 0.0  # [tick] error that the I gain adds
         self._reference = 0.0  # [tick/s] where the ramp of the velocity law is
         self._plain = False
@@ -84,7 +99,7 @@ class Shaft:
             and self.integral == 0.0
             and self._top > 0.0
         )
-        if not self.torque or self.stuck:
+        if (not self.torque or self.stuck) and self.mechanics is None:
             self.velocity = 0.0
 
     def advance(self, now: float) -> None:
@@ -93,7 +108,10 @@ class Shaft:
         if elapsed <= 0.0:
             return
         self.time = now
-        if self._plain:
+        if self.mechanics is not None:
+            self.position, self.velocity = self.mechanics.follow(self, now)
+            self._end_path(now)
+        elif self._plain:
             left, self.velocity = follow(self.target - self.position, self.lag, self._top, elapsed)
             self.position = self.target - left
         elif self.torque or self.load:
@@ -101,6 +119,8 @@ class Shaft:
 
     def effort(self) -> float:
         """Torque of the motor as a share of its stall torque, signed: what it holds against the load or a jam."""
+        if self.mechanics is not None:
+            return self.mechanics.effort(self)
         if not self.torque:
             return 0.0
         most = self.current_limit / LARGEST_CURRENT
@@ -170,6 +190,10 @@ class Shaft:
             else:
                 self.velocity = self._drift()
                 self.position += self.velocity * step
+        self._end_path(now)
+
+    def _end_path(self, now: float) -> None:
+        """Forget a profile that is over."""
         if self.path is not None and now >= self.path.end:
             self.path = None
             self.refresh()

@@ -7,24 +7,17 @@ from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError, describe
 from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT
-from sim.physics.fall import Fall, FallWatch
-from sim.physics.log import PhysicsLog
-from sim.physics.mount import Support
 from sim.physics.simulation import Simulation
-from sim.physics.state import PhysicsState, StateReader
+from sim.physics.witness import Witness
 
-__all__ = ["AFTERMATH_S", "PhysicsBus"]
-
-AFTERMATH_S = 1.5
-"""How long a robot is watched after its torque went off, s: whether it goes down."""
+__all__ = ["PhysicsBus"]
 
 
 class PhysicsBus:
     """A `hardware.bus.ServoBus`. Each call moves the simulation up to the clock's now, in whole steps.
 
     Goals take effect `latency` s after they are written: one cycle of the robot, as on a wire. Until torque first goes
-    on a hand holds the robot (see `hand`). `state`, `log` and `fall` are what the report needs; a state is taken at
-    each read.
+    on a hand holds the robot (see `hand`). `witness` looks at each read, and has what the report needs.
     """
 
     def __init__(self, simulation: Simulation, clock: Clock, *, latency: float) -> None:
@@ -38,27 +31,9 @@ class PhysicsBus:
         self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)
         self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)
         self._unit = np.array([servo.model.current_unit or np.nan for servo in servos])
-        self._reader = StateReader(simulation)
-        self._watch = FallWatch(world.robot) if world.mount.support is Support.FLOOR else None
         self._origin = clock.now()
-        self._open = self._powered = False
-        self.parked = False
-        """Whether the robot was in its rest posture when its torque went off last."""
-        self.state: PhysicsState = self._reader.read()
-        """As of the last read."""
-        self.log = PhysicsLog(
-            servos=len(servos), soles=len(world.soles), nq=world.robot.body.nq, loaded=self._reader.loaded
-        )
-
-    @property
-    def fall(self) -> Fall | None:
-        """The first fall; None: it has not fallen, or hangs."""
-        return None if self._watch is None else self._watch.fall
-
-    @property
-    def fallen(self) -> bool:
-        """Whether it has fallen."""
-        return self.fall is not None
+        self._open = False
+        self.witness = Witness(simulation)
 
     @property
     def torque_on(self) -> bool:
@@ -75,7 +50,7 @@ class PhysicsBus:
         """Move time on and return what the servos say. Raises BusError when closed."""
         self._require_open("read")
         self._catch_up()
-        self._look()
+        self.witness.look()
         return self._registers()
 
     def write(self, goals: ServoGoals) -> None:
@@ -98,34 +73,16 @@ class PhysicsBus:
         wanted: BoolArray = np.full(len(self._servos), on)
         if on:
             self.simulation.settle_goals()
-        elif self._powered and self._watch is not None:
-            self.parked = self._watch.parks(self._reader.read().q)
         self.simulation.switch(wanted)
-        self._powered = on
+        self.witness.switched(on)
 
     def close(self) -> None:
-        """Torque off; then the robot is watched for AFTERMATH_S, unless it was parked. No further call but `open`."""
+        """Torque off; then the robot is watched for a while, whether it falls. No further call but `open`."""
         if not self._open:
             return
         self.torque(False)
         self._open = False
-        if self._watch is None or not self.simulation.moves:
-            return
-        cycle = max(self._latency, self.simulation.world.step)
-        for _ in range(int(AFTERMATH_S / cycle)):
-            self.simulation.advance(self.simulation.time + cycle)
-            self._judge(self._reader.read())
-
-    def _look(self) -> None:
-        self.state = state = self._reader.read()
-        if self.simulation.moves:
-            self.log.add(state)
-            self._judge(state)
-
-    def _judge(self, state: PhysicsState) -> None:
-        """Say whether it has fallen: one that was parked sits, whatever happens without torque."""
-        if self._watch is not None and (self._powered or not self.parked):
-            self._watch.look(state, powered=self._powered)
+        self.witness.see_it_out()
 
     def _now(self) -> float:
         """Time since the bus was opened, s."""

@@ -37,6 +37,8 @@ class Electrics:
         self.voltage: FloatArray = self._nominal.copy()
         self.temperature: FloatArray = np.full(len(drives), AMBIENT)
         self.alert: ByteArray = np.zeros(len(drives), dtype=np.uint8)
+        self.trips = True
+        """Whether what is wrong becomes an alert."""
 
     def current(self, torque: FloatArray, driven: BoolArray) -> FloatArray:
         """Of motors (n,) that give `torque` N m, A."""
@@ -53,8 +55,9 @@ class Electrics:
         self._strained = (self._strained + elapsed) * strained
         overloaded, hot = self._strained >= OVERLOAD_TIME, self.temperature > self._hottest
         alert = self.alert | ServoAlert.OVERLOAD * overloaded | ServoAlert.OVERHEATING * hot
-        fresh = bool((alert != self.alert).any())
-        self.alert = alert.astype(np.uint8)
+        fresh = self.trips and bool((alert != self.alert).any())
+        if fresh:
+            self.alert = alert.astype(np.uint8)
         voltage = self._nominal - SUPPLY_RESISTANCE * (IDLE_CURRENT * size.size + float(loss.sum()) / self._nominal[0])
         changed = abs(float(voltage[0] - self.voltage[0])) > NOTICED_V
         if changed:

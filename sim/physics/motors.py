@@ -119,6 +119,7 @@ class Motors:
         self._plain = np.diag(self._turns).copy() if np.count_nonzero(self._turns) <= len(names) else None
         self._most = np.array([drive.most_torque for drive in drives])
         self._proportional = np.array([drive.loop.proportional for drive in drives])
+        self._limit = np.ones(len(names))  # of the drive
         self._derivative = np.array([drive.loop.derivative for drive in drives])
         self._integral = np.array([drive.loop.integral for drive in drives])
         self._per_volt = np.array([drive.numbers.stall_torque(1.0) for drive in drives])
@@ -143,9 +144,13 @@ class Motors:
         model.actuator_gainprm[self._motor, 0] = on * stall * self._proportional
         model.actuator_biasprm[self._motor, 1] = -on * stall * self._proportional
         model.actuator_biasprm[self._motor, 2] = -on * stall * self._derivative
-        model.actuator_forcerange[self._motor, 0] = -stall
-        model.actuator_forcerange[self._motor, 1] = stall
+        model.actuator_forcerange[self._motor, 0] = -stall * self._limit
+        model.actuator_forcerange[self._motor, 1] = stall * self._limit
         model.actuator_biasprm[self._emf, 2] = -on * self._back_emf
+
+    def tune(self, *, proportional: FloatArray, limit: FloatArray) -> None:
+        """Set P gains (n,) 1/rad and most drives (n,); they hold from the next `power` on."""
+        self._proportional, self._limit = proportional, limit
 
     def command(self, data: Any, elapsed: float) -> None:
         """Hand the goals to the engine for the next `elapsed` s; the play of the gears and the I gain move on."""
@@ -163,6 +168,14 @@ class Motors:
     def angle(self, data: Any) -> FloatArray:
         """Shaft angles (n,) rad as the encoders see them, on the servo's side of the play."""
         return self._of_shafts(data.qpos[self._qpos]) + self._play * self._side
+
+    def shaft(self, data: Any, row: int) -> tuple[float, float]:
+        """Angle rad and speed rad/s of one shaft."""
+        if self._plain is None:
+            return float(self.angle(data)[row]), float(self.speed(data)[row])
+        turns = float(self._plain[row])
+        angle = turns * float(data.qpos[self._qpos[row]]) + float(self._play[row]) * float(self._side[row])
+        return angle, turns * float(data.qvel[self._dof[row]])
 
     def speed(self, data: Any) -> FloatArray:
         """Shaft speeds (n,) rad/s."""
