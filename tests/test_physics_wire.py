@@ -60,16 +60,15 @@ def sag(*, softer: float = 1.0, drive_limit: float = 1.0) -> float:
     """How far the knee of a standing robot hangs back, rad, when its registers say this."""
     simulation, start = simulation_of(op3(), start=standing()), standing()
     specs = op3().joint_map.servos
-    shafts = [
-        Shaft(float(tick), s.model.no_load_speed / s.model.tick_rad) for tick, s in zip(start, specs, strict=True)
-    ]
+    tops = [spec.model.no_load_speed / spec.model.tick_rad for spec in specs]
+    shafts = [Shaft(float(tick), top) for tick, top in zip(start, tops, strict=True)]
     mechanics = SimulatedShafts(simulation, shafts, begun=10.0)
     for shaft, spec in zip(shafts, specs, strict=True):
         shaft.mechanics, shaft.torque = mechanics, True
         shaft.lag = softer * loop_lag(spec)
         shaft.drive_limit = drive_limit
         shaft.refresh()
-    for tick in range(150):
+    for tick in range(250):
         for shaft in shafts:
             shaft.advance(10.0 + tick * DT)
     knee = [spec.joint for spec in specs].index("l_knee")
@@ -79,7 +78,7 @@ def sag(*, softer: float = 1.0, drive_limit: float = 1.0) -> float:
 
 def test_the_registers_say_how_stiff_and_how_strong_a_servo_is() -> None:
     usual = sag()
-    assert usual == pytest.approx(0.0245, abs=0.003)
+    assert usual == pytest.approx(0.0245, abs=0.006)
     assert sag(softer=2.0) == pytest.approx(2.0 * usual, rel=0.25)
     assert sag(drive_limit=0.05) > 5.0 * usual  # 0.2 N m hold no knee
 
