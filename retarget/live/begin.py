@@ -6,7 +6,6 @@ import numpy as np
 
 from hardware.clock import Clock, today
 from retarget.clip import MAX_TICKS
-from retarget.errors import InputError
 from retarget.human_dimensions import mirrored_dimensions
 from retarget.live.live_options import LiveOptions
 from retarget.live.measuring import LISTEN_S, measure
@@ -15,6 +14,7 @@ from retarget.live.person_file import check_person_place, person_of, read_person
 from retarget.live.rest_capture import Calibrated
 from retarget.live.side_check import check_sides
 from retarget.live.stream import LiveStream
+from retarget.live.stream_trouble import refuse_version, unusable
 from retarget.rest_pose import REQUIRED
 from retarget.samples import Performance
 
@@ -46,6 +46,7 @@ def begin_live(
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     _wait(stream, options, clock, where=where)
+    refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
     calibrated = measure(stream, options, known, clock=clock, where=where, tell=tell)
     heard = stream.read(clock.now())
@@ -99,33 +100,5 @@ def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str)
         if not missing:
             return
         if clock.now() >= deadline:
-            raise _nothing(stream, missing, options.patience, where=where)
+            raise unusable(stream, missing, options.patience, where=where, now=clock.now())
         clock.sleep_until(clock.now() + LISTEN_S)
-
-
-def _nothing(stream: LiveStream, missing: list[str], waited: float, *, where: str) -> InputError:
-    """Why nobody can be followed, as far as the stream tells."""
-    if stream.arrived == 0:
-        return InputError(
-            f"nothing arrives, waited {waited:g} s",
-            where=where,
-            next_step="Start the sender, let it send to this address and port, and see that no firewall is between",
-        )
-    refused = stream.admission.refused.reasons | stream.decoder.dropped.reasons | stream.trust.refused.reasons
-    reasons = "; ".join(f"{reason} ({count})" for reason, count in refused.most_common(3))
-    if stream.frames == 0:
-        return InputError(
-            "what arrives cannot be used",
-            where=where,
-            found=f"{stream.arrived} datagrams: {reasons or 'no poses in them'}",
-            next_step="See that the sender speaks the protocol of this address",
-        )
-    wanted = {name: stream.roles.places[stream.roles.sensors.index(name)].position for name in missing}
-    return InputError(
-        "sensors are missing in the stream",
-        where=where,
-        found=", ".join(f"no {name} ({told})" for name, told in wanted.items())
-        + (f"; refused: {reasons}" if reasons else ""),
-        allowed=", ".join(list(stream.names)[:40]),
-        next_step="Wear and switch on these, or choose another --performer",
-    )

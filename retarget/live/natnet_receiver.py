@@ -42,6 +42,7 @@ class NatnetReceiver:
         self.trouble = ""
         self.dropped = Dropped()
         self._wall_offset = wall_offset
+        self.host = address.host
         self._server = (address.host, command_port)
         self._frames_at = address
         self._frames: UdpReceiver | None = None

@@ -13,6 +13,7 @@ from retarget.live.alignment import Alignment, facing_of
 from retarget.live.engagement import Engagement
 from retarget.live.rejoin import Rejoin
 from retarget.live.stream import Heard, LiveStream
+from retarget.live.stream_trouble import StreamTrouble
 from retarget.live.trust_state import TrustState
 from retarget.sensor_intake import IntakeTimes
 
@@ -65,6 +66,7 @@ class LivePerformer:
     ) -> None:
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
         self.engagement = Engagement(first)
+        self._trouble = StreamTrouble(stream)
         self._first, self._clock, self._tell = first, clock, tell
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
         self._pace = TickPace(1.0 / rate_hz)
@@ -164,9 +166,11 @@ class LivePerformer:
         names = self.stream.roles.sensors
         sample = live_sample(names, heard, self.alignment, believed=believed, mirror=self.mirror)
         before = self.engagement.state
+        trouble = self._trouble.look(now)
         followed = self.engagement.step(now, sample, good=self._is_good(heard, now))
-        for message in self.stream.trust.messages():
-            self._tell(message)
+        for message in (*self.stream.trust.messages(), trouble):
+            if message:
+                self._tell(message)
         if self.engagement.state is not before:
             self._tell("the performer is followed" if followed else "the performer is not followed: the robot holds")
         return followed
@@ -176,4 +180,8 @@ class LivePerformer:
         not too late for it."""
         fresh = heard.fresh
         known = fresh.any() and fresh[self._carrying].all()
-        return bool(now - self.stream.last <= SILENCE_S and known and not (self._pace.behind or self._leapt.any()))
+        return bool(
+            now - self.stream.last <= SILENCE_S
+            and known
+            and not (self._pace.behind or self._leapt.any() or self._trouble.foreign)
+        )

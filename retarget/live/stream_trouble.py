@@ -1,0 +1,124 @@
+"""Why a stream cannot be used: what to refuse at the start, and what to say, once, when it happens while it runs."""
+
+from collections import Counter
+
+from retarget.errors import InputError, Problem
+from retarget.live.natnet_receiver import NatnetReceiver
+from retarget.live.stream import LiveStream
+from retarget.sources.mvn import MvnDecoder
+from retarget.sources.natnet_session import NEWEST, OLDEST
+from retarget.sources.natnet_trouble import natnet_problems
+
+__all__ = ["StreamTrouble", "refuse_version", "unusable"]
+
+SILENT_S = 1.0
+"""So long nothing usable must have come before somebody is told why."""
+NATNET_S = 2.5
+"""The same where Motive is asked first."""
+MOST_REASONS, MOST_NAMES = 3, 40
+SENDER = "See that the sender speaks the protocol of this address"
+QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaternion)"
+
+
+def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
+    """Why nobody can be followed, as far as the stream tells. missing: sensors that are needed and not fresh."""
+    problems = _motive(stream, now)
+    if problems:
+        return InputError.from_problems(problems)
+    reasons = _told(_refused(stream))
+    if stream.arrived == 0:
+        return InputError(
+            f"nothing arrives, waited {waited:g} s",
+            where=where,
+            next_step="Start the sender, let it send to this address and port, and see that no firewall is between",
+        )
+    if stream.frames == 0:
+        return InputError(
+            "what arrives cannot be used",
+            where=where,
+            found=f"{stream.arrived} datagrams: {reasons or 'no poses in them'}",
+            next_step=_step(stream),
+        )
+    wanted = {name: stream.roles.places[stream.roles.sensors.index(name)].position for name in missing}
+    return InputError(
+        "sensors are missing in the stream",
+        where=where,
+        found=", ".join(f"no {name} ({told})" for name, told in wanted.items())
+        + (f"; refused: {reasons}" if reasons else ""),
+        allowed=", ".join(list(stream.names)[:MOST_NAMES]),
+        next_step="Wear and switch on these, or choose another --performer",
+    )
+
+
+def refuse_version(stream: LiveStream, now: float) -> None:
+    """Raise InputError for a Motive whose version cannot be relied on, though its frames look as if they could."""
+    if _is_foreign(stream):
+        raise InputError.from_problems(_motive(stream, now))
+
+
+class StreamTrouble:
+    """Looks at a stream in every tick; tells once in every silence why it is one.
+
+    foreign: whether the sender has become one that is not understood, whatever its frames look like.
+    """
+
+    def __init__(self, stream: LiveStream) -> None:
+        self._stream = stream
+        self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
+        self._told = self.foreign = False
+        self._before: tuple[int, Counter[str]] | None = None  # what there was when the silence began
+
+    def look(self, now: float) -> str:
+        """What is wrong, "" mostly: where all is well, and where it has been said."""
+        was, self.foreign = self.foreign, _is_foreign(self._stream)
+        if self.foreign:
+            return "" if was else _motive(self._stream, now)[0].render()
+        silence = now - self._stream.last
+        if silence < 0.5 * self._patience:
+            self._before, self._told = None, False
+            return ""
+        if self._before is None:
+            self._before = self._stream.arrived, _refused(self._stream)
+        if self._told or silence < self._patience:
+            return ""
+        self._told = True
+        return self._cause(silence, now, *self._before)
+
+    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
+        problems = _motive(self._stream, now)
+        if problems:
+            return problems[0].render()
+        if self._stream.arrived == arrived:
+            return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
+        reasons = _told(_refused(self._stream) - refused) or "no poses in it"
+        return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream)}"
+
+
+def _refused(stream: LiveStream) -> Counter[str]:
+    """Everything that was not used so far, by reason; a copy."""
+    return stream.admission.refused.reasons + stream.decoder.dropped.reasons + stream.trust.refused.reasons
+
+
+def _told(reasons: Counter[str]) -> str:
+    return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS))
+
+
+def _step(stream: LiveStream) -> str:
+    return QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER
+
+
+def _is_foreign(stream: LiveStream) -> bool:
+    receiver = stream.receiver
+    server = receiver.session.server if isinstance(receiver, NatnetReceiver) else None
+    return server is not None and not OLDEST <= server.version <= NEWEST
+
+
+def _motive(stream: LiveStream, now: float) -> list[Problem]:
+    """What Motive's own answers show to be wrong."""
+    receiver = stream.receiver
+    if not isinstance(receiver, NatnetReceiver):
+        return []
+    problems = list(natnet_problems(receiver.session, now, host=receiver.host))
+    if receiver.trouble:
+        problems.append(Problem(receiver.trouble))
+    return problems

@@ -1,0 +1,156 @@
+"""Why a stream cannot be used: refused with what to do at the start, said once while it runs."""
+
+import pytest
+
+from hardware.clock import VirtualClock
+from live_rig import five, live_stream
+from mvn_packets import mvn
+from retarget.errors import InputError
+from retarget.live.address import parse_address
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.datagram import Datagram
+from retarget.live.natnet_receiver import NatnetReceiver, session_for
+from retarget.live.stream import LiveStream
+from retarget.live.stream_trouble import StreamTrouble, refuse_version, unusable
+from retarget.sources.mvn import MvnDecoder
+from retarget.sources.natnet_wire import Version
+from sim.fake_motive import FakeMotive, MotiveSettings
+from sim.faults.sender import FakeSender, lost, silent
+from sim.performer import synthetic_performer
+
+DT = 0.01
+HERE = "natnet://127.0.0.1"
+
+
+def refused(sender: FakeSender, *, decoder: MvnDecoder | None = None) -> str:
+    """Why a run with this sender does not begin."""
+    stream = live_stream(sender, five())
+    if decoder is not None:
+        stream.decoder = decoder
+    clock = VirtualClock()
+    with pytest.raises(InputError) as refusal:
+        begin_live(
+            stream,
+            LiveOptions(countdown=0.0, patience=1.0),
+            clock=clock,
+            rate_hz=100.0,
+            where="here",
+            tell=lambda text: None,
+        )
+    return str(refusal.value)
+
+
+def garbled(payload: bytes, first: float = 0.0, last: float = 1e9) -> FakeSender:
+    """A sender that sends something else for a while."""
+    sender = FakeSender()
+    sender.garbles.append(lambda time, datagram: [payload] if first <= time < last else [datagram])
+    return sender
+
+
+def test_nothing_arrives() -> None:
+    text = refused(FakeSender(faults=[silent(0.0, 1e9)]))
+    assert text.startswith("here: nothing arrives, waited 1 s.") and "firewall" in text
+
+
+def test_something_else_arrives() -> None:
+    text = refused(garbled(b"hello"))
+    assert "what arrives cannot be used; found " in text and "speaks the protocol" in text
+
+
+@pytest.mark.parametrize(("kind", "told"), [("05", "Unity poses"), ("20", "joint angles"), ("99", "type unknown")])
+def test_mvn_set_to_another_datagram(kind: str, told: str) -> None:
+    text = refused(garbled(mvn(kind, bytes(32), items=1)), decoder=MvnDecoder())
+    assert told in text and text.endswith("In MVN's network streamer choose Position + Orientation (Quaternion).")
+
+
+def test_a_role_that_the_stream_does_not_have() -> None:
+    text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9)]))
+    assert "sensors are missing in the stream; found no l_wrist (l_wrist); allowed: head, " in text
+
+
+def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:
+    """What is told, and when, from one time to the next."""
+    trouble, told = StreamTrouble(stream), []
+    for tick in range(round(first / DT), round(last / DT)):
+        stream.listen(DT * tick, moving=True)
+        text = trouble.look(DT * tick)
+        if text:
+            told.append((DT * tick, text))
+    return told
+
+
+def test_silence_while_it_runs_is_told_once_and_again_when_it_comes_again() -> None:
+    sender = FakeSender(faults=[silent(2.0, 5.0), silent(7.0, 8.5), silent(9.0, 9.5)])
+    told = looks(live_stream(sender, five()), 0.0, 11.0)
+    assert [round(time, 1) for time, _ in told] == [3.0, 8.0]
+    assert all(text.startswith("nothing has arrived for 1.0 s: see that the sender runs") for _, text in told)
+
+
+def test_another_datagram_while_it_runs_is_told_once_with_the_reason() -> None:
+    (time, text), *more = looks(live_stream(garbled(b"hello", 2.0), five()), 0.0, 6.0)
+    assert time == pytest.approx(3.0, abs=0.05) and not more
+    assert text.startswith("what arrives has been unusable for 1.0 s: ") and "speaks the protocol" in text
+
+
+class Motive:
+    """A stream of Motive, without a network. Its session is asked as if a server had answered."""
+
+    def __init__(self, version: Version) -> None:
+        receiver = NatnetReceiver(parse_address(HERE), session_for(parse_address(HERE)))
+        self.stream = live_stream(FakeSender(), five())
+        self.stream.receiver = receiver
+        self.server(version)
+
+    def server(self, version: Version) -> None:
+        """It answers."""
+        receiver = self.stream.receiver
+        assert isinstance(receiver, NatnetReceiver)
+        fake = FakeMotive(synthetic_performer(), MotiveSettings(version=version))
+        for question in receiver.session.poll(0.0):
+            fake.receive(0.0, question)
+        receiver.session.receive(0.0, fake._server_info())
+
+    def close(self) -> None:
+        """Close its sockets."""
+        self.stream.receiver.close()
+
+
+def test_a_wrong_version_is_refused_and_told_once() -> None:
+    motive = Motive(Version(2, 9))
+    try:
+        with pytest.raises(InputError, match=r"NatNet version that cannot be read; found 2\.9.*Update Motive"):
+            refuse_version(motive.stream, 0.1)
+        assert "2.9" in str(unusable(motive.stream, [], 10.0, where=HERE, now=10.0))
+        trouble = StreamTrouble(motive.stream)
+        assert "2.9" in trouble.look(0.1) and trouble.foreign
+        assert trouble.look(0.2) == "" and trouble.foreign
+    finally:
+        motive.close()
+
+
+def test_a_version_that_can_be_read_is_none_of_that_and_a_group_that_is_not_joined_is_told() -> None:
+    motive = Motive(Version(4, 1))
+    try:
+        refuse_version(motive.stream, 0.1)
+        motive.stream.last = 0.0
+        trouble = StreamTrouble(motive.stream)
+        assert trouble.look(0.1) == "" and not trouble.foreign
+        assert isinstance(motive.stream.receiver, NatnetReceiver)
+        motive.stream.receiver.trouble = "the group 239.1.2.3 cannot be joined"
+        told = [text for tick in range(500) if (text := trouble.look(DT * tick))]
+        assert len(told) == 1 and "sends no frames" in told[0]
+        assert "239.1.2.3" in str(unusable(motive.stream, [], 10.0, where=HERE, now=0.5))
+    finally:
+        motive.close()
+
+
+def test_datagrams_of_others_are_told_as_the_reason() -> None:
+    sender = FakeSender(faults=[silent(2.0, 9.0)])
+    other = FakeSender(source=("127.0.0.1", 50000))
+
+    def others(before: float, now: float) -> list[Datagram]:
+        return other.poll(now) if now > 2.5 else []
+
+    sender.others.append(others)
+    told = looks(live_stream(sender, five()), 0.0, 4.0)
+    assert len(told) == 1 and "unusable" in told[0][1]
