@@ -5,11 +5,13 @@ its tick each shaft begins, and how much friction each servo has.
 """
 
 from collections import deque
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray
+from hardware.errors import BusError, describe
 from sim.physics.electrics import Electrics
 from sim.physics.hand import Hand
 from sim.physics.motors import SHAFT, Motors
@@ -100,7 +102,7 @@ class Simulation:
                 self.hand.let_go(self.time)
 
     def advance(self, to: float) -> None:
-        """Go on up to the time `to`, s; a time that has passed changes nothing."""
+        """Go on up to the time `to`, s; a time that has passed changes nothing. Raises BusError when it diverges."""
         end = self._count(to)
         if end - self._done > self._count(LONGEST_S):
             self._done = end - self._count(LONGEST_S)
@@ -125,6 +127,15 @@ class Simulation:
         if self._pushes:
             self._apply_pushes()
         self._step_many(self._model, self.data, nstep=steps)
+        if not isfinite(self.data.qvel.sum()):
+            self._moves = False
+            raise BusError(
+                describe(
+                    what="the simulation has diverged",
+                    where=f"physics, {self.time:.3f} s",
+                    then="Look at the masses, inertias and gains of this robot: one of them is far off",
+                )
+            )
 
     def _heat(self) -> None:
         """Heat and alerts; a servo that has one loses its torque."""

@@ -160,6 +160,9 @@ def _set_options(spec: Any) -> None:
     option.impratio = 1.0
     option.iterations, option.ls_iterations = ITERATIONS, LINE_ITERATIONS
     option.gravity = [0.0, 0.0, -9.81]
+    # One robot is one island. What diverges is said (see `Simulation`) and not begun anew.
+    for flag in ("mjDSBL_ISLAND", "mjDSBL_MIDPHASE", "mjDSBL_AUTORESET"):
+        option.disableflags |= int(getattr(mujoco.mjtDisableBit, flag, 0))  # younger engines have more of them
 
 
 def _let_touching_shapes_be(spec: Any, robot: RobotBody, drives: Sequence[Drive]) -> None:
