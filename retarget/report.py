@@ -68,7 +68,8 @@ class ServoExtreme:
 class BusReport:
     """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
 
-    faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock.
+    faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock;
+    missed_ticks: deadlines that passed without one.
     retries: requests that had to be repeated. hottest degrees Celsius, lowest_voltage V, null where no servo told.
     """
 
@@ -76,6 +77,7 @@ class BusReport:
     cycle_ms: Percentiles
     faults: int
     longest_period_ms: float | None
+    missed_ticks: int | None
     retries: int
     hottest: ServoExtreme | None
     lowest_voltage: ServoExtreme | None

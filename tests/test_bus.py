@@ -69,7 +69,7 @@ def test_a_stall_of_the_bus_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rig.bus, "read", stalling)
     found, _ = played(rig)
     assert found.rate_hz is not None and 50 / 0.5 < found.rate_hz < 120.0
-    assert found.longest_period_ms == pytest.approx(58.0)
+    assert found.longest_period_ms == pytest.approx(58.0) and found.missed_ticks == 6
 
 
 def test_what_was_not_measured_is_unknown() -> None:
@@ -77,6 +77,8 @@ def test_what_was_not_measured_is_unknown() -> None:
         assert bus.tick_rate(times) is None
     assert bus.longest_period(np.full(3, np.nan)) is None
     assert bus.tick_rate(np.array([0.0, np.nan, 0.5])) == pytest.approx(2.0)
+    times = np.array([0.0, 0.01, 0.024, 0.03, np.nan, 0.05, 0.06, 0.1])
+    assert bus.missed_ticks(times, 0.01) == 4 and bus.missed_ticks(times[:1], 0.01) is None
 
 
 def test_a_run_without_a_failure_has_no_faults() -> None:

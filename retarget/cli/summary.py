@@ -80,6 +80,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "observers", _observers(report)
     yield "gate", _gate(report)
     yield "cost per tick", _cost(report)
+    yield "ticks missed", _missed(report)
     yield (
         "end",
         report.stop.state + (f": {report.stop.reason}" if report.stop.reason else "")
@@ -154,6 +155,16 @@ def _observers(report: Report) -> str:
     share = report.observers.reactive_share if report.observers else 0.0
     contact = f"; in contact in {share:.1%} of ticks" if share else ""
     return f"{switches.mean:.1f} changes of mode a second on average{worst}{contact}"
+
+
+def _missed(report: Report) -> str:
+    """Nothing where every tick came in time."""
+    bus = report.bus
+    if bus is None or not bus.missed_ticks:
+        return ""
+    return (
+        f"{bus.missed_ticks} of {report.ticks}; the longest took {bus.longest_period_ms:.0f} ms, see retarget doctor"
+    )
 
 
 def _cost(report: Report) -> str:

@@ -2,7 +2,6 @@
 
 import os
 import platform
-import resource
 import shutil
 from contextlib import suppress
 from pathlib import Path
@@ -10,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hardware.clock import Clock
+from hardware.errors import HardwareError
+from hardware.realtime import HOW_TO_PERMIT, USUAL_PRIORITY, Scheduling, refuse_scheduling
 from retarget.doctor.finding import Finding, mend, note, ok
 from retarget.live.udp_socket import RECEIVE_BUFFER
 
@@ -47,7 +48,7 @@ def lateness_finding(clock: Clock) -> Finding:
     p50, p99 = np.percentile(late, (50, 99))
     told = f"wakes up {1e3 * p50:.2f} ms late (p99 {1e3 * p99:.2f} ms) at 100 Hz"
     if p99 > LATE_S:
-        step = "End what else runs, set the governor to performance, use real-time priority"
+        step = "End what else runs, set the governor to performance, use --realtime and --core"
         return mend("ticks", told, step)
     return ok("ticks", told)
 
@@ -88,12 +89,11 @@ def _scheduler(root: Path) -> Finding:
 
 
 def _realtime() -> Finding:
-    allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    if allowed == resource.RLIM_INFINITY or allowed > 0 or os.geteuid() == 0:
-        most = "any" if allowed == resource.RLIM_INFINITY or not allowed else str(allowed)
-        return ok("real time", f"priority permitted ({most})")
-    step = 'For it: echo "$USER - rtprio 50" | sudo tee /etc/security/limits.d/retarget.conf, then log in again'
-    return note("real time", "priority not permitted (RLIMIT_RTPRIO 0)", step)
+    try:
+        refuse_scheduling(Scheduling(priority=USUAL_PRIORITY))
+    except HardwareError:
+        return note("real time", f"priority {USUAL_PRIORITY} not permitted", f"For --realtime: {HOW_TO_PERMIT}")
+    return ok("real time", f"priority {USUAL_PRIORITY} permitted (--realtime)")
 
 
 def _clock_source(root: Path) -> Finding:

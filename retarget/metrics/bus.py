@@ -6,8 +6,10 @@ from hardware.guard_state import StopCause
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
-__all__ = ["fault_count", "longest_period", "tick_rate"]
+__all__ = ["fault_count", "longest_period", "missed_ticks", "tick_rate"]
 
+LATE = 1.5
+"""Periods between two ticks from which on one is missing between them."""
 SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT, StopCause.SERVO_LIMP)
 
 
@@ -37,3 +39,13 @@ def longest_period(times: FloatArray) -> float | None:
     """Longest time (s) from one tick to the next: a single stall shows here, where a long run hides it in the rate."""
     known = times[np.isfinite(times)]
     return float(np.diff(known).max()) if known.size > 1 else None
+
+
+def missed_ticks(times: FloatArray, dt: float) -> int | None:
+    """Deadlines that passed without a tick, of the times (T,) s of ticks that should be `dt` s apart; None where they
+    were not measured."""
+    known = times[np.isfinite(times)]
+    if known.size < 2:
+        return None
+    periods = np.diff(known) / dt
+    return int(np.rint(periods[periods > LATE] - 1.0).sum())

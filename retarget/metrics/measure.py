@@ -253,6 +253,7 @@ def _bus(run: RunResult) -> BusReport | None:
         cycle_ms=_percentiles(run.record.timing.cycle, 1e3),
         faults=bus.fault_count(run),
         longest_period_ms=None if longest is None else 1e3 * longest,
+        missed_ticks=bus.missed_ticks(sent.bus_time, run.clip.dt),
         retries=int(sent.retries.max(initial=0)),
         hottest=_extreme(run, sent.temperature),
         lowest_voltage=_extreme(run, -sent.voltage, sign=-1.0),
