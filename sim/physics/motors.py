@@ -100,6 +100,7 @@ def _add_actuator(spec: Any, name: str, target: str, kind: Any, turns: float) ->
     actuator.gainprm[:] = 0.0  # a body file may set defaults
     actuator.biasprm[:] = 0.0
     actuator.gear[:] = [turns, 0.0, 0.0, 0.0, 0.0, 0.0]
+    actuator.inheritrange = 0.0
     actuator.ctrllimited = False
     actuator.forcelimited = name.startswith(MOTOR)
     actuator.forcerange = [-1.0, 1.0]

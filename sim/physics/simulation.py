@@ -44,6 +44,7 @@ class Simulation:
         self.world = world
         self.perturbation = perturbation
         self._step_many = mujoco.mj_step
+        mujoco.set_mju_user_warning(_told_here)
         self._model = model = world.model
         chance = np.random.default_rng(seed)
         self.motors = Motors(model, world.drives)
@@ -201,6 +202,10 @@ class Simulation:
             if drive.servo.coupling is None:
                 address = self._model.joint(drive.servo.joint).qposadr[0]
                 self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
+
+
+def _told_here(text: str) -> None:
+    """Take a warning of the engine, which else writes it to a file where the user is: `Simulation` says the same."""
 
 
 def _load(model: Any, world: World, perturbation: Perturbation) -> None:

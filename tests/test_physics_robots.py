@@ -1,0 +1,36 @@
+"""Every shipped robot stands in physics, with its own gains, in its own posture."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.bus import ServoGoals
+from hardware.clock import VirtualClock
+from retarget.robot_body import load_robot
+from sim.physics_bus import physics_bus
+
+ROBOTS = sorted(path.parent.name for path in (Path(__file__).parent.parent / "configs/robots").glob("*/robot.yaml"))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_it_stands(name: str) -> None:
+    robot, clock = load_robot(name), VirtualClock()
+    if not robot.stands:
+        pytest.skip("does not stand on feet")
+    start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
+    bus = physics_bus(robot, clock, start=start)
+    bus.open()
+    bus.write(ServoGoals(bus.read().position))
+    bus.torque(True)
+    dt = 1.0 / robot.profile.safety.rate_hz
+    for _ in range(round(2.0 / dt)):
+        clock.advance(dt)
+        states = bus.read()
+        bus.write(ServoGoals(start))
+    witness = bus.witness
+    assert not witness.fallen and not states.alert.any()
+    assert witness.log.slip_m.max() < 5e-4 and np.degrees(witness.log.worst_tilt) < 1.0
+    assert np.abs(robot.joint_map.turned(states.position - start)).max() < 0.06
+    assert not witness.log.self_contact_ticks
+    assert witness.state.load.sum() == pytest.approx(witness.simulation.world.weight, rel=0.05)
