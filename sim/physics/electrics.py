@@ -19,6 +19,7 @@ __all__ = ["HEAT_PER_WATT", "Electrics"]
 
 HEAT_PER_WATT = HEAT_PER_AMPERE2 / (12.0 / LARGEST_CURRENT)
 """Final rise of temperature per loss, K/W."""
+_OVERLOAD, _OVERHEATING = np.uint8(ServoAlert.OVERLOAD), np.uint8(ServoAlert.OVERHEATING)
 NOTICED_V = 0.05
 """By so much the supply changes before the motors are told, V."""
 
@@ -54,10 +55,10 @@ class Electrics:
         strained = driven & (np.abs(torque) > self._strain)
         self._strained = (self._strained + elapsed) * strained
         overloaded, hot = self._strained >= OVERLOAD_TIME, self.temperature > self._hottest
-        alert = self.alert | ServoAlert.OVERLOAD * overloaded | ServoAlert.OVERHEATING * hot
+        alert = self.alert | _OVERLOAD * overloaded | _OVERHEATING * hot
         fresh = self.trips and bool((alert != self.alert).any())
         if fresh:
-            self.alert = alert.astype(np.uint8)
+            self.alert = alert
         voltage = self._nominal - SUPPLY_RESISTANCE * (IDLE_CURRENT * size.size + float(loss.sum()) / self._nominal[0])
         changed = abs(float(voltage[0] - self.voltage[0])) > NOTICED_V
         if changed:

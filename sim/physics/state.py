@@ -1,6 +1,7 @@
 """What a simulated robot does, as nobody can measure it on the real one: contacts, IMU, ground truth of balance."""
 
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,7 @@ class StateReader:
         world = simulation.world
         self._simulation, self._world = simulation, world
         self._least = LOADED_SHARE * world.weight
-        self._owners = world.owners
+        self._owners = world.owners.tolist()
         self._feet = np.array([_link(world, sole.body) for sole in world.soles], dtype=np.intp)
         self._places = np.array([sole.position for sole in world.soles]).reshape(-1, 3, 1)
         self._ups = np.array([rotations.rotate(sole.quat, np.array([0.0, 0.0, 1.0])) for sole in world.soles])
@@ -100,25 +101,34 @@ class StateReader:
         )
 
     def _contacts(self, data: Any) -> tuple[FloatArray, FloatArray, tuple[int, int, bool]]:
-        """Load of the soles (k,) N, centre of pressure (2,) m, and counts: own links, fixtures, floor without soles."""
-        load: FloatArray = np.zeros(len(self._feet))
-        zmp: FloatArray = np.full(2, np.nan)
-        if not data.ncon:
-            return load, zmp, (0, 0, False)
-        pair = self._owners[data.contact.geom]
-        low, high = pair.min(axis=1), pair.max(axis=1)
-        row = data.contact.efc_address
-        force = np.where(row >= 0, data.efc_force[np.maximum(row, 0)], 0.0) if data.nefc else np.zeros(len(row))
-        floor = low == 0
-        on_sole = floor & (high < World.ROBOT)
-        pressed = force * on_sole
-        total = float(pressed.sum())
-        if total > self._least and not self._simulation.held:
-            zmp = pressed @ data.contact.pos[:, :2] / total
-        load += np.bincount(high[on_sole] - 1, weights=pressed[on_sole], minlength=len(self._feet))
-        fixtures = high == World.FIXTURES
-        own = len(low) - int(np.count_nonzero(floor | fixtures))
-        return load, zmp, (own, int(np.count_nonzero(fixtures)), bool((floor & (high == World.ROBOT)).any()))
+        """Load of the soles (k,) N, centre of pressure (2,) m, and counts: own links, fixtures, floor without soles.
+
+        A contact's first row is its normal force (elliptic cone). In plain floats: there are a dozen contacts.
+        """
+        load = [0.0] * len(self._feet)
+        own = fixtures = 0
+        touching = False
+        total = moment_x = moment_y = 0.0
+        if data.ncon:
+            contact, owners, forces = data.contact, self._owners, data.efc_force.tolist()
+            pairs, rows = contact.geom.tolist(), contact.efc_address.tolist()
+            for (first, second), row, (x, y, _) in zip(pairs, rows, contact.pos.tolist(), strict=True):
+                low, high = sorted((owners[first], owners[second]))
+                if high == World.FIXTURES:
+                    fixtures += 1
+                elif low > 0:
+                    own += 1
+                elif high == World.ROBOT:
+                    touching = True
+                elif row >= 0:
+                    force = forces[row]
+                    load[high - 1] += force
+                    total += force
+                    moment_x += force * x
+                    moment_y += force * y
+        carried = total > self._least and not self._simulation.held
+        zmp = (moment_x / total, moment_y / total) if carried else (nan, nan)
+        return np.array(load), np.array(zmp), (own, fixtures, touching)
 
     def _imu(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Root (7,), its velocity (3,), and what a gyro and an accelerometer there read, averaged since the last
