@@ -13,6 +13,7 @@ from hardware.guard_state import GuardLimits, GuardState, Stop, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
 from hardware.stop_latch import StopLatch
+from hardware.tick_pace import TickPace
 
 Think = Callable[[ServoStates], FloatArray | None]
 """From the servo states to a goal posture, rad (n,); None: nobody knows one, the robot brakes and holds."""
@@ -20,7 +21,6 @@ Think = Callable[[ServoStates], FloatArray | None]
 Halt = Callable[[], FloatArray | None]
 """The next goal, rad (n,), on a way to a stop; None: none is known, and the filter brakes joint by joint. Once the
 robot stands: the next one on the way to where it is parked; None: it is there, or stays where it is."""
-
 
 FOLLOWING = (GuardState.ARMED, GuardState.MOVING, GuardState.HOLDING)
 """States in which goals are asked for."""
@@ -67,7 +67,7 @@ class Guard:
         self._held_since: float | None = None  # [s] since when nobody knew a goal
         self.paused = False
         """Whether somebody holds the robot on purpose: that may last."""
-        self._begun: float | None = None  # [s] when the last tick began; None before the first
+        self.pace = TickPace(self.limits.period)
 
     @property
     def state(self) -> GuardState:
@@ -118,7 +118,8 @@ class Guard:
                     describe(what="the filter moved the present posture", then="Seed the filter with what it is given")
                 )
             self._write(goals)
-            self._begun = self._pending = None
+            self._pending = None
+            self.pace.restart()
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
         except BaseException as error:
@@ -199,8 +200,7 @@ class Guard:
 
     def _refuse_pause(self, begun: float) -> None:
         """Stop where nobody called for longer than a goal may take: the servos stand by now, the goals do not."""
-        pause = 0.0 if self._begun is None else begun - self._begun
-        self._begun = begun
+        pause = self.pace.begin(begun)
         if pause > self.limits.max_age:
             self.stop(f"no tick for {pause:.3g} s, allowed {self.limits.max_age:g} s", StopCause.STALE_GOAL)
 

@@ -63,6 +63,7 @@ class GuardLimits:
     and the present position, at once; lasting_error: rad, for lasting_time, s. max_current: A, for current_time, s.
     max_brake_ticks: until the robot must stand; max_home_ticks: from there to where it is parked. max_hold: s without a
     goal.
+    period: s between ticks, so that late ones are counted; infinite: none is late.
     The fields named warn_ are levels, in the same units, at which somebody is told. Beyond those of temperature and
     current the robot is left slow_share of its speed.
     """
@@ -84,3 +85,4 @@ class GuardLimits:
     warn_current: float = math.inf
     warn_following_error: float = math.inf
     slow_share: float = 0.5
+    period: float = math.inf

@@ -7,6 +7,7 @@ from hardware.bus import ServoStates
 from hardware.errors import BusError, GuardError, describe
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
+from hardware.line_health import LineHealth
 from hardware.servo_levels import ServoLevels
 from hardware.servo_warnings import ServoWarnings
 from hardware.servo_watched import Row, name_servos, watched
@@ -21,6 +22,7 @@ class ServoHealth:
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._joint_map = joint_map
         self._rows = watched(limits)
+        self._lines = LineHealth(joint_map)
         count = len(joint_map)
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
@@ -38,8 +40,17 @@ class ServoHealth:
         return self.warnings.slow
 
     def complaint(self, states: ServoStates, sent: TickArray | None) -> tuple[StopCause, str] | None:
-        """Why the robot must stop, or None. sent (n,): goal ticks of the last tick."""
+        """Why the robot must stop, or None. sent (n,): goal ticks of the last tick.
+
+        Raises BusError where a bus is deaf: there is no way to brake on it.
+        """
+        lost = self._lines.lost(states)
+        if lost is not None:
+            raise BusError(lost)
         self._look(states, sent)
+        rough = self._lines.rough(states)
+        if rough is not None:
+            return StopCause.BUS, rough
         seen, levels, warnings = self._seen, self._levels, self.warnings
         if not (levels.waiting or warnings.busy) and self._all_well():
             warnings.pass_over(states.time)

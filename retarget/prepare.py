@@ -48,8 +48,10 @@ Tell = Callable[[str], object]
 """Hears a sentence."""
 
 HUMAN_PRIORITIES = "human"
-LONGEST_HOLD_S = 5.0
-"""So long a robot waits for a performer who cannot be followed; then it is parked."""
+LONGEST_HOLD_S = 4.8
+"""So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
+HOME_S = 2.5
+"""So long it may be on its way to where it is parked; then its torque goes off where it stands."""
 
 
 def _to_nobody(text: str) -> None:
@@ -224,7 +226,7 @@ def _robot_side(
     goals: GoalFilter = gate if options.gate else OpenGate(servos.max_acceleration, dt=dt)
     limits = robot.profile.guard_limits()
     if parks:
-        limits = replace(limits, max_hold=LONGEST_HOLD_S)
+        limits = replace(limits, max_hold=LONGEST_HOLD_S, max_home_ticks=round(HOME_S / dt), period=dt)
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
     return RobotSide(
         robot=robot,

@@ -3,7 +3,8 @@
 Accepted: one UTF-8 document of at most 1 MiB of mappings with text keys, lists and scalars, at most 16 levels deep.
 Refused: duplicate keys, anchors and aliases, tags, directives, several documents, numbers that are not finite.
 Plain scalars follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/#103-core-schema), so `no` and `1:30` are
-text and `012` is twelve. pyyaml scans and parses; this file alone gives scalars their meaning.
+text. `012` is refused: twelve to some, ten to others. pyyaml scans and parses; this file alone gives scalars their
+meaning.
 All problems of a file are collected; only a syntax error, too deep a nesting and too much of anything end it early.
 """
 
@@ -36,6 +37,7 @@ _NULL = frozenset({"", "~", "null", "Null", "NULL"})
 _TRUE = frozenset({"true", "True", "TRUE"})
 _FALSE = frozenset({"false", "False", "FALSE"})
 _DECIMAL = re.compile(r"[-+]?[0-9]+")
+_LED_BY_ZERO = re.compile(r"[-+]?0[0-9]+")
 _OCTAL = re.compile(r"0o[0-7]+")
 _HEX = re.compile(r"0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -245,6 +247,9 @@ class _Builder:
         elif number and isinstance(value, int) and abs(value) > MAX_INTEGER:
             allowed = f"between -{MAX_INTEGER} and {MAX_INTEGER}"
             self.problem(_line(event), key_path, "a number out of range", found=text[:40], allowed=allowed)
+        elif _LED_BY_ZERO.fullmatch(text):
+            what, allowed = "a number that begins with 0: octal to some readers", "12, or 0o12 for octal"
+            self.problem(_line(event), key_path, what, found=text[:40], allowed=allowed)
         return value
 
 

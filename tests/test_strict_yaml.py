@@ -30,7 +30,6 @@ def refused(text: str) -> ConfigError:
         ("yes", "yes"),
         ("off", "off"),
         ("1:30", "1:30"),
-        ("012", 12),
         ("0o17", 15),
         ("0x1F", 31),
         ("1_000", "1_000"),
@@ -77,6 +76,8 @@ def test_a_problem_without_a_line_takes_its_parents() -> None:
     ("text", "line", "what"),
     [
         ("a: 1\na: 2", 2, "duplicate key"),
+        ("a: 1\nb: [012]", 2, "a number that begins with 0"),
+        ("a: -00", 1, "a number that begins with 0"),
         ("a:\n  b: 1\n  c: 2\n  b: 3", 4, "duplicate key"),
         ("a: &x 1", 1, "anchor"),
         ("a: 1\nb: *x", 2, "alias"),

@@ -15,6 +15,7 @@ from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.cycle import read_cycle
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings
+from hardware.dynamixel.roughness import Roughness
 from hardware.errors import BusError, HardwareError, describe
 from hardware.joint_map import JointMap
 from hardware.turns import resolve_turns, turn_groups
@@ -60,6 +61,7 @@ class DynamixelBus:
         self._readings: Readings
         self._goals: TickArray | None = None
         self._restless = 0  # cycles
+        self._roughness = [Roughness() for _ in self._lines]
         self._open = False
         self._powered = False  # torque may be on, through this bus
 
@@ -198,15 +200,19 @@ class DynamixelBus:
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
         now, before = self._lines[0].port.now(), self.retries
+        counted = [(line.cyclic.retries, line.cyclic.spoiled) for line in self._lines]
         read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
         retries = self.retries
+        for line, rough, (asked, spoiled) in zip(self._lines, self._roughness, counted, strict=True):
+            cyclic = line.cyclic
+            rough.note(now, retries=cyclic.retries - asked, spoiled=cyclic.spoiled - spoiled)
         self._restless = self._restless + 1 if retries > before else 0
         if self._restless == RESTLESS:
             self._tell(
                 f"requests had to be repeated in {RESTLESS} cycles on end: a noisy line, or an adapter that is slower "
                 "than it says"
             )
-        return self._readings.states(now, retries=retries)
+        return self._readings.states(now, retries=retries, rough=max(one.share for one in self._roughness))
 
     def _torque_on(self) -> None:
         """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""

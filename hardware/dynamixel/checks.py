@@ -2,6 +2,7 @@
 
 from hardware.bus import ServoAlert
 from hardware.bus_spec import BusSpec
+from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.servo_image import ServoImage
 from hardware.dynamixel.settings import differing, eeprom_settings
 from hardware.dynamixel.setup_plan import setup_command
@@ -40,7 +41,7 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span |
     found = _supply(image) + travel_complaints(servo, bus, image, needed) + _current(servo, image)
     found += _drive_mode(servo, bus, image)
     if image.table.protocol == 2:
-        found += _errors(image) + _homing(servo, bus, image) + _secondary(servo, bus, image)
+        found += _errors(image) + _homing(servo, bus, image) + _secondary(servo, bus, image) + _firmware(bus, image)
     elif image.has("lock") and image.value("lock"):
         found.append("has its EEPROM locked (register lock): switch its power off and on, nothing else opens it")
     due = differing(eeprom_settings(servo, bus, image.table), image)
@@ -128,3 +129,16 @@ def _secondary(servo: ServoSpec, bus: BusSpec, image: ServoImage) -> list[str]:
         return []
     cure = setup_command(bus, servo.id, {"secondary_id": 255})
     return [f"also obeys what is meant for id {second} (its secondary id), torque and goals included: {cure}"]
+
+
+def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
+    """A servo too old for the watchdog that its bus is to have."""
+    table = image.table
+    if not bus.watchdog or table.has("bus_watchdog"):
+        return []
+    if not find_table(table.model, table.protocol).has("bus_watchdog"):
+        return []  # no firmware of this model has one: a note says so
+    return [
+        f"has firmware {image.value('firmware_version')}, which has no bus watchdog: it would hold its last goal when "
+        "the host goes silent. Update it, or write watchdog_s: 0 for the bus"
+    ]

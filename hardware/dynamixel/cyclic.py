@@ -81,6 +81,8 @@ class CyclicPort:
         self.servos = tuple(servos)
         self.retries = 0
         """Requests that had to be repeated, so far."""
+        self.spoiled = 0
+        """Requests whose answers came damaged, so far."""
         self._return_delay = return_delay
         self._goals = GoalPacket(servos)
         self._groups = _groups(servos)
@@ -198,6 +200,7 @@ class CyclicPort:
 
         One alone that said nothing at all, though it was asked twice or missed before, is left to the next cycle.
         """
+        self.spoiled += noise
         heard = set(answers.ids)
         silent = [device for device in errand.ask.ids if device not in heard]
         known = silent[0] in self._missed or self._strikes[silent[0]]

@@ -136,7 +136,7 @@ class Readings:
         """Who has answered in this cycle, (n,); a copy."""
         return self._valid.copy()
 
-    def states(self, now: float, *, retries: int = 0) -> ServoStates:
+    def states(self, now: float, *, retries: int = 0, rough: float = 0.0) -> ServoStates:
         """Everything, as of `now`, s; arrays of its own. Voltages and temperatures beyond SLOW_AGE are not known."""
         known = self._slow_at >= now - SLOW_AGE
         return ServoStates(
@@ -152,6 +152,7 @@ class Readings:
             valid=self._valid.copy(),
             driven=self._driven.copy(),
             retries=retries,
+            rough=rough,
         )
 
 

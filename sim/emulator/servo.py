@@ -191,6 +191,12 @@ class EmulatedServo(ServoBody):
         if self._awake_at < inf and not self._starting:
             self._latch(SHOCK)
 
+    def overload(self, now: float) -> None:
+        """Latch an overload, as at the end of what `Electrics` counts."""
+        self.catch_up(now)
+        if self._awake_at < inf and not self._starting:
+            self._latch(OVERLOAD)
+
     def wake(self, now: float) -> None:
         """End a start: see what is wrong, and switch torque on where the startup configuration says so."""
         self.check()
