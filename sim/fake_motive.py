@@ -60,17 +60,18 @@ class FakeMotive:
         self._heard: float | None = None
         self._next: int | None = None
         self._changed = False
+        self._first_id = 1
 
     @property
     def version(self) -> Version:
         """Of what is sent now."""
         return self._pinned or self.settings.version
 
-    def rename(self, names: list[str]) -> None:
-        """Other names for the same bodies; the next frame says that definitions changed."""
+    def rename(self, names: list[str], *, first_id: int = 1, told: bool = True) -> None:
+        """Other names and ids for the same bodies. told: the next frame says that definitions changed."""
         assert len(names) == len(self._names)
-        self._names = list(names)
-        self._changed = True
+        self._names, self._first_id = list(names), first_id
+        self._changed = told
 
     def receive(self, now: float, datagram: bytes) -> list[bytes]:
         """Answers to a datagram that came to the command port at `now` (s)."""
@@ -135,7 +136,7 @@ class FakeMotive:
     def _definitions(self) -> bytes:
         version = self.version
         out = pack("<I", len(self._names))
-        for number, name in enumerate(self._names, start=1):
+        for number, name in enumerate(self._names, start=self._first_id):
             body = name.encode() + b"\0" + pack("<ii3f", number, -1, 0.0, 0.0, 0.0)
             body += pack("<4f", 0.0, 0.0, 0.0, 1.0) if version >= _TURNED else b""
             body += pack("<I", 1) + bytes(16) + (b"Marker1\0" if version >= _MARKERS_NAMED else b"")
@@ -145,7 +146,9 @@ class FakeMotive:
     def _frame(self, index: int) -> bytes:
         row = index % len(self._motion.time)
         bodies = b"".join(
-            _BODY.pack(number + 1, *self._position[row, number], *self._turn[row, number], 2e-4, int(valid))
+            _BODY.pack(
+                number + self._first_id, *self._position[row, number], *self._turn[row, number], 2e-4, int(valid)
+            )
             for number, valid in enumerate(self._motion.valid[row])
         )
         sized = self.version >= _SIZED

@@ -54,6 +54,11 @@ HOST = (IPv4Network("192.168.1.5"),)
             "natnet://192.168.1.5:9?multicast=239.255.42.99&interface=192.168.1.7",
             StreamAddress("", "natnet", "239.255.42.99", 9, HOST, "192.168.1.5", "239.255.42.99", "192.168.1.7"),
         ),
+        (
+            "natnet://192.168.1.5?up=z&bones=local",
+            StreamAddress("", "natnet", "0.0.0.0", 0, HOST, "192.168.1.5", up="z", bones="local"),
+        ),
+        ("replay://a?up=z", StreamAddress("", "replay", path=Path("a"), up="z")),
         ("replay://a?kind=vmc", StreamAddress("", "replay", path=Path("a"), recorded="vmc")),
         ("replay://a/walk.raw", StreamAddress("", "replay", path=Path("a/walk.raw"))),
         (
@@ -71,6 +76,9 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
     ("text", "part"),
     [
         ("", "no address of a stream"),
+        ("natnet://192.168.1.5?up=x", "y or z"),
+        ("natnet://192.168.1.5?bones=here", "global or local"),
+        ("vmc://:39539?up=z", "unknown option"),
         ("walk.bvh", "no address of a stream"),
         ("vmc:39539", "no address of a stream"),
         ("vmc://\x1b[31m", r"vmc://\x1b[31m: this is no address"),

@@ -2,11 +2,12 @@
 
 from struct import pack
 
+import numpy as np
 import pytest
 
 from natnet_packets import VERSIONS, Body, Catalogue, Motion, datagram, definitions, frame, server_info
 from retarget.errors import UsageError
-from retarget.sources.natnet_session import NatnetSession, SessionSettings
+from retarget.sources.natnet_session import UNNAMED_S, NatnetSession, SessionSettings
 from retarget.sources.natnet_wire import (
     MULTICAST_GROUP,
     Version,
@@ -162,11 +163,22 @@ def test_a_unicast_server_that_started_again_is_pinned_again() -> None:
     assert command_message("Bitstream,4.1") in session.poll(5.2)
 
 
-def test_names_that_are_missing_can_be_asked_for() -> None:
+def test_names_that_are_missing_are_asked_for_and_not_too_often() -> None:
     session = answered(MULTICAST)
-    session.ask_definitions()
-    session.receive(1.0, FRAME)
-    assert session.poll(1.0) == [definitions_request()]
+    session.names_missing = lambda: True
+    asked = []
+    for tick in range(200):
+        now = 1.0 + 0.1 * tick
+        session.receive(now, FRAME)
+        if definitions_request() in session.poll(now):
+            asked.append(now)
+            session.receive(now, definitions(Catalogue(), V44))  # it has no name for them
+    assert asked[0] == 1.0
+    np.testing.assert_allclose(np.diff(asked), UNNAMED_S, atol=0.11)
+    session.names_missing = lambda: False
+    for tick in range(100):
+        session.receive(21.0 + 0.1 * tick, FRAME)
+        assert definitions_request() not in session.poll(21.0 + 0.1 * tick)
 
 
 def test_what_it_knows() -> None:

@@ -8,11 +8,10 @@ import numpy as np
 
 from hardware.clock import Clock
 from retarget.doctor.recognise import Recognised, recognise
-from retarget.live.datagram import Datagram, Receiver, Source
+from retarget.live.datagram import Datagram, Source
 from retarget.live.stream import LiveStream
 from retarget.live.trust_state import TrustState
 from retarget.rotations import FloatArray
-from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 
 __all__ = ["FrameNote", "Listening", "listen_to"]
@@ -103,7 +102,6 @@ def listen_to(
             if now >= look_at:
                 look_at += LOOK_S
                 _look(listening, now)
-                _ask_names(decoder, receiver)
             beside(now)
             clock.sleep_until(now + STEP_S)
     finally:
@@ -178,10 +176,3 @@ def _look(listening: Listening, now: float) -> None:
     if len(listening.states) < MOST_LOOKS:
         listening.states.append(states.tolist())
         listening.looks.append(dict(listening.told))
-
-
-def _ask_names(decoder: StreamDecoder, receiver: Receiver) -> None:
-    """Motive is asked again for names that it has not told."""
-    session = getattr(receiver, "session", None)
-    if session is not None and isinstance(decoder, NatnetDecoder) and decoder.names_missing:
-        session.ask_definitions()

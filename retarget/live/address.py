@@ -6,7 +6,15 @@ from ipaddress import IPv4Network
 from pathlib import Path
 
 from retarget.errors import UsageError, suggest
-from retarget.live.address_options import ANYBODY, AddressOptions, address_number, bad_address, read_options
+from retarget.live.address_options import (
+    ANYBODY,
+    AddressOptions,
+    Bones,
+    UpAxis,
+    address_number,
+    bad_address,
+    read_options,
+)
 
 __all__ = ["KINDS", "NATNET_COMMAND_PORT", "StreamAddress", "StreamKind", "parse_address"]
 
@@ -29,10 +37,10 @@ class StreamKind:
 KINDS = {
     "vmc": StreamKind("vmc://:39539", 39_539, ("allow",)),
     "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",)),
-    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version")),
+    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "version", "up", "bones")),
     "mvn": StreamKind("mvn://:9763", 9_763, ("allow", "tcp")),
-    "json": StreamKind("json://:7000", None, ("allow",)),
-    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind")),
+    "json": StreamKind("json://:14150", None, ("allow",)),
+    "replay": StreamKind("replay://walk.raw", None, ("speed", "loop", "kind", "up", "bones")),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
 
@@ -45,8 +53,8 @@ class StreamAddress:
     every interface; of a multicast: the group). port: of UDP (MVN with a host: of TCP), 0 for any free one. allow: who
     may send. host: the computer that is asked (NatNet) or that connects to us (MVN over TCP), else None. multicast,
     interface: group, and own address on the interface where it is joined (0.0.0.0: the system chooses). version: the
-    bitstream that NatNet is asked for. path, speed, loop: of a replay; recorded: the kind of stream that it holds,
-    where the user said it.
+    bitstream that NatNet is asked for; up, bones: how Motive is set. path, speed, loop: of a replay; recorded: the kind
+    of stream that it holds, where the user said it.
     """
 
     text: str
@@ -58,6 +66,8 @@ class StreamAddress:
     multicast: str | None = None
     interface: str = EVERYWHERE
     version: tuple[int, int] | None = None
+    up: UpAxis = "y"
+    bones: Bones = "global"
     path: Path | None = None
     speed: float = 1.0
     loop: bool = False
@@ -84,7 +94,14 @@ def parse_address(text: str) -> StreamAddress:
         if not place:
             raise bad_address(text, "the file is missing", allowed=KINDS[kind].example)
         return StreamAddress(
-            text, kind, path=Path(place), speed=options.speed, loop=options.loop, recorded=options.kind
+            text,
+            kind,
+            path=Path(place),
+            speed=options.speed,
+            loop=options.loop,
+            recorded=options.kind,
+            up=options.up,
+            bones=options.bones,
         )
     host, port = _place(text, kind, place)
     if kind == "natnet":
@@ -163,6 +180,8 @@ def _natnet(text: str, host: str, port: int, options: AddressOptions) -> StreamA
         multicast=None if group is None else str(group),
         interface=interface,
         version=options.version,
+        up=options.up,
+        bones=options.bones,
     )
 
 

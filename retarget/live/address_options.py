@@ -4,13 +4,15 @@ import re
 from dataclasses import dataclass, replace
 from ipaddress import AddressValueError, IPv4Address, IPv4Network
 from math import isfinite
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from retarget.errors import UsageError, suggest
 
-__all__ = ["ANYBODY", "RECORDED", "AddressOptions", "address_number", "bad_address", "read_options"]
+__all__ = ["ANYBODY", "RECORDED", "AddressOptions", "Bones", "UpAxis", "address_number", "bad_address", "read_options"]
 
 Value = TypeVar("Value")
+UpAxis = Literal["y", "z"]
+Bones = Literal["global", "local"]
 ANYBODY = IPv4Network("0.0.0.0/0")
 MOST_ALLOWED = 64
 """Entries of an allow-list."""
@@ -26,6 +28,8 @@ _ALLOWED = {
     "multicast": "a group from 224.0.0.0 to 239.255.255.255, such as 239.255.42.99",
     "interface": "the IPv4 address of an interface of this machine",
     "version": ", ".join(VERSIONS),
+    "up": "y or z, as Up Axis in Motive's streaming settings",
+    "bones": "global or local, as Skeleton Coordinates in Motive's streaming settings",
     "speed": f"above 0, to {MAX_SPEED:g}",
     "loop": "0 or 1",
     "kind": ", ".join(RECORDED),
@@ -41,6 +45,8 @@ class AddressOptions:
     multicast: IPv4Address | None = None
     interface: IPv4Address | None = None
     version: tuple[int, int] | None = None
+    up: UpAxis = "y"
+    bones: Bones = "global"
     speed: float = 1.0
     loop: bool = False
     kind: str | None = None
@@ -94,6 +100,11 @@ def _with(options: AddressOptions, name: str, value: str) -> AddressOptions:
         case "version":
             major, minor = _chosen(value, value in VERSIONS).split(".")
             return replace(options, version=(int(major), int(minor)))
+        case "up":
+            return replace(options, up="z" if _chosen(value, value in {"y", "z"}) == "z" else "y")
+        case "bones":
+            local = _chosen(value, value in {"global", "local"}) == "local"
+            return replace(options, bones="local" if local else "global")
         case "speed":
             plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
             speed = float(_chosen(value, plain))

@@ -69,7 +69,7 @@ def _told_size(
     stream: LiveStream, options: LiveOptions, *, where: str, tell: Callable[[str], object]
 ) -> HumanDimensions | None:
     """The size by the skeleton that the sender has told; None where it has none that is a human's."""
-    skeleton = told_skeleton(stream.decoder)
+    skeleton = told_skeleton(stream.decoder, stream.roles.names)
     if skeleton is None:
         return None
     try:

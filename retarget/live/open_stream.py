@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from hardware.clock import Clock, VirtualClock
-from retarget.errors import InputError
+from retarget.errors import InputError, UsageError
 from retarget.live.address import StreamAddress
 from retarget.live.admission import admission_for
 from retarget.live.clock_map import ClockMap
@@ -71,13 +71,18 @@ def open_stream(
     how = kinds[kind]
     if kind == "vmc" and performer.roles == BONES:
         how = replace(how, decoder=VmcBodyDecoder)
+    if kind == "natnet":
+        how = replace(how, decoder=lambda: NatnetDecoder(up=address.up, bones=address.bones))
+    elif (address.up, address.bones) != ("y", "global"):
+        raise UsageError("only Motive has this", where=address.text, found="up or bones", next_step="Leave it out")
     smooth = pose_filter(smoothing, len(performer.sensors))
     roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
     if address.kind != "replay" and isinstance(clock, VirtualClock):
         raise InputError("a live stream runs on real time", where=address.text)
+    decoder = how.decoder()
     return LiveStream(
-        open_receiver(address),
-        how.decoder(),
+        open_receiver(address, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing),
+        decoder,
         roles,
         admission=admission_for(address),
         clock_map=how.clock(),

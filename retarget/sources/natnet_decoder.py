@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import UsageError
-from retarget.frames import BoolArray
+from retarget.frames import BoolArray, Skeleton
 from retarget.rotations import FloatArray
 from retarget.sources.natnet_frame import BODY, SIZED_SINCE, FrameOfData, PoseGroup, read_frame
-from retarget.sources.natnet_models import read_definitions
+from retarget.sources.natnet_models import Definitions, read_definitions
 from retarget.sources.natnet_names import NameTable
 from retarget.sources.natnet_plan import PosePlan, compose_bones, plan_poses
+from retarget.sources.natnet_skeleton import rest_skeleton
 from retarget.sources.natnet_wire import MessageId, Version, read_server_info, split
 from retarget.sources.pose_bounds import unusable
 from retarget.sources.stream_axes import CONVENTIONS
@@ -68,6 +69,7 @@ class NatnetDecoder:
         self.dropped = Dropped()
         self._local = bones == "local"
         self._axes = _AXES[up]
+        self._definitions = Definitions()
         self._version = _OLDEST
         self._clock_hz = 0
         self._table = NameTable()
@@ -77,6 +79,11 @@ class NatnetDecoder:
     def names_missing(self) -> bool:
         """The last frame had ids that no definition names: a reason to ask for definitions."""
         return self._plan is not None and not self._plan[1].all_defined
+
+    def rest(self, skeleton: str) -> Skeleton | None:
+        """The T-pose of a skeleton by its name, as its definition tells it; None where it tells none that is known."""
+        group = next((group for group in self._definitions.skeletons if group.name == skeleton), None)
+        return None if group is None else rest_skeleton(group, self._axes)
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frame, if it is one. ServerInfo and definitions are kept and give none."""
@@ -115,6 +122,7 @@ class NatnetDecoder:
         definitions = read_definitions(payload, self._version)
         if definitions is None:
             return self._drop(BAD_DEFINITIONS)
+        self._definitions = definitions
         self._table = NameTable(definitions)
         self._plan = None
         return []

@@ -1,8 +1,8 @@
 """Talks to a Motive server: what to send and when, what is known of it. No socket and no clock is in here.
 
 The side with the sockets: send each datagram of `poll` to `COMMAND_PORT` of the server, give every datagram that comes
-from the server to `receive` and to a `NatnetDecoder`, and call `poll` at least ten times a second. When the decoder's
-`names_missing` turns true, call `ask_definitions`. `natnet_trouble` tells what is wrong.
+from the server to `receive` and to a `NatnetDecoder`, and call `poll` at least ten times a second. `names_missing` is
+to tell what the decoder's property of that name says. `natnet_trouble` tells what is wrong.
 
 * Unicast: one socket on any free port, for everything: the server sends its frames to the port that connected.
 * Multicast: that socket for questions and answers, and a second one, bound to `data_port` with address reuse, which
@@ -11,6 +11,7 @@ from the server to `receive` and to a `NatnetDecoder`, and call `poll` at least 
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
@@ -36,12 +37,14 @@ from retarget.sources.natnet_wire import (
     split,
 )
 
-__all__ = ["NEWEST", "OLDEST", "ClockReading", "NatnetSession", "SessionSettings"]
+__all__ = ["NEWEST", "OLDEST", "UNNAMED_S", "ClockReading", "NatnetSession", "SessionSettings"]
 
 OLDEST, NEWEST = Version(3, 0), Version(4, 255)
 """Bitstreams that can be read."""
 PINNED = Version(4, 1)
 """The first one whose blocks tell their sizes."""
+UNNAMED_S = 5.0
+"""Between two questions for names that the last answer did not have either."""
 _PIN_TRIES = 3
 _READINGS = 16
 
@@ -102,11 +105,12 @@ class NatnetSession:
 
     Public to read: settings, server (None until it answered), version (of the frames, as far as told), frames (count),
     started, server_at, frame_at, asked_at (s; None before; asked_at: since when definitions are waited for), refused
-    (count of questions that the server did not know).
+    (count of questions that the server did not know). To set: names_missing, whether frames have ids without a name.
     """
 
     def __init__(self, settings: SessionSettings | None = None) -> None:
         self.settings = settings or SessionSettings()
+        self.names_missing: Callable[[], bool] = lambda: False
         self.server: ServerInfo | None = None
         self.version: Version | None = None
         self.frames = 0
@@ -125,6 +129,7 @@ class NatnetSession:
         self._connect = _Due(self.settings.retry_s)
         self._definitions = _Due(self.settings.retry_s)
         self._pin = _Due(self.settings.retry_s)
+        self._unnamed = _Due(UNNAMED_S)
         self._keep_alive = _Due(self.settings.keep_alive_s)
         self._clock = _Due(self.settings.echo_s or 1.0)
 
@@ -153,10 +158,6 @@ class NatnetSession:
         since = max((at for at in (self.server_at, self.frame_at) if at is not None), default=None)
         return since is not None and now - since >= self.settings.silence_s
 
-    def ask_definitions(self) -> None:
-        """Names are missing or doubtful: asks at the next poll, and again until they come."""
-        self._wants_definitions = True
-
     def poll(self, now: float) -> list[bytes]:
         """Datagrams to send now, all to the command port."""
         if self.started is None:
@@ -169,6 +170,8 @@ class NatnetSession:
         if self._must_pin() and self._pin.take(now):
             self._pins += 1
             out.append(command_message(f"Bitstream,{self.settings.version}"))
+        if self.frames and not self._wants_definitions and self.names_missing() and self._unnamed.take(now):
+            self._wants_definitions = True
         if self._wants_definitions and self._definitions.take(now):
             self.asked_at = now if self.asked_at is None else self.asked_at
             out.append(definitions_request())
