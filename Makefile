@@ -19,7 +19,7 @@ RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test lint bench bench-bus long wheels clean machine
+.PHONY: help demo test lint bench bench-bus bench-lateness long wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -27,6 +27,7 @@ help:
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make bench   our frame time beside PlaCo and mink'
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'
+	@echo 'make bench-lateness  how late ticks of the live loop wake up, beside an empty loop'
 	@echo 'make long    tests that take minutes'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
 	@echo 'make clean   remove .venv and everything built'
@@ -55,6 +56,9 @@ bench: $(VENV)/.with-bench
 
 bench-bus: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.bus $(BENCH)
+
+bench-lateness: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.lateness $(BENCH)
 
 # zig links against an old glibc (2.17), for machines older than this one and for the other architecture.
 wheels: $(VENV)/.pip

@@ -1,0 +1,180 @@
+"""`python -m benchmarks.lateness`: how late ticks wake up, of the live loop and an empty one by turns.
+
+The live loop hears a sender of JSON poses in another process, and moves OP3 on emulated servos with the bytes of its
+bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and what a tick before took beyond its period.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import shutil
+import socket
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.bodies import Floats
+from benchmarks.pose_sender import PoseSender
+from hardware.bus import ServoBus
+from hardware.clock import Clock, MonotonicClock
+from hardware.realtime import Scheduling, scheduled
+from retarget.catalogue import Kind, find
+from retarget.live.address import parse_address
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.open_stream import open_stream
+from retarget.options import RunOptions
+from retarget.performer import Performer
+from retarget.pipeline import Watch
+from retarget.prepare import prepare_for
+from retarget.record import Phase
+from retarget.robot_body import RobotBody
+from retarget.samples import Performance
+from sim.emulated_bus import emulated_bus
+
+RATE_HZ = 100.0
+DT = 1.0 / RATE_HZ
+SPARE_S = 15.0
+"""So much longer than it is measured a run may last, because the way to the performer takes a while."""
+
+
+class Stopwatch(MonotonicClock):
+    """A clock that keeps how late every sleep ended, s, while `counting`."""
+
+    def __init__(self) -> None:
+        self.late: list[float] = []
+        self.counting = False
+        self._before = float("inf")
+
+    def sleep_until(self, deadline: float) -> None:
+        """Sleep, and keep how late it ended. A deadline that was put off counts from where it would have been."""
+        super().sleep_until(deadline)
+        if self.counting:
+            self.late.append(self.now() - min(deadline, self._before + DT))
+        self._before = deadline
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """ms; missed: ticks that came later than a whole period."""
+
+    loop: str
+    ticks: int
+    p50: float
+    p99: float
+    longest: float
+    missed: int
+
+
+def lateness(loop: str, late: Floats) -> Lateness:
+    """Of late (T,), s."""
+    p50, p99, longest = np.percentile(late, (50.0, 99.0, 100.0)) * 1e3
+    return Lateness(loop, len(late), float(p50), float(p99), float(longest), int((late > DT).sum()))
+
+
+def empty_leg(seconds: float) -> list[float]:
+    """Ticks in which nothing is done."""
+    clock = Stopwatch()
+    clock.counting = True
+    deadline = clock.now()
+    for _ in range(round(seconds * RATE_HZ)):
+        deadline = max(deadline + DT, clock.now())
+        clock.sleep_until(deadline)
+    return clock.late
+
+
+def live_leg(seconds: float, robot: Path) -> list[float]:
+    """Ticks that follow a live performer."""
+    port = free_port()
+    address, clock = parse_address(f"json://:{port}"), Stopwatch()
+
+    def perform(performer: Performer, body: RobotBody | None) -> Performance:
+        stream = open_stream(address, performer, clock=clock)
+        options = LiveOptions(countdown=0.0, patience=20.0, duration=seconds + SPARE_S)
+        return begin_live(stream, options, clock=clock, rate_hz=RATE_HZ, where=address.text, tell=lambda text: None)
+
+    def make_bus(body: RobotBody, _: Clock) -> ServoBus:
+        stand = body.posture(body.profile.postures.stand)[body.servo_columns]
+        return emulated_bus(body, MonotonicClock(), start=body.joint_map.to_ticks(stand))
+
+    options = RunOptions(robot=str(robot), bus="emulator")
+    with PoseSender(port), prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=True) as prepared:
+        side = prepared.side
+        assert side is not None
+
+        def enough() -> bool:
+            clock.counting = side.phase is Phase.FOLLOW
+            return len(clock.late) >= seconds * RATE_HZ
+
+        result = prepared.run(Watch(stop_asked=enough))
+    if len(clock.late) < seconds * RATE_HZ:
+        raise SystemExit(f"the live loop did not last ({result.reason}): a quieter machine, or --realtime 40")
+    return clock.late[: round(seconds * RATE_HZ)]
+
+
+def free_port() -> int:
+    """A UDP port that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def at_rate(folder: Path) -> Path:
+    """OP3's profile at RATE_HZ, in `folder`."""
+    path = Path(shutil.copytree(find(Kind.ROBOT, "op3").parent, folder / "op3")) / "robot.yaml"
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    changed = [f"  rate_hz: {RATE_HZ:g}\n" if line.startswith("  rate_hz:") else line for line in lines]
+    assert changed != lines
+    path.write_text("".join(changed), encoding="utf-8")
+    return path
+
+
+def by_turns(seconds: float, turns: int, live: Callable[[float], list[float]]) -> tuple[Lateness, Lateness]:
+    """The live loop and the empty one, `turns` times each."""
+    ours: list[float] = []
+    empty: list[float] = []
+    for _ in range(turns):
+        ours += live(seconds)
+        gc.collect()
+        gc.disable()
+        empty += empty_leg(seconds)
+        gc.enable()
+    return lateness("live", np.array(ours)), lateness("empty", np.array(empty))
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.lateness", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each leg")
+    parser.add_argument("--turns", type=int, default=3, help="legs of each loop")
+    parser.add_argument("--realtime", type=int, help="priority of both")
+    parser.add_argument("--core", type=int, help="the only core of both")
+    parser.add_argument("--json", type=Path, help="file for the numbers")
+    options = parser.parse_args()
+    load = os.getloadavg()[0]
+    with tempfile.TemporaryDirectory() as name, scheduled(Scheduling(priority=options.realtime, core=options.core)):
+        robot = at_rate(Path(name))
+        rows = by_turns(options.seconds, options.turns, lambda seconds: live_leg(seconds, robot))
+    print_rows(rows, load)
+    if options.json is not None:
+        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
+
+
+def print_rows(rows: tuple[Lateness, Lateness], load: float) -> None:
+    """As Markdown."""
+    live, empty = rows
+    print(f"\n| {RATE_HZ:g} Hz, load {load:.1f} | ticks | p50, ms | p99, ms | longest, ms | over a period |")
+    print("|---|---:|---:|---:|---:|---:|")
+    for row in rows:
+        print(f"| {row.loop} | {row.ticks} | {row.p50:.3f} | {row.p99:.3f} | {row.longest:.3f} | {row.missed} |")
+    print(f"| live / empty | | {live.p50 / empty.p50:.2f} | {live.p99 / empty.p99:.2f} | | |")
+
+
+if __name__ == "__main__":
+    main()
