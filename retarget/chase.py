@@ -1,16 +1,18 @@
 """What is asked, turned into goals that the robot can go for in one tick: each task at a pace that can be braked.
 
-See `pursuit`. The pace of a limb follows from the acceleration of its servos and from its length, so a new robot needs
-no tuning.
+See `pursuit`. The pace of a limb follows from the acceleration of its own servos, the weakest of them, and from its
+length, so a new robot needs no tuning.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from retarget.hierarchy import Hierarchy
-from retarget.joint_limits import JointLimits
+from retarget.joints_between import joints_between
 from retarget.landmarks import AskedLandmarks
+from retarget.profile_parts import Landmark
 from retarget.pursuit import Pace, Pursuit
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
@@ -53,10 +55,10 @@ class Chase:
         """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance."""
         names = tuple(robot.profile.landmarks)
         moving = [name for name in names if name not in still and hierarchy.uses(SlotKind.POSITION, name)]
-        limits, landmarks = robot.limits, robot.profile.landmarks
+        soles = [foot.frame for foot in robot.profile.feet.values()]
         self._rows = [names.index(name) for name in moving]
-        self._points = [Pursuit(_pace(limits, landmarks[name].robot_length)) for name in moving]
-        self._trunk, self._gaze = Pursuit(_pace(limits, 1.0)), Pursuit(_pace(limits, 1.0))
+        self._points = [Pursuit(_landmark_pace(robot, robot.profile.landmarks[name])) for name in moving]
+        self._trunk, self._gaze = Pursuit(_pace(robot, TRUNK, soles)), Pursuit(_pace(robot, HEAD, [TRUNK]))
         self._source, self._slots = hierarchy.position_slots(moving)
         self._hierarchy = hierarchy
         self._trunk_at_stance = trunk_at_stance
@@ -89,7 +91,13 @@ class Chase:
         self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
 
 
-def _pace(limits: JointLimits, lever: float) -> Pace:
-    """Pace of what is `lever` m away from its joints (or of a rotation: 1)."""
-    acceleration, speed = lever * float(limits.max_acceleration.min()), lever * float(limits.max_velocity.min())
+def _landmark_pace(robot: RobotBody, landmark: Landmark) -> Pace:
+    return _pace(robot, landmark.frame, landmark.anchor, landmark.robot_length)
+
+
+def _pace(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0) -> Pace:
+    """Pace of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1)."""
+    limits, movers = robot.limits, joints_between(robot, frame, others)
+    acceleration = lever * float(limits.max_acceleration[movers].min())
+    speed = lever * float(limits.max_velocity[movers].min())
     return Pace(OWN_SHARE * acceleration, CATCH_SHARE * acceleration, SPEED_SHARE * speed)

@@ -1,8 +1,12 @@
 """Goals of one tick: near to where the robot is, towards what is asked, and nothing for what nobody asked."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from followers import DT, follower, op3, performer, postures
+from hardware.joint_map import JointMap
 from retarget.chase import Chase
 from retarget.hierarchy import Hierarchy
 from retarget.landmarks import AskedLandmarks
@@ -53,3 +57,27 @@ def test_planted_landmarks_are_not_chased() -> None:
     chase.aim(targets, AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze), reached, DT, haste=1.0)
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
+
+
+def test_the_pace_of_a_limb_is_that_of_its_own_joints() -> None:
+    """A weak joint elsewhere, such as a waist's, holds up no hand."""
+    steps = {}
+    for weak in ("none", "l_el", "l_ank_roll"):
+        servos = [
+            replace(servo, max_acceleration=4.0 if servo.joint == weak else 40.0) for servo in op3().joint_map.servos
+        ]
+        robot, hierarchy = replace(op3(), joint_map=JointMap(servos)), follower().hierarchy
+        stance = plant(robot, robot.profile.postures.stand)
+        reader = RobotReader(robot, stance)
+        reached = reader.read(stance.q)
+        chase = Chase(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
+        targets = hierarchy.blank()
+        chase.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, DT, haste=1.0)
+        for name in ("l_hand", "r_hand", "pelvis"):
+            row = list(robot.profile.landmarks).index(name)
+            steps[weak, name] = float(goal(hierarchy, targets, name)[1]) - reached.landmarks[row][0]
+    assert steps["l_el", "l_hand"] == pytest.approx(0.1 * steps["none", "l_hand"])
+    assert steps["l_ank_roll", "pelvis"] == pytest.approx(0.1 * steps["none", "pelvis"])
+    for weak, name in (("l_el", "r_hand"), ("l_el", "pelvis"), ("l_ank_roll", "l_hand")):
+        assert steps[weak, name] == steps["none", name] > 0.0
