@@ -35,6 +35,13 @@ def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture
     assert not {f"retarget.cli.{name}" for name in cli.COMMANDS} & (set(sys.modules) - before)
 
 
+def test_the_help_of_a_command_has_headings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("run", "--help") == DONE
+    shown = capsys.readouterr().out
+    heading = shown.index("Live streams")
+    assert shown.index("--report") < heading < shown.index("--dead-man") < shown.index("--realtime")
+
+
 def test_module_is_the_command() -> None:
     result = subprocess.run(
         [sys.executable, "-m", "retarget", "--version"], capture_output=True, text=True, timeout=60, check=False
