@@ -78,7 +78,23 @@ def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
     rig.arm()
     rig.run(1.0, rest)
     rig.bus.close()
-    assert rig.bus.witness.parked and not rig.bus.witness.fallen
+    witness = rig.bus.witness
+    assert witness.parked and not witness.fallen
+
+
+def test_a_robot_that_sits_on_its_stops_stays_where_it_is() -> None:
+    sitting = {
+        f"{side}_{joint}": sign * angle
+        for side, sign in (("l", 1.0), ("r", -1.0))
+        for joint, angle in (("hip_pitch", -0.95), ("knee", 2.15), ("ank_pitch", 1.38))
+    }
+    start = ticks({**op3().profile.postures.rest, **sitting})
+    rig = PhysicsRig(start=start)
+    rig.arm()
+    rig.run(1.0, start)
+    rig.bus.torque(False)
+    rig.run(1.5, start)
+    assert np.degrees(np.arccos(1.0 - 2.0 * np.square(rig.bus.witness.state.root[4:6]).sum())) < 15.0
 
 
 def test_a_strong_push_fells_it_and_a_weak_one_does_not() -> None:

@@ -1,5 +1,7 @@
 """The witness: looks at a run, and sees it out."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from physics_rig import op3, standing
@@ -47,3 +49,17 @@ def test_on_a_mount_nobody_falls() -> None:
         witness.switched(on)
     witness.see_it_out()
     assert not witness.fallen
+
+
+def test_a_robot_that_is_parked_where_it_cannot_stay_topples_and_that_is_no_fall() -> None:
+    postures = op3().profile.postures.model_copy(update={"rest": op3().profile.postures.stand})
+    robot = replace(op3(), profile=op3().profile.model_copy(update={"postures": postures}))
+    simulation = simulation_of(robot, start=standing())
+    witness = Witness(simulation)
+    for on in (True, False):
+        simulation.switch(np.full(20, on))
+        witness.switched(on)
+        simulation.advance(simulation.time + 1.0 * on)
+    witness.see_it_out()
+    assert witness.parked and not witness.fallen
+    assert witness.toppled is not None and not witness.toppled.powered

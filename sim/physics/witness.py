@@ -22,7 +22,9 @@ class Witness:
         world = simulation.world
         self.simulation = simulation
         self._reader = StateReader(simulation)
-        self._watch = FallWatch(world.robot) if world.mount.support is Support.FLOOR else None
+        stands = world.mount.support is Support.FLOOR
+        self._watch = FallWatch(world.robot) if stands else None
+        self._sitting = FallWatch(world.robot) if stands else None
         self._powered = False
         self.parked = False
         self.state: PhysicsState = self._reader.read()
@@ -38,6 +40,12 @@ class Witness:
     def fallen(self) -> bool:
         """Whether it has fallen."""
         return self.fall is not None
+
+    @property
+    def toppled(self) -> Fall | None:
+        """What a parked robot did when its torque went off, if it did not stay sitting; no `fall`, but no good rest
+        posture either."""
+        return None if self._sitting is None else self._sitting.fall
 
     def look(self) -> None:
         """Take the state of now."""
@@ -61,5 +69,6 @@ class Witness:
             self._judge(self._reader.read())
 
     def _judge(self, state: PhysicsState) -> None:
-        if self._watch is not None and (self._powered or not self.parked):
-            self._watch.look(state, powered=self._powered)
+        watch = self._sitting if self.parked and not self._powered else self._watch
+        if watch is not None:
+            watch.look(state, powered=self._powered)
