@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from live_processes import CLOCK, POSITION, TORQUE, VELOCITY, WATCHDOG, Live, goal_speeds, live_run
+from live_processes import CLOCK, MOVING, POSITION, TORQUE, VELOCITY, WATCHDOG, Live, goal_speeds, live_run
 from retarget.cli.boundary import STOPPED
 
 pytestmark = pytest.mark.long
@@ -68,7 +68,7 @@ def test_asked_to_end_it_brakes_is_parked_and_torque_is_off(tmp_path: Path, numb
         before = np.flatnonzero(times <= asked)
         fastest = int(np.abs(speeds[before[-5:]]).sum(axis=0).argmax())
         speed = np.abs(speeds[:, fastest])
-        assert speed[before[-5:]].mean() > max(2.0, 1.2 * speed[before[-25:-20]].mean())  # faster and faster until then
+        assert speed[before[-1]] > MOVING
         after = times >= asked
         braking = np.concatenate([speed[before[-1:]], speed[after & (times < asked + REST_S)]])
         began, rests = int(braking.argmax()), int(braking.argmin())
