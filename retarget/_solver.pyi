@@ -305,6 +305,9 @@ class HierarchyResult:
     @property
     def fallback(self) -> bool: ...
     @property
+    def reduced(self) -> bool:
+        """Whether it was found in the space that the first equalities leave."""
+    @property
     def capped(self) -> bool: ...
 
 def solve_hierarchy(

@@ -16,6 +16,8 @@ pub struct HierarchyResult {
     #[pyo3(get)]
     fallback: bool,
     #[pyo3(get)]
+    reduced: bool,
+    #[pyo3(get)]
     capped: bool,
 }
 
@@ -134,6 +136,7 @@ pub fn solve_hierarchy(
         level_residuals,
         factorizations: outcome.factorizations,
         fallback: outcome.fallback,
+        reduced: outcome.reduced,
         capped: outcome.capped,
     })
 }

@@ -3,56 +3,47 @@
 //! one factorization is all.
 
 use super::factor::Factor;
-use super::kernels::dot;
+use super::kernels::{compile_twice, dot};
 use super::lowered::lower;
-use super::multipliers::Release;
+use super::multipliers::{examine, Release};
 use super::problem::{Outcome, Problem, Side, CROSSED};
-use super::{cascade, Workspace};
+use super::{cascade, reduced, Workspace};
 
 /// Factorizations before the level-by-level method takes over.
 const MOST_CHANGES: u32 = 30;
+/// Factorizations in which the whole active set is guessed.
+const MOST_GUESSES: u32 = 2;
 /// A step of less than this share of its way is none.
 const STILL: f64 = 1e-9;
 
-pub fn solve(problem: &mut Problem, work: &mut Workspace, fma: bool) -> Outcome {
-    #[cfg(target_arch = "x86_64")]
-    if fma {
-        // SAFETY: `fma` is true only where the processor has AVX2 and FMA.
-        return unsafe { solve_fma(problem, work) };
-    }
-    let _ = fma;
-    solve_any::<{ cfg!(target_arch = "aarch64") }>(problem, work)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-unsafe fn solve_fma(problem: &mut Problem, work: &mut Workspace) -> Outcome {
-    solve_any::<true>(problem, work)
-}
-
-#[inline(always)]
-fn solve_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace) -> Outcome {
+pub fn solve(problem: &mut Problem, work: &mut Workspace) -> Outcome {
     problem.settle_sides();
-    work.factor.prepare::<FMA>(problem);
+    work.prepare(problem);
     let mut outcome = Outcome::default();
-    if problem.damping.iter().all(|d| *d == 0.0) {
-        settle::<FMA>(problem, work, &mut outcome);
-        return outcome;
+    if problem.damping.iter().any(|d| *d != 0.0) {
+        lower(work.fma, problem, work, &mut outcome);
     }
-    lower::<FMA>(problem, work, &mut outcome);
-    settle::<FMA>(problem, work, &mut outcome);
+    settle(problem, work, &mut outcome);
     outcome
 }
 
 /// The exact answer of the problem as it stands.
-#[inline(always)]
-fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
-    start::<FMA>(problem);
+fn settle(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+    if guess(problem, work, outcome) {
+        clamp_to_box(problem);
+    } else if !reduced::solve(problem, work, outcome) {
+        classic(problem, work, outcome);
+    }
+}
+
+/// One change after the other, from a point inside the limits.
+pub fn classic(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+    start(problem, work.fma);
     let mut released = None;
     for _ in 0..MOST_CHANGES {
-        factor_all::<FMA>(problem, &mut work.factor, &mut work.candidate);
+        factor_all(work.fma, problem, &mut work.factor, &mut work.candidate);
         outcome.factorizations += 1;
-        if let Some(step) = first_limit::<FMA>(problem, &work.candidate, problem.row_count()) {
+        if let Some(step) = first_limit(work.fma, problem, &work.candidate, problem.row_count()) {
             if step.share < STILL && released == Some(step.limit) {
                 // Its multiplier was not unique: what was let go comes back at once, and would do so for ever.
                 break;
@@ -65,7 +56,7 @@ fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome:
             continue;
         }
         problem.z.copy_from_slice(&work.candidate);
-        match work.multipliers.examine::<FMA>(problem, &work.factor, &work.candidate) {
+        match examine(work.fma, &mut work.multipliers, problem, &work.factor, &work.candidate) {
             Some(release) => {
                 released = Some(release);
                 let_go(problem, release);
@@ -77,13 +68,67 @@ fn settle<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome:
         }
     }
     outcome.fallback = true;
-    cascade::solve::<FMA>(problem, work, outcome);
+    cascade::solve(problem, work, outcome);
     clamp_to_box(problem);
 }
 
-/// A point inside the box that agrees with the active set; rows that it violates are held.
+/// Hold at once all that the answer crosses, and let go of all that is held wrongly at the first level that has any, until neither is
+/// left: then the answer is proved. False, with the active set as it was, where this does not end soon.
+///
+/// A primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13(3), 2003.
+fn guess(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) -> bool {
+    work.guessed_variables.clone_from(&problem.variable_side);
+    work.guessed_rows.clone_from(&problem.row_side);
+    for _ in 0..MOST_GUESSES {
+        factor_all(work.fma, problem, &mut work.factor, &mut work.candidate);
+        outcome.factorizations += 1;
+        examine(work.fma, &mut work.multipliers, problem, &work.factor, &work.candidate);
+        let crossed = hold_crossed(work.fma, problem, &work.candidate);
+        if !crossed && work.multipliers.wrong.is_empty() {
+            problem.z.copy_from_slice(&work.candidate);
+            return true;
+        }
+        for &release in &work.multipliers.wrong {
+            let_go(problem, release);
+        }
+    }
+    problem.variable_side.clone_from(&work.guessed_variables);
+    problem.row_side.clone_from(&work.guessed_rows);
+    false
+}
+
+compile_twice! {
+    /// Hold every limit that `candidate` is beyond. Returns whether there was one.
+    fn hold_crossed(problem: &mut Problem, candidate: &[f64]) -> bool = hold_crossed_any
+}
+
 #[inline(always)]
-fn start<const FMA: bool>(problem: &mut Problem) {
+fn hold_crossed_any<const FMA: bool>(problem: &mut Problem, candidate: &[f64]) -> bool {
+    let mut crossed = false;
+    for i in 0..problem.n {
+        if problem.variable_side[i] == Side::Free {
+            if candidate[i] > problem.hi[i] + CROSSED * (1.0 + problem.hi[i].abs()) {
+                problem.variable_side[i] = Side::Upper;
+                crossed = true;
+            } else if candidate[i] < problem.lo[i] - CROSSED * (1.0 + problem.lo[i].abs()) {
+                problem.variable_side[i] = Side::Lower;
+                crossed = true;
+            }
+        }
+    }
+    for r in 0..problem.row_count() {
+        if problem.present[r] && problem.row_side[r] == Side::Free {
+            if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), candidate)) {
+                problem.row_side[r] = side;
+                crossed = true;
+            }
+        }
+    }
+    crossed
+}
+
+/// A point inside the box that agrees with the active set; rows that it violates are held.
+fn start(problem: &mut Problem, fma: bool) {
     for i in 0..problem.n {
         let inside = problem.z[i].max(problem.lo[i]).min(problem.hi[i]);
         problem.z[i] = match problem.variable_side[i] {
@@ -93,12 +138,17 @@ fn start<const FMA: bool>(problem: &mut Problem) {
         };
     }
     problem.z[problem.n..].fill(0.0);
-    hold_violated_rows::<FMA>(problem, problem.row_count());
+    let rows_end = problem.row_count();
+    hold_violated_rows(fma, problem, rows_end);
 }
 
-/// Inequality rows before `rows_end` that the present point violates join the active set.
+compile_twice! {
+    /// Inequality rows before `rows_end` that the present point violates join the active set.
+    pub fn hold_violated_rows(problem: &mut Problem, rows_end: usize) = hold_violated_rows_any
+}
+
 #[inline(always)]
-pub fn hold_violated_rows<const FMA: bool>(problem: &mut Problem, rows_end: usize) {
+fn hold_violated_rows_any<const FMA: bool>(problem: &mut Problem, rows_end: usize) {
     for r in 0..rows_end {
         if problem.present[r] && problem.row_side[r] == Side::Free {
             if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z)) {
@@ -108,9 +158,13 @@ pub fn hold_violated_rows<const FMA: bool>(problem: &mut Problem, rows_end: usiz
     }
 }
 
-/// The equality-only answer for the active set, into `candidate`.
+compile_twice! {
+    /// The equality-only answer for the active set, into `candidate`.
+    fn factor_all(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) = factor_all_any
+}
+
 #[inline(always)]
-fn factor_all<const FMA: bool>(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) {
+fn factor_all_any<const FMA: bool>(problem: &Problem, factor: &mut Factor, candidate: &mut [f64]) {
     factor.restart(problem);
     for i in 0..problem.n {
         candidate[i] = if factor.is_free(i) { 0.0 } else { problem.bound(i) };
@@ -143,9 +197,13 @@ impl Step {
     }
 }
 
-/// Looks at the box and at the rows before `rows_end`.
+compile_twice! {
+    /// Looks at the box and at the rows before `rows_end`.
+    pub fn first_limit(problem: &Problem, candidate: &[f64], rows_end: usize) -> Option<Step> = first_limit_any
+}
+
 #[inline(always)]
-pub fn first_limit<const FMA: bool>(problem: &Problem, candidate: &[f64], rows_end: usize) -> Option<Step> {
+fn first_limit_any<const FMA: bool>(problem: &Problem, candidate: &[f64], rows_end: usize) -> Option<Step> {
     let mut first: Option<Step> = None;
     let mut meet = |from: f64, to: f64, lower: f64, upper: f64, limit: Release| {
         let (side, room) = if to > upper + CROSSED * (1.0 + upper.abs()) {
@@ -175,7 +233,6 @@ pub fn first_limit<const FMA: bool>(problem: &Problem, candidate: &[f64], rows_e
     first
 }
 
-#[inline(always)]
 pub fn advance(problem: &mut Problem, candidate: &[f64], share: f64) {
     for i in 0..problem.n {
         let z = problem.z[i];
@@ -190,7 +247,7 @@ pub fn let_go(problem: &mut Problem, release: Release) {
     }
 }
 
-fn clamp_to_box(problem: &mut Problem) {
+pub fn clamp_to_box(problem: &mut Problem) {
     for i in 0..problem.n {
         problem.z[i] = problem.z[i].max(problem.lo[i]).min(problem.hi[i]);
     }

@@ -6,7 +6,8 @@
 //! the lowest-index rule after a while makes it finite.
 
 use super::active_set::{advance, first_limit, hold_violated_rows, let_go};
-use super::kernels::{add_scaled, dot};
+use super::kernels::{add_scaled, compile_twice, dot};
+use super::multipliers::examine_level;
 use super::problem::{Outcome, Problem, Side};
 use super::Workspace;
 
@@ -16,12 +17,11 @@ const MOST_MOVES: u32 = 400;
 const PATIENCE: u32 = 60;
 const STILL: f64 = 1e-12;
 
-#[inline(always)]
-pub fn solve<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+pub fn solve(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
     work.multipliers.clear(problem);
     for k in 0..=problem.level_count() {
-        open_stage::<FMA>(problem, work, k);
-        if !run_stage::<FMA>(problem, work, k, outcome) {
+        open_stage(problem, work, k);
+        if !run_stage(problem, work, k, outcome) {
             outcome.capped = true;
         }
     }
@@ -29,8 +29,7 @@ pub fn solve<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outco
 
 /// Working set of stage k: what is locked, equalities, violated rows; and what the stage before held, as long as that is
 /// independent of the rows of the stages before.
-#[inline(always)]
-fn open_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: usize) {
+fn open_stage(problem: &mut Problem, work: &mut Workspace, k: usize) {
     let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     let before = if k == 0 { 0 } else { problem.level_end[k - 1] };
     for r in end..problem.row_count() {
@@ -39,7 +38,7 @@ fn open_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: u
             problem.row_side[r] = Side::Free;
         }
     }
-    let held_rank = rank_before::<FMA>(problem, work, k);
+    let held_rank = rank_before(work.fma, problem, work, k);
     work.warm_variables.clone_from(&problem.variable_side);
     work.warm_rows.clone_from(&problem.row_side);
     for i in 0..problem.n {
@@ -54,16 +53,20 @@ fn open_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: u
             problem.row_side[r] = Side::Free;
         }
     }
-    if held_rank == rank_before::<FMA>(problem, work, k) + held_rows {
+    if held_rank == rank_before(work.fma, problem, work, k) + held_rows {
         problem.variable_side.clone_from(&work.warm_variables);
         problem.row_side.clone_from(&work.warm_rows);
     }
-    hold_violated_rows::<FMA>(problem, end);
+    hold_violated_rows(work.fma, problem, end);
 }
 
-/// Rank of the held rows of the levels before k in the free columns.
+compile_twice! {
+    /// Rank of the held rows of the levels before k in the free columns.
+    fn rank_before(problem: &Problem, work: &mut Workspace, k: usize) -> usize = rank_before_any
+}
+
 #[inline(always)]
-fn rank_before<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> usize {
+fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> usize {
     let factor = &mut work.factor;
     factor.restart(problem);
     for level in 0..k {
@@ -72,16 +75,16 @@ fn rank_before<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usiz
     factor.rank()
 }
 
-#[inline(always)]
-fn run_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: usize, outcome: &mut Outcome) -> bool {
+fn run_stage(problem: &mut Problem, work: &mut Workspace, k: usize, outcome: &mut Outcome) -> bool {
+    let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     for moves in 0..MOST_MOVES {
-        let length = direction::<FMA>(problem, work, k);
+        let length = direction(work.fma, problem, work, k);
         outcome.factorizations += 1;
         if length > STILL {
             for i in 0..problem.stride {
                 work.candidate[i] = problem.z[i] + work.direction[i];
             }
-            match first_limit_up_to::<FMA>(problem, &work.candidate, k) {
+            match first_limit(work.fma, problem, &work.candidate, end) {
                 Some(step) => {
                     advance(problem, &work.candidate, step.share);
                     step.hold(problem);
@@ -93,13 +96,13 @@ fn run_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: us
         work.locked.clone_from(&work.multipliers.locked);
         work.locked_row.clone_from(&work.multipliers.locked_row);
         let point = std::mem::take(&mut problem.z);
-        let mut release = work.multipliers.examine_level::<FMA>(problem, &work.factor, &point, k);
+        let mut release = examine_level(work.fma, &mut work.multipliers, problem, &work.factor, &point, k);
         problem.z = point;
         if release.is_none() {
             return true;
         }
         if moves > PATIENCE {
-            release = work.multipliers.lowest_wrong;
+            release = work.multipliers.wrong.first().copied();
         }
         std::mem::swap(&mut work.multipliers.locked, &mut work.locked);
         std::mem::swap(&mut work.multipliers.locked_row, &mut work.locked_row);
@@ -110,9 +113,13 @@ fn run_stage<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, k: us
     false
 }
 
-/// Direction to the optimum of stage k that leaves the stages before alone. Returns its largest entry.
+compile_twice! {
+    /// Direction to the optimum of stage k that leaves the stages before alone. Returns its largest entry.
+    fn direction(problem: &Problem, work: &mut Workspace, k: usize) -> f64 = direction_any
+}
+
 #[inline(always)]
-fn direction<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> f64 {
+fn direction_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> f64 {
     let factor = &mut work.factor;
     factor.restart(problem);
     for level in 0..problem.level_count().min(k + 1) {
@@ -141,15 +148,4 @@ fn direction<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize)
         }
     }
     d.iter().fold(0.0, |m: f64, v| m.max(v.abs()))
-}
-
-/// Limits of the box and of rows up to level k.
-#[inline(always)]
-fn first_limit_up_to<const FMA: bool>(
-    problem: &Problem,
-    candidate: &[f64],
-    k: usize,
-) -> Option<super::active_set::Step> {
-    let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
-    first_limit::<FMA>(problem, candidate, end)
 }

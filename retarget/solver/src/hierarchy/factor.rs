@@ -53,8 +53,7 @@ pub struct Factor {
 
 impl Factor {
     /// Sizes and row norms; once per problem.
-    #[inline(always)]
-    pub fn prepare<const FMA: bool>(&mut self, problem: &Problem) {
+    pub fn prepare(&mut self, problem: &Problem) {
         let m = problem.row_count();
         self.stride = problem.stride;
         self.width = m.min(problem.n).max(1);
@@ -72,7 +71,7 @@ impl Factor {
             for r in problem.level(k) {
                 self.row_norm[r] = if problem.present[r] {
                     let row = problem.row(r);
-                    dot::<FMA>(row, row).sqrt()
+                    row.iter().map(|c| c * c).sum::<f64>().sqrt()
                 } else {
                     0.0
                 };
@@ -90,6 +89,15 @@ impl Factor {
         self.y.clear();
         for i in 0..problem.n {
             self.mask[i] = if problem.variable_side[i] == Side::Free { 1.0 } else { 0.0 };
+        }
+    }
+
+    /// Forget all levels, with every column free whose limits leave it room.
+    #[inline(always)]
+    pub fn restart_unlimited(&mut self, problem: &Problem) {
+        self.restart(problem);
+        for (mask, side) in self.mask.iter_mut().zip(&problem.variable_side) {
+            *mask = f64::from(u8::from(*side != Side::Both));
         }
     }
 

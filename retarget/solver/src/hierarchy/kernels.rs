@@ -11,6 +11,29 @@ pub fn has_fma() -> bool {
     false
 }
 
+/// `name(fma, ...)` runs `body::<true>` where the processor has FMA, else `body::<false>`: each compiled once, for its instructions.
+macro_rules! compile_twice {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:ident) => {
+        $(#[$doc])*
+        $vis fn $name(fma: bool, $($arg: $type),*) $(-> $out)? {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2,fma")]
+                unsafe fn with_fma($($arg: $type),*) $(-> $out)? {
+                    $body::<true>($($arg),*)
+                }
+                if fma {
+                    // SAFETY: `fma` is true only where the processor has AVX2 and FMA.
+                    return unsafe { with_fma($($arg),*) };
+                }
+            }
+            let _ = fma;
+            $body::<{ cfg!(target_arch = "aarch64") }>($($arg),*)
+        }
+    };
+}
+pub(super) use compile_twice;
+
 #[inline(always)]
 fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA {

@@ -1,17 +1,21 @@
 //! What damped levels may ask for: each finds the walls on its way by looking at the levels above it alone, and lowers its targets.
 
-use super::kernels::dot;
+use super::kernels::{compile_twice, dot};
 use super::problem::{Outcome, Problem, Side, CROSSED};
 use super::Workspace;
 
 /// Rounds in which a damped level finds the ends of ranges and the rows that it runs into.
 const MOST_STOPS: u32 = 8;
 
-/// Lower the targets of damped levels, each by looking at the levels above it alone.
-///
-/// It starts from no active set at all: one that the solve before left behind knows what lower levels want.
+compile_twice! {
+    /// Lower the targets of damped levels, each by looking at the levels above it alone.
+    ///
+    /// It starts from no active set at all: one that the solve before left behind knows what lower levels want.
+    pub fn lower(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) = lower_any
+}
+
 #[inline(always)]
-pub fn lower<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+fn lower_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
     work.warm_variables.clone_from(&problem.variable_side);
     work.warm_rows.clone_from(&problem.row_side);
     for side in problem.variable_side.iter_mut().chain(&mut problem.row_side) {

@@ -15,6 +15,7 @@
 //! * `lowered`: what damped levels may ask for.
 //! * `multipliers`: who is held by a limit rightly, level by level.
 //! * `active_set`: guess, verify, move, add, release (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
+//! * `reduced`: the same in what planted soles leave, where many changes are needed.
 //! * `cascade`: level by level with a classical active set, behind it when it cycles.
 
 mod active_set;
@@ -26,15 +27,19 @@ mod least_squares;
 mod lowered;
 mod multipliers;
 mod problem;
+mod reduced;
 
 pub use problem::{Outcome, Problem, Side};
 
 use factor::Factor;
 use multipliers::Multipliers;
+use reduced::Reduction;
 
 /// Work space of the solver; nothing is allocated after the first solve of a given size.
 #[derive(Default)]
 pub struct Workspace {
+    /// The processor has fused multiply-add.
+    fma: bool,
     factor: Factor,
     multipliers: Multipliers,
     candidate: Vec<f64>,
@@ -47,17 +52,36 @@ pub struct Workspace {
     /// The active set of the solve before, while damping looks for its own.
     warm_variables: Vec<Side>,
     warm_rows: Vec<Side>,
+    /// The active set before it is guessed.
+    guessed_variables: Vec<Side>,
+    guessed_rows: Vec<Side>,
+    reduction: Reduction,
 }
 
 /// Solve `problem` from its warm active set; the answer is in `problem.z`.
 pub fn solve(problem: &mut Problem, work: &mut Workspace) -> Outcome {
-    let fma = kernels::has_fma();
-    work.candidate.resize(problem.stride, 0.0);
-    work.direction.resize(problem.stride, 0.0);
-    work.asked.reserve(problem.row_count().saturating_sub(work.asked.len()));
-    work.warm_variables.resize(problem.n, Side::Free);
-    work.warm_rows.resize(problem.row_count(), Side::Free);
-    work.locked.resize(problem.n, false);
-    work.locked_row.resize(problem.row_count(), false);
-    active_set::solve(problem, work, fma)
+    work.reduction.reserve(problem);
+    active_set::solve(problem, work)
+}
+
+impl Workspace {
+    /// Buffers for problems of this size.
+    fn make_room(&mut self, problem: &Problem) {
+        self.candidate.resize(problem.stride, 0.0);
+        self.direction.resize(problem.stride, 0.0);
+        self.asked.reserve(problem.row_count().saturating_sub(self.asked.len()));
+        self.warm_variables.resize(problem.n, Side::Free);
+        self.warm_rows.resize(problem.row_count(), Side::Free);
+        self.guessed_variables.resize(problem.n, Side::Free);
+        self.guessed_rows.resize(problem.row_count(), Side::Free);
+        self.locked.resize(problem.n, false);
+        self.locked_row.resize(problem.row_count(), false);
+    }
+
+    /// Buffers, and the sizes of rows; once per problem.
+    fn prepare(&mut self, problem: &Problem) {
+        self.fma = kernels::has_fma();
+        self.make_room(problem);
+        self.factor.prepare(problem);
+    }
 }

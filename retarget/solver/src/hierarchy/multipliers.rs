@@ -5,7 +5,7 @@
 //! likewise. A limit that is needed (a clear, right sign) is locked: lower levels cannot ask for it.
 
 use super::factor::Factor;
-use super::kernels::add_scaled;
+use super::kernels::{add_scaled, compile_twice};
 use super::problem::{Problem, Side};
 
 /// Multipliers below this share of their own terms are zero.
@@ -28,10 +28,55 @@ pub struct Multipliers {
     lambda: Vec<f64>,
     gradient: Vec<f64>,
     back: Vec<f64>,
-    /// The wrong limit of lowest index at the level examined last.
-    pub lowest_wrong: Option<Release>,
+    /// What is held wrongly at the level examined last, in order of index.
+    pub wrong: Vec<Release>,
     pub locked: Vec<bool>,
     pub locked_row: Vec<bool>,
+}
+
+compile_twice! {
+    /// All levels of a complete factorization, at the point `z` it gave. The worst wrong sign of the first level that has one.
+    pub fn examine(multipliers: &mut Multipliers, problem: &Problem, factor: &Factor, z: &[f64]) -> Option<Release> = examine_any
+}
+
+compile_twice! {
+    /// One level (or, at `level_count`, the final norm), given that those above are right. Locks what it needs.
+    pub fn examine_level(
+        multipliers: &mut Multipliers,
+        problem: &Problem,
+        factor: &Factor,
+        z: &[f64],
+        k: usize,
+    ) -> Option<Release> = examine_level_any
+}
+
+#[inline(always)]
+fn examine_any<const FMA: bool>(
+    multipliers: &mut Multipliers,
+    problem: &Problem,
+    factor: &Factor,
+    z: &[f64],
+) -> Option<Release> {
+    multipliers.clear(problem);
+    // A closure would not be compiled for these instructions.
+    for k in 0..=problem.level_count() {
+        let release = multipliers.examine_level::<FMA>(problem, factor, z, k);
+        if release.is_some() {
+            return release;
+        }
+    }
+    None
+}
+
+#[inline(always)]
+fn examine_level_any<const FMA: bool>(
+    multipliers: &mut Multipliers,
+    problem: &Problem,
+    factor: &Factor,
+    z: &[f64],
+    k: usize,
+) -> Option<Release> {
+    multipliers.examine_level::<FMA>(problem, factor, z, k)
 }
 
 impl Multipliers {
@@ -43,24 +88,13 @@ impl Multipliers {
         self.lambda.resize(problem.row_count(), 0.0);
         self.gradient.resize(problem.stride, 0.0);
         self.back.reserve(problem.row_count().saturating_sub(self.back.len()));
-    }
-
-    /// All levels of a complete factorization, at the point `z` it gave. The worst wrong sign of the first level that has one.
-    #[inline(always)]
-    pub fn examine<const FMA: bool>(&mut self, problem: &Problem, factor: &Factor, z: &[f64]) -> Option<Release> {
-        self.clear(problem);
-        for k in 0..=problem.level_count() {
-            let release = self.examine_level::<FMA>(problem, factor, z, k);
-            if release.is_some() {
-                return release;
-            }
-        }
-        None
+        self.wrong.clear();
+        self.wrong.reserve(problem.n + problem.row_count());
     }
 
     /// One level (or, at `level_count`, the final norm), given that those above are right. Locks what it needs.
     #[inline(always)]
-    pub fn examine_level<const FMA: bool>(
+    fn examine_level<const FMA: bool>(
         &mut self,
         problem: &Problem,
         factor: &Factor,
@@ -68,17 +102,16 @@ impl Multipliers {
         k: usize,
     ) -> Option<Release> {
         let last = k == problem.level_count();
+        self.wrong.clear();
         if !last && is_met(problem, factor, k) {
             return None;
         }
         let scale = self.solve::<FMA>(problem, factor, z, k);
         let (wrong, lock) = (SIGN_TOLERANCE * scale + ROUNDING, LOCK_TOLERANCE * scale + 100.0 * ROUNDING);
         let mut worst: Option<(f64, Release)> = None;
-        let mut lowest = None;
+        let found = &mut self.wrong;
         let mut keep = |amount: f64, release| {
-            if lowest.is_none() {
-                lowest = Some(release);
-            }
+            found.push(release);
             if worst.is_none_or(|(most, _)| amount > most) {
                 worst = Some((amount, release));
             }
@@ -116,7 +149,6 @@ impl Multipliers {
                 self.locked_row[r] = true;
             }
         }
-        self.lowest_wrong = lowest;
         worst.map(|(_, release)| release)
     }
 

@@ -20,6 +20,8 @@ pub struct Outcome {
     pub factorizations: u32,
     /// The level-by-level method had to take over.
     pub fallback: bool,
+    /// The answer was found in what the first equalities leave.
+    pub reduced: bool,
     /// The iteration cap of the fallback was met: feasible, but not proved optimal.
     pub capped: bool,
 }
@@ -86,6 +88,38 @@ impl Problem {
             variable_side: vec![Side::Free; n],
             row_side: vec![Side::Free; m],
             z: vec![0.0; stride],
+        }
+    }
+
+    /// `n` variables without limits, and as many rows as the levels end with, all absent and zero. Sizes up to those that it
+    /// had once allocate nothing.
+    pub fn reshape(&mut self, n: usize) {
+        let m = self.level_end.last().copied().unwrap_or(0);
+        self.n = n;
+        self.stride = n.div_ceil(8).max(1) * 8;
+        let stride = self.stride;
+        let refill = |buffer: &mut Vec<f64>, size: usize, value: f64| {
+            buffer.clear();
+            buffer.resize(size, value);
+        };
+        refill(&mut self.rows, m * stride, 0.0);
+        refill(&mut self.lower, m, 0.0);
+        refill(&mut self.upper, m, 0.0);
+        refill(&mut self.lo, n, f64::NEG_INFINITY);
+        refill(&mut self.hi, n, f64::INFINITY);
+        refill(&mut self.still, stride, 0.0);
+        refill(&mut self.z, stride, 0.0);
+        refill(&mut self.damping, self.level_end.len(), 0.0);
+        refill(&mut self.patience, self.level_end.len(), 0.0);
+        self.present.clear();
+        self.present.resize(m, false);
+        for (buffer, size) in [(&mut self.variable_side, n), (&mut self.row_side, m)] {
+            buffer.clear();
+            buffer.resize(size, Side::Free);
+        }
+        for buffer in [&mut self.lo_is_stop, &mut self.hi_is_stop] {
+            buffer.clear();
+            buffer.resize(n, false);
         }
     }
 
