@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from hardware.bus import ServoBus, ServoGoals
+from hardware.arrays import FloatArray
+from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.errors import BusError
+from hardware.guard import Guard
+from hardware.guard_state import GuardState
 from physics_rig import DT, PhysicsRig, op3, standing, ticks
+from retarget.gate import Gate
 from sim.physics.perturbation import Perturbation, Push
 
 
@@ -80,6 +84,29 @@ def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
     rig.bus.close()
     witness = rig.bus.witness
     assert witness.parked and not witness.fallen
+
+
+def test_the_guard_leads_it_from_arming_to_release() -> None:
+    rig, joints = PhysicsRig(), op3().joint_map
+    guard = Guard(
+        bus=rig.bus,
+        joint_map=joints,
+        goal_filter=Gate.for_servos(joints, dt=DT),
+        clock=rig.clock,
+        limits=op3().profile.guard_limits(),
+    )
+    present = guard.arm()
+    arms = np.arange(len(joints)) < 6
+
+    def wave(states: ServoStates) -> FloatArray:
+        return np.asarray(present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms)
+
+    for _ in range(150):
+        rig.clock.advance(DT)
+        guard.tick(wave, lambda: None)
+    assert guard.state is GuardState.MOVING and not rig.bus.witness.fallen
+    guard.release()
+    assert not rig.bus.torque_on
 
 
 def test_a_robot_that_sits_on_its_stops_stays_where_it_is() -> None:

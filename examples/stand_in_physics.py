@@ -1,0 +1,27 @@
+"""OP3 stands in physics on its own servos, and somebody pushes it.
+
+python examples/stand_in_physics.py
+"""
+
+from hardware.bus import ServoGoals
+from hardware.clock import VirtualClock
+from retarget.robot_body import load_robot
+from sim.physics.perturbation import Perturbation, Push
+from sim.physics.summary import physics_summary
+from sim.physics_bus import physics_bus
+
+robot, clock = load_robot("op3"), VirtualClock()
+stand = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
+push = Push(force=(0.0, 3.0, 0.0), start=2.0, duration=0.2)
+bus = physics_bus(robot, clock, start=stand, perturbation=Perturbation(pushes=(push,)))
+bus.open()
+bus.write(ServoGoals(bus.read().position))
+bus.torque(True)
+for _ in range(500):
+    clock.advance(0.008)
+    states = bus.read()
+    bus.write(ServoGoals(stand))
+error = abs(robot.joint_map.turned(states.position - stand)).max()
+summary = physics_summary(bus.witness)
+print(f"fallen: {bus.witness.fallen}; {error:.3f} rad off at most; slipped {1e3 * summary.slip_m:.2f} mm")
+print(f"pressure never nearer than {1e3 * summary.zmp_margin:.0f} mm to the edge of the soles")
