@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import IO, Any, Literal
 from xml.etree import ElementTree
 
-from retarget.errors import InputError
+from retarget.errors import ConfigError, InputError
 
-__all__ = ["BodyFile", "Root", "body_spec", "compile_body", "compile_body_text"]
+__all__ = ["BodyFile", "Root", "body_spec", "compile_body", "compile_body_text", "engine"]
 
 Root = Literal["free", "fixed", "suspended"]
 """How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs bolted to a stand."""
@@ -33,13 +33,26 @@ class BodyFile:
     notes: tuple[str, ...]
 
 
+def engine() -> Any:
+    """The `mujoco` package. Raises ConfigError where it is missing or broken."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ConfigError(
+            "MuJoCo is missing, which reads robots and simulates them",
+            found=str(error),
+            next_step="Install it into this environment: pip install mujoco",
+        ) from error
+    return mujoco
+
+
 def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
     """Read and compile an MJCF or URDF file; the content decides which of the two it is.
 
     Every link is kept (no static fusing). `root` "free" adds the free joint where the file has none, "fixed" and
     "suspended" remove it; None takes the file as it is. Raises InputError: missing, too large, not a body, no root.
     """
-    import mujoco
+    mujoco = engine()
 
     try:
         size = path.stat().st_size
@@ -58,7 +71,7 @@ def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
 
 def body_spec(path: Path, *, root: Root) -> Any:
     """The `mujoco.MjSpec` of a file that `compile_body` has read, for whoever builds a world around the body."""
-    import mujoco
+    mujoco = engine()
 
     with path.open("rb") as stream:
         urdf = _is_urdf(stream, source=str(path))
@@ -68,7 +81,7 @@ def body_spec(path: Path, *, root: Root) -> Any:
 
 def compile_body_text(text: str, *, source: str, root: Root | None = None) -> BodyFile:
     """As `compile_body`, from MJCF or URDF text; `source` names it in messages."""
-    import mujoco
+    mujoco = engine()
 
     urdf = _is_urdf(io.BytesIO(text.encode()), source=source)
     return _compile(lambda: mujoco.MjSpec.from_string(text), urdf=urdf, source=source, root=root)

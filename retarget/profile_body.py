@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from retarget.body_file import compile_body
+from retarget.body_file import compile_body, engine
 from retarget.errors import InputError, Problem
 from retarget.schema_errors import keys_of, unknown_name
 from retarget.strict_yaml import Document
@@ -48,7 +48,7 @@ def check_body(profile: "RobotProfile", document: Document, folder: "Path") -> l
 
 
 def _read(path: "Path", root: Any) -> _BodyNames:
-    import mujoco
+    mujoco = engine()
 
     model = compile_body(path, root=root).model
     single = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))

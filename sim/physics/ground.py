@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from retarget import rotations
+from retarget.body_file import engine
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.scene import Scene
@@ -18,7 +19,6 @@ from retarget.scene_motion import SceneState
 from retarget.scene_paths import Rest, motion_of
 from retarget.scene_poses import Pose
 from retarget.scene_shapes import ShapeKind
-from sim.physics.requirements import import_mujoco
 
 __all__ = ["FIXTURE", "FLOOR", "SOLE", "add_fixtures", "add_floor", "add_soles", "sole_corners", "sort_shapes"]
 
@@ -40,7 +40,7 @@ ROBOT_BIT, GROUND_BIT, FIXTURE_BIT = 1, 2, 4
 
 def add_floor(spec: Any, friction: float) -> None:
     """Put up the ground plane z = 0, whose friction holds in all its contacts."""
-    mujoco = import_mujoco()
+    mujoco = engine()
     spec.worldbody.add_geom(
         name=FLOOR,
         type=mujoco.mjtGeom.mjGEOM_PLANE,
@@ -57,7 +57,7 @@ def add_floor(spec: Any, friction: float) -> None:
 
 def add_soles(spec: Any, robot: RobotBody) -> None:
     """Put balls into the corners of the soles. Their bodies have masses of their own: the balls weigh nothing."""
-    mujoco = import_mujoco()
+    mujoco = engine()
     for name, foot in robot.profile.feet.items():
         frame = robot.frame(foot.frame)
         corners = sole_corners(np.array(foot.polygon))
@@ -88,7 +88,7 @@ def sole_corners(polygon: FloatArray) -> FloatArray:
 
 def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
     """Put up the obstacles of a scene that do not move. Returns the names of those that do, and are left out."""
-    mujoco = import_mujoco()
+    mujoco = engine()
     kinds = {
         ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
         ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,

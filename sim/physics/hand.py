@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.physics.requirements import import_mujoco
+from retarget.body_file import engine
 
 __all__ = ["RELEASE_S", "Hand", "add_hand"]
 
@@ -24,7 +24,7 @@ SOLREF = (0.03, 1.0)
 
 def add_hand(spec: Any, root: str) -> None:
     """Put a hand on the root link of a body."""
-    mujoco = import_mujoco()
+    mujoco = engine()
     spec.worldbody.add_body(name=HAND, mocap=True)
     hold = spec.add_equality(name=HAND, type=mujoco.mjtEq.mjEQ_WELD, name1=root, name2=HAND)
     hold.objtype = mujoco.mjtObj.mjOBJ_BODY

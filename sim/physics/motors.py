@@ -17,9 +17,9 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray
 from hardware.coupling import Coupling
 from hardware.servo import ServoSpec
+from retarget.body_file import engine
 from sim.physics.drive_numbers import DriveNumbers
 from sim.physics.position_loop import PositionLoop
-from sim.physics.requirements import import_mujoco
 
 __all__ = ["Drive", "Motors", "add_motors"]
 
@@ -53,7 +53,7 @@ class Drive:
 
 def add_motors(spec: Any, drives: Sequence[Drive]) -> None:
     """Put actuators, armature and friction of these servos into a body. Viscous friction: `Motors`."""
-    mujoco = import_mujoco()
+    mujoco = engine()
     for drive in drives:
         numbers, joint = drive.numbers, spec.joint(drive.servo.joint)
         if drive.servo.coupling is None:
@@ -93,7 +93,7 @@ def _add_shaft(spec: Any, drive: Drive) -> str:
 
 
 def _add_actuator(spec: Any, name: str, target: str, kind: Any, turns: float) -> None:
-    mujoco = import_mujoco()
+    mujoco = engine()
     actuator = spec.add_actuator(name=name, target=target, trntype=kind)
     actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE

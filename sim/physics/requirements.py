@@ -7,27 +7,13 @@ from retarget.errors import ConfigError
 from retarget.robot_body import RobotBody
 from sim.physics.position_loop import lacks_gain
 
-__all__ = ["check_gains", "check_masses", "import_mujoco"]
+__all__ = ["check_gains", "check_masses"]
 
 DEFAULT_DENSITY = 1000.0
 """Of a shape whose file says none: then its mass is a guess from its volume."""
 LEAST_MASS = 1e-5
 """What a servo moves weighs more, kg."""
 MAX_NAMED = 5
-
-
-def import_mujoco() -> Any:
-    """The physics engine. Raises ConfigError where it is not installed."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ConfigError(
-            "MuJoCo is missing",
-            where="--bus physics",
-            found=str(error),
-            next_step="Install it into this environment: pip install mujoco",
-        ) from error
-    return mujoco
 
 
 def check_masses(robot: RobotBody, spec: Any) -> None:

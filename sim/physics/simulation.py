@@ -12,12 +12,12 @@ import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray
 from hardware.errors import BusError, describe
+from retarget.body_file import engine
 from sim.physics.electrics import Electrics
 from sim.physics.hand import Hand
 from sim.physics.motors import SHAFT, Motors
 from sim.physics.mount import Support
 from sim.physics.perturbation import Perturbation, Push
-from sim.physics.requirements import import_mujoco
 from sim.physics.rope import damp_swinging
 from sim.physics.world import World
 
@@ -40,7 +40,7 @@ class Simulation:
     """`data`: the engine's. `motors`: goals and torque. `electrics`: current, heat, supply. `hand`: None on a mount."""
 
     def __init__(self, world: World, *, perturbation: Perturbation, seed: int) -> None:
-        mujoco = import_mujoco()
+        mujoco = engine()
         self.world = world
         self.perturbation = perturbation
         self._step_many = mujoco.mj_step

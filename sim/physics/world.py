@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.body import Frame
-from retarget.body_file import body_spec
+from retarget.body_file import body_spec, engine
 from retarget.errors import ConfigError
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
@@ -22,7 +22,7 @@ from sim.physics.motors import Drive, add_motors
 from sim.physics.mount import Mount, Support, check_mount
 from sim.physics.perturbation import Perturbation
 from sim.physics.position_loop import position_loop
-from sim.physics.requirements import check_gains, check_masses, import_mujoco
+from sim.physics.requirements import check_gains, check_masses
 from sim.physics.rope import add_rope
 
 __all__ = ["STEP_S", "World", "build_world"]
@@ -82,7 +82,7 @@ def build_world(
     tell: hears what of the scene is left out. Raises ConfigError for a robot that has no masses, no gains, nothing to
     stand on or no hook to hang from, and where MuJoCo is missing.
     """
-    import_mujoco()
+    engine()
     check_gains(robot)
     check_mount(robot, mount)
     free = mount.support is not Support.STAND
@@ -152,7 +152,7 @@ def _bare(spec: Any) -> Any:
 
 
 def _set_options(spec: Any) -> None:
-    mujoco = import_mujoco()
+    mujoco = engine()
     option = spec.option
     option.timestep = STEP_S
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -168,7 +168,7 @@ def _set_options(spec: Any) -> None:
 def _let_touching_shapes_be(spec: Any, robot: RobotBody, drives: Sequence[Drive]) -> None:
     """Exclude pairs of links that the profile ignores, and those that touch where the robot is at home: shapes are
     larger than the links, and would press them apart."""
-    mujoco = import_mujoco()
+    mujoco = engine()
     model = _compiled(spec, robot)
     data = mujoco.MjData(model)
     postures = robot.profile.postures
