@@ -16,6 +16,7 @@ from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.pipeline import INTERRUPTED, Watch
 from retarget.prepare import Prepared
+from retarget.record import Phase
 from retarget.run_result import RunResult
 from sim.faults.sender import FakeSender
 
@@ -77,7 +78,11 @@ def test_the_space_bar_stops_and_the_robot_is_parked() -> None:
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-    np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest, atol=1e-6)
+    away = np.abs(sent.q[:, robot.servo_columns] - rest).max(axis=1)
+    braking = np.flatnonzero(result.record.phase == Phase.BRAKE)
+    braking = braking[braking > 400 - 10]
+    # It goes there at the speed of an approach, for as long as a stop may last.
+    assert away[-1] < 0.7 * away[braking[0]] and len(braking) * result.clip.dt <= 3.0
 
 
 def test_the_space_bar_twice_takes_the_torque_at_once() -> None:

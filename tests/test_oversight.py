@@ -35,7 +35,10 @@ def test_what_cannot_be_had_is_refused(tmp_path: Path) -> None:
         ("--dead-man pedal:/nowhere/event9", "/nowhere/event9: the device cannot be opened"),
         ("--control-socket /nowhere/x", "--control-socket /nowhere/x: cannot listen: No such file"),
         ("--source walk.bvh --realtime", "--realtime: only a live stream has this"),
-        ("--source walk.bvh --dead-man b --control-socket", "--dead-man: only a live stream has this"),
+        (
+            "--source walk.bvh --dead-man b --control-socket",
+            "--dead-man, --control-socket: only a live stream has this",
+        ),
     ],
 )
 def test_on_the_command_line_too(words: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:

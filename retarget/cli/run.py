@@ -173,6 +173,9 @@ def run(
     )
     outputs = Outputs.checked(report=report, save=save, plots=plots)
 
+    given: dict[str, object] = {"--person": person, "--recalibrate": recalibrate or None, "--check-sides": check_sides}
+    given |= {"--record-raw": record_raw, "--stop-file": stop_file, "--dead-man": dead_man}
+    given |= {"--control-socket": control_socket, "--realtime": realtime, "--core": core}
     if "://" in source:
         refuse_for_live({"--skeleton": skeleton, "--unit": unit, "--rate": rate, "--start": start})
         live = LiveOptions(
@@ -185,17 +188,10 @@ def run(
             recalibrate=recalibrate,
             check_sides=sides_are_checked(source, check_sides, yes=yes),
         )
-        oversight = Oversight(
-            stop_file=stop_file,
-            dead_man=dead_man,
-            control_socket=control_socket,
-            scheduling=Scheduling(priority=realtime, core=core),
-        )
+        ticks = Scheduling(priority=realtime, core=core)
+        oversight = Oversight(stop_file=stop_file, dead_man=dead_man, control_socket=control_socket, scheduling=ticks)
         raise typer.Exit(follow_live(source, options, outputs, live, record_raw=record_raw, oversight=oversight))
-
-    refuse_for_file({"--person": person, "--recalibrate": recalibrate or None, "--check-sides": check_sides})
-    refuse_for_file({"--record-raw": record_raw, "--stop-file": stop_file, "--dead-man": dead_man})
-    refuse_for_file({"--control-socket": control_socket, "--realtime": realtime, "--core": core})
+    refuse_for_file(given)
 
     def read() -> SensorFrames:
         from retarget.sources.open import open_source
