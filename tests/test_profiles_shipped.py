@@ -213,3 +213,22 @@ def test_acceleration_limits_are_within_the_torque(body: PosedBody) -> None:
             torque = inertia[dof, dof] * spec.max_acceleration + abs(body.data.qfrc_bias[dof])
             stall = spec.model.stall_torque * min(1.0, 12.0 / spec.model.voltage)
             assert torque < STALL_SHARE * stall, f"{joint}, seed {SEED}"
+
+
+def test_the_stance_stands_by_the_actuators_of_the_body_file(name: str) -> None:
+    """Mechanics of 2 s on a floor, every servo told its angle: upright, not sunk in, soles where they were."""
+    robot = load_robot(name)
+    stance = plant(robot, robot.profile.postures.stand)
+    spec = mujoco.MjSpec.from_file(str(robot.profile.body_path))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = stance.q
+    data.ctrl[:] = [robot.profile.postures.stand.get(model.actuator(index).name, 0.0) for index in range(model.nu)]
+    while data.time < 2.0:
+        mujoco.mj_step(model, data)
+    assert data.qpos[2] > 0.97 * stance.q[2]
+    assert np.degrees(np.arccos(data.xmat[1, 8])) < 4.0
+    soles = tuple(sole.frame.name for sole in stance.soles)
+    before, after = robot.points(np.array([stance.q, data.qpos]), soles)
+    np.testing.assert_allclose(after, before, atol=5e-3)
