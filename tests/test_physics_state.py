@@ -35,6 +35,16 @@ def test_pushed_the_pressure_moves_against_and_the_gyro_turns() -> None:
     assert rig.bus.witness.log.column("com")[-1, 0] > rig.bus.witness.log.column("com")[-12, 0]
 
 
+def test_in_free_fall_the_imu_feels_nothing_and_looking_twice_changes_nothing() -> None:
+    rig = settled(mount=Mount(Support.GANTRY, hook="neck", rope=0.3))
+    rig.bus.simulation._model.tendon_range[:, 1] = 9.0  # the rope is cut
+    rig.run(0.08)
+    once = rig.bus.witness.state.accelerometer
+    assert np.linalg.norm(once) < 1.0  # straps and air
+    rig.bus.read()
+    assert rig.bus.witness.state.accelerometer.tolist() == once.tolist()
+
+
 def test_before_it_is_let_go_nobody_knows_its_pressure() -> None:
     rig = PhysicsRig()
     rig.arm()

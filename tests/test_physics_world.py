@@ -16,7 +16,7 @@ from retarget.scene import load_scene
 from retarget.support import support_distance, support_edges
 from sim.physics.ground import FIXTURE, MAX_CORNERS, SOLE, sole_corners
 from sim.physics.mount import Mount, Support, mount_of
-from sim.physics.perturbation import Perturbation
+from sim.physics.perturbation import Perturbation, Push
 from sim.physics_bus import simulation_of
 
 HOOK = "neck"
@@ -47,6 +47,18 @@ def test_the_centre_of_mass_can_be_moved() -> None:
     root = usual.world.root
     change = moved.data.subtree_com[root] - usual.data.subtree_com[root]
     assert change.tolist() == pytest.approx(list(offset), abs=1e-6)
+
+
+@pytest.mark.parametrize(("share", "slides"), [(0.7, False), (1.3, True)])
+def test_soles_slide_beyond_the_friction_of_the_floor(share: float, slides: bool) -> None:
+    friction = 0.2
+    force = share * friction * 30.9 / 2.0  # N on each foot
+    pushes = tuple(Push((force, 0.0, 0.0), 0.8, 0.5, frame) for frame in ("l_ankle", "r_ankle"))
+    rig = PhysicsRig(perturbation=Perturbation(friction=friction, pushes=pushes))
+    rig.arm()
+    rig.run(1.3)
+    assert (rig.bus.witness.log.slip_m > 5e-3).all() == slides
+    assert slides or (rig.bus.witness.log.slip_m < 5e-4).all()
 
 
 def test_soles_touch_where_their_polygons_end() -> None:

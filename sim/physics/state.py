@@ -65,6 +65,7 @@ class StateReader:
         self._joints = world.robot.body.joint_qpos[world.robot.body.joint_type > 1]
         self._before = (simulation.time, np.zeros(3))
         self._rest = np.zeros(3)
+        self._gain = np.array([0.0, 0.0, GRAVITY])  # of velocity, less what falls
 
     def loaded(self, load: FloatArray) -> FloatArray:
         """Which soles carry, by the load (k,) N on each."""
@@ -141,10 +142,11 @@ class StateReader:
         root, velocity = data.qpos[:7].copy(), data.qvel[:3].copy()
         time, before = self._before
         elapsed = self._simulation.time - time
-        gain = (velocity - before) / elapsed if elapsed > 0.0 and self._simulation.moves else np.zeros(3)
-        self._before = (self._simulation.time, velocity)
-        gain[2] += GRAVITY
-        return root, velocity, data.qvel[3:6].copy(), data.xmat[link].reshape(3, 3).T @ gain
+        if elapsed > 0.0:
+            self._gain = (velocity - before) / elapsed
+            self._gain[2] += GRAVITY
+            self._before = (self._simulation.time, velocity)
+        return root, velocity, data.qvel[3:6].copy(), data.xmat[link].reshape(3, 3).T @ self._gain
 
 
 def _link(world: World, body: int) -> int:
