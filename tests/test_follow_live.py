@@ -4,9 +4,18 @@ from pathlib import Path
 
 import pytest
 
+from hardware.clock import VirtualClock
+from live_rig import LiveRig
 from retarget.cli import main
-from retarget.cli.follow_live import refuse_for_file, sides_are_checked
+from retarget.cli.clutch import Clutch
+from retarget.cli.follow_live import _in_time, _wait_until_wanted, refuse_for_file, sides_are_checked
+from retarget.cli.interrupt import StopRequest
+from retarget.cli.keys import Keys
+from retarget.cli.live_controls import LiveControls
 from retarget.errors import UsageError
+from retarget.live.begin import LiveOptions
+from retarget.live.performer import LivePerformer
+from sim.faults.sender import FakeSender
 
 SWAPPED = """\
 name: swapped
@@ -81,3 +90,42 @@ def test_a_file_has_no_live_options() -> None:
     refuse_for_file({"--person": None})
     with pytest.raises(UsageError, match="--person: only a live stream has this"):
         refuse_for_file({"--person": "anna", "--recalibrate": None})
+
+
+def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() -> None:
+    rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
+    with rig.prepared() as prepared:
+        stop, performer = StopRequest(), prepared.samples
+        assert isinstance(performer, LivePerformer)
+        clutch = Clutch(performer, clock=rig.clock, tell=rig.said.append)
+        controls = LiveControls(Keys(), stop, performer, clutch, tell=rig.said.append)
+        _wait_until_wanted(clutch, controls, performer, rig.clock)
+        clutch.pause()
+        begun = rig.clock.now()
+
+        def listen() -> None:
+            if rig.clock.now() - begun > 1.0:
+                clutch.unpause()
+
+        performer.listen = listen  # type: ignore[method-assign]
+        _wait_until_wanted(clutch, controls, performer, rig.clock)
+        assert 1.0 < rig.clock.now() - begun < 1.1
+        stop.ask()
+        with pytest.raises(KeyboardInterrupt):
+            _wait_until_wanted(clutch, controls, performer, rig.clock)
+        assert not rig.bus.torque_on
+
+
+def test_without_a_robot_ticks_come_in_time_too() -> None:
+    clock, looked = VirtualClock(), list[float]()
+
+    def look() -> bool:
+        looked.append(clock.now())
+        if len(looked) == 3:
+            clock.advance(0.025)
+        return False
+
+    timed = _in_time(look, 0.01, clock)
+    for _ in range(5):
+        timed()
+    assert looked == pytest.approx([0.01, 0.02, 0.03, 0.055, 0.065])

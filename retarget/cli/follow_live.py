@@ -111,7 +111,7 @@ def follow_live(
                 _tell(HELP)
             if dead_man is not None:
                 _tell(f"hold {dead_man.told}: the robot moves only while it is held")
-                _wait_until_held(clutch, controls, performer, clock)
+            _wait_until_wanted(clutch, controls, performer, clock)
             with progress_bar(options.robot, _ticks(live, performer.dt)) as show, scheduled(oversight.scheduling):
                 run = _run(prepared, controls, show, clock)
         return finished(run, outputs)
@@ -128,11 +128,14 @@ def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | Non
     return socket, dead_man
 
 
-def _wait_until_held(clutch: Clutch, controls: LiveControls, performer: LivePerformer, clock: Clock) -> None:
-    """Nothing has torque before somebody holds what must be held. Raises KeyboardInterrupt if it is to stop instead."""
-    while not clutch.engaged:
+def _wait_until_wanted(clutch: Clutch, controls: LiveControls, performer: LivePerformer, clock: Clock) -> None:
+    """Nothing has torque before somebody holds what must be held. Raises KeyboardInterrupt if it is to stop instead,
+    which may have been asked for long ago."""
+    while True:
         if controls.look():
             raise KeyboardInterrupt
+        if clutch.engaged:
+            return
         performer.listen()
         clock.sleep_until(clock.now() + performer.dt)
 

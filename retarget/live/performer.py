@@ -172,7 +172,10 @@ class LivePerformer:
             if message:
                 self._tell(message)
         if self.engagement.state is not before:
-            self._tell("the performer is followed" if followed else "the performer is not followed: the robot holds")
+            late = " because ticks come late" if self._pace.behind else ""
+            self._tell(
+                "the performer is followed" if followed else f"the performer is not followed{late}: the robot holds"
+            )
         return followed
 
     def _is_good(self, heard: Heard, now: float) -> bool:
