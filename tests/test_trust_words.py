@@ -1,7 +1,7 @@
 """What a person is told."""
 
 from retarget.live.trust_state import TrustState
-from retarget.live.trust_words import TrustChange, sentences
+from retarget.live.trust_words import TrustChange, lasting, sentences
 
 FRESH, STALE, SWAPPED = TrustState.FRESH, TrustState.STALE, TrustState.SWAPPED
 
@@ -34,3 +34,12 @@ def test_how_it_came_back() -> None:
         "head: believed again where it is now"
     ]
     assert sentences([TrustChange(1.0, "head", TrustState.NOT_WORN, STALE)]) == ["head: not heard yet"]
+
+
+def test_what_came_and_went_unheard_is_not_told() -> None:
+    gone = [TrustChange(1.0, name, FRESH, STALE, 0.3) for name in ("head", "pelvis")]
+    back = [TrustChange(1.1, "head", STALE, FRESH)]
+    assert lasting([*gone, *back]) == gone[1:] and lasting(gone) == gone and lasting([]) == []
+    leapt = [TrustChange(1.0, "head", FRESH, TrustState.JUMPED)]
+    settled = [TrustChange(1.2, "head", TrustState.JUMPED, FRESH, resettled=True)]
+    assert lasting([*leapt, *settled]) == [*leapt, *settled]

@@ -14,7 +14,7 @@ from retarget.live.sound_poses import UNTRACKED, SoundPoses
 from retarget.live.stillness import Stillness
 from retarget.live.trust_limits import TrustLimits
 from retarget.live.trust_state import StateArray, TrustState
-from retarget.live.trust_words import TrustChange, sentences
+from retarget.live.trust_words import TrustChange, lasting, sentences
 from retarget.rotations import FloatArray
 from retarget.sources.stream_frame import Dropped
 
@@ -132,7 +132,7 @@ class Trust:
 
     def messages(self) -> list[str]:
         """What has changed since the last call, in sentences for a person."""
-        told = sentences(self._changes)
+        told = sentences(lasting(self._changes))
         self._changes.clear()
         return told
 

@@ -7,7 +7,7 @@ from itertools import groupby
 from retarget.frames import mirrored_name
 from retarget.live.trust_state import TrustState
 
-__all__ = ["TrustChange", "sentences"]
+__all__ = ["TrustChange", "lasting", "sentences"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +21,17 @@ class TrustChange:
     after: TrustState
     seconds: float = 0.0
     resettled: bool = False
+
+
+def lasting(changes: Sequence[TrustChange]) -> list[TrustChange]:
+    """Those of sensors that are not what they were before: nobody needs to hear what came and went unheard."""
+    first: dict[str, TrustChange] = {}
+    last: dict[str, TrustChange] = {}
+    for change in changes:
+        first.setdefault(change.name, change)
+        last[change.name] = change
+    same = {name for name in first if first[name].before is last[name].after and not last[name].resettled}
+    return [change for change in changes if change.name not in same]
 
 
 def sentences(changes: Iterable[TrustChange]) -> list[str]:
