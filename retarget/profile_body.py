@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from os.path import normpath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from retarget.body_file import compile_body, engine
@@ -10,8 +12,6 @@ from retarget.schema_errors import keys_of, unknown_name
 from retarget.strict_yaml import Document
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from retarget.profile import RobotProfile
 
 RANGE_TOLERANCE = 1e-4  # [rad] profiles write limits with four or five decimals
@@ -27,10 +27,13 @@ class _BodyNames:
     geoms: dict[str, str]  # geom -> its link
 
 
-def check_body(profile: "RobotProfile", document: Document, folder: "Path") -> list[Problem]:
+def check_body(profile: "RobotProfile", document: Document, folder: Path) -> list[Problem]:
     """All problems of the profile with its body file, whose path is relative to `folder`."""
     if not profile.body:  # unsound, and told already
         return []
+    if leaves_folder(profile.body):
+        what, allowed = "a path that leaves the profile's folder", "the name of a file beside the profile, or below it"
+        return [document.problem(("body",), what, found=profile.body, allowed=allowed)]
     try:
         body = _read(folder / profile.body, profile.root)
     except (InputError, ValueError) as error:  # ValueError: a path that no system can have
@@ -47,7 +50,13 @@ def check_body(profile: "RobotProfile", document: Document, folder: "Path") -> l
     return [problem for check in (_links, _joints, _geoms) for problem in check(profile, document, body)]
 
 
-def _read(path: "Path", root: Any) -> _BodyNames:
+def leaves_folder(path: str) -> bool:
+    """Whether a path leads out of the folder that it is given in: a file from elsewhere must not name others."""
+    inside = Path(normpath(path))
+    return inside.is_absolute() or inside.parts[:1] == ("..",)
+
+
+def _read(path: Path, root: Any) -> _BodyNames:
     mujoco = engine()
 
     model = compile_body(path, root=root).model

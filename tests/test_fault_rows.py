@@ -1,11 +1,12 @@
-"""The fault table, whole: every row idle, moving and stopping; random pairs; and a judge that can say no."""
+"""The fault table, whole: every row idle, moving and stopping; random runs; and a judge that can say no."""
 
 from dataclasses import replace
 
 import pytest
 
 from sim.faults.judge import When, judged
-from sim.faults.rows import ROWS, Reaction, Row
+from sim.faults.reaction import Idle, Reaction, Row
+from sim.faults.rows import ROWS
 from sim.faults.seeds import judged_seed
 
 
@@ -21,28 +22,37 @@ def test_the_robot_does_what_it_has_to(one: Row, when: When) -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_random_pairs_harm_nothing(seed: int) -> None:
-    assert judged_seed(seed).wrong == ()
+def test_random_runs_harm_nothing(seed: int) -> None:
+    verdict = judged_seed(seed, seconds=2.0)
+    assert verdict.wrong == (), verdict.row
+
+
+def test_names_are_once() -> None:
+    assert len({one.name for one in ROWS}) == len(ROWS)
 
 
 @pytest.mark.parametrize(
-    ("name", "claimed", "limit", "told"),
+    ("name", "when", "claimed", "told"),
     [
-        ("stream silent", Reaction.NONE, 0.0, "it reacted"),
-        ("second source", Reaction.HOLD, 0.1, "not held"),
-        ("second source", Reaction.STOP, 0.1, "not latched"),
-        ("stream silent", Reaction.HOLD, 0.05, "held after 0.1"),
-        ("wrist lost", Reaction.OUT, 0.05, "left out after 0.1"),
-        ("flood", Reaction.OUT, 0.3, "not left out"),
+        ("stream silent", When.MOVING, {"reaction": Reaction.NONE}, "it reacted"),
+        ("stream silent", When.MOVING, {"limit": 0.05}, "held after 0.1"),
+        ("stream silent", When.MOVING, {"reaction": Reaction.STAND, "limit": -0.35}, "still moves"),
+        ("stream silent for a while", When.MOVING, {"back": 0.8}, "it went on after"),
+        ("second source", When.MOVING, {"reaction": Reaction.STOP}, "not latched"),
+        ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not understood"),
+        ("second source", When.MOVING, {"said": "Elvis"}, "nobody was told of"),
+        ("second source", When.IDLE, {"idle": Idle.REFUSES}, "it began"),
+        ("wrist lost", When.MOVING, {"limit": 0.05}, "left out after 0.1"),
+        ("servo warm", When.MOVING, {"limit": 0.1}, "slow after"),
+        ("person stops it", When.MOVING, {"ends": 0.1}, "it ended after"),
+        ("person stops it", When.MOVING, {"watchdog": 0.05}, "20 servos still drove"),
+        ("person stops it", When.STOPPING, {"reaction": Reaction.CUT, "limit": 0.05}, "torque off after"),
+        ("servo too hot", When.IDLE, {"idle": Idle.ONLY_READS}, "instruction 0x"),
+        ("wrong model", When.IDLE, {"refusal": ("r_hip_roll", "Elvis")}, "does not name 'Elvis'"),
+        ("kill -9", When.MOVING, {"watchdog": 0.02}, "20 servos still drove"),
+        ("adapter unplugged", When.MOVING, {"reaction": Reaction.HOLD}, "it stopped"),
     ],
 )
-def test_the_judge_says_no(name: str, claimed: Reaction, limit: float, told: str) -> None:
-    verdict = judged(replace(row(name), reaction=claimed, limit=limit, sensor="l_wrist"))
-    assert any(told in line for line in verdict.wrong)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("first", range(0, 1000, 50))
-def test_many_random_pairs_harm_nothing(first: int) -> None:
-    for seed in range(first, first + 50):
-        assert judged_seed(seed).wrong == (), seed
+def test_the_judge_says_no(name: str, when: When, claimed: dict[str, object], told: str) -> None:
+    verdict = judged(replace(row(name), **claimed), when=when)  # type: ignore[arg-type]
+    assert any(told in line for line in verdict.wrong), verdict.wrong

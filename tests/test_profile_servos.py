@@ -20,6 +20,7 @@ TILT = (
 )
 LINE = f"{PAN}\n                 {SPEED}\n  {TILT}\n                 {SPEED}\n"
 POWER = "power: {id: 200, register: 24, value: 1}"
+WATCHDOG = "watchdog_s: 0.08"
 
 
 def servo(name: str, number: int, *, extra: str = "", model: str = "XM430-W350", gains: str = "{p: 800}") -> str:
@@ -53,7 +54,7 @@ def coupled(matrix: str, joints: str = "[head_pan, head_tilt]") -> tuple[str, st
 def test_a_plain_profile_says_what_it_always_said(tmp_path: Path, root: Path) -> None:
     profile = load(tmp_path, root)
     (bus,) = profile.bus_specs()
-    assert (bus.name, bus.baud, bus.protocol, bus.watchdog_value, bus.return_delay_value) == ("main", 2000000, 2, 5, 0)
+    assert (bus.name, bus.baud, bus.protocol, bus.watchdog_value, bus.return_delay_value) == ("main", 2000000, 2, 4, 0)
     assert bus.power == PowerSwitch(id=200, register=24, value=1, wait=0.5)
     assert bus.ids[-1] == 200
     assert all(spec.mode is ServoMode.POSITION and spec.coupling is None for spec in profile.servo_specs())
@@ -70,8 +71,8 @@ def test_everything_a_servo_may_say_arrives(tmp_path: Path, root: Path) -> None:
 
 
 def test_a_bus_says_its_watchdog_delay_and_switch(tmp_path: Path, root: Path) -> None:
-    more = "power: {id: 200, register: 500, value: 7, wait_s: 1.5}\n    watchdog_s: 0.06\n    return_delay_us: 20"
-    (bus,) = load(tmp_path, root, (POWER, more)).bus_specs()
+    more = "power: {id: 200, register: 500, value: 7, wait_s: 1.5}\n    return_delay_us: 20"
+    (bus,) = load(tmp_path, root, (POWER, more), (WATCHDOG, "watchdog_s: 0.06")).bus_specs()
     assert (bus.watchdog_value, bus.return_delay_value) == (3, 10)
     assert bus.power == PowerSwitch(200, 500, 7, 1.5)
 
@@ -111,8 +112,8 @@ WRONG = {
         (("baud: 2000000", "baud: 4500000"), head(model="XL330-M288")),
         "main.baud: too fast for the XL330-M288 on this bus; found 4500000; allowed: at most 4000000",
     ),
-    "watchdog": (((POWER, "watchdog_s: 0.05"),), "main.watchdog_s: wrong value; found 0.05 s; allowed: a multiple"),
-    "long watchdog": (((POWER, "watchdog_s: 2.56"),), "main.watchdog_s: wrong value; found 2.56"),
+    "watchdog": (((WATCHDOG, "watchdog_s: 0.05"),), "main.watchdog_s: wrong value; found 0.05 s; allowed: a multiple"),
+    "long watchdog": (((WATCHDOG, "watchdog_s: 2.56"),), "main.watchdog_s: wrong value; found 2.56"),
     "delay": (((POWER, "return_delay_us: 3"),), "main.return_delay_us: wrong value; found 3; allowed: a multiple of 2"),
     "power elsewhere": ((("id: 200, reg", "id: 201, reg"),), "power.id: the power switch is not on its bus; found 201"),
     "power of a servo": ((("id: 200, reg", "id: 20, reg"),), "power.id: a servo cannot switch the servos' power"),

@@ -1,8 +1,23 @@
 """The checker of the wire finds what it is there for: every kind of violation is planted once."""
 
-from hardware.dynamixel.protocol2 import sync_read, sync_write
+import numpy as np
+import pytest
+
+from hardware.dynamixel.protocol2 import ping, sync_read, sync_write
 from hardware.servo import ServoSpec, find_model
-from sim.faults.wire_checker import Sent, goal_writes, violations
+from sim.faults.wire_checker import (
+    Track,
+    after_latch,
+    beyond_limits,
+    hasty,
+    not_reads,
+    once,
+    restless,
+    stood,
+    tracks,
+    woken,
+)
+from sim.faults.wire_packets import Sent, goal_writes, packets, written
 
 DT = 0.01
 SERVO = ServoSpec("knee", 7, find_model("XM430-W350"), "main", -1, 2048, -1.0, 1.0, 4.0, 40.0, gear=2.0)
@@ -18,6 +33,10 @@ def goals(angles: list[float], *, dt: float = DT, start: float = 5.0) -> list[Se
     return sent
 
 
+def ways(sent: list[Sent]) -> list[Track]:
+    return tracks(once(goal_writes(written(sent)), within=0.5 * DT), [SERVO])
+
+
 def gentle(last: float = 0.9) -> list[float]:
     """From rest, within all limits."""
     angles, speed = [0.0], 0.0
@@ -27,28 +46,64 @@ def gentle(last: float = 0.9) -> list[float]:
     return angles
 
 
-def test_goals_are_read_from_the_bytes() -> None:
-    writes = goal_writes(goals([0.0, 0.5]))
-    assert [time for time, _ in writes] == [5.0, 5.01]
-    assert writes[1][1] == {7: round(2048 - 2 * 0.5 / find_model("XM430-W350").tick_rad)}
-
-
 def test_what_is_within_limits_is_good() -> None:
-    assert violations(goals(gentle()), [SERVO], DT, latched=None) == []
+    assert beyond_limits(ways(goals(gentle())), DT) == []
 
 
 def test_goals_sent_twice_are_one() -> None:
     twice = [again for one in goals(gentle()) for again in (one, Sent(one.time + 1e-4, one.data))]
-    assert violations(twice, [SERVO], DT, latched=None) == []
-    assert violations([*twice, *goals([0.0], start=twice[-1].time + DT)], [SERVO], DT, latched=None) != []
+    assert beyond_limits(ways(twice), DT) == []
+    assert beyond_limits(ways([*twice, *goals([0.0], start=twice[-1].time + DT)]), DT) != []
 
 
-def test_every_violation_is_found() -> None:
-    def found(sent: list[Sent], latched: float | None = None) -> str:
-        return " ".join(violations(sent, [SERVO], DT, latched=latched))
+@pytest.mark.parametrize(
+    ("angles", "told"),
+    [
+        (gentle(1.2), "beyond its limits"),
+        ([0.0, 0.1, 0.2, 0.3], "too fast"),
+        ([0.0, 0.0, 0.02, 0.0, 0.02, 0.0], "too hard"),
+    ],
+)
+def test_goals_beyond_a_limit_are_found(angles: list[float], told: str) -> None:
+    assert told in " ".join(beyond_limits(ways(goals(angles)), DT))
 
-    assert "beyond its limits" in found(goals(gentle(1.2)))
-    assert "too fast" in found(goals([0.0, 0.1, 0.2, 0.3]))
-    assert "too hard" in found(goals([0.0, 0.0, 0.02, 0.0, 0.02, 0.0]))
-    assert "after the latch" in found(goals([0.0, 0.0, 0.0]), latched=5.005)
-    assert found(goals([0.0, 0.0]) + goals([0.5, 0.5], start=9.0)) == ""  # torque was off in between
+
+def test_torque_was_off_between_goals_that_are_far_apart() -> None:
+    assert beyond_limits(ways(goals([0.0, 0.0]) + goals([0.5, 0.5], start=9.0)), DT) == []
+
+
+def test_what_is_not_finite_is_found() -> None:
+    track = Track(SERVO, np.array([0.0, DT]), np.array([0.0, np.nan]), 0.001)
+    assert beyond_limits([track], DT) == ["knee (id 7): not finite"]
+
+
+def test_who_does_not_rest_is_found() -> None:
+    still = ways(goals([0.1, 0.2, 0.2, 0.2, 0.3]))
+    assert restless(still, 5.005, 5.035) == []
+    assert "still moves, by 0.0997" in restless(still, 5.005, 5.045)[0]
+    assert restless(still, 8.0, 9.0) == []
+    assert [stood(still, time) for time in (4.0, 5.015, 5.025, 5.035, 5.045)] == [True, False, True, True, False]
+
+
+def test_who_hurries_is_found() -> None:
+    way = ways(goals([0.0, 0.0, 0.03, 0.06, 0.09]))
+    assert hasty(way, 5.0, 5.1, share=1.0, dt=DT) == []
+    assert "faster than 50% of its speed" in hasty(way, 5.0, 5.1, share=0.5, dt=DT)[0]
+    assert hasty(way, 5.0, 5.015, share=0.5, dt=DT) == []
+
+
+def test_after_a_latch_only_letting_go_is_good() -> None:
+    off = written([Sent(2.0, sync_write(64, 1, [(7, b"\0")]) + sync_write(98, 1, [(7, b"\0")]))])
+    assert after_latch(off, 1.0) == []
+    assert after_latch(written(goals([0.0])), 5.0) == []
+    assert "address 116" in after_latch(written(goals([0.0])), 4.9)[0]
+    on = written([Sent(2.0, sync_write(64, 1, [(6, b"\0"), (7, b"\1")]))])
+    assert after_latch(on, 1.0) == ["address 64 was written 1.000 s after the latch"]
+    assert woken(on, 1.0) == ["torque was switched on 1.000 s after the stop began"]
+    assert woken(on, 2.0) == [] and woken(off, 1.0) == []
+
+
+def test_whatever_does_more_than_ask_is_found() -> None:
+    sent = [Sent(0.0, ping(7)), *goals([0.0])]
+    assert not_reads(list(packets(sent)), but=frozenset()) == ["instruction 0x83 went to id 254"]
+    assert not_reads(list(packets(sent)), but=frozenset((254,))) == []

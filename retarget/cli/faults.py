@@ -1,5 +1,7 @@
 """`retarget faults`: what may go wrong in a live run, done to one, and whether the robot does what it has to."""
 
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -9,59 +11,89 @@ from rich.table import Table
 from retarget.errors import UsageError, suggest
 
 if TYPE_CHECKING:
-    from sim.faults.rows import Row
+    from sim.faults.cases import Case, Result
+
+MOST_TOLD = 5
+"""Lines about what was wrong in one run."""
 
 
 def faults(
     listed: Annotated[bool, typer.Option("--list", help="Only show the table.")] = False,
     row: Annotated[str | None, typer.Option(help="Only this row.", metavar="NAME")] = None,
-    seeds: Annotated[int, typer.Option(help="Also so many runs with random pairs of faults.", metavar="N")] = 0,
-    first_seed: Annotated[int, typer.Option(help="Of the random runs.", metavar="S")] = 0,
+    seeds: Annotated[int, typer.Option(help="Also so many long runs with random faults.", metavar="N", min=0)] = 0,
+    first_seed: Annotated[int, typer.Option(help="Of the random runs.", metavar="S", min=0)] = 0,
+    seconds: Annotated[float, typer.Option(help="Virtual, of each random run.", metavar="S", min=1.0)] = 60.0,
+    pairs: Annotated[bool, typer.Option("--pairs", help="Every two rows together, too.")] = False,
+    rows: Annotated[bool, typer.Option("--rows/--no-rows", help="Every row alone.")] = True,
+    jobs: Annotated[int, typer.Option(help="Processes that share the work.", metavar="N", min=1, max=256)] = 1,
 ) -> None:
     """Hurt a live run of OP3 on emulated servos in every way of the table, idle, moving and stopping.
 
     Pipeline, gate, guard and driver are the real ones, on virtual time; goals are judged from the bytes on the wire.
     Exit code 1 when anything was not as it has to be.
     """
+    from sim.faults.cases import file_cases, pair_cases, row_cases, seed_cases
+    from sim.faults.malformed_files import MALFORMED
     from sim.faults.rows import ROWS
 
-    rows = [one for one in ROWS if row is None or one.name == row]
-    if not rows:
-        names = [one.name for one in ROWS]
+    names = [*(one.name for one in ROWS), *(one.name for one in MALFORMED)]
+    if row is not None and row not in names:
         raise UsageError(
-            "no such row", where="--row", found=repr(row), allowed=", ".join(names), next_step=suggest(row or "", names)
+            "no such row", where="--row", found=repr(row), allowed=", ".join(names), next_step=suggest(row, names)
         )
     if listed:
-        table = Table(box=None, pad_edge=False)
-        for heading in ("fault", "the robot", "within"):
-            table.add_column(heading)
-        for one in rows:
-            table.add_row(one.name, one.reaction.value, f"{one.limit:g} s" if one.limit else "-")
-        Console().print(table)
+        _show(row)
         return
-    raise typer.Exit(_run(rows, range(first_seed, first_seed + seeds)))
+    work: list[Case] = []
+    if rows or row is not None:
+        work += [case for case in (*row_cases(), *file_cases()) if row is None or case.name == row]
+    work += pair_cases() if pairs else []
+    work += seed_cases(range(first_seed, first_seed + seeds), seconds=seconds)
+    raise typer.Exit(_run(work, jobs))
 
 
-def _run(rows: "list[Row]", seeds: range) -> int:
-    from sim.faults.judge import When, judged
-    from sim.faults.seeds import judged_seed
+def _show(name: str | None) -> None:
+    from sim.faults.malformed_files import MALFORMED
+    from sim.faults.rows import ROWS
 
-    bad = 0
-    for one in rows:
-        for when in When:
-            verdict = judged(one, when=when)
-            took = "" if verdict.took is None else f", after {verdict.took:.3f} s"
-            typer.echo(f"{'ok ' if not verdict.wrong else 'BAD'} {one.name}, {when.value}{took}")
-            bad += _tell(verdict.wrong)
-    for seed in seeds:
-        verdict = judged_seed(seed)
-        typer.echo(f"{'ok ' if not verdict.wrong else 'BAD'} seed {seed}: {verdict.row}")
-        bad += _tell(verdict.wrong)
-    typer.echo(f"{bad} bad" if bad else "all as it has to be")
+    table = Table(box=None, pad_edge=False)
+    for heading in ("fault", "a robot that moves", "within", "a run that is to begin"):
+        table.add_column(heading)
+    for one in ROWS:
+        if name in (None, one.name):
+            table.add_row(one.name, one.reaction.value, f"{one.limit:g} s" if one.limit else "-", one.idle.value)
+    for file in MALFORMED:
+        if name in (None, file.name):
+            table.add_row(f"robot file: {file.name}", "-", "-", "does not begin, no port opened")
+    Console().print(table)
+
+
+def _run(work: "list[Case]", jobs: int) -> int:
+    bad = done = 0
+    with ExitStack() as stack:
+        for result in _results(work, jobs, stack):
+            done += 1
+            took = "" if result.took is None else f", after {result.took:.3f} s"
+            typer.echo(f"{'BAD' if result.wrong else 'ok '} {result.name}{took}")
+            for line in result.wrong[:MOST_TOLD]:
+                typer.echo(f"    {line}")
+            bad += bool(result.wrong)
+    typer.echo(f"{bad} of {done} bad" if bad else f"all {done} as it has to be")
     return 1 if bad else 0
 
 
-def _tell(wrong: tuple[str, ...]) -> bool:
-    for line in wrong[:5]:
-        typer.echo(f"    {line}")
-    return bool(wrong)
+def _results(work: "list[Case]", jobs: int, stack: ExitStack) -> "Iterable[Result]":
+    from sim.faults.cases import judged_case
+
+    if jobs == 1:
+        return _here(work)
+    from multiprocessing import get_context
+
+    pool = stack.enter_context(get_context("spawn").Pool(min(jobs, len(work) or 1), maxtasksperchild=200))
+    return pool.imap(judged_case, work)
+
+
+def _here(work: "list[Case]") -> "Iterator[Result]":
+    from sim.faults.cases import judged_case
+
+    return (judged_case(case) for case in work)

@@ -1,14 +1,14 @@
 """One live run of OP3 that is hurt: sender, whole pipeline, the driver's bytes, emulated servos; on virtual time."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from ipaddress import IPv4Network
 
 from hardware.bus import ServoBus
 from hardware.bus_spec import BusSpec
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard, Halt, Think
-from hardware.guard_state import GuardState, Stop
+from hardware.guard_state import GuardState
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
@@ -24,87 +24,88 @@ from retarget.performer import Performer
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared, prepare_for
 from retarget.robot_body import RobotBody
+from retarget.robot_side import RobotSide
 from retarget.samples import Performance
 from retarget.sources.json_pose import JsonPoseDecoder
 from sim.emulator.line import Line
-from sim.emulator.loopback import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.emulator.servo import EmulatedServo
 from sim.faults.sender import FakeSender
-from sim.faults.wire_checker import Sent
+from sim.faults.tapped_port import Killed, TappedPort
+from sim.faults.trace import Tick, Trace
 
 ROBOT = "op3"
-
-
-class TappedPort(EmulatedPort):
-    """Keeps what the host sends, with the time."""
-
-    def __init__(self, line: Line, clock: Clock, *, name: str, sent: list[Sent]) -> None:
-        super().__init__(line, clock, name=name)
-        self._sent = sent
-
-    def write(self, data: bytes) -> None:
-        """Send, and keep."""
-        self._sent.append(Sent(self.now(), data))
-        super().write(data)
-
-
-@dataclass
-class Trace:
-    """What was seen of a run, s of its clock. states: (time, state) of every tick; out: when which sensors took no
-    part; sent: every packet of the host; began: when following began."""
-
-    states: list[tuple[float, GuardState]] = field(default_factory=list)
-    out: list[tuple[float, frozenset[str]]] = field(default_factory=list)
-    sent: list[Sent] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
-    stop: Stop | None = None
-    began: float | None = None
-    ended: float = 0.0
-    error: str = ""
-    torque: list[int] = field(default_factory=list)
-    """Torque registers of all servos in the end."""
-
-    def first(self, state: GuardState, since: float) -> float | None:
-        """When a state was first seen from a time on, s."""
-        return next((time for time, seen in self.states if time >= since and seen is state), None)
+LISTED = IPv4Network("127.0.0.0/8")
+AFTERWARDS_S = 0.3
+"""So long the servos are looked at after the host has ended."""
 
 
 class Bench:
-    """A run that can be hurt. `at` calls something once at a time, s after following began."""
+    """A run that can be hurt. `at` calls something once at a time, s after following began.
 
-    def __init__(self, sender: FakeSender, *, duration: float, seed: int = 0) -> None:
+    stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: without it nothing keeps goals from harm.
+    """
+
+    def __init__(
+        self, sender: FakeSender, *, duration: float, seed: int = 0, performer: str = "five", gate: bool = True
+    ) -> None:
         self.sender, self.clock, self.trace = sender, VirtualClock(), Trace()
         self.lines: dict[str, Line] = {}
+        self.ports: dict[str, TappedPort] = {}
+        self.stop_asked = False
+        self.undo: list[Callable[[], object]] = []
         self.robot: RobotBody
+        self.side: RobotSide
         self.guard: Guard
         self.stream: LiveStream
-        self._duration, self._seed = duration, seed
+        self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
         self._due: list[tuple[float, Callable[[], object]]] = []
+
+    @property
+    def servos(self) -> list[EmulatedServo]:
+        """All emulated servos."""
+        return [one for line in self.lines.values() for one in line.devices if isinstance(one, EmulatedServo)]
+
+    def servo(self, device: int) -> EmulatedServo:
+        """The one of an id."""
+        return next(one for one in self.servos if one.id == device)
 
     def at(self, time: float, act: Callable[[], object]) -> None:
         """Call `act` at a time, s after following began; a time below 0: before the bus is opened."""
         self._due.append((time, act))
 
+    def kill(self) -> None:
+        """The host is gone, from now on."""
+        self.trace.gone = self.clock.now()
+        for port in self.ports.values():
+            port.dead = True
+        raise Killed
+
     def run(self) -> Trace:
         """Run it; whatever is refused is in the trace."""
-        options = RunOptions(robot=ROBOT, bus="emulator")
+        options = RunOptions(robot=ROBOT, bus="emulator", performer=self._performer, gate=self._gate)
         try:
-            with prepare_for(self._perform, options, clock=self.clock, make_bus=self._bus, parks=True) as prepared:
+            with prepare_for(
+                self._perform, options, clock=self.clock, make_bus=self._bus, parks=True, tell=self.trace.said.append
+            ) as prepared:
                 self._watch(prepared)
+        except Killed:
+            pass
         except Exception as error:  # noqa: BLE001 - what a run ends with is what is judged
             self.trace.error = f"{type(error).__name__}: {error}"
+        finally:
+            for act in self.undo:
+                act()
         self.trace.ended = self.clock.now()
-        self.trace.torque = [
-            device.memory.value("torque_enable")
-            for line in self.lines.values()
-            for device in line.devices
-            if isinstance(device, EmulatedServo)
-        ]
+        self.clock.advance(AFTERWARDS_S)
+        for servo in self.servos:
+            servo.catch_up(self.clock.now())
+        self.trace.torque = [servo.memory.value("torque_enable") for servo in self.servos]
         return self.trace
 
     def _watch(self, prepared: Prepared) -> None:
         assert prepared.side is not None and isinstance(prepared.samples, LivePerformer)
+        self.side = prepared.side
         self.guard = guard = prepared.side.guard
         samples, trace = prepared.samples, self.trace
         tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
@@ -114,12 +115,10 @@ class Bench:
             now = self.clock.now()
             if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
                 trace.began = now
-            trace.states.append((now, state))
-            if trace.began is not None:
-                due = [one for one in self._due if now >= trace.began + one[0]]
-                self._due = [one for one in self._due if one not in due]
-                for _, act in due:
-                    act()
+            trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.slow))
+            if trace.rebased is None and self.stream.clock_map.jumps:
+                trace.rebased = now
+            self._act(now)
             return state
 
         def sampled(index: int) -> object:
@@ -132,9 +131,17 @@ class Bench:
         guard.tick = ticking  # type: ignore[method-assign]
         samples.sample = sampled  # type: ignore[method-assign, assignment]
         try:
-            prepared.run(Watch())
+            prepared.run(Watch(stop_asked=lambda: self.stop_asked))
         finally:
             trace.stop = guard.stop_reason
+
+    def _act(self, now: float) -> None:
+        """Do what is due."""
+        if self.trace.began is not None and self._due:
+            due = [one for one in self._due if now >= self.trace.began + one[0]]
+            self._due = [one for one in self._due if one not in due]
+            for _, act in due:
+                act()
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
@@ -144,7 +151,7 @@ class Bench:
             self.sender,
             JsonPoseDecoder(),
             roles,
-            admission=Admission(),
+            admission=Admission(allow=(LISTED,)),
             clock_map=ClockMap(),
             trust=Trust(roles.sensors),
             playout=Playout(count, delay=PlayoutDelay()),
@@ -161,12 +168,36 @@ class Bench:
         start = robot.joint_map.to_ticks(stand)
         self.robot = robot
         buses = robot.profile.bus_specs()
-        self.lines = robot_lines(robot.joint_map.servos, buses, start=start, now=clock.now(), seed=self._seed)
+        self.lines = robot_lines(
+            robot.joint_map.servos, buses, start=start, now=clock.now(), seed=self._seed, powered=True
+        )
 
-        def port(bus: BusSpec) -> EmulatedPort:
-            return TappedPort(self.lines[bus.name], clock, name=f"emulated {bus.port}", sent=self.trace.sent)
+        for servo in self.servos:
+            self._tap(servo)
 
+        def port(bus: BusSpec) -> TappedPort:
+            made = TappedPort(self.lines[bus.name], clock, name=f"emulated {bus.port}", sent=self.trace.sent)
+            self.ports[bus.name] = made
+            return made
+
+        made = DynamixelBus(robot.joint_map, buses, port, tell=self.trace.said.append)
         for _, act in [one for one in self._due if one[0] < 0.0]:
             act()
         self._due = [one for one in self._due if one[0] >= 0.0]
-        return DynamixelBus(robot.joint_map, buses, port, tell=self.trace.said.append)
+        return made
+
+    def _tap(self, servo: EmulatedServo) -> None:
+        """Note when a servo drives no more."""
+        trip, switch, gone = servo._trip, servo._set_torque, self.trace.let_go
+
+        def tripped() -> None:
+            trip()
+            gone.append((servo.shaft.time, servo.id))
+
+        def switched(on: bool, now: float) -> None:
+            had = servo.shaft.torque
+            switch(on, now)
+            if had and not servo.shaft.torque:
+                gone.append((now, servo.id))
+
+        servo._trip, servo._set_torque = tripped, switched  # type: ignore[method-assign]

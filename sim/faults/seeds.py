@@ -1,15 +1,33 @@
-"""Random pairs of faults: the same seed gives the same run."""
+"""Random runs: faults of the table one after another, at random times, until one of them ends the run."""
 
 import random
 
-from sim.faults.judge import Verdict, judged_pair
+from sim.faults.always import violations
+from sim.faults.bench import Bench
+from sim.faults.judge import ENGAGING_S, Verdict
+from sim.faults.reaction import Reaction, Row
 from sim.faults.rows import ROWS
+from sim.faults.sender import FakeSender
 
 __all__ = ["judged_seed"]
 
+HARMLESS = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.REBASE, Reaction.RESUME, Reaction.OUT, Reaction.SLOW)
+"""What a run outlives: of these there may be several, of the others there is one, which may come at any time."""
+FEWEST, MOST = 2, 5
 
-def judged_seed(seed: int) -> Verdict:
-    """Two rows at random times, maybe the same one twice."""
+
+def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
+    """A run of so many virtual seconds of following, unless a fault ends it: what may never be is judged."""
     chance = random.Random(seed)
-    first, second = chance.choice(ROWS), chance.choice(ROWS)
-    return judged_pair(first, second, at=chance.uniform(0.2, 1.5), gap=chance.choice((0.0, 0.02, 0.2, 0.8)), seed=seed)
+    mild, harsh = ([row for row in ROWS if (row.reaction in HARMLESS) is harmless] for harmless in (True, False))
+    plan: list[tuple[float, Row]] = [
+        (chance.uniform(0.1, 0.9 * seconds), chance.choice(mild)) for _ in range(chance.randint(FEWEST, MOST))
+    ]
+    last = chance.uniform(0.5, 0.98) * seconds
+    plan += [(last, chance.choice(harsh)), (last + chance.choice((0.0, 0.02, 0.2, 0.8)), chance.choice(ROWS))]
+    bench = Bench(FakeSender(seed=seed + 3), duration=ENGAGING_S + seconds, seed=seed, performer="six")
+    for at, row in sorted(plan, key=lambda one: one[0]):
+        row.hurt(bench, at)
+    trace = bench.run()
+    names = ", ".join(f"{row.name} at {at:.1f} s" for at, row in sorted(plan, key=lambda one: one[0]))
+    return Verdict(names, tuple(violations(bench, trace)), None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from retarget.frames import SensorFrames
-from retarget.live.datagram import Datagram, Source
+from retarget.live.datagram import MOST_PER_POLL, Datagram, Source
 from retarget.rotations import FloatArray
 from retarget.sources.stream_frame import Dropped
 from sim.performer import synthetic_performer
@@ -16,6 +16,8 @@ STILL_S = 2.0
 """So long the performer stands still first."""
 NOISE_M = 0.0005
 JITTER_S = 0.004
+MOST_WAITING = 256
+"""Datagrams that the kernel keeps for a socket of its usual size; what comes after them is lost."""
 
 Poses = dict[str, FloatArray]
 SenderFault = Callable[[float, Poses], Poses | None]
@@ -48,6 +50,7 @@ class FakeSender:
         self._sent = 0
         self._begun: float | None = None
         self._polled = 0.0
+        self._queue: list[Datagram] = []
 
     @property
     def begun(self) -> float:
@@ -69,7 +72,10 @@ class FakeSender:
         for other in self.others:
             found += other(self._polled - self._begun, now - self._begun)
         self._polled = now
-        return found[:128]
+        self._queue += sorted(found, key=lambda one: one.arrival)
+        del self._queue[MOST_WAITING:]
+        taken, self._queue = self._queue[:MOST_PER_POLL], self._queue[MOST_PER_POLL:]
+        return taken
 
     def close(self) -> None:
         """Nothing is open."""
@@ -100,9 +106,26 @@ def silent(first: float, last: float) -> SenderFault:
     return lambda time, poses: None if first <= time < last else poses
 
 
-def flapping(first: float, last: float, period: float = 0.3) -> SenderFault:
-    """Half of the time nothing is sent."""
-    return lambda time, poses: None if first <= time < last and (time / period) % 1.0 < 0.6 else poses
+def flapping(period: float = 0.3) -> SenderFault:
+    """From the first call on: most of the time nothing is sent."""
+    begun: list[float] = []
+
+    def fault(time: float, poses: Poses) -> Poses | None:
+        begun[:] = begun or [time]
+        return None if ((time - begun[0]) / period) % 1.0 < 0.6 else poses
+
+    return fault
+
+
+def pausing(length: float) -> SenderFault:
+    """From the first call on nothing is sent for `length` s."""
+    begun: list[float] = []
+
+    def fault(time: float, poses: Poses) -> Poses | None:
+        begun[:] = begun or [time]
+        return None if time - begun[0] < length else poses
+
+    return fault
 
 
 def lost(name: str, first: float, last: float) -> SenderFault:

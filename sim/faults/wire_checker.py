@@ -1,79 +1,71 @@
-"""Judges what a host put on the wires, from the bytes alone: goals inside limits, slow enough, none after a latch.
+"""Judges what a host put on the wires, from the bytes alone: goals inside limits, slow enough, at rest when they should
+be, none after a latch.
 
-Shares nothing with the code that it judges: frames of protocol 2.0 are taken apart here once more.
+Shares nothing with the code that it judges.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from struct import unpack_from
 
 import numpy as np
 
 from hardware.servo import ServoSpec
 from retarget.rotations import FloatArray
+from sim.faults.wire_packets import READS, TORQUE_ENABLE, WATCHDOG, Packet, Written
 
-HEADER = b"\xff\xff\xfd\x00"
-SYNC_WRITE = 0x83
-GOAL_POSITION, GOAL_SIZE = 116, 4
 TICKS_OF_TOLERANCE = 3
 """Ticks by which a difference of goals may miss a limit: goals are rounded, once for each of the goals in it."""
 LATE_S = 0.5
 """Goals further apart than this are no motion from one to the other: torque was off in between."""
+Goals = Sequence[tuple[float, dict[int, int]]]
+"""Times (s) and goals (ticks by id)."""
 
 
-@dataclass(frozen=True)
-class Sent:
-    """A packet of the host. time: s."""
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One servo's goals: times (T,) s, angle (T,) rad of the joint; step: rad of the joint per tick."""
 
-    time: float
-    data: bytes
-
-
-def goal_writes(sent: Sequence[Sent]) -> list[tuple[float, dict[int, int]]]:
-    """Times (s) and goals (ticks by id) of every sync write of goal positions."""
-    found = []
-    for packet in sent:
-        at = packet.data.find(HEADER)
-        while at >= 0:
-            length = int.from_bytes(packet.data[at + 5 : at + 7], "little")
-            body = packet.data[at + 7 : at + 7 + length - 2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
-            if len(body) > 5 and body[0] == SYNC_WRITE and body[1:5] == bytes((GOAL_POSITION, 0, GOAL_SIZE, 0)):
-                items = range(5, len(body) - GOAL_SIZE, GOAL_SIZE + 1)
-                found.append((packet.time, {body[k]: unpack_from("<i", body, k + 1)[0] for k in items}))
-            at = packet.data.find(HEADER, at + 7)
-    return found
+    servo: ServoSpec
+    times: FloatArray
+    angle: FloatArray
+    step: float
 
 
-def violations(sent: Sequence[Sent], servos: Sequence[ServoSpec], dt: float, *, latched: float | None) -> list[str]:
-    """What is wrong with the goals of plain servos (no couplings), a line each. latched: s, when the guard latched a
-    stop that leaves nothing to send."""
-    writes = _once(goal_writes(sent), within=0.5 * dt)
-    found = [f"a goal {time - latched:.3f} s after the latch" for time, _ in writes if latched and time > latched]
-    for servo in servos:
-        times = np.array([time for time, goals in writes if servo.id in goals])
-        ticks = np.array([goals[servo.id] for _, goals in writes if servo.id in goals], dtype=np.float64)
-        if ticks.size:
-            found += _of_servo(servo, times, (ticks - servo.zero_tick) / servo.ticks_per_rad, dt)
-    return found
-
-
-def _once(writes: Sequence[tuple[float, dict[int, int]]], *, within: float) -> list[tuple[float, dict[int, int]]]:
+def once(goals: Goals, *, within: float) -> Goals:
     """Goals that are sent again at once, as on a noisy line, are one goal."""
     found: list[tuple[float, dict[int, int]]] = []
-    for time, goals in writes:
-        if not (found and goals == found[-1][1] and time - found[-1][0] < within):
-            found.append((time, goals))
+    for time, goal in goals:
+        if not (found and goal == found[-1][1] and time - found[-1][0] < within):
+            found.append((time, goal))
     return found
 
 
-def _of_servo(servo: ServoSpec, times: FloatArray, angle: FloatArray, dt: float) -> list[str]:
-    """One servo's goals (T,), rad of the joint."""
-    step = servo.model.tick_rad / servo.gear
+def tracks(goals: Goals, servos: Sequence[ServoSpec]) -> list[Track]:
+    """The goals of each of the plain servos (no couplings) that got any."""
+    found = []
+    for servo in servos:
+        own = [(time, goal[servo.id]) for time, goal in goals if servo.id in goal]
+        if own:
+            times, ticks = np.array(own, dtype=np.float64).T
+            angle = (ticks - servo.zero_tick) / servo.ticks_per_rad
+            found.append(Track(servo, times, angle, servo.model.tick_rad / servo.gear))
+    return found
+
+
+def beyond_limits(ways: Sequence[Track], dt: float) -> list[str]:
+    """What is wrong with goals that come every `dt` s, a line each."""
+    return [text for track in ways for text in _of_servo(track, dt)]
+
+
+def _of_servo(track: Track, dt: float) -> list[str]:
+    servo, angle, step = track.servo, track.angle, track.step
+    if not np.isfinite(angle).all():
+        return [f"{servo.label}: not finite"]
     found = []
     beyond = max(float((servo.lower - angle).max()), float((angle - servo.upper).max()))
     if beyond > step:
         found.append(f"{servo.label}: {beyond:.3f} rad beyond its limits")
-    moved, apart = np.diff(angle), np.diff(times)
+    moved, apart = np.diff(angle), np.diff(track.times)
     near = apart < LATE_S
     fast = np.abs(moved[near]) - servo.max_velocity * dt - TICKS_OF_TOLERANCE * step
     if fast.size and fast.max() > 0.0:
@@ -83,3 +75,54 @@ def _of_servo(servo: ServoSpec, times: FloatArray, angle: FloatArray, dt: float)
     if hard.size and hard.max() > 0.0:
         found.append(f"{servo.label}: {hard.max() / dt**2:.0f} rad/s^2 too hard")
     return found
+
+
+def restless(ways: Sequence[Track], first: float, last: float) -> list[str]:
+    """Who is sent somewhere else between two times, s, a line each."""
+    found = []
+    for track in ways:
+        within = track.angle[(track.times >= first) & (track.times < last)]
+        if within.size and np.ptp(within) > 0.0:
+            found.append(f"{track.servo.label} still moves, by {np.ptp(within):.4f} rad")
+    return found
+
+
+def stood(ways: Sequence[Track], time: float) -> bool:
+    """Whether the last two goals of everybody before a time, s, were the same."""
+    return all(len(set(track.angle[track.times <= time][-2:].tolist())) <= 1 for track in ways)
+
+
+def hasty(ways: Sequence[Track], first: float, last: float, *, share: float, dt: float) -> list[str]:
+    """Who goes faster than a share of its greatest speed between two times, s, a line each."""
+    found = []
+    for track in ways:
+        within = track.angle[(track.times >= first) & (track.times < last)]
+        fast = np.abs(np.diff(within)) - share * track.servo.max_velocity * dt - TICKS_OF_TOLERANCE * track.step
+        if fast.size and fast.max() > 0.0:
+            found.append(f"{track.servo.label}: {fast.max() / dt:.2f} rad/s faster than {share:.0%} of its speed")
+    return found
+
+
+def after_latch(writes: Sequence[Written], latched: float) -> list[str]:
+    """What was written after a latch, s, that is not to let go of the robot: once of each kind."""
+    wrong = {
+        f"address {one.address} was written {one.time - latched:.3f} s after the latch"
+        for one in writes
+        if one.time > latched and not (one.address in (TORQUE_ENABLE, WATCHDOG) and not any(one.values.values()))
+    }
+    return sorted(wrong)[:3]
+
+
+def woken(writes: Sequence[Written], since: float) -> list[str]:
+    """Who was given torque from a time on, s."""
+    again = [one for one in writes if one.time > since and one.address == TORQUE_ENABLE and any(one.values.values())]
+    return [f"torque was switched on {one.time - since:.3f} s after the stop began" for one in again[:1]]
+
+
+def not_reads(packets: Sequence[Packet], *, but: frozenset[int]) -> list[str]:
+    """Instructions that do more than ask; `but` for devices (ids) that are no servos."""
+    return [
+        f"instruction 0x{one.instruction:02x} went to id {one.id}"
+        for one in packets
+        if one.instruction not in READS and one.id not in but
+    ][:3]

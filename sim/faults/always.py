@@ -1,0 +1,63 @@
+"""What has to be true of every run, whatever was done to it."""
+
+from hardware.guard_state import GuardState
+from sim.faults.bench import Bench
+from sim.faults.trace import Trace
+from sim.faults.wire_checker import Track, after_latch, beyond_limits, hasty, once, restless, tracks, woken
+from sim.faults.wire_clearance import collisions
+from sim.faults.wire_packets import Written, goal_writes, torque_off, written
+
+REST_S = 0.35
+"""From the beginning of a hold until goals stand still; of a stop, until they are no faster than on the way home."""
+OFF_S = 3.0
+"""From the beginning of a stop until torque is off."""
+SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
+
+
+def violations(bench: Bench, trace: Trace) -> list[str]:
+    """Everything that may never be, a line each."""
+    if not hasattr(bench, "robot"):
+        return []
+    robot, writes = bench.robot, written(trace.sent)
+    dt = 1.0 / robot.profile.safety.rate_hz
+    ways = tracks(once(goal_writes(writes), within=0.5 * dt), robot.joint_map.servos)
+    wrong = beyond_limits(ways, dt) + collisions(robot, ways)
+    for first, last in trace.holds:
+        wrong += [f"in a hold {text}" for text in restless(ways, first + REST_S, last - dt)]
+    wrong += _stop(bench, trace, ways, writes, dt)
+    if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
+        wrong.append("nothing was done, and nobody was told why")
+    return wrong + _torque(bench, trace)
+
+
+def _stop(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], dt: float) -> list[str]:
+    """A stop goes on to its end, and nothing else."""
+    begun = trace.latched
+    if begun is None:
+        return []
+    wrong = [
+        f"{tick.state.value} after a stop" for tick in trace.ticks if tick.time >= begun and tick.state not in SETTLED
+    ]
+    before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
+    wrong += woken(writes, before)
+    off = torque_off(writes, before)
+    if off is None:
+        if trace.gone is None and not trace.mute:
+            wrong.append("torque was never told to go off")
+    elif off - begun > OFF_S:
+        wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
+    ended = trace.first(GuardState.STOPPED, begun)
+    if ended is not None:
+        wrong += after_latch(writes, ended)
+    share = bench.robot.profile.safety.speed_caps.approach
+    return wrong[:5] + hasty(ways, begun + REST_S, trace.ended, share=share, dt=dt)
+
+
+def _torque(bench: Bench, trace: Trace) -> list[str]:
+    """In the end nobody has torque, or a person knows; those of a host that is gone stand by their watchdogs."""
+    if not any(trace.torque):
+        return []
+    if trace.gone is not None:
+        return [] if all(servo.tripped or not servo.shaft.torque for servo in bench.servos) else ["servos still drive"]
+    told = trace.error or (trace.stop is not None and trace.stop.powered)
+    return [] if told else ["torque is on in the end, and nobody was told"]

@@ -1,0 +1,118 @@
+"""Rows of the fault table: what goes wrong in the host itself, or is done to it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from unittest.mock import patch
+
+import numpy as np
+
+from retarget.follow import RobotPosture
+from retarget.human_posture import HumanPosture
+from sim.faults.bench import Bench
+from sim.faults.reaction import Idle, Reaction, Row
+from sim.faults.stream_rows import later
+
+__all__ = ["HOST_ROWS"]
+
+HOUR_S = 3600.0
+INWARDS = "l_hip_yaw", -1.2, 1.5
+"""A joint, rad, that turns the left leg into the right one, and the speed (rad/s) at which it is asked for."""
+
+
+def _wall_clock(by: float) -> Callable[[Bench, float], object]:
+    """Somebody sets the wall clock."""
+
+    def leap(bench: Bench) -> None:
+        seconds, nanoseconds = time.time, time.time_ns
+        for patched in (
+            patch.object(time, "time", lambda: seconds() + by),
+            patch.object(time, "time_ns", lambda: nanoseconds() + int(by * 1e9)),
+        ):
+            patched.start()
+            bench.undo.append(patched.stop)
+
+    return later(leap)
+
+
+def _raising(bench: Bench) -> None:
+    def broken(now: float) -> object:
+        raise ArithmeticError("forced")
+
+    bench.stream.read = broken  # type: ignore[method-assign, assignment]
+
+
+def _follower(
+    change: Callable[[Bench, RobotPosture], RobotPosture], times: int | None = None
+) -> Callable[[Bench], None]:
+    """What the robot's stage finds is something else, so many times."""
+
+    def hurt(bench: Bench) -> None:
+        follower, left = bench.side._follower, [times]
+        step = follower.step
+
+        def changed(human: HumanPosture, dt: float) -> RobotPosture:
+            posture = step(human, dt)
+            if left[0] == 0:
+                return posture
+            left[0] = None if left[0] is None else left[0] - 1
+            if bench.trace.acted is None:
+                bench.trace.acted = bench.clock.now()
+            return change(bench, posture)
+
+        follower.step = changed  # type: ignore[method-assign]
+
+    return hurt
+
+
+def _when_following(act: Callable[[Bench], None]) -> Callable[[Bench, float], object]:
+    """Done as soon as there is somebody to do it to."""
+    return lambda bench, at: bench.at(max(at, 0.0), lambda: act(bench))
+
+
+def _late(bench: Bench, posture: RobotPosture) -> RobotPosture:
+    bench.clock.advance(1.0 / bench.robot.profile.safety.rate_hz)
+    return posture
+
+
+def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:
+    return replace(posture, q=np.full_like(posture.q, np.nan), joint_positions=posture.joint_positions + np.nan)
+
+
+def _inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
+    """A stage that has lost its observers turns a leg into the other, within all limits of the joint."""
+    joint, angle, speed = INWARDS
+    servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
+    column = servos.joints.index(joint)
+    goal, sent, moved = posture.joint_positions.copy(), bench.side._sent, bench.side._moved
+    change = 0.5 * float(servos.max_acceleration[column]) * dt * dt
+    way = np.clip(angle - sent[column], -speed * dt, speed * dt)
+    goal[column] = sent[column] + np.clip(way, moved[column] - change, moved[column] + change)
+    q = posture.q.copy()
+    q[bench.robot.servo_columns] = goal
+    bench.trace.asked.append((bench.clock.now(), goal))
+    return replace(posture, q=q, joint_positions=goal)
+
+
+def _suspended(bench: Bench) -> None:
+    bench.clock.advance(1.0)
+
+
+def _signal(bench: Bench) -> None:
+    bench.stop_asked = True
+
+
+HOST_ROWS: tuple[Row, ...] = (
+    Row("wall clock an hour on", Reaction.NONE, 0.0, _wall_clock(HOUR_S)),
+    Row("wall clock an hour back", Reaction.NONE, 0.0, _wall_clock(-HOUR_S)),
+    Row("solver not finite", Reaction.STAND, 0.050, _when_following(_follower(_not_finite))),
+    Row("solver not finite once", Reaction.NONE, 0.0, _when_following(_follower(_not_finite, 1))),
+    Row("deadline missed", Reaction.HOLD, 0.030, _when_following(_follower(_late))),
+    Row("deadline missed once", Reaction.NONE, 0.0, _when_following(_follower(_late, 1))),
+    Row("clearance below margin", Reaction.GATED, 0.0, _when_following(_follower(_inwards)), after=1.2),
+    Row("exception in the tick", Reaction.STOP, 0.020, later(_raising), Idle.ANY, said=""),
+    Row("kill -9", Reaction.GONE, 0.120, later(Bench.kill), Idle.ONLY_READS, watchdog=0.120),
+    Row("stopped for a second", Reaction.STOP, 1.020, later(_suspended), watchdog=0.120),
+    Row("SIGINT, SIGTERM", Reaction.STOP, 0.020, later(_signal), ends=4.0),
+    Row("person stops it", Reaction.STOP, 0.020, _when_following(lambda bench: bench.guard.stop("space bar"))),
+)
