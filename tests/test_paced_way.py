@@ -50,15 +50,14 @@ def test_left_and_taken_up_again_it_comes_back_from_where_the_robot_stands_witho
     for _ in range(10):
         last = way.next()
     way.leave()
-    assert way.left and not way.done
-    here = last + beside
+    before, here = (way.left, way.done), last + beside
     got = [here]
     while not way.done:
         got.append(way.next(here=here))
     most = np.abs(np.diff(ROWS, axis=0)).max(axis=0) + 1.5 * np.abs(beside) / REJOINING
     steps = np.diff(got, axis=0)
     assert (np.abs(steps) <= most * 1.001).all() and (np.abs(steps[0]) < 0.02 * most).all()
-    assert not way.left and np.array_equal(got[-1], ROWS[-1])
+    assert before == (True, False) and np.array_equal(got[-1], ROWS[-1])
 
 
 def test_left_at_its_end_it_is_gone_back_to() -> None:
