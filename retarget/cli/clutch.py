@@ -56,7 +56,7 @@ class Clutch:
         held = dead_man.held(pressed, self._clock.now())
         if dead_man.lost and not self._lost:
             self._lost = True
-            self._tell(f"{dead_man.lost}: it counts as let go; space stops")
+            self._tell(f"{dead_man.lost}: it counts as let go, for good; stop the run")
         if held != self._held:
             self._held = held
             self._tell("held" if held else "let go: the robot holds")
