@@ -6,7 +6,7 @@ import pytest
 from retarget.live.rejoin import Rejoin
 from retarget.live.trust import LEAPT, Trust
 from retarget.live.trust_state import TrustState
-from trust_rig import LAG, NAMES, Stream, judge, walk
+from trust_rig import HOME, LAG, NAMES, Stream, judge, walk
 
 RATES = (50.0, 120.0)
 L_WRIST, R_WRIST, L_ANKLE = NAMES.index("l_wrist"), NAMES.index("r_wrist"), NAMES.index("l_ankle")
@@ -261,3 +261,25 @@ def test_parts_in_many_datagrams_are_judged_alike() -> None:
         states.append(trust.judge(time + LAG))
     assert set(np.unique(states[100:149])) == {TrustState.FRESH, TrustState.SWAPPED}
     assert (np.array(states)[100:149, [L_WRIST, R_WRIST]] == TrustState.SWAPPED).all()
+
+
+def test_what_has_mended_before_anybody_moved_is_not_told() -> None:
+    trust, sensors = Trust(("head", "l_wrist")), np.arange(2)
+    chance = np.random.default_rng(2)
+
+    def tell(rows: np.ndarray, begin: float) -> None:
+        for time in np.arange(begin, begin + 1.0, 0.01):
+            place = HOME[rows] + chance.normal(0.0, 0.001, (len(rows), 3))
+            facing = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
+            trust.take(rows, time, position=place, orientation=facing, tracked=np.ones(len(rows), dtype=bool))
+            trust.judge(time)
+
+    tell(sensors, 1.0)
+    trust.messages()
+    trust.judge(4.0)  # nobody was heard
+    tell(sensors[:1], 4.0)
+    trust.forget_mended()
+    (text,) = trust.messages()
+    assert text.startswith("l_wrist: nothing that can be used")
+    tell(sensors, 5.0)
+    assert trust.messages() == ["l_wrist: back"]

@@ -159,6 +159,7 @@ class LivePerformer:
         if self._rejoin is None:  # the body has not moved yet
             self._rejoin = Rejoin(len(heard.states))
             self._rejoin.start(heard.states)
+            self.stream.trust.forget_mended()
         took_part = self._rejoin.weights > 0.5
         believed = self._rejoin.step(heard.states, self.dt) > 0.0
         doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)

@@ -136,6 +136,13 @@ class Trust:
         self._changes.clear()
         return told
 
+    def forget_mended(self) -> None:
+        """Say nothing of sensors that are believed by now, whatever was wrong with them before."""
+        fresh = {name for name, state in zip(self.names, self._states, strict=True) if state == TrustState.FRESH}
+        kept = [change for change in self._changes if change.name not in fresh]
+        self._changes.clear()
+        self._changes.extend(kept)
+
     def _explain(self, states: StateArray, stale: BoolArray, now: float) -> None:
         """Why nothing was accepted: never heard, or outside the room."""
         assert self._began is not None
