@@ -336,6 +336,30 @@ def frame_bounds(
     """Displacement box (lo, hi), each (n,), of one frame of dt seconds: velocity, acceleration, and a braking
     distance that stays inside lower and upper. A start beyond a limit may only come back. Always lo <= hi."""
 
+def along_arc(a: Floats, b: Floats, share: Floats) -> Floats:
+    """Orientations (k, 4) wxyz on the short arcs from unit quaternions a (k, 4) through b (k, 4), at shares (k,) of the
+    way, which may exceed 1. NaN spreads."""
+
+@final
+class PoseFilter:
+    """The One-Euro filter on the poses of `count` sensors; see `retarget.live.pose_filter`.
+
+    position, orientation: (cutoff at rest in Hz, Hz that it rises per m/s or rad/s, cutoff of the speed's own filter in
+    Hz), positive; None leaves that part as it is.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        *,
+        position: tuple[float, float, float] | None,
+        orientation: tuple[float, float, float] | None,
+    ) -> None: ...
+    def step(self, time: Floats, position: Floats, orientation: Floats) -> tuple[Floats, Floats]:
+        """Filtered positions (k, 3) and orientations (k, 4) wxyz of poses at times (k,) in s. NaN in, NaN out."""
+    def reset(self, rows: NDArray[np.bool_]) -> None:
+        """Forget rows (k,): their next pose is taken as it is."""
+
 def shape_distances(
     kinds_a: NDArray[np.int64],
     sizes_a: Floats,

@@ -8,23 +8,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from retarget import rotations
-from retarget.live.one_euro import OneEuro, OneEuroSettings
+from retarget.live.one_euro import OneEuroSettings
+from retarget.live.pose_filter import PoseFilter
 from retarget.rotations import FloatArray
 
 SETTINGS = OneEuroSettings(min_cutoff=1.0, beta=0.5, d_cutoff=1.0)
 
 
-def times(count: int, now: float) -> FloatArray:
-    return np.full(count, now)
+class Filtered:
+    """Positions alone: k vectors of 3."""
+
+    def __init__(self, count: int, settings: OneEuroSettings = SETTINGS) -> None:
+        self._poses = PoseFilter(count, position=settings, orientation=None)
+        self._turns = np.zeros((count, 4))
+        self.reset = self._poses.reset
+
+    def step(self, time: FloatArray, value: FloatArray) -> FloatArray:
+        return self._poses.step(time, value, self._turns)[0]
 
 
 def run(values: FloatArray, dt: FloatArray, settings: OneEuroSettings = SETTINGS) -> FloatArray:
-    """Filtered track (n, k, d) of a track (n, k, d), with n - 1 time steps."""
-    euro, now = OneEuro(values.shape[1], values.shape[2], settings), 3.0
+    """Filtered track (n, k, 3) of a track (n, k, 3), with n - 1 time steps."""
+    euro, now = Filtered(values.shape[1], settings), 3.0
     found = []
     for value, step in zip(values, [0.0, *dt], strict=True):
         now += float(step)
-        found.append(euro.step(times(values.shape[1], now), value))
+        found.append(euro.step(np.full(values.shape[1], now), value))
     return np.array(found)
 
 
@@ -41,7 +50,7 @@ def test_it_is_the_filter_of_the_paper() -> None:
         speed += alpha(1.0, step) * ((value - expected[-1]) / step - speed)
         share = alpha(1.0 + 0.5 * abs(speed), step)
         expected.append(share * value + (1.0 - share) * expected[-1])
-    assert run(values[:, None, None], dt)[:, 0, 0] == pytest.approx(np.array(expected), abs=1e-12)
+    assert run(values[:, None, None] * [1.0, 0.0, 0.0], dt)[:, 0, 0] == pytest.approx(np.array(expected), abs=1e-12)
 
 
 @settings(max_examples=10)
@@ -80,13 +89,13 @@ def test_turning_the_world_turns_the_result() -> None:
 
 
 def test_rows_have_their_own_times_and_are_forgotten_one_by_one() -> None:
-    euro = OneEuro(3, 2, SETTINGS)
-    one, two = np.zeros((3, 2)), np.ones((3, 2))
+    euro = Filtered(3)
+    one, two = np.zeros((3, 3)), np.ones((3, 3))
     euro.step(np.array([1.0, 2.0, nan]), one)
     found = euro.step(np.array([1.0, 2.1, 5.0]), two)
     assert (found[0] == 0.0).all() and (found[1] > 0.0).all() and (found[1] < 1.0).all() and (found[2] == 1.0).all()
     missing = np.where([[False], [True], [False]], nan, two)
-    assert np.isnan(euro.step(np.array([1.1, 2.2, 5.1]), missing)).tolist() == [[False] * 2, [True] * 2, [False] * 2]
+    assert np.isnan(euro.step(np.array([1.1, 2.2, 5.1]), missing)).tolist() == [[False] * 3, [True] * 3, [False] * 3]
     again = euro.step(np.array([1.2, 2.2, 5.2]), two)
     assert (found[1] < again[1]).all() and (again[1] < 1.0).all()
     euro.reset(np.array([True, False, False]))

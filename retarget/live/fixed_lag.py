@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget.frames import BoolArray
-from retarget.live.arcs import FOUR
+from retarget.live.pose_ring import FOUR
 from retarget.rotations import FloatArray
 
 __all__ = ["FixedLag", "Smoothed"]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget._solver import along_arc
 from retarget.frames import BoolArray
-from retarget.live.arcs import FOUR, along_arc
 from retarget.live.playout_delay import PlayoutDelay
-from retarget.live.pose_ring import EMPTY, Index, PoseRing
+from retarget.live.pose_ring import EMPTY, FOUR, Index, PoseRing
 from retarget.rotations import FloatArray
 from retarget.sources.stream_frame import Dropped
 

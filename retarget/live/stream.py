@@ -22,7 +22,7 @@ __all__ = ["Heard", "LiveStream"]
 
 PARTNER_S = 0.1
 """[s] A pose that is told in parts (position here, rotation there) is put together from parts this near in time."""
-_GOES_ON = (TrustState.FRESH, TrustState.FROZEN)
+_GONE = np.array([state not in (TrustState.FRESH, TrustState.FROZEN) for state in TrustState])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ class LiveStream:
         played, states = self.playout.read(now), self.trust.judge(now)
         if self._smooth is None:
             return Heard(played.position, played.orientation, states)
-        gone = ~np.isin(states, _GOES_ON)
+        gone = _GONE[states]
         if gone.any():  # where it comes back is no motion
             self._smooth.reset(gone)
         position, orientation = self._smooth.step(played.time, played.position, played.orientation)

@@ -1,4 +1,4 @@
-//! retarget._solver: kinematics, strict hierarchies and whole frames. Knows no file, no clock and no servo.
+//! retarget._solver: kinematics, strict hierarchies, whole frames, smooth poses. Knows no file, no clock and no servo.
 
 mod allocations;
 mod assemble;
@@ -20,9 +20,11 @@ mod py_hierarchy;
 mod py_observers;
 mod py_path;
 mod py_shapes;
+mod py_smooth;
 mod py_solver;
 mod py_task;
 pub mod rows;
+pub mod smooth;
 pub mod task;
 
 use pyo3::prelude::*;
@@ -38,6 +40,8 @@ fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(py_hierarchy::solve_hierarchy, m)?)?;
     m.add_function(wrap_pyfunction!(py_bounds::frame_bounds, m)?)?;
     m.add_function(wrap_pyfunction!(py_shapes::shape_distances, m)?)?;
+    m.add_class::<py_smooth::PyPoseFilter>()?;
+    m.add_function(wrap_pyfunction!(py_smooth::along_arc, m)?)?;
     m.add_function(wrap_pyfunction!(py_shapes::shape_gaps_at_least, m)?)?;
     Ok(())
 }

@@ -33,7 +33,7 @@ pub struct Factor {
     pub row_norm: Vec<f64>,
     pub level_scale: Vec<f64>,
     /// 1 where a column is free, 0 where it is held or padding.
-    mask: Vec<f64>,
+    pub(super) mask: Vec<f64>,
     pub(super) members: Vec<usize>,
     remaining: Vec<f64>,
     pub(super) damping: Vec<f64>,
@@ -89,15 +89,6 @@ impl Factor {
         self.y.clear();
         for i in 0..problem.n {
             self.mask[i] = if problem.variable_side[i] == Side::Free { 1.0 } else { 0.0 };
-        }
-    }
-
-    /// Forget all levels, with every column free whose limits leave it room.
-    #[inline(always)]
-    pub fn restart_unlimited(&mut self, problem: &Problem) {
-        self.restart(problem);
-        for (mask, side) in self.mask.iter_mut().zip(&problem.variable_side) {
-            *mask = f64::from(u8::from(*side != Side::Both));
         }
     }
 

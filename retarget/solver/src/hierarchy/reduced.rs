@@ -6,6 +6,7 @@
 //! to the whole problem.
 
 use super::active_set::{clamp_to_box, classic};
+use super::factor::Factor;
 use super::kernels::{add_rows, compile_twice, dot, dot_rows};
 use super::problem::{Outcome, Problem, Side};
 use super::Workspace;
@@ -54,6 +55,16 @@ impl Reduction {
         let mut work = Workspace::default();
         work.prepare(&self.problem);
         self.work = Some(Box::new(work));
+    }
+}
+
+impl Factor {
+    /// Forget all levels, with every column free whose limits leave it room.
+    fn restart_unlimited(&mut self, problem: &Problem) {
+        self.restart(problem);
+        for (mask, side) in self.mask.iter_mut().zip(&problem.variable_side) {
+            *mask = f64::from(u8::from(*side != Side::Both));
+        }
     }
 }
 

@@ -1,0 +1,113 @@
+//! Poses of many sensors: arcs between orientations, and the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012).
+
+use crate::math::{quat_conj, quat_log, quat_mul, Quat, Vec3};
+use std::f64::consts::TAU;
+
+/// An arc shorter than this (rad, of quaternions) is taken as one of this length: the weights have their limits.
+const SAME_ANGLE: f64 = 1e-8;
+
+/// The orientation on the short arc from a through b, at a share of the way, which may exceed 1. NaN spreads.
+pub fn along_arc(a: Quat, b: Quat, share: f64) -> Quat {
+    let cosine = dot(a, b);
+    let sign = 1.0_f64.copysign(cosine);
+    // `min` would turn NaN into 1.
+    let clipped = if cosine * sign > 1.0 { 1.0 } else { cosine * sign };
+    let angle = clipped.acos();
+    let angle = if angle < SAME_ANGLE { SAME_ANGLE } else { angle };
+    let scale = 1.0 / angle.sin();
+    let (of_a, of_b) = (scale * (angle - share * angle).sin(), scale * sign * (share * angle).sin());
+    std::array::from_fn(|i| of_a * a[i] + of_b * b[i])
+}
+
+fn dot(a: Quat, b: Quat) -> f64 {
+    a.iter().zip(&b).map(|(x, y)| x * y).sum()
+}
+
+/// Hz at rest; Hz by which the cutoff rises per unit of speed; Hz of the speed's own filter.
+#[derive(Clone, Copy, Debug)]
+pub struct Cutoffs {
+    pub least: f64,
+    pub per_speed: f64,
+    pub of_speed: f64,
+}
+
+/// One vector's filter: how fast it goes, and when it was told last.
+#[derive(Clone, Copy, Debug)]
+struct Filter {
+    speed: Vec3,
+    time: f64,
+}
+
+const FRESH: Filter = Filter { speed: [0.0; 3], time: f64::NAN };
+
+impl Filter {
+    /// The share (0 to 1) of the way from the filtered value to the new one, which is ahead by `delta`. 0 where either is NaN
+    /// or time has not risen.
+    fn share(&mut self, cutoffs: &Cutoffs, time: f64, delta: Vec3) -> f64 {
+        let dt = time - self.time;
+        if time.is_nan() || delta.iter().any(|d| d.is_nan()) || dt <= 0.0 {
+            return 0.0;
+        }
+        self.time = time;
+        if dt.is_nan() {
+            return 0.0;
+        }
+        let follow = low_pass(cutoffs.of_speed, dt);
+        for (speed, d) in self.speed.iter_mut().zip(delta) {
+            *speed += follow * (d / dt - *speed);
+        }
+        let size = self.speed.iter().map(|s| s * s).sum::<f64>().sqrt();
+        low_pass(cutoffs.least + cutoffs.per_speed * size, dt)
+    }
+}
+
+/// The share of a step that a low-pass filter of this cutoff (Hz) takes in dt s.
+fn low_pass(cutoff: f64, dt: f64) -> f64 {
+    let turn = TAU * cutoff * dt;
+    turn / (turn + 1.0)
+}
+
+/// Filters one pose: its position, and its turns as rotation vectors from the filtered orientation to the new one.
+#[derive(Clone, Copy, Debug)]
+pub struct SmoothPose {
+    position: Vec3,
+    orientation: Quat,
+    moves: Filter,
+    turns: Filter,
+}
+
+const UNKNOWN: SmoothPose =
+    SmoothPose { position: [f64::NAN; 3], orientation: [f64::NAN; 4], moves: FRESH, turns: FRESH };
+
+impl Default for SmoothPose {
+    fn default() -> Self {
+        UNKNOWN
+    }
+}
+
+impl SmoothPose {
+    /// The filtered position; NaN where it is not told, and then the state waits.
+    pub fn step_position(&mut self, cutoffs: &Cutoffs, time: f64, told: Vec3) -> Vec3 {
+        if time.is_nan() || told.iter().any(|v| v.is_nan()) {
+            return [f64::NAN; 3];
+        }
+        let fresh = self.position.iter().any(|v| v.is_nan());
+        let before = if fresh { told } else { self.position };
+        let delta: Vec3 = std::array::from_fn(|i| told[i] - before[i]);
+        let share = self.moves.share(cutoffs, time, delta);
+        self.position = std::array::from_fn(|i| before[i] + share * delta[i]);
+        self.position
+    }
+
+    /// The filtered orientation; NaN where it is not told, and then the state waits.
+    pub fn step_orientation(&mut self, cutoffs: &Cutoffs, time: f64, told: Quat) -> Quat {
+        if time.is_nan() || told.iter().any(|v| v.is_nan()) {
+            return [f64::NAN; 4];
+        }
+        let fresh = self.orientation.iter().any(|v| v.is_nan());
+        let before = if fresh { told } else { self.orientation };
+        let ahead = quat_log(quat_mul(told, quat_conj(before)));
+        self.orientation = along_arc(before, told, self.turns.share(cutoffs, time, ahead));
+        self.orientation
+    }
+}
