@@ -125,10 +125,10 @@ class Pipeline:
     def _one_tick(self, think: Think) -> None:
         """Read, think, act; then keep what happened, if anything was sent and there is room."""
         begun, record, row, robot = self._wall.now(), self._record, self._row, self._robot
-        self._clip.listen()
         if robot is None or record.robot is None:
+            self._clip.listen()
             self._reconstruct()
-        elif robot.act(think):
+        elif robot.act(think, self._clip.listen):
             record.phase[row] = robot.phase
             robot.keep(record.robot, row)
         else:
@@ -165,8 +165,7 @@ class Pipeline:
         kept.q[row] = self._human.q
         kept.joints[row] = self._human.joints
         kept.observer_modes[row] = self._human.observer_modes
-        if error:
-            kept.balance_error[row] = self._human.balance_error
+        kept.balance_error[row] = self._human.balance_error if error else np.nan
 
     def _finish(self, *, interrupted: bool) -> tuple[str | None, str | None]:
         """The guard's last state and the reason of a stop; torque is off."""

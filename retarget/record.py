@@ -44,12 +44,12 @@ class HumanRecord:
 
     @classmethod
     def empty(cls, ticks: int, *, nq: int, joint_names: tuple[str, ...], observers: int = 0) -> "HumanRecord":
-        """Room for so many ticks."""
+        """Room for so many ticks, not yet written: a long run is not filled before its first tick."""
         return cls(
             joint_names=joint_names,
-            q=np.full((ticks, nq), np.nan),
-            joints=np.full((ticks, len(joint_names), 3), np.nan),
-            balance_error=np.full(ticks, np.nan),
+            q=np.empty((ticks, nq)),
+            joints=np.empty((ticks, len(joint_names), 3)),
+            balance_error=np.empty(ticks),
             observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
         )
 
@@ -86,20 +86,20 @@ class RobotRecord:
     def empty(
         cls, ticks: int, *, nq: int, start: FloatArray, landmark_names: tuple[str, ...], observers: int = 0
     ) -> "RobotRecord":
-        """Room for so many ticks of a robot that stands at `start` (n,) rad, servo order."""
+        """Room for so many ticks, not yet written, of a robot that stands at `start` (n,) rad, servo order."""
         servos = start.size
         return cls(
             landmark_names=landmark_names,
-            landmarks_asked=np.full((ticks, len(landmark_names), 3), np.nan),
-            q=np.full((ticks, nq), np.nan),
-            goal_ticks=np.full((ticks, servos), -1, dtype=np.int64),
-            present=np.full((ticks, servos), np.nan),
+            landmarks_asked=np.empty((ticks, len(landmark_names), 3)),
+            q=np.empty((ticks, nq)),
+            goal_ticks=np.empty((ticks, servos), dtype=np.int64),
+            present=np.empty((ticks, servos)),
             gated=np.zeros(ticks, dtype=np.bool_),
             unled=np.zeros(ticks, dtype=np.bool_),
-            bus_time=np.full(ticks, np.nan),
+            bus_time=np.empty(ticks),
             faults=np.zeros(ticks, dtype=np.int64),
-            temperature=np.full((ticks, servos), np.nan),
-            voltage=np.full((ticks, servos), np.nan),
+            temperature=np.empty((ticks, servos)),
+            voltage=np.empty((ticks, servos)),
             retries=np.zeros(ticks, dtype=np.int64),
             observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
             start=np.array(start, dtype=np.float64),

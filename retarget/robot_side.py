@@ -145,13 +145,15 @@ class RobotSide:
                 return self._take(q, q[self.robot.servo_columns])
         return self._take(posture.q, posture.joint_positions)
 
-    def act(self, think: Think) -> bool:
-        """One tick of the guard: read the servos, let `think` find a goal, send what the filter makes of it.
+    def act(self, think: Think, awake: Callable[[], object] = lambda: None) -> bool:
+        """One tick of the guard, when it is due: read the servos, let `think` find a goal, send what the filter makes
+        of it. awake: called when the tick begins.
 
         Returns whether anything was sent.
         """
         self._deadline = max(self._deadline + self._dt, self._clock.now())  # what is late is not caught up with
         self._clock.sleep_until(self._deadline)
+        awake()
         self._goal, self._asked, self._rooted = None, None, False
         before = self.guard.sent
         self.guard.tick(think if self._clearance is None else self._measured(think), self._halt)
@@ -198,20 +200,20 @@ class RobotSide:
     def keep(self, record: RobotRecord, row: int) -> None:
         """Write what this tick asked and sent into its row."""
         record.q[row] = self._q
-        if self.phase is Phase.FOLLOW and self._asked is not None:
-            record.landmarks_asked[row] = self._asked
+        followed = self.phase is Phase.FOLLOW and self._asked is not None
+        record.landmarks_asked[row] = self._asked if followed else np.nan
+        if followed:
             record.observer_modes[row] = self._modes
         record.gated[row] = self._goal is not None and not self._passed
         record.unled[row] = self._goal is None
-        if self.guard.sent is not None:
-            record.goal_ticks[row] = self.guard.sent
         states = self.guard.states
-        if states is not None:
-            record.bus_time[row] = states.time
-            record.present[row] = self.robot.joint_map.to_radians(states.position)
-            record.temperature[row], record.voltage[row] = states.temperature, states.voltage
-            record.retries[row] = states.retries
-            record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+        assert self.guard.sent is not None and states is not None, "only what was sent is kept"
+        record.goal_ticks[row] = self.guard.sent
+        record.bus_time[row] = states.time
+        record.present[row] = self.robot.joint_map.to_radians(states.position)
+        record.temperature[row], record.voltage[row] = states.temperature, states.voltage
+        record.retries[row] = states.retries
+        record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
 
     def _went(self) -> None:
         """Something was sent: know where the robot is; tell the follower where it is something else than was asked."""
