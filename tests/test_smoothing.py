@@ -33,5 +33,7 @@ def test_trembling_at_rest_is_halved_and_a_moving_hand_is_hardly_late() -> None:
 
 
 def test_an_unknown_name_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"unknown smoothing; found 'ligth'; allowed: off, light, strong.*light"):
+    with pytest.raises(
+        UsageError, match=r"unknown smoothing; found 'ligth'; allowed: off, light, strong, window.*light"
+    ):
         pose_filter("ligth", 1)

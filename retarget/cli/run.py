@@ -106,7 +106,11 @@ def run(
     ] = False,
     smoothing: Annotated[
         str,
-        typer.Option(help="Of the sensors, by a One-Euro filter.", metavar="off|light|strong", rich_help_panel=LIVE),
+        typer.Option(
+            help="Of the sensors: by a One-Euro filter, or by the mean of a window, 60 ms late.",
+            metavar="off|light|strong|window",
+            rich_help_panel=LIVE,
+        ),
     ] = LIGHT,
     latest: Annotated[
         bool,

@@ -64,7 +64,8 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
             where=where,
             found=", ".join(at) or "no sensor",
             allowed="both ankles or both wrists, apart",
-            next_step="Stand upright, feet a little apart, arms beside the body or straight out",
+            next_step="Stand upright, feet a little apart, arms beside the body or straight out. If you do, see which "
+            "axis is upward in what is sent (of Motive: ?up=z)",
         )
     ankles = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
     middle = np.mean(ankles or list(at.values()), axis=0)

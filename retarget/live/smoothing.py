@@ -3,10 +3,13 @@
 from retarget.errors import UsageError, suggest
 from retarget.live.one_euro import OneEuroSettings
 from retarget.live.pose_filter import PoseFilter
+from retarget.live.window_filter import WindowFilter
 
-__all__ = ["LIGHT", "SMOOTHINGS", "pose_filter"]
+__all__ = ["LIGHT", "SMOOTHINGS", "WINDOW", "pose_filter"]
 
 LIGHT = "light"
+WINDOW = "window"
+"""No One-Euro filter, but the mean over 120 ms: the smoothest, and always 60 ms late."""
 
 SMOOTHINGS: dict[str, tuple[OneEuroSettings, OneEuroSettings] | None] = {
     "off": None,
@@ -17,15 +20,17 @@ SMOOTHINGS: dict[str, tuple[OneEuroSettings, OneEuroSettings] | None] = {
 much, and one that goes at 1 m/s lags by 10 ms."""
 
 
-def pose_filter(name: str, count: int) -> PoseFilter | None:
+def pose_filter(name: str, count: int) -> PoseFilter | WindowFilter | None:
     """The filter of k sensors; None: they stay as they are. Raises UsageError for an unknown name."""
+    if name == WINDOW:
+        return WindowFilter(count)
     if name not in SMOOTHINGS:
         raise UsageError(
             "unknown smoothing",
             where="--smoothing",
             found=repr(name[:80]),
-            allowed=", ".join(SMOOTHINGS),
-            next_step=suggest(name, SMOOTHINGS),
+            allowed=", ".join((*SMOOTHINGS, WINDOW)),
+            next_step=suggest(name, (*SMOOTHINGS, WINDOW)),
         )
     settings = SMOOTHINGS[name]
     return None if settings is None else PoseFilter(count, position=settings[0], orientation=settings[1])

@@ -15,6 +15,7 @@ from retarget.live.raw_tap import RawTap
 from retarget.live.roles import Roles, SensorPoses
 from retarget.live.trust import Trust
 from retarget.live.trust_state import StateArray, TrustState
+from retarget.live.window_filter import WindowFilter
 from retarget.rotations import FloatArray
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 
@@ -56,7 +57,7 @@ class LiveStream:
         clock_map: ClockMap,
         trust: Trust,
         playout: Playout,
-        smooth: PoseFilter | None = None,
+        smooth: PoseFilter | WindowFilter | None = None,
         tap: RawTap | None = None,
     ) -> None:
         self.receiver, self.decoder, self.roles = receiver, decoder, roles
