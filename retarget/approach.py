@@ -17,26 +17,40 @@ NEAR_RAD = 1e-9
 
 
 def approach(
-    start: FloatArray, goal: FloatArray, joint_map: JointMap, *, speed: float, dt: float
+    start: FloatArray,
+    goal: FloatArray,
+    joint_map: JointMap,
+    *,
+    speed: float,
+    dt: float,
+    within: float = float("inf"),
 ) -> Iterator[FloatArray]:
     """Postures (n,) rad every `dt` s from `start`, at rest, to `goal`, at rest (Flash and Hogan 1985).
 
-    speed: share of each servo's greatest speed and acceleration that is never exceeded. Nothing when already there.
+    speed: share of each servo's greatest speed and acceleration that is not exceeded, but to be there `within` s; those
+    themselves never are. Nothing when already there.
     """
     way = goal - start
     distance = np.abs(way)
     if distance.max() < NEAR_RAD:
         return
-    duration = max(
-        float((PEAK_SPEED * distance / (speed * joint_map.max_velocity)).max()),
-        float(np.sqrt(PEAK_ACCELERATION * distance / (speed * joint_map.max_acceleration)).max()),
-    )
+    duration = _duration(distance, joint_map, speed)
+    if duration > within:
+        duration = max(within - 2.0 * dt, _duration(distance, joint_map, 1.0))
     # One tick more than needed: what differences of ticks see stays below what the curve itself has.
     ticks = int(np.ceil(duration / dt)) + 1
     for tick in range(1, ticks + 1):
         s = tick / ticks
         yield start + way * (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
     yield goal
+
+
+def _duration(distance: FloatArray, joint_map: JointMap, speed: float) -> float:
+    """How long a share of the greatest speeds and accelerations takes, s, for distances (n,) rad."""
+    return max(
+        float((PEAK_SPEED * distance / (speed * joint_map.max_velocity)).max()),
+        float(np.sqrt(PEAK_ACCELERATION * distance / (speed * joint_map.max_acceleration)).max()),
+    )
 
 
 def slower_in_line(displacement: FloatArray, change: FloatArray) -> FloatArray:

@@ -51,7 +51,7 @@ HUMAN_PRIORITIES = "human"
 LONGEST_HOLD_S = 4.8
 """So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
 HOME_S = 2.5
-"""So long it may be on its way to where it is parked; then its torque goes off where it stands."""
+"""So long it may be on its way to where it is parked, which it goes as fast as that asks; then its torque goes off."""
 
 
 def _to_nobody(text: str) -> None:

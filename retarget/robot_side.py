@@ -277,7 +277,8 @@ class RobotSide:
         if self._way_home is None:
             speed, joints = self.robot.profile.safety.speed_caps.approach, self.robot.joint_map
             parked = self.robot.posture(self.robot.profile.postures.rest)[self.robot.servo_columns]
-            self._way_home = approach(self._sent, parked, joints, speed=speed, dt=self._dt)
+            within = (self.guard.limits.max_home_ticks - 1) * self._dt
+            self._way_home = approach(self._sent, parked, joints, speed=speed, dt=self._dt, within=within)
         elif not self._passed:  # something is in the way
             self._way_home = iter(())
         self._goal = next(self._way_home, None)
