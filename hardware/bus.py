@@ -51,7 +51,7 @@ class ServoStates:
     retries: int = 0
     """Requests that had to be repeated since the bus was opened, of all servos."""
     rough: float = 0.0
-    """Share of the last cycles (0.07 s) in which answers came damaged, and had to be asked for more than once."""
+    """Share of the last cycles (0.05 s) in which answers came damaged, and had to be asked for more than once."""
 
 
 @dataclass(frozen=True)

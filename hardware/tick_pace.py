@@ -2,17 +2,17 @@
 
 from math import inf
 
-LATE = 1.25
+LATE = 1.35
 """Periods between two ticks from which on the second is late."""
-LOST = 2.25
-"""Periods from which on a goal was missing that one more could not stand for."""
+LOST = 0.9
+"""Periods by which ticks in a row may be late, in all: the goal that the servos have stands for one that is missing."""
 
 
 class TickPace:
     """Counts ticks that come late. period: s, infinite: whatever comes is in time.
 
-    missed: deadlines that passed without a tick. behind: whether two ticks in a row came late, or one by more than a
-    period: then the goals are not those of now any more.
+    missed: deadlines that passed without a tick. behind: whether ticks in a row came so late that a goal was
+    missing, and the next one too: then the goals are not those of now any more.
     """
 
     def __init__(self, period: float = inf) -> None:
@@ -20,11 +20,11 @@ class TickPace:
         self.behind = False
         self._period = period
         self._begun: float | None = None  # [s]
-        self._was_late = False
+        self._late = 0.0  # periods, of ticks in a row
 
     def restart(self) -> None:
         """The next tick is the first."""
-        self._begun, self._was_late, self.behind = None, False, False
+        self._begun, self._late, self.behind = None, 0.0, False
 
     def begin(self, now: float) -> float:
         """A tick begins at `now`, s. Returns how long ago the one before began, s; 0 for the first."""
@@ -34,6 +34,6 @@ class TickPace:
         late = periods > LATE
         if late:
             self.missed += max(round(periods) - 1, 1)
-        self.behind = (late and self._was_late) or periods > LOST
-        self._was_late = late
+        self._late = self._late + periods - 1.0 if late else 0.0
+        self.behind = self._late > LOST
         return pause

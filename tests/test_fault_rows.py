@@ -1,10 +1,12 @@
 """The fault table, whole: every row idle, moving and stopping; random runs; and a judge that can say no."""
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
-from sim.faults.judge import When, judged
+from sim.faults.bench import Bench
+from sim.faults.judge import When, hurt_run, judged, verdict_of
 from sim.faults.reaction import Idle, Reaction, Row
 from sim.faults.rows import ROWS
 from sim.faults.seeds import judged_seed
@@ -25,6 +27,11 @@ def test_the_robot_does_what_it_has_to(one: Row, when: When) -> None:
 def test_random_runs_harm_nothing(seed: int) -> None:
     verdict = judged_seed(seed, seconds=2.0)
     assert verdict.wrong == (), verdict.row
+
+
+@cache
+def ran(name: str, when: When) -> Bench:
+    return hurt_run(row(name), when=when)
 
 
 def test_names_are_once() -> None:
@@ -54,5 +61,5 @@ def test_names_are_once() -> None:
     ],
 )
 def test_the_judge_says_no(name: str, when: When, claimed: dict[str, object], told: str) -> None:
-    verdict = judged(replace(row(name), **claimed), when=when)  # type: ignore[arg-type]
+    verdict = verdict_of(replace(row(name), **claimed), ran(name, when), when=when)  # type: ignore[arg-type]
     assert any(told in line for line in verdict.wrong), verdict.wrong

@@ -28,7 +28,7 @@ def test_the_share_is_of_the_last_cycles_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate", "most", "least"), [(0.0, 0.0, 0.0), (0.01, 0.1, 0.0), (0.05, 0.55, 0.0), (0.3, 1.0, 0.7)]
+    ("rate", "most", "least"), [(0.0, 0.0, 0.0), (0.01, 0.1, 0.0), (0.05, 0.75, 0.0), (0.3, 1.0, 0.6)]
 )
 def test_a_line_that_damages_packets(rate: float, most: float, least: float) -> None:
     rig = BusRig(specs(20)).ready()

@@ -2,7 +2,7 @@
 
 from collections import deque
 
-WINDOW_S = 0.07
+WINDOW_S = 0.05
 """[s] that are looked back."""
 FEWEST = 4
 """Cycles that it is taken to hold at least."""

@@ -44,6 +44,7 @@ class Bench:
     """A run that can be hurt. `at` calls something once at a time, s after following began.
 
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: without it nothing keeps goals from harm.
+    leaves: the run is not seen to its end, where the robot is parked.
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class Bench:
         self.sender, self.clock, self.trace = sender, VirtualClock(), Trace()
         self.lines: dict[str, Line] = {}
         self.ports: dict[str, TappedPort] = {}
-        self.stop_asked = False
+        self.stop_asked = self.leaves = False
         self.undo: list[Callable[[], object]] = []
         self.robot: RobotBody
         self.side: RobotSide
@@ -60,6 +61,7 @@ class Bench:
         self.stream: LiveStream
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
         self._due: list[tuple[float, Callable[[], object]]] = []
+        self._ticks = 0
 
     @property
     def servos(self) -> list[EmulatedServo]:
@@ -105,7 +107,7 @@ class Bench:
 
     def _watch(self, prepared: Prepared) -> None:
         assert prepared.side is not None and isinstance(prepared.samples, LivePerformer)
-        self.side = prepared.side
+        self.side, self._ticks = prepared.side, prepared.samples.ticks
         self.guard = guard = prepared.side.guard
         samples, trace = prepared.samples, self.trace
         tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
@@ -131,9 +133,15 @@ class Bench:
         guard.tick = ticking  # type: ignore[method-assign]
         samples.sample = sampled  # type: ignore[method-assign, assignment]
         try:
-            prepared.run(Watch(stop_asked=lambda: self.stop_asked))
+            prepared.run(Watch(self._leave, stop_asked=lambda: self.stop_asked))
         finally:
             trace.stop = guard.stop_reason
+
+    def _leave(self, ticks: int) -> None:
+        """Nobody looks at what comes after the last tick."""
+        if self.leaves and ticks == self._ticks:
+            self.trace.left = True
+            self.kill()
 
     def _act(self, now: float) -> None:
         """Do what is due."""

@@ -16,6 +16,8 @@ from sim.faults.stream_rows import later
 __all__ = ["HOST_ROWS"]
 
 HOUR_S = 3600.0
+OVERRUN = 1.2
+"""Periods that a tick takes longer."""
 INWARDS = "l_hip_yaw", -1.2, 1.5
 """A joint, rad, that turns the left leg into the right one, and the speed (rad/s) at which it is asked for."""
 
@@ -71,7 +73,7 @@ def _when_following(act: Callable[[Bench], None]) -> Callable[[Bench, float], ob
 
 
 def _late(bench: Bench, posture: RobotPosture) -> RobotPosture:
-    bench.clock.advance(1.0 / bench.robot.profile.safety.rate_hz)
+    bench.clock.advance(OVERRUN / bench.robot.profile.safety.rate_hz)
     return posture
 
 

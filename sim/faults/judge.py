@@ -10,14 +10,16 @@ from sim.faults.judge_idle import idle_wrong
 from sim.faults.reaction import Reaction, Row
 from sim.faults.reactions import Seen, late, reacted
 from sim.faults.sender import FakeSender
+from sim.faults.stream_rows import STREAM_ROWS
 from sim.faults.trace import Trace
 
-__all__ = ["ONSET", "Verdict", "When", "judged", "judged_pair"]
+__all__ = ["ONSET", "Verdict", "When", "hurt_run", "judged", "judged_pair", "verdict_of"]
 
 ONSET = 0.4
 """s of following before the fault."""
 STOP_BEFORE = 0.05
 """So long before the fault a robot that is to be stopping was told to, s."""
+OUTLIVED = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.OUT, Reaction.HOLD, Reaction.RESUME, Reaction.REBASE)
 IDLE_S = 0.3
 """Ticks of a run that was hurt before it began, s: nobody is followed in it yet."""
 ENGAGING_S = 0.6
@@ -43,12 +45,24 @@ class When(Enum):
 
 def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
     """Run a row and judge it."""
+    return verdict_of(row, hurt_run(row, when=when, seed=seed), when=when)
+
+
+def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
+    """Run a row. Where a sender's fault is outlived, the end of the run is not waited for: it is that of any other."""
     duration = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}[when]
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer)
     if when is When.STOPPING:
         bench.at(ONSET - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
+    bench.leaves = row.reaction in OUTLIVED and row in STREAM_ROWS and when is not When.STOPPING
     row.hurt(bench, -1.0 if when is When.IDLE else ONSET)
-    trace = bench.run()
+    bench.run()
+    return bench
+
+
+def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
+    """Judge a run."""
+    trace = bench.trace
     took, wrong = None, list[str]()
     if when is When.MOVING:
         took, wrong = _moving(row, bench, trace)

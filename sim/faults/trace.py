@@ -28,7 +28,7 @@ class Trace:
     began: when following began. gone: when the host was killed.
     acted: when a fault that waits for its cue had it. rebased: when a leap of the sender's clock was
     understood. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all servos in the end.
-    mute: the host could not write any more.
+    mute: the host could not write any more. left: nobody looked at how it ended.
     """
 
     ticks: list[Tick] = field(default_factory=list)
@@ -44,6 +44,7 @@ class Trace:
     rebased: float | None = None
     ended: float = 0.0
     mute: bool = False
+    left: bool = False
     error: str = ""
     torque: list[int] = field(default_factory=list)
 
