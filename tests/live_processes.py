@@ -114,7 +114,8 @@ class Live:
             speed = np.abs(goal_speeds(self.sent()[-LATELY:])[1]).max(axis=1)
             if len(speed) > 20 and speed[-3:].min() > max(MOVING, 1.2 * speed[-20:-15].max()):
                 return
-        raise AssertionError("the robot does not follow")
+        self.run.kill()
+        raise AssertionError(f"the robot does not follow: {self.ended(PATIENCE_S)}")
 
     def ended(self, within: float) -> tuple[int, str]:
         """Its exit code and all that it said, in one line; it must have ended by then."""
@@ -227,7 +228,7 @@ def live_run(folder: Path) -> Iterator[Live]:
         performer.start()
         words = ["--robot", "op3", "--source", f"json://127.0.0.1:{port}", "--bus", str(link)]
         running = subprocess.Popen(
-            [sys.executable, "-m", "retarget", "run", *words, "--yes", "--countdown", "0.2", "--end", "60"],
+            [sys.executable, "-m", "retarget", "run", *words, "--yes", "--countdown", "0.2"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
