@@ -4,7 +4,7 @@ from math import inf
 
 LATE = 1.35
 """Periods between two ticks from which on the second is late."""
-LOST = 0.9
+LOST = 1.1
 """Periods by which ticks in a row may be late, in all: the goal that the servos have stands for one that is missing."""
 
 
