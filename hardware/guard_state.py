@@ -37,6 +37,8 @@ class StopCause(Enum):
     STALE_GOAL = "stale goal"
     SOURCE = "source"
     FILTER = "filter"
+    FALLEN = "fallen"
+    """As whoever simulates the robot saw."""
 
 
 @dataclass(frozen=True)

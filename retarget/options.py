@@ -4,16 +4,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
+from retarget.body_file import Root
 from retarget.catalogue import HUMAN
 from retarget.clip import Parts, Playback
 from retarget.errors import UsageError, suggest
+from retarget.physics_options import PhysicsOptions
 
-__all__ = ["BUSES", "SIMULATED", "RunOptions"]
+__all__ = ["BUSES", "PHYSICS", "SIMULATED", "RunOptions"]
 
-BUSES = ("mock", "emulator", "none", "profile")
+BUSES = ("mock", "emulator", "physics", "physics+wire", "none", "profile")
 """Buses by name; any other is the path of a port."""
-SIMULATED = ("mock", "emulator", "none")
+SIMULATED = ("mock", "emulator", "physics", "physics+wire", "none")
 """Those on which no servo exists: a recording is played as fast as the machine can."""
+PHYSICS = ("physics", "physics+wire")
+"""Those on which the robot has mass; on the second by way of the emulator's bytes."""
+WIRED = ("emulator", "physics+wire")
+"""Those with a wire, on which faults can happen."""
 SERVOLESS = ("mock", "none")
 """Those that the virtual human is content with: the usual one, and none."""
 MAX_ITERATIONS = 100
@@ -26,7 +32,7 @@ class RunOptions:
     priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
     the priority files say. scene: what is around the last stage's body. allow_contact: also where it touches at the
     start. bus: a name of BUSES, or the path of a port: the robot's only one. faults: file of what goes wrong on the
-    emulator.
+    emulator. physics: of the simulated mechanics.
     """
 
     robot: str
@@ -39,13 +45,21 @@ class RunOptions:
     scene: str | None = None
     allow_contact: bool = False
     faults: Path | None = None
+    physics: PhysicsOptions = field(default_factory=PhysicsOptions)
     playback: Playback = field(default_factory=Playback)
 
     def __post_init__(self) -> None:
         if "/" not in self.bus:
             _one_of(self.bus, BUSES, "--bus", "bus", also="the path of a port such as /dev/ttyUSB0")
-        if self.faults is not None and self.bus != "emulator":
+        if self.faults is not None and self.bus not in WIRED:
             raise UsageError("faults happen on the emulator", where="--faults", found=f"--bus {self.bus}")
+        if self.physics != PhysicsOptions() and not self.has_physics:
+            raise UsageError(
+                "only a robot with mass has these",
+                where="--mount, --hook, --seed, --trouble",
+                found=f"--bus {self.bus}",
+                allowed=" or ".join(f"--bus {bus}" for bus in PHYSICS),
+            )
         if not self.gate and not self.simulated:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=f"--bus {self.bus}")
         _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
@@ -64,6 +78,16 @@ class RunOptions:
     def simulated(self) -> bool:
         """Whether no real servo is on the bus, so that time need not be real."""
         return self.bus in SIMULATED
+
+    @property
+    def has_physics(self) -> bool:
+        """Whether the robot has mass, and can fall."""
+        return self.bus in PHYSICS
+
+    @property
+    def root(self) -> Root | None:
+        """The root with which the robot follows; None: that of its profile."""
+        return self.physics.root
 
     @property
     def is_human(self) -> bool:

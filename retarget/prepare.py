@@ -97,7 +97,13 @@ class Prepared:
 
 @contextmanager
 def prepare(
-    read: Callable[[], SensorFrames], options: RunOptions, *, clock: Clock, make_bus: MakeBus, tell: Tell = _to_nobody
+    read: Callable[[], SensorFrames],
+    options: RunOptions,
+    *,
+    clock: Clock,
+    make_bus: MakeBus,
+    parks: bool = False,
+    tell: Tell = _to_nobody,
 ) -> Iterator[Prepared]:
     """A run of a recorded performance, see `prepare_for`."""
 
@@ -107,7 +113,7 @@ def prepare(
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
         return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
 
-    with prepare_for(perform, options, clock=clock, make_bus=make_bus, tell=tell) as prepared:
+    with prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=parks, tell=tell) as prepared:
         yield prepared
 
 
@@ -123,11 +129,11 @@ def prepare_for(
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    parks: a stop ends in the robot's rest posture. tell: hears of servos that are not well.
+    parks: the end of a run, and a stop, is in the robot's rest posture. tell: hears of servos that are not well.
     Raises RetargetError for whatever cannot be used.
     """
     performer = load_performer(options.performer)
-    robot = None if options.is_human else load_robot(options.robot)
+    robot = None if options.is_human else load_robot(options.robot, root=options.root)
     for_human, for_robot = _priorities(robot, options)
     performance = perform(performer, robot)
     samples, human = performance.samples, build_human(performance.dimensions)

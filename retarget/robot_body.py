@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from hardware.joint_map import JointMap
 from retarget.body import BodyModel, Frame, load_body
+from retarget.body_file import Root
 from retarget.joint_limits import JointLimits
 from retarget.profile import RobotProfile, load_profile
 from retarget.rotations import FloatArray, multiply
@@ -67,13 +68,14 @@ class RobotBody:
         return tuple(self.profile.landmarks[name].frame for name in names)
 
 
-def load_robot(name_or_path: str | Path) -> RobotBody:
-    """A robot by name or by path, with its calibration where the user has one.
+def load_robot(name_or_path: str | Path, *, root: Root | None = None) -> RobotBody:
+    """A robot by name or by path, with its calibration where the user has one. root: instead of the profile's.
 
     Raises UsageError, ConfigError, InputError, HardwareError.
     """
     profile = load_profile(name_or_path)
-    return _robot(profile, read_calibration(profile))
+    calibration = read_calibration(profile)
+    return _robot(profile if root is None else profile.model_copy(update={"root": root}), calibration)
 
 
 def load_uncalibrated(name_or_path: str | Path) -> RobotBody:
