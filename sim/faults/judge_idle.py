@@ -16,7 +16,7 @@ def idle_wrong(row: Row, trace: Trace) -> list[str]:
             return [f"it did not begin: {trace.error}"] if trace.error or not trace.ticks else []
         case Idle.ANY:
             return []
-    wrong = [] if trace.error or trace.gone is not None else ["it began"]
+    wrong = [] if trace.error or (trace.gone is not None and not trace.left) else ["it began"]
     wrong += ["torque is on"] if any(trace.torque) else []
     wrong += [f"the refusal does not name {text!r}" for text in row.refusal if text not in trace.error]
     if row.idle is Idle.ONLY_READS:
