@@ -15,6 +15,7 @@ from sim.faults.wire_checker import (
     restless,
     stood,
     tracks,
+    wavering,
     woken,
 )
 from sim.faults.wire_packets import Sent, goal_writes, packets, written
@@ -90,6 +91,12 @@ def test_who_hurries_is_found() -> None:
     assert hasty(way, 5.0, 5.1, share=1.0, dt=DT) == []
     assert "faster than 50% of its speed" in hasty(way, 5.0, 5.1, share=0.5, dt=DT)[0]
     assert hasty(way, 5.0, 5.015, share=0.5, dt=DT) == []
+
+
+def test_who_does_not_go_straight_is_found() -> None:
+    assert wavering(ways(goals([0.0, 0.1, 0.3, 0.4])), 5.0, 6.0) == []
+    assert wavering(ways(goals([0.0, 0.1, 0.099, 0.4])), 5.0, 6.0) == []
+    assert "goes to and fro, by 0.199" in wavering(ways(goals([0.0, 0.1, 0.0, 0.3])), 5.0, 6.0)[0]
 
 
 def test_after_a_latch_only_letting_go_is_good() -> None:

@@ -3,7 +3,7 @@
 from hardware.guard_state import GuardState
 from sim.faults.bench import Bench
 from sim.faults.trace import Trace
-from sim.faults.wire_checker import Track, after_latch, beyond_limits, hasty, once, restless, tracks, woken
+from sim.faults.wire_checker import Track, after_latch, beyond_limits, hasty, once, restless, tracks, wavering, woken
 from sim.faults.wire_clearance import collisions
 from sim.faults.wire_packets import Written, goal_writes, torque_off, written
 
@@ -11,6 +11,8 @@ REST_S = 0.35
 """From the beginning of a hold until goals stand still; of a stop, until they are no faster than on the way home."""
 OFF_S = 3.0
 """From the beginning of a stop until torque is off."""
+HOME_SHARE = 0.45
+"""Of the greatest speeds: the longest way home of a joint, 2.4 rad, takes as much to be gone in 2.5 s."""
 SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
 
 
@@ -49,8 +51,8 @@ def _stop(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], 
     ended = trace.first(GuardState.STOPPED, begun)
     if ended is not None:
         wrong += after_latch(writes, ended)
-    share = bench.robot.profile.safety.speed_caps.approach
-    return wrong[:5] + hasty(ways, begun + REST_S, trace.ended, share=share, dt=dt)
+    wrong += hasty(ways, begun + REST_S, trace.ended, share=HOME_SHARE, dt=dt)
+    return wrong[:8] + wavering(ways, begun + REST_S, trace.ended)
 
 
 def _torque(bench: Bench, trace: Trace) -> list[str]:

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from ipaddress import IPv4Network
 
+import numpy as np
+
 from hardware.bus import ServoBus
 from hardware.bus_spec import BusSpec
 from hardware.clock import Clock, VirtualClock
@@ -123,11 +125,17 @@ class Bench:
             self._act(now)
             return state
 
+        place, valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
+
         def sampled(index: int) -> object:
             found = sample(index)
             if found is not None:
                 gone = frozenset(name for name, valid in zip(names, found.valid, strict=True) if not valid)
                 trace.out.append((self.clock.now(), gone))
+                both = found.valid & valid
+                step = np.linalg.norm(found.position[both] - place[both], axis=1).max(initial=0.0)
+                trace.steps.append((self.clock.now(), float(step)))
+                place[:], valid[:] = found.position, found.valid
             return found
 
         guard.tick = ticking  # type: ignore[method-assign]

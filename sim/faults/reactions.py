@@ -19,6 +19,8 @@ HEALTHY_S = 0.5
 BACK_S = 0.6
 """So long after data are good again a robot goes on, at the latest."""
 HALF = 0.5
+STEP_M = 0.025
+"""From sample to sample no sensor goes farther, m, once a hold is over: 0.6 m/s on the way back, 2 m/s of its own."""
 MARGIN_M = 0.004
 """What the observers of the profile keep, m."""
 STOOD_S = 0.2
@@ -108,6 +110,9 @@ def _hold(row: Row, seen: Seen) -> Judged:
     on = None if hold is None else seen.trace.first(GuardState.MOVING, hold)
     if row.back is not None and on is not None and on - seen.onset < row.back + HEALTHY_S:
         wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
+    leap = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
+    if leap > STEP_M:
+        wrong.append(f"it went on by a leap: {leap:.3f} m of a sensor in a tick")
     if row.reaction is Reaction.HOLD:
         return hold, wrong
     return on, wrong + late("on its way again", on, seen.onset, row.limit)

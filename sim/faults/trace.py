@@ -22,7 +22,8 @@ class Tick:
 
 @dataclass
 class Trace:
-    """All times in s of the run's clock. out: when which sensors took no part; sent: every packet of the host; let_go:
+    """All times in s of the run's clock. out: when which sensors took no part; steps: how far (m) the sensor that went
+    farthest went from one followed sample to the next; sent: every packet of the host; let_go:
     when which servo (id) stopped driving by itself or was told to: its torque went, or its watchdog stopped it.
 
     began: when following began. gone: when the host was killed.
@@ -33,6 +34,7 @@ class Trace:
 
     ticks: list[Tick] = field(default_factory=list)
     out: list[tuple[float, frozenset[str]]] = field(default_factory=list)
+    steps: list[tuple[float, float]] = field(default_factory=list)
     sent: list[Sent] = field(default_factory=list)
     let_go: list[tuple[float, int]] = field(default_factory=list)
     said: list[str] = field(default_factory=list)

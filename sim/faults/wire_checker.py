@@ -103,6 +103,18 @@ def hasty(ways: Sequence[Track], first: float, last: float, *, share: float, dt:
     return found
 
 
+def wavering(ways: Sequence[Track], first: float, last: float) -> list[str]:
+    """Who does not go straight from where it is to somewhere between two times, s, a line each."""
+    found = []
+    for track in ways:
+        within = track.angle[(track.times >= first) & (track.times < last)]
+        if within.size:
+            more = float(np.abs(np.diff(within)).sum() - abs(within[-1] - within[0]))
+            if more > TICKS_OF_TOLERANCE * track.step:
+                found.append(f"{track.servo.label} goes to and fro, by {more:.3f} rad")
+    return found
+
+
 def after_latch(writes: Sequence[Written], latched: float) -> list[str]:
     """What was written after a latch, s, that is not to let go of the robot: once of each kind."""
     wrong = {
