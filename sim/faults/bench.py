@@ -38,6 +38,8 @@ from sim.faults.trace import Tick, Trace
 
 ROBOT = "op3"
 LISTED = IPv4Network("127.0.0.0/8")
+BEFORE_OPENING, BEFORE_ARMING = -1.0, -0.5
+"""Times of what is done before a run begins."""
 AFTERWARDS_S = 0.3
 """So long the servos are looked at after the host has ended."""
 
@@ -75,8 +77,15 @@ class Bench:
         return next(one for one in self.servos if one.id == device)
 
     def at(self, time: float, act: Callable[[], object]) -> None:
-        """Call `act` at a time, s after following began; a time below 0: before the bus is opened."""
+        """Call `act` at a time, s after following began; BEFORE_ARMING, or less: before the bus is opened."""
         self._due.append((time, act))
+
+    def _act_until(self, time: float) -> None:
+        """Do what is due by a time."""
+        due = [one for one in self._due if one[0] <= time]
+        self._due = [one for one in self._due if one not in due]
+        for _, act in due:
+            act()
 
     def kill(self) -> None:
         """The host is gone, from now on."""
@@ -140,6 +149,7 @@ class Bench:
 
         guard.tick = ticking  # type: ignore[method-assign]
         samples.sample = sampled  # type: ignore[method-assign, assignment]
+        self._act_until(BEFORE_ARMING)
         try:
             prepared.run(Watch(self._leave, stop_asked=lambda: self.stop_asked))
         finally:
@@ -154,10 +164,7 @@ class Bench:
     def _act(self, now: float) -> None:
         """Do what is due."""
         if self.trace.began is not None and self._due:
-            due = [one for one in self._due if now >= self.trace.began + one[0]]
-            self._due = [one for one in self._due if one not in due]
-            for _, act in due:
-                act()
+            self._act_until(now - self.trace.began)
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
@@ -197,9 +204,7 @@ class Bench:
             return made
 
         made = DynamixelBus(robot.joint_map, buses, port, tell=self.trace.said.append)
-        for _, act in [one for one in self._due if one[0] < 0.0]:
-            act()
-        self._due = [one for one in self._due if one[0] >= 0.0]
+        self._act_until(BEFORE_OPENING)
         return made
 
     def _tap(self, servo: EmulatedServo) -> None:

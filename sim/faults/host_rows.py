@@ -9,7 +9,7 @@ import numpy as np
 
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
-from sim.faults.bench import Bench
+from sim.faults.bench import BEFORE_ARMING, Bench
 from sim.faults.reaction import Idle, Reaction, Row
 from sim.faults.stream_rows import later
 
@@ -68,8 +68,8 @@ def _follower(
 
 
 def _when_following(act: Callable[[Bench], None]) -> Callable[[Bench, float], object]:
-    """Done as soon as there is somebody to do it to."""
-    return lambda bench, at: bench.at(max(at, 0.0), lambda: act(bench))
+    """Done to what is there only once the bus is open; of an idle run: before it arms."""
+    return lambda bench, at: bench.at(max(at, BEFORE_ARMING), lambda: act(bench))
 
 
 def _late(bench: Bench, posture: RobotPosture) -> RobotPosture:
@@ -85,6 +85,8 @@ def _inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
     """A stage that has lost its observers turns a leg into the other, within all limits of the joint."""
     joint, angle, speed = INWARDS
     servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
+    if not bench.side._sent.size:
+        return posture  # nothing has been sent yet
     column = servos.joints.index(joint)
     goal, sent, moved = posture.joint_positions.copy(), bench.side._sent, bench.side._moved
     change = 0.5 * float(servos.max_acceleration[column]) * dt * dt
@@ -107,7 +109,7 @@ def _signal(bench: Bench) -> None:
 HOST_ROWS: tuple[Row, ...] = (
     Row("wall clock an hour on", Reaction.NONE, 0.0, _wall_clock(HOUR_S)),
     Row("wall clock an hour back", Reaction.NONE, 0.0, _wall_clock(-HOUR_S)),
-    Row("solver not finite", Reaction.STAND, 0.050, _when_following(_follower(_not_finite))),
+    Row("solver not finite", Reaction.STAND, 0.050, _when_following(_follower(_not_finite)), Idle.REFUSES),
     Row("solver not finite once", Reaction.NONE, 0.0, _when_following(_follower(_not_finite, 1))),
     Row("deadline missed", Reaction.HOLD, 0.030, _when_following(_follower(_late))),
     Row("deadline missed once", Reaction.NONE, 0.0, _when_following(_follower(_late, 1))),
@@ -116,5 +118,11 @@ HOST_ROWS: tuple[Row, ...] = (
     Row("kill -9", Reaction.GONE, 0.120, later(Bench.kill), Idle.ONLY_READS, watchdog=0.120),
     Row("stopped for a second", Reaction.STOP, 1.020, later(_suspended), watchdog=0.120),
     Row("SIGINT, SIGTERM", Reaction.STOP, 0.020, later(_signal), ends=4.0),
-    Row("person stops it", Reaction.STOP, 0.020, _when_following(lambda bench: bench.guard.stop("space bar"))),
+    Row(
+        "person stops it",
+        Reaction.STOP,
+        0.020,
+        _when_following(lambda bench: bench.guard.stop("space bar")),
+        Idle.REFUSES,
+    ),
 )
