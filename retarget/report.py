@@ -9,6 +9,7 @@ from typing import Any
 from retarget.errors import UsageError
 from retarget.metrics.motion import LimitViolations
 from retarget.metrics.observer_activity import ModeSwitches
+from retarget.metrics.physics import PhysicsReport
 from retarget.outputs import check_path, check_place, write_atomic
 
 __all__ = [
@@ -137,7 +138,7 @@ class Report:
     servo_error_deg: how far each servo stood from the goal of the tick before. unled_frames: ticks in which nobody knew
     a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of each
     hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
-    asked; reachable_share: of the ticks that followed, those.
+    asked; reachable_share: of the ticks that followed, those. fallen, physics: as the simulation saw it; null without.
     """
 
     frames: int
@@ -176,6 +177,7 @@ class Report:
     closest_links: tuple[str, str] | None
     deep: DeepReport
     observers: ObserversReport | None
+    physics: PhysicsReport | None
     robot: str
     source: str
     performer: str

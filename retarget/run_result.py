@@ -10,6 +10,7 @@ from retarget.human import Human
 from retarget.joint_limits import JointLimits
 from retarget.observers import Observers
 from retarget.performer import Performer
+from retarget.physics_run import PhysicsRun
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
 from retarget.record import Record
@@ -27,6 +28,7 @@ class RunResult:
     human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the
     stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
     stop: the guard's, None without one. scene: what was around the last stage's body; observers: of that body.
+    physics: what a simulation saw, None without one.
     """
 
     record: Record
@@ -44,6 +46,7 @@ class RunResult:
     stop: Stop | None = None
     scene: SceneState | None = None
     observers: Observers | None = None
+    physics: PhysicsRun | None = None
 
     @property
     def observer_names(self) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """`retarget check` and `retarget robots` as a user meets them: output, messages, exit codes."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -162,3 +163,14 @@ def test_what_is_checked_elsewhere(capsys: pytest.CaptureFixture[str], tmp_path:
     code, _, err = run(capsys, "check", tmp_path / name)
     assert code == 2
     assert "check takes configurations" in err and step in err
+
+
+def test_a_robot_that_would_fall_over_is_told_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "centre of mass 61 mm inside" in run(capsys, "check", "op3")[1]
+    soles = copy_of_op3(tmp_path / "op3")
+    text = soles.read_text(encoding="utf-8")
+    soles.write_text(re.sub(r"(_sole: \{link: \w+, pos: \[)([^,]+),", r"\g<1>0.2,", text), encoding="utf-8")
+    code, _, err = run(capsys, "check", soles)
+    assert code == 2
+    for words in ("would fall over in posture stand", "centre of mass at (", "outside the soles; allowed: inside ("):
+        assert words in err

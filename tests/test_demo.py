@@ -43,3 +43,8 @@ def test_an_unknown_robot_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureF
     assert demo(tmp_path / "new", "--robot", "op4") == REFUSED
     assert "op3" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_demo_moves_no_real_servos(capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo("--bus", "profile") == REFUSED
+    assert "moves no real servos" in capsys.readouterr().err

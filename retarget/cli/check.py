@@ -20,6 +20,7 @@ from retarget.scene import Scene, load_scene
 from retarget.scene_parts import Obstacle
 from retarget.schema import Schema
 from retarget.schema_errors import unknown_name
+from retarget.standing import check_stand
 from retarget.strict_yaml import Document, read_text, scan
 
 TELLING_KEYS: dict[Kind, frozenset[str]] = {
@@ -119,6 +120,7 @@ def _robot(path: Path) -> str:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
     robot = load_robot(path)
     observers = robot_observers(robot)
+    margin = check_stand(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (
         f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
@@ -140,6 +142,11 @@ def _robot(path: Path) -> str:
             )
             or "only neighbours along the body",
             "feet": ", ".join(profile.feet) or "none",
+            **(
+                {}
+                if margin is None
+                else {"stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"}
+            ),
             "tick": f"{profile.safety.rate_hz:g} Hz",
             **safety_facts(profile.safety),
             "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}",

@@ -1,4 +1,4 @@
-"""`retarget demo`: a synthetic performer drives a robot on an emulated bus. No data, no hardware."""
+"""`retarget demo`: a synthetic performer drives a robot on a simulated bus. No data, no hardware."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,8 +7,9 @@ import typer
 
 from retarget.cli.follow_clip import follow_clip
 from retarget.cli.outputs import Outputs
+from retarget.errors import UsageError
 from retarget.frames import SensorFrames
-from retarget.options import RunOptions
+from retarget.options import SIMULATED, RunOptions
 
 DEFAULT_FOLDER = Path("out/demo")
 
@@ -16,12 +17,23 @@ DEFAULT_FOLDER = Path("out/demo")
 def demo(
     folder: Annotated[Path, typer.Argument(help="Where report, recording and pictures go.")] = DEFAULT_FOLDER,
     robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")] = "op3",
+    bus: Annotated[
+        str, typer.Option(help="Where goals go, as of `run`.", metavar="mock|emulator|physics|physics+wire|none")
+    ] = "emulator",
 ) -> None:
     """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
 
     Writes a report, every tick and pictures into a folder; needs no data and no hardware.
     """
-    options = RunOptions(robot=robot, bus="emulator")
+    options = RunOptions(robot=robot, bus=bus)
+    if not options.simulated:
+        raise UsageError(
+            "a demo moves no real servos",
+            where="--bus",
+            found=bus,
+            allowed=", ".join(SIMULATED),
+            next_step="See `retarget run`",
+        )
     outputs = Outputs.in_folder(folder)
 
     def read() -> SensorFrames:

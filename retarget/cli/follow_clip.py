@@ -8,9 +8,9 @@ from rich.console import Console
 
 from hardware.clock import MonotonicClock, VirtualClock
 from retarget.cli.boundary import DONE, STOPPED
-from retarget.cli.buses import make_bus
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.outputs import Outputs, Written
+from retarget.cli.physics_bench import PhysicsBench
 from retarget.cli.progress import progress_bar
 from retarget.cli.summary import show_summary
 from retarget.frames import SensorFrames
@@ -30,19 +30,21 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     read: opens the source. Raises RetargetError for what cannot be run; then nothing has moved and nothing is written.
     """
     clock = VirtualClock() if options.simulated else MonotonicClock()
+    bench = PhysicsBench(options, _note)
     with ExitStack() as signals:
         with prepare(
             read,
             options,
             clock=clock,
-            make_bus=lambda robot, clock: make_bus(options.bus, robot, clock, faults=options.faults),
-            tell=lambda text: typer.echo(text, err=True),
+            make_bus=bench.make_bus,
+            parks=options.has_physics,  # without torque it would fall from where it stands
+            tell=_note,
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with progress_bar(options.robot, prepared.samples.ticks) as show:
-                run = prepared.run(Watch(show, stop, stop.insisted))
+                run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
-        return finished(run, outputs)
+        return finished(bench.seen(run), outputs)
 
 
 def finished(run: RunResult, outputs: Outputs) -> int:
@@ -50,7 +52,11 @@ def finished(run: RunResult, outputs: Outputs) -> int:
     report = measure(run)
     written = outputs.write(run, report)
     _tell(report, written)
-    return STOPPED if run.reason is not None or written.problems else DONE
+    return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
+
+
+def _note(text: str) -> None:
+    typer.echo(text, err=True)
 
 
 def _tell(report: Report, written: Written) -> None:

@@ -8,7 +8,6 @@ import typer
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
 from hardware.realtime import scheduled
-from retarget.cli.buses import make_bus
 from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, socket_path
 from retarget.cli.dead_man import DeadMan, open_dead_man
@@ -18,6 +17,7 @@ from retarget.cli.keys import Keys
 from retarget.cli.live_controls import HELP, LiveControls
 from retarget.cli.outputs import Outputs
 from retarget.cli.oversight import Oversight, has_terminal, refuse_oversight
+from retarget.cli.physics_bench import PhysicsBench
 from retarget.cli.progress import progress_bar
 from retarget.errors import UsageError
 from retarget.live.address import parse_address
@@ -82,6 +82,7 @@ def follow_live(
     virtual = address.kind == "replay" and options.simulated
     refuse_oversight(oversight, virtual=virtual)
     clock: Clock = VirtualClock() if virtual else MonotonicClock()
+    bench = PhysicsBench(options, _tell)
     with ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
         tap = None if record_raw is None else stack.enter_context(RawTap(RawWriter(record_raw, url=address.text)))
@@ -96,7 +97,7 @@ def follow_live(
             perform,
             options,
             clock=clock,
-            make_bus=lambda robot, clock: make_bus(options.bus, robot, clock, faults=options.faults),
+            make_bus=bench.make_bus,
             parks=True,
             tell=_tell,
         ) as prepared:
@@ -113,8 +114,8 @@ def follow_live(
                 _tell(f"hold {dead_man.told}: the robot moves only while it is held")
             _wait_until_wanted(clutch, controls, performer, clock)
             with progress_bar(options.robot, _ticks(live, performer.dt)) as show, scheduled(oversight.scheduling):
-                run = _run(prepared, controls, show, clock)
-        return finished(run, outputs)
+                run = _run(prepared, controls, bench, show, clock)
+        return finished(bench.seen(run), outputs)
 
 
 def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:
@@ -140,10 +141,12 @@ def _wait_until_wanted(clutch: Clutch, controls: LiveControls, performer: LivePe
         clock.sleep_until(clock.now() + performer.dt)
 
 
-def _run(prepared: Prepared, controls: LiveControls, show: Callable[[int], object], clock: Clock) -> RunResult:
+def _run(
+    prepared: Prepared, controls: LiveControls, bench: PhysicsBench, show: Callable[[int], object], clock: Clock
+) -> RunResult:
     """Play it; in time, also where there is no robot whose side keeps it."""
     look = controls.look if prepared.side is not None else _in_time(controls.look, prepared.samples.dt, clock)
-    return prepared.run(Watch(show, look, controls.insisted))
+    return prepared.run(Watch(show, bench.watching(look, prepared, live=True), controls.insisted))
 
 
 def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:

@@ -15,9 +15,11 @@ from retarget.frames import SensorFrames
 from retarget.live.begin import LiveOptions
 from retarget.live.smoothing import LIGHT
 from retarget.options import RunOptions
+from retarget.physics_options import PhysicsOptions
 
 LIVE = "Live streams"
-"""Heading of their options in the help."""
+PHYSICS = "Physics"
+"""Headings of their options in the help."""
 
 
 def run(
@@ -35,12 +37,15 @@ def run(
     bus: Annotated[
         str,
         typer.Option(
-            help="Where goals go: servos in this process, an emulator that talks as they do, nowhere; or real servos "
-            "on the ports of the profile, or on this one.",
-            metavar="mock|emulator|none|profile|PORT",
+            help="Where goals go: servos in this process, an emulator that talks as they do, a robot with mass that "
+            "can fall (with the emulator's bytes: +wire), nowhere; or real servos on the ports of the profile, or on "
+            "this one.",
+            metavar="mock|emulator|physics|physics+wire|none|profile|PORT",
         ),
     ] = "mock",
-    faults: Annotated[Path | None, typer.Option(help="What goes wrong on the emulator.", metavar="FILE.yaml")] = None,
+    faults: Annotated[
+        Path | None, typer.Option(help="What goes wrong on the emulator's wire.", metavar="FILE.yaml")
+    ] = None,
     performer: Annotated[
         str, typer.Option(help="Which sensors are worn: five, three, six, ten, all, or a file.", metavar="NAME|FILE")
     ] = "five",
@@ -76,6 +81,34 @@ def run(
         str | None, typer.Option(help="Length unit of the file, where it states none.", metavar="m|cm|mm|inch|cmu")
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frames per second instead of the file's.", metavar="HZ")] = None,
+    mount: Annotated[
+        str | None,
+        typer.Option(
+            help="What the robot is on; usually as its profile's root says.",
+            metavar="floor|stand|gantry",
+            rich_help_panel=PHYSICS,
+        ),
+    ] = None,
+    hook: Annotated[
+        str | None,
+        typer.Option(
+            help="Frame of the profile by which a gantry holds it; usually 'hook'.",
+            metavar="FRAME",
+            rich_help_panel=PHYSICS,
+        ),
+    ] = None,
+    trouble: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Another mass (+-10 %), a centre of mass 10 mm off, friction from 0.5 to 1, 30 ms of latency, a push "
+            "of 3 N for 0.2 s; drawn by the seed. Also several times.",
+            metavar="mass|centre_of_mass|friction|latency|push",
+            rich_help_panel=PHYSICS,
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(help="Of all that chance decides; the same gives the same.", rich_help_panel=PHYSICS)
+    ] = 0,
     countdown: Annotated[
         float,
         typer.Option(help="Time to get into the pose of the calibration.", metavar="S", rich_help_panel=LIVE),
@@ -173,6 +206,7 @@ def run(
         scene=scene,
         allow_contact=allow_contact,
         faults=faults,
+        physics=PhysicsOptions(mount=mount, hook=hook, seed=seed, trouble=tuple(trouble or ())),
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
     outputs = Outputs.checked(report=report, save=save, plots=plots)

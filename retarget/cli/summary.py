@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from rich.console import Console
 from rich.table import Table
 
+from retarget.cli.physics_lines import physics_facts
 from retarget.report import Percentiles, Report, Spread
 
 __all__ = ["show_summary"]
@@ -79,6 +80,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "penetration", _penetration(report)
     yield "observers", _observers(report)
     yield "gate", _gate(report)
+    yield from physics_facts(report.physics)
     yield "cost per tick", _cost(report)
     yield "ticks missed", _missed(report)
     yield (
@@ -162,9 +164,7 @@ def _missed(report: Report) -> str:
     bus = report.bus
     if bus is None or not bus.missed_ticks:
         return ""
-    return (
-        f"{bus.missed_ticks} of {report.ticks}; the longest took {bus.longest_period_ms:.0f} ms, see retarget doctor"
-    )
+    return f"{bus.missed_ticks} of {report.ticks}; the longest took {bus.longest_period_ms:.0f} ms, see retarget doctor"
 
 
 def _cost(report: Report) -> str:

@@ -11,6 +11,7 @@ from retarget.metrics.asked_arms import Performance
 from retarget.metrics.clearances import RunClearances, clearances
 from retarget.metrics.motion import LimitViolations, jerk_p95, limit_violations
 from retarget.metrics.observer_activity import ModeSwitches, observer_activity
+from retarget.metrics.physics import physics_report
 from retarget.metrics.priority import top_level_error
 from retarget.metrics.reach import reachable_hands
 from retarget.report import (
@@ -38,9 +39,8 @@ MM = 1e3
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     record, clip, robot, timing = run.record, run.clip, run.record.robot, run.record.timing
-    names, asked, reached = run.followed
-    played, stand, hands = clip.frames_played(run.ticks_followed), _standing(run), _hands(run, reached)
-    clear, switches, observers = _observers(run)
+    (names, asked, reached), stand, (clear, switches, observers) = run.followed, _standing(run), _observers(run)
+    played, hands = clip.frames_played(run.ticks_followed), _hands(run, reached)
     return Report(
         frames=min(played, clip.source_frames),
         ticks=len(record),
@@ -63,7 +63,7 @@ def measure(run: RunResult) -> Report:
         com_outside_support_frames=stand.outside,
         foot_slide_mm=_mm(stand.slide),
         jerk_p95=jerk_p95(_joint_positions(run)[record.following], clip.dt),
-        fallen=None,
+        fallen=None if run.physics is None else run.physics.fall is not None,
         mode_switches_per_s=switches,
         bus=_bus(run),
         stop=StopReport(run.state, run.reason),
@@ -78,6 +78,7 @@ def measure(run: RunResult) -> Report:
         closest_links=clear.closest,
         deep=DeepReport(clear.deep, clear.closest_obstacle),
         observers=observers,
+        physics=physics_report(run),
         robot="human" if run.robot is None else run.robot.profile.name,
         source=clip.frames.source,
         performer=run.performer.name,

@@ -7,13 +7,20 @@ from retarget.outputs import make_folder
 from retarget.plots.angles import plot_angles
 from retarget.plots.balance import plot_balance
 from retarget.plots.poses import plot_poses
+from retarget.plots.pressure import plot_pressure
 from retarget.plots.style import save_figure
 from retarget.plots.tracking import plot_tracking
 from retarget.run_result import RunResult
 
 __all__ = ["PICTURES", "write_plots"]
 
-PICTURES = {"tracking": plot_tracking, "angles": plot_angles, "balance": plot_balance, "poses": plot_poses}
+PICTURES = {
+    "tracking": plot_tracking,
+    "angles": plot_angles,
+    "balance": plot_balance,
+    "pressure": plot_pressure,
+    "poses": plot_poses,
+}
 """File name without suffix -> what draws it; None instead of a figure: there is nothing to show."""
 
 

@@ -1,13 +1,13 @@
 """What is different about a robot, its floor or its day: data, so that a run can be repeated under trouble."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from math import cos, pi, sin
 
 import numpy as np
 
-__all__ = ["FRICTION", "NOMINAL", "Perturbation", "Push", "Trouble", "drawn"]
+__all__ = ["FRICTION", "NOMINAL", "Perturbation", "Push", "Trouble", "combined", "drawn", "trouble_of"]
 
 FRICTION = 0.8
 """Of rubber soles on a hard floor, where nothing else is said."""
@@ -57,6 +57,22 @@ class Trouble(StrEnum):
 
 
 _FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
+
+
+def trouble_of(name: str) -> Trouble:
+    """The kind of that name."""
+    return Trouble(name)
+
+
+def combined(parts: Sequence[Perturbation]) -> Perturbation:
+    """All of them at once: what one of them changes is changed. Two that change the same: the later one does."""
+    values = {
+        field.name: getattr(part, field.name)
+        for part in parts
+        for field in fields(Perturbation)
+        if getattr(part, field.name) != getattr(NOMINAL, field.name)
+    }
+    return replace(NOMINAL, **values)
 
 
 def drawn(trouble: Trouble, seed: int, *, within: tuple[float, float], frame: str | None = None) -> Perturbation:
