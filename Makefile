@@ -19,7 +19,7 @@ RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test lint bench bench-bus bench-lateness long wheels clean machine
+.PHONY: help demo test lint bench bench-bus bench-lateness bench-physics robustness long wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -28,6 +28,8 @@ help:
 	@echo 'make bench   our frame time beside PlaCo and mink'
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'
 	@echo 'make bench-lateness  how late ticks of the live loop wake up, beside an empty loop'
+	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
+	@echo 'make robustness  in how many runs under trouble it stands; takes half an hour'
 	@echo 'make long    tests that take minutes'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
 	@echo 'make clean   remove .venv and everything built'
@@ -59,6 +61,12 @@ bench-bus: $(VENV)/.with-test
 
 bench-lateness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.lateness $(BENCH)
+
+bench-physics: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.physics $(BENCH)
+
+robustness: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.robustness --jobs $(JOBS) $(BENCH)
 
 # zig links against an old glibc (2.17), for machines older than this one and for the other architecture.
 wheels: $(VENV)/.pip

@@ -1,0 +1,158 @@
+"""Whole runs of a robot with mass, as `retarget run --bus physics` makes them, and what the measuring needs of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.bodies import Floats
+from hardware.bus import ServoBus, ServoGoals, ServoStates
+from hardware.clock import Clock, VirtualClock, thread_cpu
+from retarget.cli.physics_bench import PhysicsBench
+from retarget.frames import SensorFrames
+from retarget.metrics.physics import physics_report
+from retarget.options import RunOptions
+from retarget.pipeline import Watch
+from retarget.prepare import prepare
+from retarget.robot_body import RobotBody
+from retarget.run_result import RunResult
+
+__all__ = ["PhysicsCost", "Stood", "TimedBus", "cost_of_run", "play", "stood"]
+
+
+class TimedBus:
+    """A `hardware.bus.ServoBus` that hands everything on, and adds up the thread CPU of it: `spent`, s."""
+
+    def __init__(self, bus: ServoBus) -> None:
+        self._bus = bus
+        self.spent = 0.0
+
+    def open(self) -> None:
+        """Open it."""
+        self._bus.open()
+
+    def read(self) -> ServoStates:
+        """Read it."""
+        begun = thread_cpu()
+        states = self._bus.read()
+        self.spent += thread_cpu() - begun
+        return states
+
+    def write(self, goals: ServoGoals) -> None:
+        """Write to it."""
+        begun = thread_cpu()
+        self._bus.write(goals)
+        self.spent += thread_cpu() - begun
+
+    def torque(self, on: bool) -> None:
+        """Switch its torque."""
+        self._bus.torque(on)
+
+    def close(self) -> None:
+        """Close it."""
+        self._bus.close()
+
+
+@dataclass(frozen=True)
+class PhysicsCost:
+    """A run's thread CPU. ticks: of the bus; seconds: of the robot's time; cpu_s: of the whole loop, arming and parking
+    with it, without loading. real_time: seconds over cpu_s. us per tick: of the whole, of the simulated mechanics with
+    their bus, of the human's and of the robot's stage; rest: gate, guard, record. fallen: whether it fell."""
+
+    motion: str
+    speed: float
+    ticks: int
+    seconds: float
+    cpu_s: float
+    real_time: float
+    tick_us: float
+    physics_us: float
+    human_us: float
+    robot_us: float
+    rest_us: float
+    fallen: bool
+
+
+@dataclass(frozen=True)
+class Stood:
+    """How a run under trouble ended. fallen_at s on the run's time, None: it stood; in_the_end: it fell after it had
+    followed, on its way to rest or there. margin_mm, slip_mm, tilt_deg: of the report."""
+
+    trouble: str
+    seed: int
+    fallen_at: float | None
+    how: str
+    in_the_end: bool
+    stopped: str
+    margin_mm: float | None
+    slip_mm: float
+    tilt_deg: float
+
+
+def play(frames: SensorFrames, options: RunOptions) -> RunResult:
+    """Run it on a virtual clock; a fall ends it. Raises RetargetError."""
+    bench = PhysicsBench(options, lambda text: None)
+    with prepare(
+        lambda: frames, options, clock=VirtualClock(), make_bus=bench.make_bus, parks=options.has_physics
+    ) as prepared:
+        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+    return bench.seen(run)
+
+
+def cost_of_run(name: str, frames: SensorFrames, options: RunOptions) -> PhysicsCost:
+    """Run it, and take its time. Raises RetargetError."""
+    bench = PhysicsBench(options, lambda text: None)
+    timed: list[TimedBus] = []
+
+    def bus(robot: RobotBody, clock: Clock) -> ServoBus:
+        timed.append(TimedBus(bench.make_bus(robot, clock)))
+        return timed[0]
+
+    with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=bus, parks=options.has_physics) as prepared:
+        watch = Watch(stop_asked=bench.watching(lambda: False, prepared))
+        begun = thread_cpu()
+        run = prepared.run(watch)
+        cpu = thread_cpu() - begun
+        spent = timed[0].spent
+    run = bench.seen(run)
+    ticks, dt = len(run.record), run.clip.dt
+    human, robot = _total(run.record.timing.reconstruct), _total(run.record.timing.retarget)
+    us = 1e6 / ticks
+    return PhysicsCost(
+        motion=name,
+        speed=run.clip.speed,
+        ticks=ticks,
+        seconds=ticks * dt,
+        cpu_s=cpu,
+        real_time=ticks * dt / cpu,
+        tick_us=us * cpu,
+        physics_us=us * spent,
+        human_us=us * human,
+        robot_us=us * robot,
+        rest_us=us * (cpu - spent - human - robot),
+        fallen=run.physics is not None and run.physics.fall is not None,
+    )
+
+
+def stood(trouble: str, seed: int, run: RunResult) -> Stood:
+    """How a run ended."""
+    report = physics_report(run)
+    assert report is not None, "the robot has mass"
+    following = run.record.time[run.record.following]
+    last = float(following[-1]) if following.size else 0.0
+    return Stood(
+        trouble=trouble,
+        seed=seed,
+        fallen_at=report.fallen_at_s,
+        how=report.how or "",
+        in_the_end=report.fallen_at_s is not None and report.fallen_at_s > last,
+        stopped=run.reason or "",
+        margin_mm=report.min_zmp_margin_mm,
+        slip_mm=report.foot_slip_mm["total"],
+        tilt_deg=report.sole_tilt_max_deg,
+    )
+
+
+def _total(seconds: Floats) -> float:
+    return float(np.nansum(seconds))

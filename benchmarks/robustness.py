@@ -1,0 +1,129 @@
+"""`python -m benchmarks.robustness`: in how many runs under each kind of trouble a robot with mass stands.
+
+Each seed draws its own trouble: mass +-10 %, centre of mass 10 mm off, friction 0.5 to 1, latency 30 ms, a push of 3 N
+for 0.2 s from front, back and side in turn. A robot stands if it has not fallen when it is parked, torque off.
+`--json FILE` keeps every run.
+"""
+
+from __future__ import annotations
+
+import os
+
+# One thread for every library, before any of them is loaded.
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+
+from benchmarks.observed import RECORDING
+from benchmarks.physics_runs import Stood, play, stood
+from benchmarks.table import print_table
+from retarget.clip import Playback
+from retarget.frames import SensorFrames
+from retarget.options import RunOptions
+from retarget.physics_options import TROUBLES, PhysicsOptions
+from retarget.sources.open import open_source
+from sim.performer import synthetic_performer
+
+ASKED = 0.95
+"""Share of the runs that stand."""
+NONE = "none"
+SYNTHETIC = "synthetic"
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One run. source: a file, or SYNTHETIC."""
+
+    robot: str
+    source: str
+    speed: float
+    end: float | None
+    trouble: str
+    seed: int
+
+
+def main() -> None:
+    """The command."""
+    usual = str(RECORDING) if RECORDING.is_file() else SYNTHETIC
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.robustness", description=__doc__)
+    parser.add_argument("--robot", default="op3", help="by name or path")
+    parser.add_argument("--source", default=usual, help=f"a motion file, or {SYNTHETIC} [{Path(usual).name}]")
+    parser.add_argument("--speed", type=float, default=0.5, help="of the performer")
+    parser.add_argument("--end", type=float, default=None, help="end at this time of the motion, s")
+    parser.add_argument("--seeds", type=int, default=50, help="runs of each kind of trouble")
+    parser.add_argument("--trouble", nargs="*", default=[NONE, *TROUBLES], choices=[NONE, *TROUBLES])
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--json", type=Path, help="file for every run")
+    asked = parser.parse_args()
+    cases = [
+        Case(asked.robot, asked.source, asked.speed, asked.end, trouble, seed)
+        for trouble in asked.trouble
+        for seed in range(asked.seeds)
+    ]
+    ends = list(run_all(cases, jobs=asked.jobs))
+    motion_name = Path(asked.source).stem
+    print(f"{asked.robot}, {motion_name}, speed {asked.speed:g}, {asked.seeds} seeds; asked: {ASKED:.0%} stand")
+    show(ends, asked.trouble)
+    if asked.json is not None:
+        asked.json.write_text(json.dumps([dataclasses.asdict(end) for end in ends], indent=1) + "\n", encoding="utf-8")
+
+
+def run_all(cases: Iterable[Case], *, jobs: int) -> Iterator[Stood]:
+    """How each case ends, in their order."""
+    if jobs == 1:
+        yield from map(run_case, cases)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(run_case, cases)
+
+
+def run_case(case: Case) -> Stood:
+    """Play one."""
+    physics = PhysicsOptions(seed=case.seed, trouble=() if case.trouble == NONE else (case.trouble,))
+    playback = Playback(speed=case.speed, end=case.end)
+    options = RunOptions(robot=case.robot, bus="physics", physics=physics, playback=playback)
+    return stood(case.trouble, case.seed, play(motion(case.source), options))
+
+
+@cache
+def motion(source: str) -> SensorFrames:
+    """What is followed, read once in each process."""
+    return synthetic_performer() if source == SYNTHETIC else open_source(source)
+
+
+def show(ends: list[Stood], troubles: Iterable[str]) -> None:
+    """As a table, a row for each kind of trouble."""
+    rows = [row(trouble, [end for end in ends if end.trouble == trouble]) for trouble in troubles]
+    heads = ["trouble", "runs", "stand", "fell following", "fell at the end", "stopped", "least ZMP margin, mm"]
+    print_table([*heads, "most slip, mm", "most tilt, degrees", "falls at s (seed)"], rows, text=1)
+
+
+def row(trouble: str, ends: list[Stood]) -> list[str]:
+    """One kind of trouble."""
+    fell = [end for end in ends if end.fallen_at is not None]
+    late = sum(end.in_the_end for end in fell)
+    margins = [end.margin_mm for end in ends if end.margin_mm is not None]
+    first = ", ".join(f"{end.fallen_at:.1f} ({end.seed})" for end in fell[:4]) + (", ..." if len(fell) > 4 else "")
+    return [
+        trouble,
+        str(len(ends)),
+        f"{1.0 - len(fell) / max(len(ends), 1):.0%}",
+        str(len(fell) - late),
+        str(late),
+        str(sum(bool(end.stopped) for end in ends if end.fallen_at is None)),
+        f"{min(margins):.1f}" if margins else "-",
+        f"{max(end.slip_mm for end in ends):.1f}" if ends else "-",
+        f"{max(end.tilt_deg for end in ends):.1f}" if ends else "-",
+        first or "-",
+    ]
+
+
+if __name__ == "__main__":
+    main()
