@@ -30,6 +30,7 @@ class PhysicsBus:
         self._tick_rad = np.array([servo.model.tick_rad for servo in servos])
         self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)
         self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)
+        self._here: BoolArray = np.ones(len(servos), dtype=np.bool_)
         self._unit = np.array([servo.model.current_unit or np.nan for servo in servos])
         self._origin = clock.now()
         self._open = False
@@ -97,7 +98,7 @@ class PhysicsBus:
         data, motors, electrics = simulation.data, simulation.motors, simulation.electrics
         count = len(self._servos)
         angle: FloatArray = motors.angle(data)
-        current = electrics.current(motors.torque(data), motors.driven)
+        current = electrics.current(self.witness.state.torque, motors.driven)  # as of just now
         return ServoStates(
             time=self._clock.now(),
             position=np.rint(self._zero + angle / self._tick_rad).astype(np.int64),
@@ -108,7 +109,7 @@ class PhysicsBus:
             error=ALERT_BIT * (electrics.alert != 0),
             alert=electrics.alert.copy(),
             age=np.zeros(count),
-            valid=np.ones(count, dtype=np.bool_),
+            valid=self._here.copy(),
             driven=motors.driven.copy(),
         )
 

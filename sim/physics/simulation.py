@@ -5,7 +5,7 @@ its tick each shaft begins, and how much friction each servo has.
 """
 
 from collections import deque
-from math import isfinite
+from math import floor, isfinite
 from typing import Any
 
 import numpy as np
@@ -152,7 +152,7 @@ class Simulation:
 
     def _count(self, time: float) -> int:
         """Steps of the engine in a time, s."""
-        return int(np.floor(time / self.world.step + ROUND_OFF))
+        return floor(time / self.world.step + ROUND_OFF)
 
     def _take_due(self) -> None:
         while self._waiting and self._waiting[0][0] <= self._done:

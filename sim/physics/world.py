@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -57,12 +58,12 @@ class World:
     ROBOT = 100
     FIXTURES = 101
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Step of the engine, s."""
         return float(self.model.opt.timestep)
 
-    @property
+    @cached_property
     def weight(self) -> float:
         """Of the robot, N."""
         return float(self.model.body_subtreemass[self.root] * -self.model.opt.gravity[2])
