@@ -8,6 +8,7 @@ import numpy as np
 from retarget.chase import TRUNK, Chase
 from retarget.envelope import Envelope, measure_envelope
 from retarget.following_limits import following_limits
+from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
 from retarget.joint_limits import JointLimits
@@ -96,22 +97,28 @@ class Follower:
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
         self.surroundings = Surroundings(scene)
         self.observers = robot_observers(robot)
-        self.hierarchy = Hierarchy.build(
-            priorities,
-            robot.body,
-            frames=robot_frames(robot),
-            postures=robot_postures(robot, stance),
-            limits=self._limits,
-            locked=np.zeros(robot.body.nv, dtype=bool) if parts == "whole" else standing_dofs(robot),
-            iterations=iterations,
-            observers=self.observers,
-            scene=self.surroundings.shapes,
-        )
+        carrying = standing_dofs(robot)
+
+        def build(locked: BoolArray) -> Hierarchy:
+            return Hierarchy.build(
+                priorities,
+                robot.body,
+                frames=robot_frames(robot),
+                postures=robot_postures(robot, stance),
+                limits=self._limits,
+                locked=locked,
+                iterations=iterations,
+                observers=self.observers,
+                scene=self.surroundings.shapes,
+            )
+
+        self.hierarchy = build(np.zeros_like(carrying) if parts == "whole" else carrying)
+        self._above = build(carrying) if legs_move else None  # what moves while the legs may not
         self._targets = self.hierarchy.blank()
         for sole in stance.soles:
             self.hierarchy.set_position(self._targets, sole.frame.name, sole.position)
             self.hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
-        self._stopping = Stopping(robot.body, self._limits, stance, standing_dofs(robot)) if legs_move else None
+        self._stopping = Stopping(robot.body, self._limits, stance, carrying) if legs_move else None
         self._reader = RobotReader(robot, stance)
         still = frozenset(sole.frame.name for sole in stance.soles)
         self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
@@ -203,6 +210,9 @@ class Follower:
         """
         if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
+        above = self._go_on_above(dt)
+        if above is not None:
+            return above
         step = self._stopping.follow(dt)
         if step is None:
             q = self._stopping.brake(dt)
@@ -212,6 +222,24 @@ class Follower:
         else:
             q, velocity = step
         self.hierarchy.solver.reset(q, velocity)
+        return q
+
+    def _go_on_above(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) of what the legs carry, where they stand and no posture that moves them is safe.
+
+        Else a robot whose limbs meet could stand for ever: what parts them would move its soles.
+        """
+        assert self._stopping is not None
+        if self._above is None or not self._stopping.stands:
+            return None
+        solver = self._above.solver
+        if self.surroundings.now is not None:
+            self._above.set_obstacles(self.surroundings.now)
+        solver.reset(self._q, self._stopping.velocity)
+        q = solver.frame(self._targets, dt)
+        if not self._stopping.admits(q, solver.velocity, dt):
+            return None
+        self.hierarchy.solver.reset(q, solver.velocity)
         return q
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:

@@ -37,6 +37,8 @@ SHORT_RAD = 0.03
 """A stop in which no joint of a leg turns by more than this needs no way to be looked for, where nothing is near."""
 PLANTED_M = 0.1 * SOLE_M
 """How far (m) a corner of a sole may be from its place at the beginning of such a stop, and in the tick before."""
+STANDING = 1e-9
+"""Speed (rad/s) below which a leg stands."""
 ROUND_OFF = 1e-9
 """How far (rad) beyond its limit a joint that rests there may seem to be."""
 
@@ -81,6 +83,16 @@ class Stopping:
         """Time goes by slower (change < 1) or faster from now on: what moves as before has another velocity. The way
         that is known stays good: its rows are taken one by one."""
         self._velocity = self._velocity / change
+
+    @property
+    def stands(self) -> bool:
+        """Whether the legs stand still where the robot got last."""
+        return float(np.abs(self._velocity[self._legs]).max(initial=0.0)) < STANDING
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Of the robot (nv,) there, per s."""
+        return self._velocity
 
     def admits(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
         """Whether a robot that just got to posture q (nq,), moving at velocity (nv,), can stop from there.

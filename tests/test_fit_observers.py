@@ -138,7 +138,7 @@ def test_what_it_was_made_from_is_never_overwritten(capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (["opp3"], "Did you mean op3?"),
+        (["opp3"], "Did you mean op3"),
         (["human"], "the human is no robot"),
         (["gone.xml"], "cannot read the body"),
         (["op3", "--influence", "0"], "no usable influence"),

@@ -67,6 +67,18 @@ def test_inside_the_margin_it_comes_out_at_the_same_law(n_ik: int, goal: tuple[f
     assert made.near(q).distance[0] == pytest.approx(0.01, abs=1e-6)
 
 
+def test_from_rest_it_comes_out_no_faster_than_joints_do_with_ease() -> None:
+    """A quarter of the way that accelerations allow in the first frame, the law later; and it arrives."""
+    made = rig(POINT, [ball(1, margin=0.01)], [ball(at=(0.104, 0.0, 0.0), influence=INFLUENCE)])
+    solver = made.solver([[Task.preventive(speed=SPEED)]], activation="all", n_ik=1, acceleration=1.0)
+    targets = aim(solver)
+    first = made.near(solver.frame(targets, DT)).distance[0] - 0.004
+    assert first == pytest.approx(0.25 * 1.0 * DT**2, rel=1e-6) and first < floor(0.004, margin=0.01) - 0.004
+    for _ in range(400):
+        q = solver.frame(targets, DT)
+    assert made.near(q).distance[0] == pytest.approx(0.01, abs=1e-4)
+
+
 @pytest.mark.parametrize("goal", [(-0.04, 0.02, 0.0), (0.0, 0.0, 0.0), (0.0, 0.03, 0.03)])
 def test_who_does_not_come_nearer_is_free(goal: tuple[float, float, float]) -> None:
     _, solver = before_ball(0.03, 3)

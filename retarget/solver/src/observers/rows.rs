@@ -9,6 +9,9 @@ use crate::hierarchy::{Problem, Side};
 use crate::kinematics::Pose;
 use crate::math::*;
 
+/// Share of the fastest way out that a pair may ask for in one iteration.
+const EASE: f64 = 0.25;
+
 /// A task of a level that is made of observers.
 #[derive(Clone, Debug, Default)]
 pub struct ObserverTask {
@@ -90,6 +93,9 @@ impl Watch {
             task.used.push(k);
             let asked = if waits { 0.0 } else { self.asked(k) };
             self.write_row(k, r, asked, body, pose, problem, shift);
+            if asked > 0.0 {
+                ease(problem, r, asked);
+            }
             let state = &self.pairs[k];
             problem.row_side[r] = if first { state.first_side } else { state.side };
             problem.present[r] = !waits && may_be_crossed(problem, r);
@@ -162,6 +168,18 @@ impl Watch {
 pub struct Shift<'a> {
     pub reference: &'a [f64],
     pub scale: &'a [f64],
+}
+
+/// Ask for no more than a share of the way out that the box allows: joints that cannot get out in one frame would all go as far as
+/// they may, those that carry the body as well, and lower levels could keep nothing.
+fn ease(problem: &mut Problem, r: usize, asked: f64) {
+    let row = problem.row(r);
+    let still = problem.lower[r] - asked;
+    let reach = |i: &usize| (row[*i] * problem.lo[*i]).max(row[*i] * problem.hi[*i]);
+    let most: f64 = (0..problem.n).filter(|i| row[*i] != 0.0).map(|i| reach(&i)).sum();
+    if most > still {
+        problem.lower[r] = problem.lower[r].min(still + EASE * (most - still));
+    }
 }
 
 /// Whether any point of the box lies below the row's lower limit; if none does, the row asks for nothing.
