@@ -9,6 +9,7 @@ import numpy as np
 from benchmarks.bodies import Floats
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock, VirtualClock, thread_cpu
+from hardware.guard_state import StopCause
 from retarget.cli.physics_bench import PhysicsBench
 from retarget.frames import SensorFrames
 from retarget.metrics.physics import physics_report
@@ -76,14 +77,15 @@ class PhysicsCost:
 
 @dataclass(frozen=True)
 class Stood:
-    """How a run under trouble ended. fallen_at s on the run's time, None: it stood; in_the_end: it fell after it had
-    followed, on its way to rest or there. margin_mm, slip_mm, tilt_deg: of the report."""
+    """How a run under trouble ended. fallen_at s on the run's time, None: it stood. stopped: why the guard stopped it,
+    if not for the fall. late: it fell after it had followed, on its way to rest, there, or where a stop left it without
+    torque. margin_mm, slip_mm, tilt_deg: of the report."""
 
     trouble: str
     seed: int
     fallen_at: float | None
     how: str
-    in_the_end: bool
+    late: bool
     stopped: str
     margin_mm: float | None
     slip_mm: float
@@ -146,8 +148,8 @@ def stood(trouble: str, seed: int, run: RunResult) -> Stood:
         seed=seed,
         fallen_at=report.fallen_at_s,
         how=report.how or "",
-        in_the_end=report.fallen_at_s is not None and report.fallen_at_s > last,
-        stopped=run.reason or "",
+        late=report.fallen_at_s is not None and report.fallen_at_s > last,
+        stopped="" if run.stop is None or run.stop.cause is StopCause.FALLEN else run.stop.reason,
         margin_mm=report.min_zmp_margin_mm,
         slip_mm=report.foot_slip_mm["total"],
         tilt_deg=report.sole_tilt_max_deg,

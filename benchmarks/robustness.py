@@ -15,6 +15,8 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL
 import argparse
 import dataclasses
 import json
+import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
@@ -101,23 +103,28 @@ def motion(source: str) -> SensorFrames:
 def show(ends: list[Stood], troubles: Iterable[str]) -> None:
     """As a table, a row for each kind of trouble."""
     rows = [row(trouble, [end for end in ends if end.trouble == trouble]) for trouble in troubles]
-    heads = ["trouble", "runs", "stand", "fell following", "fell at the end", "stopped", "least ZMP margin, mm"]
-    print_table([*heads, "most slip, mm", "most tilt, degrees", "falls at s (seed)"], rows, text=1)
+    heads = ["trouble", "runs", "stand", "fell following", "fell after a stop", "fell parking", "stopped"]
+    heads += ["least ZMP margin, mm", "most slip, mm", "most tilt, degrees", "falls at s (seed)"]
+    print_table(heads, rows, text=1)
+    for reason, count in Counter(re.sub(r"[\d.]+ rad$", "", end.stopped) for end in ends if end.stopped).most_common(5):
+        print(f"stopped in {count} runs: {reason.strip()}")
 
 
 def row(trouble: str, ends: list[Stood]) -> list[str]:
     """One kind of trouble."""
     fell = [end for end in ends if end.fallen_at is not None]
-    late = sum(end.in_the_end for end in fell)
+    stopped = sum(end.late and bool(end.stopped) for end in fell)
+    parking = sum(end.late and not end.stopped for end in fell)
     margins = [end.margin_mm for end in ends if end.margin_mm is not None]
     first = ", ".join(f"{end.fallen_at:.1f} ({end.seed})" for end in fell[:4]) + (", ..." if len(fell) > 4 else "")
     return [
         trouble,
         str(len(ends)),
         f"{1.0 - len(fell) / max(len(ends), 1):.0%}",
-        str(len(fell) - late),
-        str(late),
-        str(sum(bool(end.stopped) for end in ends if end.fallen_at is None)),
+        str(len(fell) - stopped - parking),
+        str(stopped),
+        str(parking),
+        str(sum(bool(end.stopped) for end in ends)),
         f"{min(margins):.1f}" if margins else "-",
         f"{max(end.slip_mm for end in ends):.1f}" if ends else "-",
         f"{max(end.tilt_deg for end in ends):.1f}" if ends else "-",

@@ -31,10 +31,11 @@ def test_every_case_is_played_in_order() -> None:
     assert stood("none", 0, play(synthetic_performer(), options)).fallen_at is None
 
 
-def ended(seed: int, fallen_at: float | None, *, late: bool = False) -> Stood:
-    return Stood("push", seed, fallen_at, "", late, "" if fallen_at is None else "it fell", 3.0 - seed, 1.0 * seed, 0.5)
+def ended(seed: int, fallen_at: float | None, *, late: bool = False, stopped: str = "") -> Stood:
+    return Stood("push", seed, fallen_at, "", late, stopped, 3.0 - seed, 1.0 * seed, 0.5)
 
 
 def test_a_row_counts_who_stands() -> None:
-    cells = row("push", [ended(0, None), ended(1, 4.25), ended(2, 9.0, late=True), ended(3, None)])
-    assert cells == ["push", "4", "50%", "1", "1", "0", "0.0", "3.0", "0.5", "4.2 (1), 9.0 (2)"]
+    fell = [ended(1, 4.25), ended(2, 9.0, late=True), ended(3, 8.0, late=True, stopped="a servo")]
+    cells = row("push", [ended(0, None), *fell])
+    assert cells == ["push", "4", "25%", "1", "1", "1", "1", "0.0", "3.0", "0.5", "4.2 (1), 9.0 (2), 8.0 (3)"]
