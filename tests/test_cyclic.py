@@ -248,7 +248,7 @@ def test_a_start_too_short_to_be_missed_is_seen_all_the_same() -> None:
 @pytest.mark.parametrize("model", ["XM430-W350", "2XL430-W250"])
 def test_a_slow_wire_is_not_taken_for_silence(baud: int, model: str) -> None:
     servos = specs(20, model)
-    rig = BusRig(servos, buses=[bus_of(servos, baud=baud)]).ready(torque=True)
+    rig = BusRig(servos, buses=[replace(bus_of(servos, baud=baud), watchdog=0.3)]).ready(torque=True)
     for _ in range(8):
         assert whole(rig.tick(np.full(20, 2050)).states)
     assert rig.bus.retries == 0
