@@ -11,7 +11,8 @@ import yaml
 
 from hardware.clock import VirtualClock
 from hardware.guard_state import StopCause
-from retarget.cli.boundary import DONE, STOPPED
+from retarget.cli import main
+from retarget.cli.boundary import DONE, REFUSED, STOPPED
 from retarget.cli.follow_clip import finished, follow_clip
 from retarget.cli.outputs import Outputs
 from retarget.cli.physics_bench import AFTER_FALL_S, PhysicsBench
@@ -211,3 +212,31 @@ def test_a_mount_of_the_profile_takes_the_hook(tmp_path: Path) -> None:
     robot = load_robot(path)
     asked = RunOptions(robot=str(path), bus="physics", physics=PhysicsOptions(hook="neck"))
     assert PhysicsBench(asked, lambda text: None)._mount(robot) == Mount(Support.GANTRY, hook="neck")
+
+
+def test_a_live_run_is_watched_too(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc"
+    with pytest.raises(SystemExit) as left:
+        main(["run", "--robot", "op3", "--source", source, "--countdown", "0", "--end", "0.1", "--bus", "physics"])
+    assert left.value.code == DONE
+    assert "did not fall" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--bus", "physics", "--mount", "gantry"), "no hook point"),
+        (("--bus", "physics", "--mount", "wall"), "unknown mount"),
+        (("--bus", "mock", "--trouble", "push"), "only a robot with mass"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(
+    words: tuple[str, ...], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def short(*_: object, **__: object) -> SensorFrames:
+        return synthetic_performer().cut(0.0, 0.2)
+
+    monkeypatch.setattr("retarget.sources.open.open_source", short)
+    with pytest.raises(SystemExit) as left:
+        main(["run", "--robot", "op3", "--source", "a.amc", *words])
+    assert left.value.code == REFUSED and said in capsys.readouterr().err
