@@ -81,6 +81,11 @@ class Clip:
         """All of them."""
         return self.ticks
 
+    @property
+    def over(self) -> bool:
+        """Its ticks say where it ends."""
+        return False
+
     def listen(self) -> None:
         """Nothing comes in: it is all there."""
 

@@ -102,7 +102,7 @@ class Pipeline:
                 begun = self._wall.now()
             if watch.stop_asked():
                 return self._wall.now() - begun, True
-            if robot is not None and not robot.following:
+            if self._clip.over or (robot is not None and not robot.following):
                 return self._wall.now() - begun, False
             self._tick = tick
             self._one_tick(think)

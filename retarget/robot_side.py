@@ -136,6 +136,9 @@ class RobotSide:
         self._follower.keep_pace(self.guard.health.slow)
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
+        if not np.isfinite(posture.q).all():  # nobody knows where to go
+            self._follower.reseed(self._before.copy(), self._velocity.copy())
+            return None
         self._asked, self._modes = posture.landmarks_asked, posture.observer_modes
         may_yield, self._started = self._started, True
         if may_yield and self._passes is not None and not self._passes(posture.joint_positions):

@@ -36,6 +36,11 @@ class Samples(Protocol):
         """Seconds of the performer's time between ticks."""
         ...
 
+    @property
+    def over(self) -> bool:
+        """Whether the performance has ended before its last tick: a recorded stream is at its end."""
+        ...
+
     def listen(self) -> None:
         """Called in every tick, also while nobody is followed: a stream is to be heard all the time."""
         ...

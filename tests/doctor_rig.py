@@ -35,6 +35,8 @@ class Played:
     dropped: Dropped = field(default_factory=Dropped)
     next: int = 0
 
+    finished = False
+
     def poll(self, now: float) -> list[Datagram]:
         found = []
         while self.next < len(self.rows) and self.rows[self.next].arrival <= now:

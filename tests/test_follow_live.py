@@ -1,5 +1,6 @@
 """A live run from the command line: a real recording in place of a sender, and options that go together or do not."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from retarget.cli.live_controls import LiveControls
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
+from retarget.sources.raw_record import RawWriter
 from sim.faults.sender import FakeSender
 
 SWAPPED = """\
@@ -129,3 +131,20 @@ def test_without_a_robot_ticks_come_in_time_too() -> None:
     for _ in range(5):
         timed()
     assert looked == pytest.approx([0.01, 0.02, 0.03, 0.055, 0.065])
+
+
+def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path) -> None:
+    """Done, and not stopped for want of data: even of a robot, and with time to spare."""
+    writer, sender = RawWriter(tmp_path / "six.raw", url="json://:14150"), FakeSender()
+    for tick in range(600):
+        for datagram in sender.poll(0.01 * tick):
+            address, port = datagram.source
+            writer.append(datagram.payload, time_ns=round(1e9 * datagram.arrival), address=address, port=port)
+        writer.flush()
+    writer.close()
+    with pytest.raises(SystemExit) as ended:
+        words = ("--source", f"replay://{tmp_path / 'six.raw'}", "--report", str(tmp_path / "report.json"))
+        main(["run", "--robot", "op3", "--countdown", "0", *words])
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert ended.value.code == 0 and report["stop"]["reason"] is None
+    assert 3.0 < report["duration_s"] < 6.0

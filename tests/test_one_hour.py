@@ -50,6 +50,8 @@ class Restless(FakeSender):
         self.stalls: list[float] = []
         self.rig: LiveRig
 
+    finished = False
+
     def poll(self, now: float) -> list[Datagram]:
         """What was sent by now; sometimes late."""
         found = super().poll(now)

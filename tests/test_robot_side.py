@@ -266,3 +266,15 @@ def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind,
     assert np.abs(rig.gate.position - parked).max() > 0.3
     assert rig.guard.stop_reason is not None
     assert rig.guard.stop_reason.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
+
+
+def test_a_posture_that_is_not_finite_is_a_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot brakes and stands, the guard knows that nobody is followed, and nothing but numbers is sent."""
+    script = 0.2 * swing()
+    script[40:] = np.nan
+    rig = Rig(script)
+    states: list[GuardState] = []
+    monkeypatch.setattr(rig.follower, "halt", lambda dt: None)
+    ending = play(rig, Watch(on_tick=lambda done: states.append(rig.guard.state), every=1))
+    assert GuardState.HOLDING in states and ending.record.robot is not None
+    assert np.isfinite(ending.record.robot.q).all() and (ending.record.robot.goal_ticks >= 0).all()

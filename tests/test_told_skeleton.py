@@ -59,6 +59,8 @@ class MvnSender:
     dropped: Dropped = field(default_factory=Dropped)
     sent: int = 0
 
+    finished = False
+
     def poll(self, now: float) -> list[Datagram]:
         chance = np.random.default_rng(self.sent)
         segments = [

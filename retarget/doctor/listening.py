@@ -117,6 +117,11 @@ class _Single:
         self.dropped = dropped
         self.waiting: list[Datagram] = []
 
+    @property
+    def finished(self) -> bool:
+        """Whether its recording has been played."""
+        return False
+
     def poll(self, now: float) -> list[Datagram]:
         """It, once."""
         found, self.waiting = self.waiting, []

@@ -28,6 +28,11 @@ class Receiver(Protocol):
 
     dropped: Dropped
 
+    @property
+    def finished(self) -> bool:
+        """Whether nothing will arrive any more, as at the end of a recording."""
+        ...
+
     def poll(self, now: float) -> list[Datagram]:
         """What has arrived until `now` (s), oldest first, bounded in number and bytes. Never blocks, never raises."""
         ...

@@ -78,6 +78,11 @@ class NatnetReceiver:
         if self._frames is not None:
             self._frames.close()
 
+    @property
+    def finished(self) -> bool:
+        """Never: somebody may always send."""
+        return False
+
     def poll(self, now: float) -> list[Datagram]:
         """What the server sent until `now` (s), oldest first; bounded by what two sockets may give. Never raises."""
         for message in self.session.poll(now):

@@ -23,6 +23,8 @@ INTAKE = IntakeTimes(hold=0.08, fade=0.25)
 """A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s, and three time constants bring it back."""
 SILENCE_S = 0.14
 """A stream that says nothing for so long is held, before its sensors are stale."""
+PLAYED_S = 0.05
+"""So long after its last datagram a recording has been played: what is held back to play evenly is less."""
 CARRYING = ("pelvis", "l_ankle", "r_ankle")
 """Without one of these that is worn, the robot does not know how to stand."""
 CARRYING_ALONE = ("head",)
@@ -99,6 +101,11 @@ class LivePerformer:
     def motion_dt(self) -> float:
         """The performer moves in real time."""
         return self.dt
+
+    @property
+    def over(self) -> bool:
+        """Whether the recording of a stream has been played."""
+        return self.stream.receiver.finished and self._clock.now() - self.stream.last > PLAYED_S
 
     def listen(self) -> None:
         """Take in what has arrived, and say what changed."""

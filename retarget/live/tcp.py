@@ -71,6 +71,11 @@ class TcpReceiver:
         self._hang_up()
         self._waiting.clear()
 
+    @property
+    def finished(self) -> bool:
+        """Never: somebody may always send."""
+        return False
+
     def poll(self, now: float) -> list[Datagram]:
         """The datagrams that came whole until `now` (s), oldest first, at most MOST_PER_POLL."""
         self._accept(now)

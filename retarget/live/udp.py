@@ -80,6 +80,11 @@ class UdpReceiver:
         except OSError:
             return False
 
+    @property
+    def finished(self) -> bool:
+        """Never: somebody may always send."""
+        return False
+
     def poll(self, now: float) -> list[Datagram]:
         """What has arrived until `now` (s), oldest first, at most MOST_PER_POLL datagrams and MOST_BYTES_PER_POLL."""
         if self._wall_offset is not None and now - self._measured >= REMEASURE_S:

@@ -57,6 +57,11 @@ class FakeSender:
         """When its time began, s of the clock that polls."""
         return 0.0 if self._begun is None else self._begun
 
+    @property
+    def finished(self) -> bool:
+        """Never."""
+        return False
+
     def poll(self, now: float) -> list[Datagram]:
         """What was sent by now."""
         if self._begun is None:
