@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from retarget.rotations import FloatArray
 
 __all__ = ["Fallen", "PhysicsRun"]
@@ -45,6 +47,7 @@ class PhysicsRun:
 
     @property
     def least_margin(self) -> float | None:
-        """Of the centre of pressure, m; None where no sole carried."""
-        known = self.margin[self.margin == self.margin]
+        """Of the centre of pressure until a fall, m; None where no sole carried."""
+        standing = np.isfinite(self.margin) & (self.time <= (np.inf if self.fall is None else self.fall.time))
+        known = self.margin[standing]
         return float(known.min()) if known.size else None

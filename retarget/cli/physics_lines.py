@@ -17,7 +17,7 @@ def physics_facts(physics: PhysicsReport | None) -> Iterable[tuple[str, str]]:
     yield "torque", _torque(physics)
     yield "heat", _heat(physics)
     yield "contacts", _contacts(physics)
-    yield "speed", f"{physics.realtime_factor:.1f} x real time"
+    yield "speed", "" if physics.realtime_factor is None else f"{physics.realtime_factor:.1f} x real time"
 
 
 def _standing(physics: PhysicsReport) -> str:

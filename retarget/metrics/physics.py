@@ -29,7 +29,7 @@ class PhysicsReport:
     foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole that carried.
     time_slowed_s: by which the robot let the performer go ahead; null: not known. torque_nm, temperature_c (hottest):
     per servo. self_contacts, fixture_contacts: ticks with any. realtime_factor: time of the clip by the wall time that
-    it took.
+    it took; null: nothing was followed.
     """
 
     mount: str
@@ -48,7 +48,7 @@ class PhysicsReport:
     heat_model: str
     self_contacts: int
     fixture_contacts: int
-    realtime_factor: float
+    realtime_factor: float | None
 
 
 def physics_report(run: RunResult) -> PhysicsReport | None:
@@ -81,5 +81,5 @@ def physics_report(run: RunResult) -> PhysicsReport | None:
         heat_model=HEAT_MODEL,
         self_contacts=physics.self_contacts,
         fixture_contacts=physics.fixture_contacts,
-        realtime_factor=run.ticks_followed * run.clip.dt / max(run.wall_s, 1e-9),
+        realtime_factor=run.ticks_followed * run.clip.dt / max(run.wall_s, 1e-9) or None,
     )

@@ -25,7 +25,7 @@ class Mount:
 
     support: Support
     hook: str = "hook"
-    lift: float = 0.05
+    lift: float = 0.2
     rope: float = 0.3
 
 
