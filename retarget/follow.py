@@ -22,6 +22,7 @@ from retarget.robot_body import RobotBody
 from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
+from retarget.second_thoughts import SecondThoughts
 from retarget.slow_time import SlowTime
 from retarget.stance import Stance, plant
 from retarget.stopping import Stopping
@@ -99,7 +100,7 @@ class Follower:
         self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
 
-        def build(locked: BoolArray) -> Hierarchy:
+        def build(priorities: Priorities, locked: BoolArray) -> Hierarchy:
             return Hierarchy.build(
                 priorities,
                 robot.body,
@@ -112,8 +113,11 @@ class Follower:
                 scene=self.surroundings.shapes,
             )
 
-        self.hierarchy = build(np.zeros_like(carrying) if parts == "whole" else carrying)
-        self._above = build(carrying) if legs_move else None  # what moves while the legs may not
+        self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
+        soles = frozenset(sole.frame.name for sole in stance.soles)
+        self._second = (
+            SecondThoughts(build, priorities, self.hierarchy, soles=soles, carrying=carrying) if legs_move else None
+        )
         self._targets = self.hierarchy.blank()
         for sole in stance.soles:
             self.hierarchy.set_position(self._targets, sole.frame.name, sole.position)
@@ -164,6 +168,8 @@ class Follower:
         haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
         targets, hierarchy, pace = self._targets, self.hierarchy, self._time.pace
         self.surroundings.tick(hierarchy, dt, pace=pace)
+        if self._second is not None:
+            self._second.around = self.surroundings.now
         dt *= pace  # from here on the robot's own time
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
         if self._edges:
@@ -210,9 +216,9 @@ class Follower:
         """
         if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
-        above = self._go_on_above(dt)
-        if above is not None:
-            return above
+        second = self._think_again(dt)
+        if second is not None:
+            return second
         step = self._stopping.follow(dt)
         if step is None:
             q = self._stopping.brake(dt)
@@ -224,23 +230,16 @@ class Follower:
         self.hierarchy.solver.reset(q, velocity)
         return q
 
-    def _go_on_above(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of what the legs carry, where they stand and no posture that moves them is safe.
-
-        Else a robot whose limbs meet could stand for ever: what parts them would move its soles.
-        """
-        assert self._stopping is not None
-        if self._above is None or not self._stopping.stands:
-            return None
-        solver = self._above.solver
-        if self.surroundings.now is not None:
-            self._above.set_obstacles(self.surroundings.now)
-        solver.reset(self._q, self._stopping.velocity)
-        q = solver.frame(self._targets, dt)
-        if not self._stopping.admits(q, solver.velocity, dt):
-            return None
-        self.hierarchy.solver.reset(q, solver.velocity)
-        return q
+    def _think_again(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) where the first that was thought of is not safe; None: no other is."""
+        stopping = self._stopping
+        assert stopping is not None and self._second is not None
+        thoughts = self._second.after(self._targets, self._q, stopping.velocity, dt, stands=stopping.stands)
+        for q, velocity in thoughts:
+            if stopping.admits(q, velocity, dt):
+                self.hierarchy.solver.reset(q, velocity)
+                return q
+        return None
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         q, reached = self._q, self._reached

@@ -52,11 +52,16 @@ class Hierarchy:
         """What looks at itself and at the obstacles, as the solver has it."""
         self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
         self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
+        self._spans: list[slice] = []
+        end = 0
         for level, slots in enumerate(levels):
+            start = end
             for index, slot in enumerate(slots):
                 place = _Place(slot, *solver.target_slice(level, index))
+                end = place.stop
                 self._places[slot.kind].append(place)
                 self._by_name.setdefault((slot.kind, slot.name), []).append(place)
+            self._spans.append(slice(start, end))
         self._turned = [
             (place, place.slot.direction)
             for kind in (SlotKind.HEADING, SlotKind.AXIS)
@@ -111,6 +116,10 @@ class Hierarchy:
         made = cls(solver, levels, postures)
         made.observers = watched
         return made
+
+    def target_span(self, level: int) -> slice:
+        """Where in a target vector the tasks of a level stand."""
+        return self._spans[level]
 
     def blank(self) -> FloatArray:
         """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""
