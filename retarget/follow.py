@@ -1,6 +1,7 @@
 """The robot's stage: landmarks asked -> a posture of the robot, within the limits of its servos, on its soles."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -100,23 +101,11 @@ class Follower:
         self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
 
-        def build(priorities: Priorities, locked: BoolArray) -> Hierarchy:
-            return Hierarchy.build(
-                priorities,
-                robot.body,
-                frames=robot_frames(robot),
-                postures=robot_postures(robot, stance),
-                limits=self._limits,
-                locked=locked,
-                iterations=iterations,
-                observers=self.observers,
-                scene=self.surroundings.shapes,
-            )
-
+        build = partial(self._hierarchy_of, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
-        soles = frozenset(sole.frame.name for sole in stance.soles)
+        still = frozenset(sole.frame.name for sole in stance.soles)
         self._second = (
-            SecondThoughts(build, priorities, self.hierarchy, soles=soles, carrying=carrying) if legs_move else None
+            SecondThoughts(build, priorities, self.hierarchy, soles=still, carrying=carrying) if legs_move else None
         )
         self._targets = self.hierarchy.blank()
         for sole in stance.soles:
@@ -124,7 +113,6 @@ class Follower:
             self.hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
         self._stopping = Stopping(robot.body, self._limits, stance, carrying) if legs_move else None
         self._reader = RobotReader(robot, stance)
-        still = frozenset(sole.frame.name for sole in stance.soles)
         self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
         self._approach = robot.profile.safety.speed_caps.approach
         self._names = self.landmark_map.names
@@ -132,6 +120,20 @@ class Follower:
         self._since_start = 0.0
         self._q = stance.q
         self._time = SlowTime(robot.body, self._limits)
+
+    def _hierarchy_of(self, priorities: Priorities, locked: BoolArray, *, iterations: int | None) -> Hierarchy:
+        """The robot's hierarchy, with these DoFs (nv,) locked."""
+        return Hierarchy.build(
+            priorities,
+            self._robot.body,
+            frames=robot_frames(self._robot),
+            postures=robot_postures(self._robot, self.stance),
+            limits=self._limits,
+            locked=locked,
+            iterations=iterations,
+            observers=self.observers,
+            scene=self.surroundings.shapes,
+        )
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""

@@ -1,8 +1,8 @@
 """Rows of the fault table: what goes wrong in the host itself, or is done to it."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from unittest.mock import patch
 
 import numpy as np
@@ -26,10 +26,9 @@ def _wall_clock(by: float) -> Callable[[Bench, float], object]:
     """Somebody sets the wall clock."""
 
     def leap(bench: Bench) -> None:
-        seconds, nanoseconds = time.time, time.time_ns
         for patched in (
-            patch.object(time, "time", lambda: seconds() + by),
-            patch.object(time, "time_ns", lambda: nanoseconds() + int(by * 1e9)),
+            patch("time.time", lambda: datetime.now(UTC).timestamp() + by),
+            patch("time.time_ns", lambda: int(1e9 * (datetime.now(UTC).timestamp() + by))),
         ):
             patched.start()
             bench.undo.append(patched.stop)
