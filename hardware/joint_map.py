@@ -86,7 +86,7 @@ class JointMap:
         shafts: FloatArray = (ticks - self._zero) / self._scale
         return self._joints(shafts) if self._pairs else shafts
 
-    def turned(self, ticks: TickArray) -> FloatArray:
+    def turned(self, ticks: TickArray | FloatArray) -> FloatArray:
         """Return by how many rad the joints (..., n) turn when the shafts turn by `ticks` (..., n)."""
         shafts: FloatArray = ticks / self._scale
         return self._joints(shafts) if self._pairs else shafts

@@ -8,6 +8,7 @@ from hardware.errors import BusError, GuardError, describe
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
 from hardware.line_health import LineHealth
+from hardware.servo_lag import ExpectedWay
 from hardware.servo_levels import ServoLevels
 from hardware.servo_warnings import ServoWarnings
 from hardware.servo_watched import Row, name_servos, watched
@@ -23,6 +24,7 @@ class ServoHealth:
         self._joint_map = joint_map
         self._rows = watched(limits)
         self._lines = LineHealth(joint_map)
+        self._way = ExpectedWay(np.array(limits.lag or (0.0,) * len(joint_map)))
         count = len(joint_map)
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
@@ -88,9 +90,10 @@ class ServoHealth:
         np.fmax(np.abs(states.current), 0.0, out=seen[Row.CURRENT])  # 0 where it is not known
         if sent is None:  # before goals are sent torque may well be off
             seen[Row.LIMP] = seen[Row.FAR] = seen[Row.STILL_FAR] = 0.0
+            self._way.forget()
             return
         np.logical_not(states.driven, out=seen[Row.LIMP])
-        far = np.abs(self._joint_map.turned(states.position - sent))
+        far = np.abs(self._joint_map.turned(self._way.off(states.time, sent, states.position)))
         if states.valid.all():
             seen[Row.FAR] = seen[Row.STILL_FAR] = far
         else:  # where a silent servo was is not where it is: what was known of it last still stands

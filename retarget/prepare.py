@@ -10,6 +10,7 @@ from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
+from hardware.servo_lag import loop_lag
 from retarget.calibration import calibrate
 from retarget.clip import lay_on_ticks
 from retarget.contact_at_start import contacts, refuse_contact, refuse_floor
@@ -230,7 +231,9 @@ def _robot_side(
     clearance = _clearance(robot, follower, dt) if options.gate else None
     gate = Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach), path_is_clear=clearance)
     goals: GoalFilter = gate if options.gate else OpenGate(servos.max_acceleration, dt=dt)
-    limits = robot.profile.guard_limits()
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in servos.servos)
+    limits = replace(robot.profile.guard_limits(), lag=lag)
     if parks:
         limits = replace(limits, max_hold=LONGEST_HOLD_S, max_home_ticks=round(HOME_S / dt), period=dt)
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)

@@ -10,9 +10,10 @@ from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec
+from hardware.servo_lag import loop_lag
 from sim.mock_faults import FaultKind, MockFault
 from sim.servo_load import ServoLoad
-from sim.servo_motion import loop_lag, saturated_lag
+from sim.servo_motion import saturated_lag
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
 ALERT_BIT = np.uint8(0x80)  # of the error byte

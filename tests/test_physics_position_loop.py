@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from hardware.servo import ServoGains, ServoSpec, find_model
+from hardware.servo_lag import loop_lag
 from sim.physics.drive_numbers import drive_numbers
 from sim.physics.position_loop import lacks_gain, position_loop
-from sim.servo_motion import loop_lag
 
 
 def servo(model: str = "XM430-W350", **gains: int) -> ServoSpec:

@@ -5,12 +5,12 @@ import pytest
 
 from hardware.bus import ServoBus, ServoGoals
 from hardware.clock import VirtualClock
+from hardware.servo_lag import loop_lag
 from physics_rig import DT, op3, standing, ticks
 from sim.emulator.motion import Shaft
 from sim.physics.wire import SimulatedShafts
 from sim.physics.witness import Witness
 from sim.physics_bus import physics_wire_bus, simulation_of
-from sim.servo_motion import loop_lag
 
 
 class WireRig:

@@ -7,8 +7,9 @@ import pytest
 
 from hardware.arrays import FloatArray
 from hardware.servo import ServoGains
+from hardware.servo_lag import loop_lag
 from servos import four_servos
-from sim.servo_motion import loop_lag, saturated_lag
+from sim.servo_motion import saturated_lag
 
 LAG = np.array([0.045, 0.02, 0.1, 0.0])  # [s]
 TOP = np.array([3140.0, 1000.0, 50.0, 800.0])  # [tick/s]

@@ -4,10 +4,10 @@ from struct import Struct
 
 from hardware.dynamixel.control_table import ControlTable
 from hardware.servo import ServoModel
+from hardware.servo_lag import FULL_PWM
 from sim.emulator.motion import Shaft
 from sim.emulator.power import Electrics
 from sim.servo_load import IDLE_CURRENT, LARGEST_CURRENT
-from sim.servo_motion import FULL_PWM
 
 FIRST, END = 120, 147
 IN_POSITION = 16  # [tick] not documented

@@ -4,11 +4,11 @@ from enum import Enum, auto
 from math import inf
 
 from hardware.servo import ServoModel
+from hardware.servo_lag import DEFAULT_P_GAIN, lag_of_gain
 from sim.emulator.motion import Law, Shaft
 from sim.emulator.power import Electrics
 from sim.emulator.registers import Memory
 from sim.servo_load import IDLE_CURRENT, LARGEST_CURRENT
-from sim.servo_motion import DEFAULT_P_GAIN, lag_of_gain
 
 FULL_TORQUE = 1023.0
 DEFAULT_SLOPE = 32  # compliance slope of an AX-12A, and P gain of an MX

@@ -9,11 +9,11 @@ gains have no effect on a motor without inertia.
 from math import inf
 
 from hardware.servo import ServoModel
+from hardware.servo_lag import FULL_PWM, GAIN_UNIT, lag_of_gain
 from sim.emulator.motion import Law, Shaft
 from sim.emulator.profile_path import ProfilePath, path_by_time, path_by_velocity
 from sim.emulator.registers import Memory
 from sim.emulator.rules import CURRENT, CURRENT_POSITION, PWM, TIME_BASED, VELOCITY
-from sim.servo_motion import FULL_PWM, GAIN_UNIT, lag_of_gain
 
 _LAWS = {CURRENT: Law.CURRENT, VELOCITY: Law.VELOCITY, PWM: Law.PWM}
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import ServoSpec
-from sim.servo_motion import DEFAULT_P_GAIN, FULL_PWM, GAIN_UNIT, full_drive_error
+from hardware.servo_lag import DEFAULT_P_GAIN, FULL_PWM, GAIN_UNIT, full_drive_error
 
 _GAIN_OF_1 = 32.0
 """P gain register, or compliance slope, of Protocol 1.0 that is as stiff as DEFAULT_P_GAIN of 2.0."""
