@@ -69,6 +69,26 @@ def test_goals_beyond_a_limit_are_found(angles: list[float], told: str) -> None:
     assert told in " ".join(beyond_limits(ways(goals(angles)), DT))
 
 
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "told"),
+    [(1.0, 1.0, ""), (1.05, 1.0, "too fast"), (1.1, 1.0, "too fast"), (1.0, 1.25, "too hard"), (1.0, 3.0, "too hard")],
+)
+@pytest.mark.parametrize("start", [-0.9, -0.9003, -0.8996])
+def test_rounding_is_all_that_is_tolerated(speed: float, acceleration: float, told: str, start: float) -> None:
+    steps = np.minimum(np.arange(60) * acceleration * SERVO.max_acceleration * DT, speed * SERVO.max_velocity)
+    angles = start + np.cumsum(steps * DT)
+    found = beyond_limits(ways(goals([float(angle) for angle in angles if angle < 0.9])), DT)
+    assert (told in " ".join(found)) if told else found == []
+
+
+def test_a_late_goal_may_not_catch_up() -> None:
+    steady = [k * SERVO.max_velocity * DT for k in range(20)]
+    late = goals(steady[:10]) + goals(steady[10:], start=5.0 + 11 * DT)
+    ahead = goals(steady[:10]) + goals([angle + steady[1] for angle in steady[10:]], start=5.0 + 11 * DT)
+    assert beyond_limits(ways(late), DT) == []
+    assert "too fast" in " ".join(beyond_limits(ways(ahead), DT))
+
+
 def test_torque_was_off_between_goals_that_are_far_apart() -> None:
     assert beyond_limits(ways(goals([0.0, 0.0]) + goals([0.5, 0.5], start=9.0)), DT) == []
 
