@@ -1,4 +1,4 @@
-"""Raise your left arm: seen, or refused with what rose instead."""
+"""Raise your left arm to the front: seen, or refused with what rose instead."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from hardware.clock import VirtualClock
 from live_rig import WHERE, five, live_stream
 from retarget.errors import InputError
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.side_check import RISE_M, SURE_S, SideCheck
+from retarget.live.side_check import FRONT_M, RISE_M, SURE_S, SideCheck
 from retarget.rotations import FloatArray
 from sim.faults.sender import FakeSender, SenderFault, moved
 
@@ -17,14 +17,20 @@ BEGINS_S = 3.0
 """By then whoever stands still from 0.5 s on has been measured."""
 
 
-def raising(name: str, by: float, *, begins: float = BEGINS_S) -> SenderFault:
-    """One wrist goes up by so much within a second."""
+def raising(name: str, by: float, *, forward: float = 0.45, begins: float = BEGINS_S) -> SenderFault:
+    """One wrist goes up and forward by so much within a second."""
 
     def fault(time: float, poses: dict[str, FloatArray]) -> dict[str, FloatArray]:
         share = float(np.clip(time - begins, 0.0, 1.0))
-        return poses | {name: poses[name] + np.array([0.0, 0.1, by]) * share}
+        return poses | {name: poses[name] + np.array([forward, 0.1, by]) * share}
 
     return fault
+
+
+def reflected(axis: int) -> SenderFault:
+    """One axis of the sender's world has the wrong sign."""
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    return lambda time, poses: {name: point * signs for name, point in poses.items()}
 
 
 def standing() -> FakeSender:
@@ -33,20 +39,47 @@ def standing() -> FakeSender:
     return FakeSender(frames=frames.resample(np.linspace(0.0, 0.01, 4)))
 
 
-def begun(*faults: SenderFault) -> list[str]:
+def begun(*faults: SenderFault, within: float = 1.5) -> list[str]:
     said: list[str] = []
     sender, clock = standing(), VirtualClock()
     sender.faults = list(faults)
     stream = live_stream(sender, five())
     options = LiveOptions(countdown=0.5, check_sides=True)
     begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=said.append)
-    assert clock.now() < BEGINS_S + 1.5
+    assert clock.now() < BEGINS_S + within
     return said
 
 
 def test_whoever_raises_the_left_arm_passes() -> None:
     said = begun(raising("l_wrist", 0.5))
-    assert said[-2:] == ["Raise your left arm, and only that: 10 s", "left is left, and up is up: lower the arm"]
+    assert said[-2:] == [
+        "Raise your left arm forward, to the front, and only that: 10 s",
+        "left is left, up is up, and the front is in front: lower the arm",
+    ]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_mirrored_world_is_refused(axis: int) -> None:
+    with pytest.raises(InputError, match=r"went back: the axes are mirrored.*back by \d+ cm.*wrong sign"):
+        begun(raising("l_wrist", 0.5), reflected(axis))
+
+
+@pytest.mark.parametrize("axis", [None, 0, 1])
+def test_an_arm_to_the_side_is_asked_again_and_never_enough(axis: int | None) -> None:
+    faults = [raising("l_wrist", 0.5, forward=0.0)] + ([] if axis is None else [reflected(axis)])
+    with pytest.raises(InputError, match=r"rose to the side only.*the left wrist rose by 50 cm.*Raise it to the front"):
+        begun(*faults)
+
+
+def test_an_arm_that_comes_to_the_front_when_it_is_asked_again_passes() -> None:
+    later = raising("l_wrist", 0.0, forward=0.45, begins=BEGINS_S + 2.0)
+    said = begun(raising("l_wrist", 0.5, forward=0.0), later, within=4.0)
+    assert [text.split(",")[0] for text in said[-3:]] == ["Raise your left arm forward", "To the front", "left is left"]
+
+
+def test_who_turns_around_with_the_arm_proves_nothing() -> None:
+    with pytest.raises(InputError, match="not seen to rise"):
+        begun(raising("l_wrist", 0.5), raising("r_wrist", 0.0, forward=0.3))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +88,11 @@ def test_whoever_raises_the_left_arm_passes() -> None:
         ("r_wrist", 0.5, "the right wrist rose: left and right are exchanged.* Swap the roles"),
         ("l_wrist", -0.5, "the left wrist went down: up is down"),
         ("r_wrist", -0.5, "the right wrist went down"),
-        ("l_wrist", 0.2, r"not seen to rise; found the left wrist rose by 20 cm, the right wrist rose by \d cm"),
+        (
+            "l_wrist",
+            0.2,
+            r"not seen to rise; found the left wrist rose by 20 cm and went forward by 45 cm, the right wrist rose by \d",
+        ),
     ],
 )
 def test_whatever_else_moves_is_refused_by_name(name: str, by: float, message: str) -> None:
@@ -74,16 +111,22 @@ def test_a_wrist_that_leaps_proves_nothing() -> None:
 
 
 @settings(max_examples=60)
-@given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), max_size=30), st.floats(0.5, 1.5), st.booleans())
-def test_only_a_left_wrist_that_stays_up_passes(rises: list[tuple[float, float]], rest: float, forgotten: bool) -> None:
-    check = SideCheck(np.array([rest, rest]))
-    up = 0.0
-    for tick, rise in enumerate(rises):
-        heights = rest + np.array([np.nan if forgotten else rise[0], rise[1]])
-        check.take(0.05 * tick, heights)
-        up = up + 0.05 if rise[0] > RISE_M and not forgotten else 0.0
+@given(
+    st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), max_size=30),
+    st.floats(0.5, 1.5),
+    st.booleans(),
+)
+def test_only_a_left_wrist_that_stays_up_in_front_passes(
+    moves: list[tuple[float, float, float]], rest: float, forgotten: bool
+) -> None:
+    hung = np.array([[0.0, 0.2, rest], [0.0, -0.2, rest]])
+    check, shown = SideCheck(hung), 0.0
+    for tick, (forward, up, right_up) in enumerate(moves):
+        left = [np.nan] * 3 if forgotten else [forward, 0.0, up]
+        check.take(0.05 * tick, hung + np.array([left, [0.0, 0.0, right_up]]))
+        shown = shown + 0.05 if up > RISE_M and forward > FRONT_M and not forgotten else 0.0
         if check.passed:
-            assert up >= SURE_S and check.refused is None
+            assert shown >= SURE_S and check.refused is None
             return
         if check.refused:
             return

@@ -129,7 +129,7 @@ def run(
         bool | None,
         typer.Option(
             "--check-sides/--no-check-sides",
-            help="Raise your left arm first; it proves left, right and up. Usual, but not for replay://.",
+            help="Raise your left arm to the front first; it proves sides and axes. Usual, but not for replay://.",
             show_default=False,
             rich_help_panel=LIVE,
         ),
