@@ -81,6 +81,15 @@ def test_rounding_is_all_that_is_tolerated(speed: float, acceleration: float, to
     assert (told in " ".join(found)) if told else found == []
 
 
+@pytest.mark.parametrize(("last", "most"), [(1303, 8), (1200, 7)])
+def test_in_the_last_tick_inside_a_limit_goals_are_rounded_inwards(last: int, most: int) -> None:
+    """The limit is at 1303.8 ticks; 5.2 ticks is what the displacement of a tick may change by."""
+    tick = 1.0 / abs(SERVO.ticks_per_rad)
+    for ticks, told in ((most, ""), (most + 1, "too hard")):
+        found = beyond_limits(ways(goals([(last - ticks) * tick, last * tick, last * tick])), DT)
+        assert (told in " ".join(found)) if told else found == []
+
+
 def test_a_late_goal_may_not_catch_up() -> None:
     steady = [k * SERVO.max_velocity * DT for k in range(20)]
     late = goals(steady[:10]) + goals(steady[10:], start=5.0 + 11 * DT)

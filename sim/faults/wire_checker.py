@@ -13,9 +13,8 @@ from hardware.servo import ServoSpec
 from retarget.rotations import FloatArray
 from sim.faults.wire_packets import READS, TORQUE_ENABLE, WATCHDOG, Packet, Written
 
-ROUNDED_TICKS, TWICE_ROUNDED_TICKS = 1, 2
-"""Ticks by which rounding may change a difference of two goals, and a difference of two such differences: each goal is
-rounded by half a tick at most, and the middle one of three counts twice."""
+ROUNDED_TICKS, ROUNDED_INWARDS_TICKS = 0.5, 1.0
+"""Ticks by which rounding may change a goal; and one in the last tick inside a limit, beyond which nobody rounds."""
 NUMERICS_RAD = 1e-9
 """What numbers of 64 bits may add to a difference of goals, rad."""
 STRAIGHT_TICKS = 3
@@ -74,20 +73,30 @@ def _of_servo(track: Track, dt: float) -> list[str]:
     if beyond > step:
         found.append(f"{servo.label}: {beyond:.3f} rad beyond its limits")
     for run in np.split(angle, np.flatnonzero(np.diff(track.times) >= LATE_S) + 1):
-        fast = _beyond(run, servo.max_velocity * dt, ROUNDED_TICKS * step)
+        rounding = _rounding(track, run)
+        fast = _beyond(run, servo.max_velocity * dt, rounding)
         if fast > 0.0:
             found.append(f"{servo.label}: {fast / dt:.2f} rad/s too fast")
-        hard = _beyond(np.diff(run), servo.max_acceleration * dt**2, TWICE_ROUNDED_TICKS * step)
+        hard = _beyond(np.diff(run), servo.max_acceleration * dt**2, rounding[1:] + rounding[:-1])
         if hard > 0.0:
             found.append(f"{servo.label}: {hard / dt**2:.0f} rad/s^2 too hard")
     return found
 
 
-def _beyond(values: FloatArray, most: float, rounding: float) -> float:
-    """By how much values change more than allowed in a tick, at the worst; 0 where they do not."""
-    spans = [n for n in SPANS if n < len(values)]
-    changes = [float(np.abs(values[n:] - values[:-n]).max()) - rounding - NUMERICS_RAD for n in spans]
-    return max((change / n - most for n, change in zip(spans, changes, strict=True)), default=0.0)
+def _rounding(track: Track, angle: FloatArray) -> FloatArray:
+    """How far goals may be from those that were rounded, rad."""
+    room = np.minimum(angle - track.servo.lower, track.servo.upper - angle)
+    ticks = np.where(room < track.step, ROUNDED_INWARDS_TICKS, ROUNDED_TICKS)
+    return np.asarray(ticks * track.step)
+
+
+def _beyond(values: FloatArray, most: float, rounding: FloatArray) -> float:
+    """By how much values change more than allowed in a tick, at the worst; 0 where they do not. rounding: of each."""
+    found = 0.0
+    for n in SPANS[: int(np.searchsorted(SPANS, len(values)))]:
+        change = np.abs(values[n:] - values[:-n]) - rounding[n:] - rounding[:-n] - NUMERICS_RAD
+        found = max(found, float(change.max()) / n - most)
+    return found
 
 
 def restless(ways: Sequence[Track], first: float, last: float) -> list[str]:
@@ -110,7 +119,7 @@ def hasty(ways: Sequence[Track], first: float, last: float, *, share: float, dt:
     found = []
     for track in ways:
         within = track.angle[(track.times >= first) & (track.times < last)]
-        fast = _beyond(within, share * track.servo.max_velocity * dt, ROUNDED_TICKS * track.step)
+        fast = _beyond(within, share * track.servo.max_velocity * dt, _rounding(track, within))
         if fast > 0.0:
             found.append(f"{track.servo.label}: {fast / dt:.2f} rad/s faster than {share:.0%} of its speed")
     return found
