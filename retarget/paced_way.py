@@ -4,26 +4,32 @@ import numpy as np
 
 from retarget.rotations import FloatArray
 
-__all__ = ["REJOINING", "PacedWay"]
+__all__ = ["REJOINING_S", "PacedWay"]
 
-REJOINING = 100
-"""Ticks in which somebody who stood beside the way is back on it, and at full pace."""
+REJOINING_S = 0.75
+"""s in which somebody who stood beside the way is back on it, and at full pace."""
 
 
 class PacedWay:
-    """Postures (m, n) rad, a tick from row to row, the first where the robot is."""
+    """Postures (m, n) rad, a tick of `dt` s from row to row, the first where the robot is."""
 
-    def __init__(self, rows: FloatArray) -> None:
+    def __init__(self, rows: FloatArray, *, dt: float) -> None:
         self._rows = rows
+        self._rejoining = round(REJOINING_S / dt)  # ticks
         self._at = 0.0  # rows gone so far
         self._left = False
         self._beside = np.zeros(rows.shape[1])  # [rad] from where it was left to where it was taken up
-        self._since = REJOINING  # ticks since then
+        self._since = self._rejoining  # ticks since then
+
+    @property
+    def ticks(self) -> int:
+        """That it takes at full pace, if it is never left."""
+        return len(self._rows) - 1
 
     @property
     def done(self) -> bool:
         """Whether the last posture was returned."""
-        return self._at >= len(self._rows) - 1 and self._since >= REJOINING and not self._left
+        return self._at >= len(self._rows) - 1 and self._since >= self._rejoining and not self._left
 
     @property
     def left(self) -> bool:
@@ -42,10 +48,10 @@ class PacedWay:
         if self._left and here is not None:
             self._left, self._since = False, 0
             self._beside = here - self._there()
-        if self._since >= REJOINING:
+        if self._since >= self._rejoining:
             return self._go(pace)
         self._since += 1
-        share = self._since / REJOINING
+        share = self._since / self._rejoining
         back = share * share * (3.0 - 2.0 * share)
         return self._go(pace * back) + (1.0 - back) * self._beside
 

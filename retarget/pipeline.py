@@ -1,10 +1,9 @@
 """The tick loop: read the sensors, think (reconstruct, follow), act (gate, guard, bus). One loop for every source."""
 
 import gc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import chain, repeat
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,16 +15,19 @@ from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
 from retarget.samples import Samples
 from retarget.stages import ReconstructingStage
+from retarget.unfailing import Unfailing
 
 __all__ = ["Ending", "Pipeline", "Watch"]
 
 INTERRUPTED = "interrupted by the user"
+HELD_UP_S = 10.0
+"""So much longer than it is laid out an approach may take and be recorded whole."""
 
 
 @dataclass(frozen=True)
 class Watch:
-    """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at before every tick;
-    cut_asked: before every tick of braking, whether torque is to go off at once."""
+    """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at when a tick is due,
+    before anything is sent in it; cut_asked: before every tick of braking, whether torque is to go off at once."""
 
     on_tick: Callable[[int], object] = lambda done: None
     stop_asked: Callable[[], bool] = lambda: False
@@ -62,14 +64,15 @@ class Pipeline:
         BusError if the robot cannot be armed, TorqueError if a run fails and torque could not be switched off.
         """
         watch = Watch() if watch is None else watch
+        cut_asked = Unfailing(watch.cut_asked)  # whatever it fails with, the robot brakes with torque
+        watch = replace(watch, cut_asked=cut_asked)
         first = self._clip.sample(0)
         assert first is not None, "nobody is followed from the start"
         self._human = self._reconstructor.start(first)
         try:
-            approach = [] if self._robot is None else self._robot.begin(self._human)
-            self._allocate(len(approach))
+            self._allocate(0 if self._robot is None else self._robot.begin(self._human))
             with _collector_at_rest():
-                wall_s, interrupted = self._play(approach, watch)
+                wall_s, interrupted = self._play(watch)
                 self._stand(watch, interrupted=interrupted)
             state, reason = self._finish(interrupted=interrupted)
         except BaseException as error:
@@ -77,15 +80,21 @@ class Pipeline:
             if self._robot is not None:
                 self._robot.give_up(error, watch.cut_asked)
             raise
-        return Ending(self._record.first(self._row), state, reason, wall_s)
+        cut_asked.settle()
+        record = self._record.first(self._row)
+        followed = record.following
+        begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
+        record.time[:] = (np.arange(self._row) - begins) * self._clip.dt
+        return Ending(record, state, reason, wall_s)
 
     def _allocate(self, approach: int) -> None:
-        """Make room for every row: of so many ticks of approach, of the clip, and of the longest braking; and one more,
-        which takes what there is no room for."""
+        """Make room for every row: of at least so many ticks of approach, of the clip, and of the longest braking; and
+        of each of the first and the last one more, which takes what there is no room for."""
         clip, robot, human = self._clip, self._robot, self._human
-        rows = approach + clip.kept + (0 if robot is None else robot.stopping_ticks) + 1
+        self._last_of_approach = 0 if robot is None else approach + round(HELD_UP_S / clip.dt)
+        rows = self._last_of_approach + 1 + clip.kept + (0 if robot is None else robot.stopping_ticks) + 1
         self._record = Record(
-            np.asarray((np.arange(rows) - approach) * clip.dt, dtype=np.float64),
+            np.zeros(rows),  # when following begins is known in the end
             np.full(rows, Phase.FOLLOW, dtype=np.int8),
             HumanRecord.empty(
                 rows, nq=human.q.size, joint_names=tuple(human.joint_names), observers=human.observer_modes.size
@@ -94,21 +103,26 @@ class Pipeline:
             Timing.empty(rows),
         )
 
-    def _play(self, approach: Sequence[Think], watch: Watch) -> tuple[float, bool]:
+    def _play(self, watch: Watch) -> tuple[float, bool]:
         """Tick until the clip or the guard ends it. Returns wall time of the clip, s, and whether a stop was asked."""
-        robot, begun = self._robot, self._wall.now()
-        for tick, think in enumerate(chain(approach, repeat(self._think, self._clip.ticks)), -len(approach)):
-            if tick == 0:
-                begun = self._wall.now()
+        robot, clip, begun, tick = self._robot, self._clip, self._wall.now(), 0
+        while tick < clip.ticks:
+            if robot is not None:
+                robot.wait()
             if watch.stop_asked():
                 return self._wall.now() - begun, True
-            if self._clip.over or (robot is not None and not robot.following):
+            if clip.over or (robot is not None and not robot.following):
                 return self._wall.now() - begun, False
+            if robot is not None and robot.approaching:
+                self._one_tick(self._approach)
+                begun = self._wall.now()
+                continue
             self._tick = tick
-            self._one_tick(think)
-            if tick >= 0 and tick % watch.every == 0:
+            self._one_tick(self._think)
+            if tick % watch.every == 0:
                 watch.on_tick(tick + 1)
-        watch.on_tick(self._clip.ticks)
+            tick += 1
+        watch.on_tick(clip.ticks)
         return self._wall.now() - begun, False
 
     def _stand(self, watch: Watch, *, interrupted: bool) -> None:
@@ -125,17 +139,25 @@ class Pipeline:
     def _one_tick(self, think: Think) -> None:
         """Read, think, act; then keep what happened, if anything was sent and there is room."""
         begun, record, row, robot = self._wall.now(), self._record, self._row, self._robot
+        if robot is not None:
+            robot.wait()
+        self._clip.listen()
         if robot is None or record.robot is None:
-            self._clip.listen()
             self._reconstruct()
-        elif robot.act(think, self._clip.listen):
+        elif robot.act(think):
             record.phase[row] = robot.phase
             robot.keep(record.robot, row)
         else:
             return
         self._keep_human(row, error=robot is None or robot.phase is Phase.FOLLOW)
         record.timing.cycle[row] = self._wall.now() - begun
-        self._row = min(row + 1, len(record) - 1)
+        begins = robot is not None and robot.approaching and robot.following  # which may take as long as it likes
+        self._row = min(row + 1, self._last_of_approach if begins else len(record) - 1)
+
+    def _approach(self, states: ServoStates) -> FloatArray | None:
+        """The next goal posture, rad (n,), on the way to where following begins; None: wait on it."""
+        assert self._robot is not None
+        return self._robot.approach()
 
     def _think(self, states: ServoStates) -> FloatArray | None:
         """From the servo states to a goal posture, rad (n,), inside the guard's tick; None: nobody is followed."""

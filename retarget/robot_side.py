@@ -21,6 +21,7 @@ from retarget.record import ModeArray, Phase, RobotRecord
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.stages import FollowingStage
+from retarget.way_there import way_there
 
 __all__ = ["GATED_RAD", "RobotSide"]
 
@@ -63,7 +64,7 @@ class RobotSide:
         self._passes = passes
         self._clock = clock
         self._dt = dt
-        self._deadline = clock.now()
+        self._deadline, self._awake = clock.now(), False
         self._kinematics = robot.body.solver_body()
         self._change = robot.joint_map.max_acceleration * dt**2  # (n,) [rad]
         self._q = robot.body.qpos0.copy()
@@ -78,6 +79,7 @@ class RobotSide:
         self._asked: FloatArray | None = None
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
+        self._lost = 0  # ticks in which no posture was found
         self._parks, self._tell = parks, tell
         self._way_home: Iterator[FloatArray] | None = None
 
@@ -97,8 +99,13 @@ class RobotSide:
         """Whether the robot is on its way to a stand."""
         return self.guard.state is GuardState.STOPPING
 
-    def begin(self, human: HumanPosture) -> list[Think]:
-        """Arm. Returns the thoughts that lead, tick by tick and slowly, to the posture from which to follow.
+    @property
+    def approaching(self) -> bool:
+        """Whether the robot is still on its way to the posture from which to follow."""
+        return not (self._started or self._way.done)
+
+    def begin(self, human: HumanPosture) -> int:
+        """Arm. Returns how many ticks of `approach` lead, slowly, to the posture from which to follow: at least.
 
         Raises GuardError or BusError when the robot cannot be armed.
         """
@@ -116,11 +123,9 @@ class RobotSide:
         if self._clearance is not None:
             self._clearance.begin(self._before, present)
         self._deadline = self._clock.now()
-        speed = self.robot.profile.safety.speed_caps.approach
-        way = [*approach(present, posture.joint_positions, self.robot.joint_map, speed=speed, dt=self._dt)]
-        way += [there.joint_positions for there in arrival]
-        self._way = PacedWay(np.array([present, *way]))
-        return [self._approaching] * len(way)
+        joints = [there.joint_positions for there in arrival]
+        self._way = way_there(self.robot, present, posture.joint_positions, joints, dt=self._dt)
+        return self._way.ticks
 
     def new_record(self, rows: int) -> RobotRecord:
         """Room for so many ticks of this run, after `begin`."""
@@ -131,16 +136,17 @@ class RobotSide:
 
     def follow(self, human: HumanPosture) -> FloatArray | None:
         """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
-        if not (self._started or self._way.done):  # slower than it was laid out
-            return self._approaching(self.guard.states)
         self._follower.keep_pace(self.guard.health.slow)
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
-        if not np.isfinite(posture.q).all():  # nobody knows where to go
+        self._lost = 0 if np.isfinite(posture.q).all() else self._lost + 1
+        if self._lost > 1:  # nobody knows where to go; a single one is for the gate to refuse
             self._follower.reseed(self._before.copy(), self._velocity.copy())
             return None
         self._asked, self._modes = posture.landmarks_asked, posture.observer_modes
         may_yield, self._started = self._started, True
+        if not may_yield:  # it rests there
+            self._before[:] = posture.q
         if may_yield and self._passes is not None and not self._passes(posture.joint_positions):
             self._follower.reseed(self._before.copy(), self._velocity.copy())
             q = self._follower.halt(self._dt)
@@ -148,20 +154,32 @@ class RobotSide:
                 return self._take(q, q[self.robot.servo_columns])
         return self._take(posture.q, posture.joint_positions)
 
-    def act(self, think: Think, awake: Callable[[], object] = lambda: None) -> bool:
-        """One tick of the guard, when it is due: read the servos, let `think` find a goal, send what the filter makes
-        of it. awake: called when the tick begins.
+    def wait(self) -> None:
+        """Until the tick that comes is due; what is late is not caught up with."""
+        if not self._awake:
+            self._deadline = max(self._deadline + self._dt, self._clock.now())
+            self._clock.sleep_until(self._deadline)
+        self._awake = True
 
-        Returns whether anything was sent.
-        """
-        self._deadline = max(self._deadline + self._dt, self._clock.now())  # what is late is not caught up with
-        self._clock.sleep_until(self._deadline)
-        awake()
+    def approach(self) -> FloatArray | None:
+        """A thought that is already finished: the next goal, rad (n,), on the way to where following begins; None while
+        somebody holds the robot there, and until it stands."""
+        if self.guard.paused or (self._way.left and not self._goals.at_rest):
+            return None
+        self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow, here=self._sent)
+        return self._goal
+
+    def act(self, think: Think) -> bool:
+        """One tick of the guard, when it is due: read the servos, let `think` find a goal, send what the filter makes
+        of it. Returns whether anything was sent."""
+        self.wait()
+        self._awake = False
         self._goal, self._asked, self._rooted = None, None, False
         before = self.guard.sent
         self.guard.tick(think if self._clearance is None else self._measured(think), self._halt)
-        for text in self.guard.health.warnings.take_news():
-            self._tell(text)
+        with suppress(OSError):  # who hears nothing any more does not hinder a stop
+            for text in self.guard.health.warnings.take_news():
+                self._tell(text)
         sent = self.guard.sent is not before
         if sent:
             self._went()
@@ -183,7 +201,7 @@ class RobotSide:
         try:
             self.guard.rest()
             while self.braking and not self.cut_short(cut_asked):
-                self.act(_nothing)
+                self.act(lambda states: None)
         finally:
             with suppress(Exception):
                 self.guard.release()
@@ -249,14 +267,6 @@ class RobotSide:
         if self._clearance is not None and states is not None:
             self._clearance.measure(self.robot.joint_map.to_radians(states.position))
 
-    def _approaching(self, states: ServoStates | None) -> FloatArray | None:
-        """A thought that is already finished: the next goal, rad (n,), on the way to where following begins; None while
-        somebody holds the robot there, and until it stands."""
-        if self.guard.paused or (self._way.left and not self._goals.at_rest):
-            return None
-        self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow, here=self._sent)
-        return self._goal
-
     def _halt(self) -> FloatArray | None:
         """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach; from there on
         the way to where the robot is parked."""
@@ -292,7 +302,3 @@ class RobotSide:
         self._q[:] = q
         self._goal, self._rooted = goal, True
         return goal
-
-
-def _nothing(states: ServoStates) -> None:
-    """No goal."""

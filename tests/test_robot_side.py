@@ -9,6 +9,7 @@ from hardware.bus import ServoAlert, ServoGoals
 from hardware.errors import BusError, TorqueError
 from hardware.guard_state import GuardState, StopCause
 from retarget.pipeline import INTERRUPTED, Ending, Pipeline, Watch
+from retarget.record import Phase
 from retarget.robot_side import INSISTED, RobotSide
 from retarget.rotations import FloatArray
 from rig import Rig, StubReconstructor, person, short_clip
@@ -177,6 +178,61 @@ def test_who_insists_after_a_failure_does_not_wait_either() -> None:
     assert not rig.gate.at_rest and not rig.bus.torque_on
 
 
+@pytest.mark.parametrize("in_clip", [True, False])
+def test_a_look_that_fails_while_it_brakes_is_raised_when_it_stands(in_clip: bool) -> None:
+    """In the stop that somebody asked for, and in that of the failure."""
+    rig, asked = Rig(swing()), 0
+
+    def look() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked >= 30 and in_clip:
+            raise OSError("no such drive")
+        return asked >= 30
+
+    def cut() -> bool:
+        raise OSError("no such drive")
+
+    with pytest.raises(OSError, match="no such drive"):
+        play(rig, Watch(stop_asked=look, cut_asked=cut))
+    assert rig.gate.at_rest and not rig.bus.torque_on and rig.guard.stop_reason is not None
+
+
+def test_who_cannot_hear_of_a_servo_does_not_hinder_the_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, told = Rig(swing()), 0
+
+    def tell(text: str) -> None:
+        nonlocal told
+        told += 1
+        raise BrokenPipeError
+
+    monkeypatch.setattr(rig.side, "_tell", tell)
+    monkeypatch.setattr(rig.guard.health.warnings, "take_news", lambda: ["it is warm"])
+    ending = play(rig)
+    assert told > 40 and (ending.state, ending.reason) == ("idle", None)
+    assert rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_a_stop_that_comes_during_the_wait_for_a_tick_brakes_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is asked just after a look is heard by the next one, a tick later, and nothing is followed any more."""
+    rig, looked, stopped = Rig(swing()), list[float](), list[float]()
+    stop = rig.guard.stop
+
+    def noted(reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
+        stopped.append(rig.clock.now())
+        stop(reason, cause)
+
+    def asked() -> bool:
+        looked.append(rig.clock.now())
+        return len(looked) > 30
+
+    times = times_of_writing(rig, monkeypatch)
+    monkeypatch.setattr(rig.guard, "stop", noted)
+    play(rig, Watch(stop_asked=asked))
+    assert stopped[0] - looked[29] == pytest.approx(rig.dt) and stopped[0] == looked[30]
+    assert min(time for time in times if time >= stopped[0]) - looked[29] < 1.5 * rig.dt
+
+
 def test_a_failure_during_the_approach_brakes_on_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(np.zeros((60, 20)) + np.linspace(-0.4, 0.4, 20))
     admit, way, refused, asked = rig.gate.admit, [], 0, 0
@@ -278,3 +334,41 @@ def test_a_posture_that_is_not_finite_is_a_hold(monkeypatch: pytest.MonkeyPatch)
     ending = play(rig, Watch(on_tick=lambda done: states.append(rig.guard.state), every=1))
     assert GuardState.HOLDING in states and ending.record.robot is not None
     assert np.isfinite(ending.record.robot.q).all() and (ending.record.robot.goal_ticks >= 0).all()
+
+
+def test_no_joint_is_faster_than_its_share_on_the_way_to_where_following_begins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig(np.zeros((60, 20)))
+    s = np.linspace(0.0, 1.0, 60)[:, None]
+    rig.follower.script = (s**3 * (10.0 - 15.0 * s + 6.0 * s**2)) * np.linspace(-0.5, 0.5, 20)
+    postures = [rig.follower._posture(tick) for tick in range(60)]
+    rig.follower.script = rig.follower.script[-1:]
+    monkeypatch.setattr(rig.follower, "start", lambda human: postures[0])
+    monkeypatch.setattr(rig.follower, "arrive", lambda human, dt: postures)
+    ending = play(rig)
+    assert ending.record.robot is not None
+    way = ending.record.robot.q[ending.record.phase == Phase.APPROACH][:, rig.robot.servo_columns]
+    share = np.abs(np.diff(way, axis=0)).max(axis=0) / (rig.robot.joint_map.max_velocity * rig.dt)
+    cap = rig.robot.profile.safety.speed_caps.approach
+    assert 0.9 * cap < share.max() <= cap * (1.0 + 1e-6)
+    np.testing.assert_allclose(way[-1], postures[-1].joint_positions, atol=1e-12)
+    assert ending.record.time[ending.record.following][0] == 0.0
+
+
+def test_a_pause_on_the_way_uses_up_nothing_of_what_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(np.zeros((60, 20)) + 0.3)
+    looks = 0
+
+    def look() -> bool:
+        nonlocal looks
+        looks += 1
+        rig.guard.paused = 20 <= looks < 400
+        return False
+
+    ending = play(rig, Watch(stop_asked=look))
+    phases, robot = ending.record.phase, ending.record.robot
+    assert ending.state == "idle" and robot is not None
+    assert np.count_nonzero(phases == Phase.FOLLOW) == len(short_clip(seconds=0.4))
+    share = np.abs(np.diff(robot.q[:, rig.robot.servo_columns], axis=0)) / (rig.robot.joint_map.max_velocity * rig.dt)
+    assert share.max() <= 0.3 and share[ending.record.following].max() < 1e-6
