@@ -40,7 +40,7 @@ def measure(
     """
     pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
     tell(f"{pose}: {options.countdown:g} s")
-    _listen(stream, clock, options.countdown)
+    _listen(stream, clock, options.countdown, measured=False)
     size = known or _told_size(stream, options, where=where, tell=tell)
     lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
     capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose)
@@ -52,16 +52,16 @@ def measure(
         off = np.linalg.norm(found.offset, axis=1)
         told = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
         tell(f"beside their joints: {', '.join(told)}")
-        _listen(stream, clock, SETTLE_S)
+        _listen(stream, clock, SETTLE_S, measured=True)
     return found
 
 
-def _listen(stream: LiveStream, clock: Clock, seconds: float) -> None:
-    """Nothing else for so long."""
+def _listen(stream: LiveStream, clock: Clock, seconds: float, *, measured: bool) -> None:
+    """Nothing else for so long. measured: somebody was, and nobody else takes over the stream."""
     end = clock.now() + seconds
     while clock.now() < end:
         clock.sleep_until(clock.now() + LISTEN_S)
-        stream.listen(clock.now(), moving=False)
+        stream.listen(clock.now(), moving=measured)
         stream.read(clock.now())
 
 
@@ -89,7 +89,7 @@ def _captured(
     while True:
         clock.sleep_until(clock.now() + LISTEN_S)
         now = clock.now()
-        stream.listen(now, moving=False)
+        stream.listen(now, moving=True)  # the size may be that of the sender's skeleton: it stays this sender
         capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
         if now >= end or (capture.done and now >= look):
             look = now + TRY_S

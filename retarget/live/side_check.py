@@ -123,7 +123,7 @@ def check_sides(
     while not check.passed:
         clock.sleep_until(clock.now() + LISTEN_S)
         now = clock.now()
-        stream.listen(now, moving=False)
+        stream.listen(now, moving=True)  # who was measured keeps the stream: nobody else has this size
         sample = live_sample(names, believing_still(stream.read(now)), rest.alignment, believed=everybody)
         check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
         if check.refused is not None:
