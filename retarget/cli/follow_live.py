@@ -85,7 +85,7 @@ def follow_live(
     bench = PhysicsBench(options, _tell)
     with ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
-        tap = None if record_raw is None else stack.enter_context(RawTap(RawWriter(record_raw, url=address.text)))
+        tap = None if record_raw is None else stack.enter_context(_raw_tap(record_raw, address.text))
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
@@ -116,6 +116,10 @@ def follow_live(
             with progress_bar(options.robot, _ticks(live, performer.dt)) as show, scheduled(oversight.scheduling):
                 run = _run(prepared, controls, bench, show, clock)
         return finished(bench.seen(run), outputs)
+
+
+def _raw_tap(path: Path, url: str) -> RawTap:
+    return RawTap(RawWriter(path, url=url), tell=_tell)
 
 
 def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:

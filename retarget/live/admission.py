@@ -44,9 +44,10 @@ TOO_MANY = "more datagrams than the rate allows"
 class Admission:
     """The gate in front of the decoder.
 
-    The first source that sent a frame that could be decoded (`confirm`) owns the stream. It keeps it until `release`,
-    or until it has sent no such frame for `release_after` seconds and nothing moves (`moving` is the caller's word:
-    True in every state in which the stream has a say in what the servos do, a hold included). refused: by reason.
+    The first source that sent a frame that could be decoded (`confirm`) owns the stream. It keeps it until it has sent
+    no such frame for `release_after` seconds and nothing moves (`moving` is the caller's word: True as soon as
+    somebody is being measured, and in every state in which the stream has a say in what the servos do, a hold
+    included). refused: by reason.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class Admission:
         """source: what counts as one. Another program on the sender's computer has another port; but Motive answers
         questions from one port and sends frames from another.
 
-        `release_after` None: only `release` frees the stream. Raises ValueError for a rate or burst that admits none,
+        `release_after` None: nothing frees the stream. Raises ValueError for a rate or burst that admits none,
         and for a negative time.
         """
         if release_after is not None and not release_after >= 0.0:
@@ -109,10 +110,6 @@ class Admission:
             self._owner = source
         self._heard = now
         return True
-
-    def release(self) -> None:
-        """Let the next source that makes sense have the stream. Only for a person, or before anything moves."""
-        self._owner = None
 
     def news(self) -> tuple[tuple[Source, str], ...]:
         """Refused sources and why, each address once per reason, since the last call; for a message to the person."""

@@ -13,6 +13,7 @@ from retarget.live.alignment import Alignment, facing_of
 from retarget.live.engagement import Engagement
 from retarget.live.rejoin import Rejoin
 from retarget.live.stream import Heard, LiveStream
+from retarget.live.stream_news import StreamNews
 from retarget.live.stream_trouble import StreamTrouble
 from retarget.live.trust_state import TrustState
 from retarget.sensor_intake import IntakeTimes
@@ -68,7 +69,7 @@ class LivePerformer:
     ) -> None:
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
         self.engagement = Engagement(first)
-        self._trouble = StreamTrouble(stream)
+        self._trouble, self._news = StreamTrouble(stream), StreamNews(stream, tell)
         self._first, self._clock, self._tell = first, clock, tell
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
         self._pace = TickPace(1.0 / rate_hz)
@@ -110,6 +111,7 @@ class LivePerformer:
     def listen(self) -> None:
         """Take in what has arrived, and say what changed."""
         self.stream.listen(self._clock.now(), moving=True)
+        self._news.look()
 
     def sample(self, tick: int) -> SensorSample | None:
         """What is to be followed now; None: hold."""

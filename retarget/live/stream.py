@@ -45,6 +45,7 @@ class LiveStream:
     """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; nothing from outside raises.
 
     frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived.
+    tap: what records it, None: nothing does.
     """
 
     def __init__(
@@ -66,7 +67,7 @@ class LiveStream:
         self.last = -np.inf
         self.names: dict[str, None] = {}
         """Poses that the sender has told, by its own names; bounded."""
-        self._smooth, self._tap = smooth, tap
+        self.tap, self._smooth = tap, smooth
         count = len(roles.sensors)
         self._position, self._position_at = np.full((count, 3), np.nan), np.full(count, -np.inf)
         self._orientation, self._orientation_at = np.full((count, 4), np.nan), np.full(count, -np.inf)
@@ -76,8 +77,8 @@ class LiveStream:
         for datagram in self.receiver.poll(now):
             self.arrived += 1
             if self.admission.admit(datagram, now=now, moving=moving):
-                if self._tap is not None:
-                    self._tap.take(datagram)
+                if self.tap is not None:
+                    self.tap.take(datagram)
                 self._take(datagram, now, moving=moving)
 
     def read(self, now: float) -> Heard:
