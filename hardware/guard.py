@@ -67,7 +67,7 @@ class Guard:
         self._held_since: float | None = None  # [s] since when nobody knew a goal
         self.paused = False
         """Whether somebody holds the robot on purpose: that may last."""
-        self.pace = TickPace(self.limits.period)
+        self._pace = TickPace(self.limits.period)
 
     @property
     def state(self) -> GuardState:
@@ -119,7 +119,7 @@ class Guard:
                 )
             self._write(goals)
             self._pending = None
-            self.pace.restart()
+            self._pace.restart()
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
         except BaseException as error:
@@ -200,7 +200,7 @@ class Guard:
 
     def _refuse_pause(self, begun: float) -> None:
         """Stop where nobody called for longer than a goal may take: the servos stand by now, the goals do not."""
-        pause = self.pace.begin(begun)
+        pause = self._pace.begin(begun)
         if pause > self.limits.max_age:
             self.stop(f"no tick for {pause:.3g} s, allowed {self.limits.max_age:g} s", StopCause.STALE_GOAL)
 

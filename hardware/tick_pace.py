@@ -9,14 +9,13 @@ LOST = 1.1
 
 
 class TickPace:
-    """Counts ticks that come late. period: s, infinite: whatever comes is in time.
+    """Knows which ticks come late. period: s, infinite: whatever comes is in time.
 
-    missed: deadlines that passed without a tick. behind: whether ticks in a row came so late that a goal was
+    behind: whether ticks in a row came so late that a goal was
     missing, and the next one too: then the goals are not those of now any more.
     """
 
     def __init__(self, period: float = inf) -> None:
-        self.missed = 0
         self.behind = False
         self._period = period
         self._begun: float | None = None  # [s]
@@ -32,8 +31,6 @@ class TickPace:
         self._begun = now
         periods = pause / self._period
         late = periods > LATE
-        if late:
-            self.missed += max(round(periods) - 1, 1)
         self._late = self._late + periods - 1.0 if late else 0.0
         self.behind = self._late > LOST
         return pause
