@@ -32,7 +32,7 @@ from retarget.robot_reader import RobotReader, robot_frames, robot_postures
 from retarget.rotations import FloatArray
 from retarget.sources.open import open_source
 from retarget.stance import plant
-from retarget.support import support_distance
+from retarget.support import half_spaces, support_distance
 
 FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 STRAIGHT = Priorities.model_validate(
@@ -88,7 +88,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
     for sole in stance.soles:
         hierarchy.set_position(targets, sole.frame.name, sole.position)
         hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
-    hierarchy.set_support(targets, stance.edges(0.01))
+    hierarchy.set_support(targets, half_spaces(stance.edges(0.01)))
     still = frozenset(sole.frame.name for sole in stance.soles)
     chase = Chase(robot, hierarchy, still=still, trunk_at_stance=reader.trunk_at_stance)
     hierarchy.solver.reset(stance.q)

@@ -109,8 +109,8 @@ class Task:
         rows where weight > 0."""
     @staticmethod
     def support(max_edges: int, *, max_error: float = 0.05) -> Task:
-        """The centre of mass stays inside a polygon: max_edges times (nx, ny, d), nx x + ny y <= d; unused edges
-        are 0, 0, 0."""
+        """The centre of mass stays inside half-spaces: max_edges times (nx, ny, nz, d), nx x + ny y + nz z <= d, as
+        over the edges of a support polygon; unused ones are 0, 0, 0, 0."""
     @staticmethod
     def look_at(
         body: int,

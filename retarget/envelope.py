@@ -16,6 +16,7 @@ from retarget.body import BodyModel, Frame
 from retarget.joint_limits import JointLimits
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat, product, rotated, turn
+from retarget.support import half_spaces
 
 __all__ = ["Envelope", "measure_envelope"]
 
@@ -125,7 +126,7 @@ class _Probe:
         for index, sole in enumerate(soles):
             self._set(0, 2 * index, self._point(start, sole))
             self._set(0, 2 * index + 1, self._orientation(start, sole))
-        self._set(1, 0, edges.ravel())
+        self._set(1, 0, half_spaces(edges).ravel())
         self._set(4, 0, start)
         self._standing = float(self._point(start, pelvis)[2])
 

@@ -16,8 +16,7 @@ from retarget.joint_limits import JointLimits
 from retarget.landmarks import AskedLandmarks, LandmarkMap
 from retarget.observers import robot_observers
 from retarget.planted_root import plant_root
-from retarget.priorities import CentreOfMassTask, Priorities
-from retarget.pursuit import braking_displacement
+from retarget.priorities import Priorities
 from retarget.record import ModeArray
 from retarget.robot_body import RobotBody
 from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
@@ -26,6 +25,7 @@ from retarget.scene_motion import SceneState
 from retarget.second_thoughts import SecondThoughts
 from retarget.slow_time import SlowTime
 from retarget.stance import Stance, plant
+from retarget.standing_balance import StandingBalance
 from retarget.stopping import Stopping
 from retarget.surroundings import Surroundings
 
@@ -43,8 +43,6 @@ ARRIVAL_S = 5.0
 RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
 RESTING_TICKS = 5
-BALANCE_BRAKING = 1.0
-"""Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,11 +89,9 @@ class Follower:
         self.stance = plant(robot, robot.profile.postures.stand)
         self._limits = following_limits(robot, self.stance)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
-        edges = stance.edges(_support_margin(priorities)) if stance.soles else np.zeros((0, 3))
-        self._edges: list[list[float]] = edges.tolist()
-        self._outline: list[list[float]] = stance.edges(0.0).tolist() if stance.soles else []
+        self._balance = StandingBalance(priorities, stance) if stance.soles else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
-        envelope = _envelope(robot, self._limits, stance, edges) if legs_move else None
+        envelope = _envelope(robot, self._limits, stance, self._balance.edges) if legs_move and self._balance else None
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
         self.surroundings = Surroundings(scene)
         self.observers = robot_observers(robot)
@@ -174,8 +170,8 @@ class Follower:
             self._second.around = self.surroundings.now
         dt *= pace  # from here on the robot's own time
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
-        if self._edges:
-            hierarchy.set_support(targets, braked_edges(self._edges, self._reached.centre_of_mass, dt))
+        if self._balance is not None:
+            hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt))
         hierarchy.set_previous(targets, self._q, dt)
         self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
         self._reached = self._reader.read(self._q)
@@ -243,6 +239,13 @@ class Follower:
                 return q
         return None
 
+    def _mass(self) -> tuple[FloatArray, FloatArray]:
+        """The centre of mass (3,) m and its velocity (3,) m/s, where that counts."""
+        com = self._reached.centre_of_mass
+        if self._balance is None or not self._balance.looks_at_motion:
+            return com, np.zeros(3)
+        return com, self._body.centre_of_mass_jacobian(self._q) @ self.hierarchy.solver.velocity
+
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         q, reached = self._q, self._reached
         root = (q[:3], q[3:7]) if self._root is None else self._root
@@ -255,32 +258,9 @@ class Follower:
             landmarks_asked=np.array(asked.landmarks),
             landmarks_reached=reached.points,
             centre_of_mass=reached.centre_of_mass,
-            support_distance=_inside(self._outline, reached.centre_of_mass),
+            support_distance=np.inf if self._balance is None else self._balance.inside(reached.centre_of_mass),
             observer_modes=self.hierarchy.solver.observer_modes,
         )
-
-
-def braked_edges(edges: list[list[float]], centre_of_mass: FloatArray, dt: float) -> FloatArray:
-    """Edges (e, 3) drawn in to what the centre of mass (3,) may do in one tick and still stop inside of them."""
-    x, y, _ = centre_of_mass.tolist()
-    change = BALANCE_BRAKING * dt * dt
-    drawn = []
-    for nx, ny, offset in edges:
-        across = nx * x + ny * y
-        drawn.append((nx, ny, across + braking_displacement(offset - across, change)))
-    return np.array(drawn)
-
-
-def _inside(edges: list[list[float]], centre_of_mass: FloatArray) -> float:
-    """How far (m) the centre of mass (3,) is inside all edges (e, 3); infinite without any."""
-    x, y, _ = centre_of_mass.tolist()
-    return min((offset - nx * x - ny * y for nx, ny, offset in edges), default=float("inf"))
-
-
-def _support_margin(priorities: Priorities) -> float:
-    """Margin (m) of the support task; 0 without one."""
-    margins = [task.margin for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
-    return max(margins, default=0.0)
 
 
 def _envelope(robot: RobotBody, limits: JointLimits, stance: Stance, edges: FloatArray) -> Envelope:

@@ -160,12 +160,13 @@ class Hierarchy:
         """Where the centre of mass of an `over_feet` task goes: world (3,) m; rows of weight 0 do not look at it."""
         self._set(targets, SlotKind.OVER_FEET, "over_feet", position, weight)
 
-    def set_support(self, targets: FloatArray, edges: FloatArray) -> None:
-        """The support polygon as at most SUPPORT_EDGES edges (k, 3): nx, ny, d with nx x + ny y <= d for the CoM."""
+    def set_support(self, targets: FloatArray, spaces: FloatArray) -> None:
+        """Where the CoM of a support task stays: at most SUPPORT_EDGES half-spaces (k, 4): nx, ny, nz, d with
+        nx x + ny y + nz z <= d."""
         for place in self._places[SlotKind.SUPPORT]:
-            end = place.start + 1 + edges.size
+            end = place.start + 1 + spaces.size
             targets[place.start] = 1.0
-            targets[place.start + 1 : end] = edges.ravel()
+            targets[place.start + 1 : end] = spaces.ravel()
             targets[end : place.stop] = 0.0
 
     def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:

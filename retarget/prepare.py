@@ -49,6 +49,8 @@ Tell = Callable[[str], object]
 """Hears a sentence."""
 
 HUMAN_PRIORITIES = "human"
+WITH_MASS = "steady"
+"""Of a robot on its own soles that can fall."""
 LONGEST_HOLD_S = 4.8
 """So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
 HOME_S = 2.5
@@ -182,7 +184,8 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
         for_human = load_priorities(name)
         check_for_human(for_human, name)
         return for_human, None
-    return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or robot.profile.retarget)
+    usual = WITH_MASS if options.has_physics and robot.stands else robot.profile.retarget
+    return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or usual)
 
 
 def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:

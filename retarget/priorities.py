@@ -137,6 +137,8 @@ class CentreOfMassTask(_Weighed):
 
     over_root: horizontally at a fixed offset from the root, as in the paper; over_feet: over the middle of the feet,
     `forward` m along the heading; support: inside the support polygon shrunk by `margin` m, as inequality rows.
+    moving: share of that polygon, about its middle, in which capture point and zero-moment point stay: for a robot
+    with mass; absent: the centre of mass alone counts, as at rest.
     fade_speed, m/s: the weight falls as 1 / (1 + (v / fade_speed)^4) with the speed v of the body; absent: never.
     """
 
@@ -145,6 +147,7 @@ class CentreOfMassTask(_Weighed):
     weight: RowWeights = (1.0, 1.0, 0.0)
     forward: Number = 0.0
     margin: NotNegative = 0.0
+    moving: Annotated[Positive, Field(le=1.0)] | None = None
     fade_speed: Positive | None = None
 
 

@@ -17,7 +17,7 @@ from retarget.frames import BoolArray
 from retarget.joint_limits import JointLimits
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
-from retarget.support import support_distance
+from retarget.support import half_spaces, support_distance
 
 __all__ = ["Stopping"]
 
@@ -210,7 +210,8 @@ def _spread(outline: FloatArray) -> list[int]:
 def _targets(solver: Solver, stance: Stance, edges: FloatArray) -> FloatArray:
     targets = np.zeros(solver.target_size)
     planted = [goal for sole in stance.soles for goal in (sole.position, sole.orientation)]
-    goals = [(0, index, goal) for index, goal in enumerate(planted)] + [(1, 0, edges.ravel()), (2, 0, stance.q)]
+    goals = [(0, index, goal) for index, goal in enumerate(planted)]
+    goals += [(1, 0, half_spaces(edges).ravel()), (2, 0, stance.q)]
     for level, task, goal in goals:
         start, stop = solver.target_slice(level, task)
         targets[start] = 1.0

@@ -11,7 +11,7 @@ import numpy as np
 from retarget import rotations
 from retarget.rotations import FloatArray
 
-__all__ = ["convex_hull", "sole_outline", "support_distance", "support_edges"]
+__all__ = ["convex_hull", "half_spaces", "sole_outline", "support_distance", "support_edges"]
 
 SHORTEST_EDGE = 1e-6
 """Corners closer than this, m, are one."""
@@ -44,6 +44,11 @@ def support_edges(outlines: Sequence[FloatArray], *, margin: float = 0.0) -> Flo
     offset = np.einsum("ij,ij->i", normal, corners)
     room = float((offset - normal @ corners.mean(axis=0)).min())
     return np.column_stack([normal, offset - min(margin, 0.9 * room)])
+
+
+def half_spaces(edges: FloatArray) -> FloatArray:
+    """Edges (e, 3) as half-spaces (e, 4) of any height: nx, ny, 0, d."""
+    return np.insert(edges, 2, 0.0, axis=1)
 
 
 def support_distance(points: FloatArray, edges: FloatArray) -> FloatArray:

@@ -27,8 +27,8 @@ from retarget.rotations import FloatArray
 
 __all__ = ["SUPPORT_EDGES", "Slot", "SlotKind", "compile_task", "preventive"]
 
-SUPPORT_EDGES = 16
-"""Most edges of a support polygon: the convex hull of two feet of eight corners each."""
+SUPPORT_EDGES = 32
+"""Most half-spaces of a support task: two for each edge of the convex hull of two feet of eight corners each."""
 
 _LEFT = np.array([0.0, 1.0, 0.0])
 """Axis that a heading turns: it says nothing of bending forward, as the forward axis would."""

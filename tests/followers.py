@@ -69,10 +69,10 @@ def performance(human: Sequence[HumanPosture], names: tuple[str, ...], asked: Fl
     )
 
 
-def follower(frames: SensorFrames | None = None, *, parts: str = "whole") -> Follower:
+def follower(frames: SensorFrames | None = None, *, parts: str = "whole", priorities: str = "servo") -> Follower:
     assert parts in ("whole", "upper")
     size = dimensions(frames or performer())
-    return Follower(op3(), load_priorities("servo"), size, parts="upper" if parts == "upper" else "whole")
+    return Follower(op3(), load_priorities(priorities), size, parts="upper" if parts == "upper" else "whole")
 
 
 @dataclass(frozen=True, eq=False)

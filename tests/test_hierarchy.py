@@ -12,6 +12,7 @@ from retarget.human import Human, build_human
 from retarget.human_dimensions import proportional_dimensions
 from retarget.human_speeds import human_limits
 from retarget.priorities import Priorities
+from retarget.support import half_spaces
 from retarget.task_slots import SlotKind
 
 LEVELS: tuple[dict[str, Any], ...] = (
@@ -142,7 +143,8 @@ def test_support_edges_fill_their_slots() -> None:
     support = {"type": "centre_of_mass", "mode": "support"}
     hierarchy = compiled(({"name": "balance", "tasks": (support,)}, LEVELS[-1]))
     targets = hierarchy.blank()
-    hierarchy.set_support(targets, np.array([[1.0, 0.0, 0.2], [-1.0, 0.0, -0.1], [0.0, 1.0, 0.05], [0.0, -1.0, 0.05]]))
+    edges = np.array([[1.0, 0.0, 0.2], [-1.0, 0.0, -0.1], [0.0, 1.0, 0.05], [0.0, -1.0, 0.05]])
+    hierarchy.set_support(targets, half_spaces(edges))
     q = settled(hierarchy, targets)
     com = human().body.solver_body().centre_of_mass(q[None])[0]
     assert 0.1 - 1e-6 <= com[0] <= 0.2 + 1e-6 and abs(com[1]) <= 0.05 + 1e-6

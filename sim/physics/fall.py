@@ -1,32 +1,29 @@
 """Whether a simulated robot has fallen.
 
-It has when the root link tilts more than MOST_TILT from how it is in posture `stand`, when its pelvis (the root link,
-where the profile has no such frame) is lower than LOW_SHARE of its height in `stand` - or, where the robot parks lower
-still, than REST_SHARE of its height there -, or when anything but a sole touches the floor. A robot that parks on more
-than its soles may do that in its rest posture only. A robot without torque that was not parked and goes down has
-fallen too; one that was parked has sat down.
+It has when every sole tips more than MOST_TILT (a torso that bends low over flat soles has not), when its pelvis (the
+root link, where the profile has no such frame) is lower than LOW_SHARE of its height in `stand` - or, where the robot
+parks lower still, than REST_SHARE of its height there -, or when anything but a sole touches the floor. A robot that
+parks on more than its soles may do that in its rest posture only. A robot without torque that was not parked and goes
+down has fallen too; one that was parked has sat down.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import acos, cos, degrees, radians
+from math import degrees, radians
 
 import numpy as np
 
 from hardware.arrays import FloatArray
-from retarget import rotations
 from retarget.robot_body import RobotBody
 from retarget.stance import plant
 from sim.physics.state import PhysicsState
 
 __all__ = ["Fall", "FallWatch", "parked"]
 
-MOST_TILT = radians(60.0)
-LEAST_UPRIGHT = cos(MOST_TILT)
+MOST_TILT = radians(30.0)
 LOW_SHARE, REST_SHARE = 0.5, 0.8
 NEAR_REST = 0.2
 """A robot is parked when no joint is farther than this from posture `rest`, rad."""
-UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,6 @@ class FallWatch:
         frame = robot.profile.frames.get("pelvis")
         on_root = frame is not None and robot.frame("pelvis").body == int(np.flatnonzero(robot.body.parent == 0)[1])
         self._pelvis = robot.frame("pelvis").position.tolist() if on_root else [0.0, 0.0, 0.0]
-        self._up = rotations.rotate(rotations.conjugate(stand.q[3:7]), UP).tolist()
         heights = [stance.q[2] + _raised(stance.q.tolist(), self._pelvis) for stance in (stand, rest)]
         self.lowest = min(LOW_SHARE * heights[0], REST_SHARE * heights[1])
         """Of the pelvis, m."""
@@ -65,9 +61,8 @@ class FallWatch:
 
     def _judged(self, state: PhysicsState) -> str | None:
         root = state.root.tolist()
-        upright = _raised(root, self._up)
-        if upright < LEAST_UPRIGHT:
-            return f"the torso tilts {degrees(acos(max(upright, -1.0))):.0f} degrees"
+        if state.tilt.min(initial=np.inf) > MOST_TILT:
+            return f"the soles tip by {degrees(state.tilt.min()):.0f} degrees"
         height = root[2] + _raised(root, self._pelvis)
         if height < self.lowest:
             return f"the pelvis is {1e3 * height:.0f} mm high, allowed {1e3 * self.lowest:.0f}"

@@ -77,8 +77,8 @@ impl PyTask {
     #[staticmethod]
     #[pyo3(signature = (max_edges, *, max_error=0.05))]
     fn support(max_edges: usize, max_error: f64) -> PyResult<Self> {
-        if max_edges == 0 || max_edges > 32 {
-            return Err(bad(format!("max_edges is {max_edges}, expected 1 to 32")));
+        if max_edges == 0 || max_edges > 64 {
+            return Err(bad(format!("max_edges is {max_edges}, expected 1 to 64")));
         }
         make(TaskKind::Support { max_edges }, vec![], 1.0, max_error, None)
     }

@@ -159,7 +159,7 @@ impl RowWriter<'_> {
         }
     }
 
-    /// n . (c + J dq) <= d for every edge.
+    /// n . (c + J dq) <= d for every half-space.
     fn support_rows(&mut self, task: &Task, target: &[f64], max_edges: usize, first: usize) {
         let (body, pose, columns) = (self.body, self.pose, self.columns);
         for r in first..first + max_edges {
@@ -169,11 +169,10 @@ impl RowWriter<'_> {
             let r = first + k;
             self.equality(r, 0.0);
             self.problem.lower[r] = f64::NEG_INFINITY;
-            let room = d - n[0] * pose.com[0] - n[1] * pose.com[1];
+            let room = d - dot(n, pose.com);
             self.problem.upper[r] = room.max(-task.max_error);
             for &(dof, c) in &columns.all {
-                let column = body.com_column(pose, dof);
-                self.problem.row_mut(r)[c] = n[0] * column[0] + n[1] * column[1];
+                self.problem.row_mut(r)[c] = dot(n, body.com_column(pose, dof));
             }
         }
     }

@@ -15,7 +15,7 @@ pub enum TaskKind {
     Axis { link: usize, axis: Vec3 },
     /// The centre of mass goes to a world position, or keeps an offset from a link's origin.
     CentreOfMass { over: Option<usize> },
-    /// The centre of mass stays inside a support polygon of at most `max_edges` edges.
+    /// The centre of mass stays inside at most `max_edges` half-spaces: those over a support polygon, and what motion asks for.
     Support { max_edges: usize },
     /// An axis of a link, from a point of it, aims at a world point.
     LookAt { link: usize, point: Vec3, axis: Vec3 },
@@ -41,7 +41,7 @@ impl Task {
     pub fn target_size(&self, body: &Body) -> usize {
         match self.kind {
             TaskKind::Orientation { .. } => 4,
-            TaskKind::Support { max_edges } => 3 * max_edges,
+            TaskKind::Support { max_edges } => 4 * max_edges,
             TaskKind::Posture => body.nq,
             TaskKind::Observers(_) => 0,
             _ => 3,
@@ -111,7 +111,7 @@ impl Task {
     pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> (f64, f64) {
         match &self.kind {
             TaskKind::Support { max_edges } => {
-                let depth = edges(target, *max_edges).map(|(n, d)| n[0] * pose.com[0] + n[1] * pose.com[1] - d);
+                let depth = edges(target, *max_edges).map(|(n, d)| dot(n, pose.com) - d);
                 let deepest = depth.fold(0.0, f64::max);
                 (deepest, deepest * deepest)
             }
@@ -133,10 +133,11 @@ impl Task {
     }
 }
 
-/// Edges (normal, offset) of a support target that are in use.
-pub fn edges(target: &[f64], max_edges: usize) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
-    (0..max_edges).filter_map(move |k| {
-        let e = &target[1 + 3 * k..4 + 3 * k];
-        (e[0] != 0.0 || e[1] != 0.0).then_some(([e[0], e[1]], e[2]))
-    })
+/// Half-spaces (normal, offset) of a support target that are in use.
+pub fn edges(target: &[f64], max_edges: usize) -> impl Iterator<Item = (Vec3, f64)> + '_ {
+    target[1..]
+        .chunks_exact(4)
+        .take(max_edges)
+        .filter(|e| e[..3].iter().any(|n| *n != 0.0))
+        .map(|e| ([e[0], e[1], e[2]], e[3]))
 }
