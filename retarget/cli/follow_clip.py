@@ -8,6 +8,7 @@ from rich.console import Console
 
 from hardware.clock import MonotonicClock, VirtualClock
 from retarget.cli.boundary import DONE, STOPPED
+from retarget.cli.detached import detached_screens
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.outputs import Outputs, Written
 from retarget.cli.physics_bench import PhysicsBench
@@ -31,7 +32,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     """
     clock = VirtualClock() if options.simulated else MonotonicClock()
     bench = PhysicsBench(options, _note)
-    with ExitStack() as signals:
+    with detached_screens(), ExitStack() as signals:
         with prepare(
             read,
             options,

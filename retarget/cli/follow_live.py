@@ -11,6 +11,7 @@ from hardware.realtime import scheduled
 from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, socket_path
 from retarget.cli.dead_man import DeadMan, open_dead_man
+from retarget.cli.detached import detached_screens
 from retarget.cli.follow_clip import finished
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.keys import Keys
@@ -83,7 +84,7 @@ def follow_live(
     refuse_oversight(oversight, virtual=virtual)
     clock: Clock = VirtualClock() if virtual else MonotonicClock()
     bench = PhysicsBench(options, _tell)
-    with ExitStack() as stack:
+    with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
         tap = None if record_raw is None else stack.enter_context(_raw_tap(record_raw, address.text))
 

@@ -21,7 +21,7 @@ class Screen:
         try:
             return self._stream.write(text)
         except OSError as error:
-            self._lose(error)
+            self.lose(error)
             return len(text)
 
     def flush(self) -> None:
@@ -29,7 +29,7 @@ class Screen:
         try:
             self._stream.flush()
         except OSError as error:
-            self._lose(error)
+            self.lose(error)
 
     @property
     def reason(self) -> str:
@@ -38,7 +38,8 @@ class Screen:
             return ""
         return self.failure.strerror or str(self.failure)
 
-    def _lose(self, error: OSError) -> None:
+    def lose(self, error: OSError) -> None:
+        """Remember why not everything was shown; what comes is not shown."""
         self.failure = self.failure or error
         # What is still buffered goes nowhere, so that the interpreter has nothing to complain about at its end.
         with suppress(OSError, ValueError):

@@ -1,0 +1,147 @@
+"""Whoever writes to a terminal that takes nothing neither waits nor fails, and memory is bounded."""
+
+import errno
+import io
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from hardware.clock import MonotonicClock
+from live_processes import PATIENCE_S, Performer, _free_port
+from retarget.cli.boundary import STOPPED
+from retarget.cli.detached import MOST, Detached, detached_screens
+from retarget.cli.screen import careful_stdout
+
+CLOCK = MonotonicClock()
+
+
+class Full(io.StringIO):
+    """A device that is full."""
+
+    def write(self, text: str) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.fixture
+def full_pipe() -> Iterator[tuple[int, int]]:
+    """Both ends of a pipe that takes no more, and that nobody reads."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writing, bytes(4096))
+    os.set_blocking(writing, True)
+    yield reading, writing
+    os.close(reading)
+    os.close(writing)
+
+
+def test_what_is_written_arrives_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+    before = sys.stdout, sys.stderr
+    with detached_screens():
+        for line in range(300):
+            sys.stderr.write(f"{line}\n")
+        sys.stdout.write("done\n")
+    assert (sys.stdout, sys.stderr) == before
+    out, err = capsys.readouterr()
+    assert out == "done\n" and err.split() == [str(line) for line in range(300)]
+
+
+def test_a_pipe_that_nobody_reads_holds_nobody_up(full_pipe: tuple[int, int]) -> None:
+    reading, writing = full_pipe
+    begun = CLOCK.now()
+    with os.fdopen(writing, "w", closefd=False) as stream:
+        screen = Detached(stream)
+        screen.write("first")
+        while screen._waiting:  # the thread takes it, and hangs
+            CLOCK.sleep_until(CLOCK.now() + 1e-3)
+        for _ in range(3 * MOST):
+            screen.write("text")
+        assert screen.lost == 2 * MOST and CLOCK.now() - begun < 1.0
+        screen._thread.join(0.05)
+        assert screen._thread.is_alive()
+        size = 0
+        os.set_blocking(reading, False)
+        screen._ended = True
+        while screen._thread.is_alive() and CLOCK.now() - begun < PATIENCE_S:
+            with suppress(BlockingIOError):
+                size += os.read(reading, 1 << 20).count(b"text")
+        with suppress(BlockingIOError):
+            size += os.read(reading, 1 << 20).count(b"text")
+    assert size == MOST  # somebody reads again: the latest are there
+
+
+def test_a_reader_that_has_left_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as stream:
+        screen = Detached(stream)
+        screen.write("text")
+        screen.close()
+        screen.close()
+        assert screen.lost == 1 and isinstance(screen.failure, BrokenPipeError)
+
+
+def test_a_full_device_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", Full())
+    with careful_stdout() as screen:
+        with detached_screens():
+            sys.stdout.write("text")
+        assert screen is not None and screen.reason == os.strerror(errno.ENOSPC)
+
+
+def test_it_is_a_text_stream() -> None:
+    screen = Detached(io.StringIO())
+    with pytest.raises(TypeError, match="found bytes"):
+        screen.write(b"text")  # type: ignore[arg-type]
+    assert not screen.isatty() and screen.encoding == "utf-8"
+    screen.close()
+
+
+def asked(path: Path, word: str) -> dict[str, object] | str:
+    """What the run answers, or "" while it does not listen."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client, suppress(OSError):
+        client.settimeout(1.0)
+        client.connect(str(path))
+        client.sendall(f"{word}\n".encode())
+        answer = client.recv(500).decode()
+        return json.loads(answer) if answer.startswith("{") else answer
+    return ""
+
+
+@pytest.mark.long
+def test_a_live_run_whose_terminal_takes_nothing_is_stopped_and_leaves_its_report(
+    full_pipe: tuple[int, int], tmp_path: Path
+) -> None:
+    port, control, report = _free_port(), tmp_path / "control", tmp_path / "report.json"
+    performer = Performer(port)
+    performer.start()
+    words = ["--robot", "op3", "--source", f"json://127.0.0.1:{port}", "--bus", "mock", "--yes", "--countdown", "0.2"]
+    words += ["--control-socket", str(control), "--report", str(report)]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "retarget", "run", *words],
+        stdin=subprocess.DEVNULL,
+        stdout=full_pipe[1],
+        stderr=full_pipe[1],
+    )
+    try:
+        end = CLOCK.now() + PATIENCE_S
+        while CLOCK.now() < end:
+            status = asked(control, "status")
+            if isinstance(status, dict) and status["followed"]:
+                break
+            CLOCK.sleep_until(CLOCK.now() + 0.1)
+        assert asked(control, "stop") == "ok stopping\n"
+        assert run.wait(8.0) == STOPPED
+        assert json.loads(report.read_text())["stop"]["reason"].startswith("interrupted")
+    finally:
+        performer.done.set()
+        run.kill()
+        run.wait()
