@@ -5,6 +5,7 @@ import select
 import sys
 import termios
 import tty
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -12,10 +13,12 @@ __all__ = ["Keys"]
 
 MOST = 64
 """Keys that one look takes."""
+INPUT_MODES = 0
+"""Where they are in what `termios.tcgetattr` returns."""
 
 
 class Keys:
-    """The keyboard of a terminal as a context. Ctrl-C stays a signal."""
+    """The keyboard of a terminal as a context. Ctrl-C stays a signal; Ctrl-S does not hold up what is shown."""
 
     def __init__(self, fd: int | None = None) -> None:
         """fd: of a terminal; None: standard input, if it is one."""
@@ -26,13 +29,17 @@ class Keys:
         if self._fd is not None:
             self._before = termios.tcgetattr(self._fd)
             tty.setcbreak(self._fd, termios.TCSANOW)
+            as_keys = termios.tcgetattr(self._fd)
+            as_keys[INPUT_MODES] &= ~termios.IXON
+            termios.tcsetattr(self._fd, termios.TCSANOW, as_keys)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._fd is not None and self._before is not None:
-            termios.tcsetattr(self._fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
+            with suppress(termios.error, OSError):  # the terminal may be gone
+                termios.tcsetattr(self._fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
             self._before = None
 
     @property
