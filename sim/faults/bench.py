@@ -5,7 +5,7 @@ from ipaddress import IPv4Network
 
 import numpy as np
 
-from hardware.bus import ServoBus
+from hardware.bus import ServoBus, ServoStates
 from hardware.bus_spec import BusSpec
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
@@ -25,8 +25,10 @@ from retarget.options import RunOptions
 from retarget.performer import Performer
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared, prepare_for
+from retarget.record import Phase
 from retarget.robot_body import RobotBody
 from retarget.robot_side import RobotSide
+from retarget.rotations import FloatArray
 from retarget.samples import Performance
 from retarget.sources.json_pose import JsonPoseDecoder
 from sim.emulator.line import Line
@@ -49,6 +51,8 @@ class Bench:
 
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: without it nothing keeps goals from harm.
     leaves: the run is not seen to its end, where the robot is parked.
+    approaching: `at` counts from when torque is on, and the robot begins where it rests.
+    thinking: called in every tick before a goal is asked for.
     """
 
     def __init__(
@@ -57,7 +61,8 @@ class Bench:
         self.sender, self.clock, self.trace = sender, VirtualClock(), Trace()
         self.lines: dict[str, Line] = {}
         self.ports: dict[str, TappedPort] = {}
-        self.stop_asked = self.leaves = False
+        self.stop_asked = self.leaves = self.approaching = False
+        self.thinking: list[Callable[[], object]] = []
         self.undo: list[Callable[[], object]] = []
         self.robot: RobotBody
         self.side: RobotSide
@@ -77,7 +82,7 @@ class Bench:
         return next(one for one in self.servos if one.id == device)
 
     def at(self, time: float, act: Callable[[], object]) -> None:
-        """Call `act` at a time, s after following began; BEFORE_ARMING, or less: before the bus is opened."""
+        """Call `act` at a time, s after following began. BEFORE_ARMING, or less: before the bus is opened."""
         self._due.append((time, act))
 
     def _act_until(self, time: float) -> None:
@@ -124,8 +129,10 @@ class Bench:
         tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
 
         def ticking(think: Think, halt: Halt = lambda: None) -> GuardState:
-            state = tick(think, halt)
+            state = tick(self._thought(think), halt)
             now = self.clock.now()
+            if trace.arrived is None and self.side.phase is not Phase.APPROACH:
+                trace.arrived = now
             if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
                 trace.began = now
             trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.slow))
@@ -155,16 +162,29 @@ class Bench:
         finally:
             trace.stop = guard.stop_reason
 
+    def _thought(self, think: Think) -> Think:
+        def thought(states: ServoStates) -> FloatArray | None:
+            for act in self.thinking:
+                act()
+            return think(states)
+
+        return thought
+
+    def leave(self) -> None:
+        """Nobody looks at what comes after this tick."""
+        self.trace.left = True
+        self.kill()
+
     def _leave(self, ticks: int) -> None:
-        """Nobody looks at what comes after the last tick."""
+        """Where nobody looks at what comes after the last tick."""
         if self.leaves and ticks == self._ticks:
-            self.trace.left = True
-            self.kill()
+            self.leave()
 
     def _act(self, now: float) -> None:
         """Do what is due."""
-        if self.trace.began is not None and self._due:
-            self._act_until(now - self.trace.began)
+        since = self.trace.armed if self.approaching else self.trace.began
+        if since is not None and self._due:
+            self._act_until(now - since)
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
@@ -187,8 +207,9 @@ class Bench:
         )
 
     def _bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
-        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        start = robot.joint_map.to_ticks(stand)
+        known = robot.profile.postures
+        begins = robot.posture(known.rest if self.approaching else known.stand)[robot.servo_columns]
+        start = robot.joint_map.to_ticks(begins)
         self.robot = robot
         buses = robot.profile.bus_specs()
         self.lines = robot_lines(

@@ -4,14 +4,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
-from sim.faults.judge import When, judged, judged_pair
+from sim.faults.judge import When, judged
 from sim.faults.judge_files import judged_file
+from sim.faults.judge_pair import judged_pair
 from sim.faults.malformed_files import MALFORMED
 from sim.faults.rows import ROWS
 from sim.faults.seeds import judged_seed
 
 __all__ = ["Case", "Result", "file_cases", "judged_case", "pair_cases", "row_cases", "seed_cases"]
 
+PAIRED = (When.IDLE, When.MOVING, When.STOPPING)
 PAIR_AT, PAIR_GAP = 0.3, 0.1
 """When the first fault of a pair begins, s of following, and how much later the second one."""
 
@@ -41,7 +43,7 @@ class Result:
 
 
 def row_cases() -> list[Case]:
-    """Every row, idle, moving and stopping."""
+    """Every row in every state of the robot."""
     return [Case(row.name, when=when) for row in ROWS for when in When]
 
 
@@ -52,7 +54,7 @@ def file_cases() -> list[Case]:
 
 def pair_cases() -> list[Case]:
     """Every two rows, one twice included, idle, moving and stopping."""
-    return [Case(a.name, b.name, when) for a, b in combinations_with_replacement(ROWS, 2) for when in When]
+    return [Case(a.name, b.name, when) for a, b in combinations_with_replacement(ROWS, 2) for when in PAIRED]
 
 
 def seed_cases(seeds: Iterable[int], *, seconds: float) -> list[Case]:

@@ -71,9 +71,23 @@ def _when_following(act: Callable[[Bench], None]) -> Callable[[Bench, float], ob
     return lambda bench, at: bench.at(max(at, BEFORE_ARMING), lambda: act(bench))
 
 
-def _late(bench: Bench, posture: RobotPosture) -> RobotPosture:
-    bench.clock.advance(OVERRUN / bench.robot.profile.safety.rate_hz)
-    return posture
+def _late(times: int | None = None) -> Callable[[Bench], None]:
+    """To find a goal takes longer than a tick may, so many times."""
+
+    def hurt(bench: Bench) -> None:
+        left = [times]
+
+        def dawdle() -> None:
+            if left[0] == 0:
+                return
+            left[0] = None if left[0] is None else left[0] - 1
+            if bench.trace.acted is None:
+                bench.trace.acted = bench.clock.now()
+            bench.clock.advance(OVERRUN / bench.robot.profile.safety.rate_hz)
+
+        bench.thinking.append(dawdle)
+
+    return hurt
 
 
 def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:
@@ -110,8 +124,8 @@ HOST_ROWS: tuple[Row, ...] = (
     Row("wall clock an hour back", Reaction.NONE, 0.0, _wall_clock(-HOUR_S)),
     Row("solver not finite", Reaction.STAND, 0.050, _when_following(_follower(_not_finite)), Idle.REFUSES),
     Row("solver not finite once", Reaction.MAY_HOLD, 0.0, _when_following(_follower(_not_finite, 1))),
-    Row("deadline missed", Reaction.HOLD, 0.030, _when_following(_follower(_late))),
-    Row("deadline missed once", Reaction.NONE, 0.0, _when_following(_follower(_late, 1))),
+    Row("deadline missed", Reaction.HOLD, 0.030, _when_following(_late())),
+    Row("deadline missed once", Reaction.NONE, 0.0, _when_following(_late(1))),
     Row("clearance below margin", Reaction.GATED, 0.0, _when_following(_follower(_inwards)), after=1.2),
     Row("exception in the tick", Reaction.STOP, 0.020, later(_raising), Idle.ANY, said=""),
     Row("kill -9", Reaction.GONE, 0.120, later(Bench.kill), Idle.ONLY_READS, watchdog=0.120),

@@ -1,6 +1,6 @@
 """Holds a run against its row: the reaction in time, and what may never be, whatever happens."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from hardware.guard_state import GuardState
@@ -8,12 +8,12 @@ from sim.faults.always import violations
 from sim.faults.bench import Bench
 from sim.faults.judge_idle import idle_wrong
 from sim.faults.reaction import Reaction, Row
-from sim.faults.reactions import Seen, late, reacted
+from sim.faults.reactions import HELD_S, Seen, late, reacted
 from sim.faults.sender import FakeSender
 from sim.faults.stream_rows import STREAM_ROWS
 from sim.faults.trace import Trace
 
-__all__ = ["ONSET", "Verdict", "When", "hurt_run", "judged", "judged_pair", "verdict_of"]
+__all__ = ["ENGAGING_S", "IDLE_S", "ONSET", "STOP_BEFORE", "Verdict", "When", "hurt_run", "judged", "verdict_of"]
 
 ONSET = 0.4
 """s of following before the fault."""
@@ -22,6 +22,8 @@ STOP_BEFORE = 0.05
 OUTLIVED = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.OUT, Reaction.HOLD, Reaction.RESUME, Reaction.REBASE)
 IDLE_S = 0.3
 """Ticks of a run that was hurt before it began, s: nobody is followed in it yet."""
+SETTLED_S = 0.5
+"""A robot that approaches is looked at for so long after its reaction, s."""
 ENGAGING_S = 0.6
 """So long after the beginning of a run the performer is followed, at most."""
 
@@ -36,9 +38,10 @@ class Verdict:
 
 
 class When(Enum):
-    """What the robot does when the fault begins."""
+    """What the robot does when the fault begins. approaching: it is on its way to where it follows from."""
 
     IDLE = "idle"
+    APPROACHING = "approaching"
     MOVING = "moving"
     STOPPING = "stopping"
 
@@ -50,11 +53,16 @@ def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
 
 def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
     """Run a row. Where a sender's fault is outlived, the end of the run is not waited for: it is that of any other."""
-    duration = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}[when]
+    followed = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}
+    duration = followed.get(when, ENGAGING_S)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer)
     if when is When.STOPPING:
         bench.at(ONSET - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
     bench.leaves = row.reaction in OUTLIVED and row in STREAM_ROWS and when is not When.STOPPING
+    if when is When.APPROACHING:
+        bench.approaching = True
+        if row.reaction in OUTLIVED:
+            bench.at(ONSET + row.limit + SETTLED_S, bench.leave)
     row.hurt(bench, -1.0 if when is When.IDLE else ONSET)
     bench.run()
     return bench
@@ -66,6 +74,8 @@ def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
     took, wrong = None, list[str]()
     if when is When.MOVING:
         took, wrong = _moving(row, bench, trace)
+    elif when is When.APPROACHING:
+        took, wrong = _approaching(row, bench, trace)
     elif when is When.STOPPING:
         wrong = _stopping(row, trace)
     else:
@@ -73,15 +83,15 @@ def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
     return Verdict(row.name, tuple(wrong + violations(bench, trace)), took)
 
 
-def _onset(trace: Trace) -> float | None:
+def _onset(trace: Trace, since: float | None) -> float | None:
     """When the fault was done, after the first tick that ended late enough; or first took effect."""
     if trace.acted is not None:
         return trace.acted
-    return next((tick.time for tick in trace.ticks if trace.began and tick.time >= trace.began + ONSET), None)
+    return next((tick.time for tick in trace.ticks if since is not None and tick.time >= since + ONSET), None)
 
 
 def _moving(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
-    onset = _onset(trace)
+    onset = _onset(trace, trace.began)
     if onset is None:
         return None, [f"nobody was followed: {trace.error or trace.said[-1:]}"]
     took, wrong = reacted(row, Seen(bench, trace, onset))
@@ -92,9 +102,21 @@ def _moving(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[st
     return took, wrong
 
 
+def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
+    """As while it moves; but nobody is followed yet, so nobody can be left out, or followed again."""
+    onset = _onset(trace, trace.armed)
+    if onset is None or (trace.arrived is not None and trace.arrived <= onset):
+        return None, [f"nothing was approached: {trace.error or trace.said[-1:]}"]
+    if row.reaction is Reaction.OUT:
+        row = replace(row, reaction=Reaction.MAY_HOLD)
+    elif row.reaction is Reaction.RESUME:
+        row = replace(row, reaction=Reaction.HOLD, limit=HELD_S)
+    return reacted(row, Seen(bench, trace, onset))
+
+
 def _stopping(row: Row, trace: Trace) -> list[str]:
     """A stop goes on to its end, whatever comes on the way; where the bus is lost, torque goes at once."""
-    onset = _onset(trace)
+    onset = _onset(trace, trace.began)
     if trace.latched is None or onset is None:
         return ["the stop was not latched"]
     if row.reaction is Reaction.GONE:
@@ -104,19 +126,3 @@ def _stopping(row: Row, trace: Trace) -> list[str]:
     if row.reaction is Reaction.CUT:
         return late("torque off", Seen.cut(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
     return []
-
-
-def judged_pair(
-    first: Row, second: Row, *, at: float, gap: float, seed: int, when: When = When.MOVING, longer: float = 0.7
-) -> Verdict:
-    """Two faults, `gap` s apart, the first at `at` s of following: what may never be is judged, and that it ends."""
-    idle = when is When.IDLE
-    duration = IDLE_S if idle else ENGAGING_S + at + gap + longer
-    six = "six" in (first.performer, second.performer)
-    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six" if six else "five")
-    if when is When.STOPPING:
-        bench.at(at - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
-    first.hurt(bench, -1.0 if idle else at)
-    second.hurt(bench, -1.0 if idle else at + gap)
-    trace = bench.run()
-    return Verdict(f"{first.name} + {second.name}", tuple(violations(bench, trace)), None)

@@ -18,6 +18,8 @@ HEALTHY_S = 0.5
 """So long data must be good before a hold ends."""
 BACK_S = 0.6
 """So long after data are good again a robot goes on, at the latest."""
+HELD_S = 0.150
+"""So soon a silent stream is held."""
 HALF = 0.5
 STEP_M = 0.025
 """From sample to sample no sensor goes farther, m, once a hold is over: 0.6 m/s on the way back, 2 m/s of its own."""
@@ -105,7 +107,7 @@ def _out(row: Row, seen: Seen) -> Judged:
 
 def _hold(row: Row, seen: Seen) -> Judged:
     hold = seen.first(GuardState.HOLDING)
-    wrong = late("held", hold, seen.onset, row.limit if row.reaction is Reaction.HOLD else 0.150)
+    wrong = late("held", hold, seen.onset, row.limit if row.reaction is Reaction.HOLD else HELD_S)
     wrong += ["it stopped"] if seen.stopped is not None else []
     on = None if hold is None else seen.trace.first(GuardState.MOVING, hold)
     if row.back is not None and on is not None and on - seen.onset < row.back + HEALTHY_S:

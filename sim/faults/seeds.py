@@ -5,6 +5,8 @@ import random
 from sim.faults.always import violations
 from sim.faults.bench import Bench
 from sim.faults.judge import ENGAGING_S, Verdict
+from sim.faults.judge_pair import Struck, missing
+from sim.faults.reached import HIDDEN, need_of
 from sim.faults.reaction import Reaction, Row
 from sim.faults.rows import ROWS
 from sim.faults.sender import FakeSender
@@ -14,20 +16,32 @@ __all__ = ["judged_seed"]
 HARMLESS = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.REBASE, Reaction.RESUME, Reaction.OUT, Reaction.SLOW)
 """What a run outlives: of these there may be several, of the others there is one, which may come at any time."""
 FEWEST, MOST = 2, 5
+MORE_S = 0.1
+"""The run goes on for so long after the last reaction is due, s."""
 
 
 def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
-    """A run of so many virtual seconds of following, unless a fault ends it: what may never be is judged."""
+    """A run of so many virtual seconds of following, unless a fault ends it.
+
+    What may never be is judged, and the reaction to the harsh fault.
+    """
     chance = random.Random(seed)
     mild, harsh = ([row for row in ROWS if (row.reaction in HARMLESS) is harmless] for harmless in (True, False))
     plan: list[tuple[float, Row]] = [
         (chance.uniform(0.1, 0.9 * seconds), chance.choice(mild)) for _ in range(chance.randint(FEWEST, MOST))
     ]
     last = chance.uniform(0.5, 0.98) * seconds
-    plan += [(last, chance.choice(harsh)), (last + chance.choice((0.0, 0.02, 0.2, 0.8)), chance.choice(ROWS))]
-    bench = Bench(FakeSender(seed=seed + 3), duration=ENGAGING_S + seconds, seed=seed, performer="six")
+    end = Struck(chance.choice(harsh), last)
+    beside = Struck(row=chance.choice(ROWS), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
+    plan += [(end.at, end.row), (beside.at, beside.row)]
+    after = max(need_of(one.row).limit + one.at - seconds for one in (end, beside)) + MORE_S
+    duration = ENGAGING_S + seconds + max(after, 0.0)
+    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six")
     for at, row in sorted(plan, key=lambda one: one[0]):
         row.hurt(bench, at)
     trace = bench.run()
     names = ", ".join(f"{row.name} at {at:.1f} s" for at, row in sorted(plan, key=lambda one: one[0]))
-    return Verdict(names, tuple(violations(bench, trace)), None)
+    wrong = violations(bench, trace)
+    if not any((row.name, end.row.name) in HIDDEN for _, row in plan):
+        wrong += missing(trace, end, beside)
+    return Verdict(names, tuple(wrong), None)

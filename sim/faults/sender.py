@@ -145,7 +145,7 @@ def frozen(name: str, first: float, last: float) -> SenderFault:
     kept: list[FloatArray] = []
 
     def fault(time: float, poses: Poses) -> Poses:
-        if not first <= time < last:
+        if not first <= time < last or (name not in poses and not kept):
             return poses
         if not kept:
             kept.append(poses[name])
@@ -156,9 +156,14 @@ def frozen(name: str, first: float, last: float) -> SenderFault:
 
 def moved(name: str, first: float, last: float, by: tuple[float, float, float]) -> SenderFault:
     """One sensor is somewhere else at once."""
-    return lambda time, poses: poses | {name: poses[name] + np.array(by)} if first <= time < last else poses
+    return lambda time, poses: (
+        poses | {name: poses[name] + np.array(by)} if first <= time < last and name in poses else poses
+    )
 
 
 def swapped(one: str, other: str, first: float, last: float) -> SenderFault:
     """Two sensors exchange their names."""
-    return lambda time, poses: poses | {one: poses[other], other: poses[one]} if first <= time < last else poses
+    names = {one: other, other: one}
+    return lambda time, poses: (
+        {names.get(name, name): at for name, at in poses.items()} if first <= time < last else poses
+    )

@@ -26,7 +26,7 @@ class Trace:
     farthest went from one followed sample to the next; sent: every packet of the host; let_go:
     when which servo (id) stopped driving by itself or was told to: its torque went, or its watchdog stopped it.
 
-    began: when following began. gone: when the host was killed.
+    began: when following began. arrived: when the robot was where it follows from. gone: when the host was killed.
     acted: when a fault that waits for its cue had it. rebased: when a leap of the sender's clock was
     understood. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all servos in the end.
     mute: the host could not write any more. left: nobody looked at how it ended.
@@ -41,6 +41,7 @@ class Trace:
     asked: list[tuple[float, FloatArray]] = field(default_factory=list)
     stop: Stop | None = None
     began: float | None = None
+    arrived: float | None = None
     acted: float | None = None
     gone: float | None = None
     rebased: float | None = None
@@ -53,6 +54,11 @@ class Trace:
     def first(self, state: GuardState, since: float) -> float | None:
         """When a state was first seen from a time on, s."""
         return next((tick.time for tick in self.ticks if tick.time >= since and tick.state is state), None)
+
+    @property
+    def armed(self) -> float | None:
+        """When the first tick with torque ended, s."""
+        return self.ticks[0].time if self.ticks else None
 
     @property
     def latched(self) -> float | None:
