@@ -36,12 +36,13 @@ class Performer(Schema):
     """A performer. `sensors`: canonical sensor name -> where it is worn, in the order of the sample's rows.
 
     roles: convention of a live sender's names (see `retarget.live.roles`), where the stream does not say so by its
-    kind.
+    kind. partial: what a live stream lacks takes no part, instead of being waited for.
     """
 
     name: Name
     description: Text
     roles: Name | None = None
+    partial: Switch = False
     sensors: Annotated[dict[Name, WornSensor], Field(min_length=1, max_length=64)]
 
     @property

@@ -9,13 +9,13 @@ from retarget.clip import MAX_TICKS
 from retarget.human_dimensions import mirrored_dimensions
 from retarget.live.live_options import LiveOptions
 from retarget.live.measuring import LISTEN_S, measure
+from retarget.live.needed import missing_sensors, refuse_unmeasurable
 from retarget.live.performer import INTAKE, LivePerformer, live_sample
 from retarget.live.person_file import check_person_place, person_of, read_person, write_person
 from retarget.live.rest_capture import Calibrated
 from retarget.live.side_check import check_sides
 from retarget.live.stream import LiveStream
 from retarget.live.stream_trouble import refuse_version, unusable
-from retarget.rest_pose import REQUIRED
 from retarget.samples import Performance
 
 __all__ = ["LiveOptions", "begin_live"]
@@ -45,6 +45,7 @@ def begin_live(
         person = None if options.recalibrate else read_person(options.person)
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
+    refuse_unmeasurable(stream.roles, where=where)
     _wait(stream, options, clock, where=where)
     refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
@@ -67,6 +68,7 @@ def begin_live(
         ticks=ticks,
         kept=min(ticks, round(KEPT_S * rate_hz), MAX_TICKS),
         mirror=options.mirror,
+        lacking=calibrated.missing if stream.roles.partial else (),
         tell=tell,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)
@@ -90,13 +92,11 @@ def _keep(name: str, calibrated: Calibrated, convention: str, tell: Callable[[st
 
 
 def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:
-    """Until every sensor without which nobody can be measured is fresh."""
-    names = stream.roles.sensors
+    """Until every sensor that is needed is fresh, and none is listed that the stream does not have."""
     deadline = clock.now() + options.patience
     while True:
         stream.listen(clock.now(), moving=False)
-        fresh = stream.read(clock.now()).fresh
-        missing = [name for name, ok in zip(names, fresh, strict=True) if not ok and name in REQUIRED]
+        missing = missing_sensors(stream, clock.now())
         if not missing:
             return
         if clock.now() >= deadline:

@@ -10,6 +10,7 @@ from retarget.errors import InputError
 from retarget.human_dimensions import HumanDimensions
 from retarget.live.alignment import Alignment
 from retarget.live.live_options import LiveOptions
+from retarget.live.needed import needed
 from retarget.live.performer import live_sample
 from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S, Calibrated, RestCapture, believing_still
 from retarget.live.stream import LiveStream
@@ -43,7 +44,7 @@ def measure(
     _listen(stream, clock, options.countdown, measured=False)
     size = known or _told_size(stream, options, where=where, tell=tell)
     lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
-    capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose)
+    capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose, needed=needed(stream.roles))
     found = _captured(stream, options, capture, size, clock=clock)
     height = f"{found.dimensions.stature:.2f} m tall"
     tell(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")

@@ -11,6 +11,7 @@ from retarget.clip import Clip
 from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
 from retarget.live.alignment import Alignment, facing_of
 from retarget.live.engagement import Engagement
+from retarget.live.needed import carrying
 from retarget.live.rejoin import Rejoin
 from retarget.live.stream import Heard, LiveStream
 from retarget.live.stream_news import StreamNews
@@ -26,10 +27,6 @@ SILENCE_S = 0.14
 """A stream that says nothing for so long is held, before its sensors are stale."""
 PLAYED_S = 0.05
 """So long after its last datagram a recording has been played: what is held back to play evenly is less."""
-CARRYING = ("pelvis", "l_ankle", "r_ankle")
-"""Without one of these that is worn, the robot does not know how to stand."""
-CARRYING_ALONE = ("head",)
-"""What stands for them where none is worn: all that tells where the body is."""
 _REFLECT = np.array([1.0, -1.0, 1.0])
 _REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
 
@@ -50,8 +47,8 @@ def live_sample(
 class LivePerformer:
     """`retarget.samples.Samples` of a stream. `first`: the sample at which the robot arrives.
 
-    ticks: at most; kept: samples that are remembered for who looks at the run afterwards. tell: hears what changes, a
-    sentence each.
+    ticks: at most; kept: samples that are remembered for who looks at the run afterwards. lacking: sensors for which
+    the robot never holds. tell: hears what changes, a sentence each.
     """
 
     def __init__(
@@ -65,6 +62,7 @@ class LivePerformer:
         ticks: int,
         kept: int,
         mirror: bool = False,
+        lacking: tuple[str, ...] = (),
         tell: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
@@ -76,8 +74,7 @@ class LivePerformer:
         names = stream.roles.sensors
         self._rejoin: Rejoin | None = None
         self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
-        carrying = [name for name in CARRYING if name in names] or [name for name in CARRYING_ALONE if name in names]
-        self._carrying = [names.index(name) for name in carrying]
+        self._carrying = [names.index(name) for name in carrying(name for name in names if name not in lacking)]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
         self._valid = np.zeros((self._kept, len(names)), dtype=bool)

@@ -59,9 +59,12 @@ def believing_still(heard: Heard) -> Heard:
 class RestCapture:
     """The last `lasts` s of samples of the stream's world: `take` them, and ask for the `result` once it is `done`."""
 
-    def __init__(self, *, where: str, lasts: float = CAPTURE_S, loose: tuple[str, ...] = ()) -> None:
-        """where: the stream, for messages. loose: sensors that may sit beside their joints."""
-        self._where, self._lasts, self._loose = where, lasts, loose
+    def __init__(
+        self, *, where: str, lasts: float = CAPTURE_S, loose: tuple[str, ...] = (), needed: tuple[str, ...] = REQUIRED
+    ) -> None:
+        """where: the stream, for messages. loose: sensors that may sit beside their joints. needed: that must be fresh,
+        of those that are worn."""
+        self._where, self._lasts, self._loose, self._needed = where, lasts, loose, needed
         self._times: deque[float] = deque()
         self._samples: deque[SensorSample] = deque()
         self._began = np.inf  # [s] the first sample of all
@@ -92,7 +95,7 @@ class RestCapture:
         fresh = np.array([sample.valid for sample in self._samples])
         track[~fresh] = np.nan
         counts = fresh.mean(axis=0) >= FRESH_SHARE
-        self._refuse_stale([name for name, ok in zip(names, counts, strict=True) if not ok and name in REQUIRED])
+        self._refuse_stale([name for name, ok in zip(names, counts, strict=True) if not ok and name in self._needed])
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_restless(names, track, mean)

@@ -96,8 +96,12 @@ class _Plan:
 class Roles:
     """The sensors of a performer in the poses of one sender."""
 
-    def __init__(self, sensors: Sequence[str], places: Sequence[Place], *, convention: str = "") -> None:
+    def __init__(
+        self, sensors: Sequence[str], places: Sequence[Place], *, convention: str = "", partial: bool = False
+    ) -> None:
+        """partial: what the sender lacks takes no part, and nobody waits for it."""
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
+        self.partial = partial
         self._plans: dict[tuple[str, ...], _Plan | None] = {}
 
     @property
@@ -116,7 +120,7 @@ class Roles:
         for place, by in zip(self.places, offset, strict=True):
             x, y, z = (rotations.rotate(rotations.conjugate(place.rest), by) + place.offset).tolist()
             places.append(replace(place, offset=(x, y, z)) if place.loose else place)
-        return Roles(self.sensors, places, convention=self.convention)
+        return Roles(self.sensors, places, convention=self.convention, partial=self.partial)
 
     def take(self, frame: StreamFrame) -> SensorPoses | None:
         """The sensors that a frame tells; None when it tells none."""
@@ -199,4 +203,4 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
             )
     if problems:
         raise UsageError.from_problems(problems)
-    return Roles(tuple(performer.sensors), places, convention=convention)
+    return Roles(tuple(performer.sensors), places, convention=convention, partial=performer.partial)
