@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from retarget.errors import UsageError
+from retarget.frames import BoolArray
 from retarget.live.roles import Roles
 from retarget.live.stream import LiveStream
 from retarget.rest_pose import REQUIRED
@@ -32,7 +33,7 @@ def needed(roles: Roles) -> tuple[str, ...]:
 def missing_sensors(stream: LiveStream, now: float) -> list[str]:
     """Sensors to be waited for: those needed that are not fresh, and those listed that the stream does not have."""
     heard, must, roles = stream.read(now), needed(stream.roles), stream.roles
-    known = np.isfinite(heard.position).all(axis=1).tolist()
+    known: BoolArray = np.asarray(np.isfinite(heard.position).all(axis=1))
     missing = []
     for name, place, fresh, told in zip(roles.sensors, roles.places, heard.fresh, known, strict=True):
         lacks = not (told or roles.partial or {place.position, place.orientation} & stream.names.keys())
