@@ -86,6 +86,15 @@ class Clip:
         """Its ticks say where it ends."""
         return False
 
+    @property
+    def settled(self) -> float:
+        """It is never held."""
+        return 1.0
+
+    def may_approach(self) -> bool:
+        """It waits."""
+        return True
+
     def listen(self) -> None:
         """Nothing comes in: it is all there."""
 

@@ -41,6 +41,16 @@ class Samples(Protocol):
         """Whether the performance has ended before its last tick: a recorded stream is at its end."""
         ...
 
+    @property
+    def settled(self) -> float:
+        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1: who takes the performer up
+        again after a hold comes back slowly."""
+        ...
+
+    def may_approach(self) -> bool:
+        """Called in every tick in which the robot is on its way to where it follows tick 0: whether it is to go on."""
+        ...
+
     def listen(self) -> None:
         """Called in every tick, also while nobody is followed: a stream is to be heard all the time."""
         ...

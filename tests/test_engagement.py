@@ -79,3 +79,28 @@ def test_whatever_happens_what_is_followed_goes_on_from_where_it_was(moves: list
         if shown is not None:
             assert abs(float(shown.position[0, 0]) - last) <= fastest + 1e-9
             last = float(shown.position[0, 0])
+
+
+def test_a_great_turn_back_takes_its_time_too() -> None:
+    engagement, turned = Engagement(sample(0.0)), sample(0.0)
+    turned.orientation[:] = [0.0, 0.0, 0.0, 1.0]  # by pi
+    angles = []
+    for tick in range(1000):
+        shown = engagement.step(DT * tick, turned, good=True)
+        if shown is not None:
+            angles.append(float(2.0 * np.arctan2(shown.orientation[0, 3], shown.orientation[0, 0])))
+    assert np.diff(angles).max() <= TIMES.turn * DT * 1.001 and angles[-1] == pytest.approx(np.pi)
+
+
+def test_the_robot_has_all_of_its_speed_when_the_way_back_is_over_and_never_in_a_hold() -> None:
+    engagement, settled = Engagement(sample(0.0)), list[float]()
+    for tick in range(300):
+        shown = engagement.step(DT * tick, sample(0.1), good=tick < 280)
+        settled.append(engagement.settled)
+        assert shown is not None or engagement.settled == 0.0
+    back = round((TIMES.healthy + TIMES.blend) / DT)
+    assert max(settled[:back]) < 0.01 and settled[279] == 1.0 and settled[299] == 0.0
+    assert 0.0 <= np.diff(settled[:280]).max() <= DT / TIMES.blend * 1.001
+    engagement.begin(sample(1.0))
+    assert engagement.settled == 0.0 and engagement.state is Engaged.HOLDING
+    assert engagement.step(5.0, sample(1.0), good=True) is None

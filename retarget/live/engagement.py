@@ -6,7 +6,8 @@ from enum import Enum
 import numpy as np
 
 from retarget import rotations
-from retarget.frames import SensorSample
+from retarget.frames import BoolArray, SensorSample
+from retarget.live.lasting import Lasting
 from retarget.rotations import FloatArray
 
 __all__ = ["Engaged", "Engagement", "EngagementTimes"]
@@ -21,12 +22,13 @@ class Engaged(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class EngagementTimes:
-    """healthy: s of good data before a hold ends. blend: s that coming back takes, at least; speed: m/s that no sensor
-    exceeds on the way back from where it was held."""
+    """healthy: s of good data before a hold ends. blend: s that coming back takes, at least; speed: m/s, and turn:
+    rad/s, that no sensor exceeds on the way back from where it was held."""
 
     healthy: float = 0.5
     blend: float = 0.75
     speed: float = 0.6
+    turn: float = 2.0
 
 
 PEAK = 1.5
@@ -41,13 +43,21 @@ class Engagement:
 
     def __init__(self, first: SensorSample, times: EngagementTimes | None = None) -> None:
         self._times = times or EngagementTimes()
-        self.state = Engaged.HOLDING
         self.wanted = True
         """Whether the performer wants to be followed: a pedal or key may let go."""
-        self._held = self._shown = first
-        self._healthy_since: float | None = None
+        self.settled: float
+        """How much of its speed the robot may use beyond that of its slow approach: 0 until the way back is over, from
+        there to 1 in `blend` s."""
+        self._good = Lasting(self._times.healthy)
         self._began = -np.inf  # [s] when it came back
         self._duration = 0.0
+        self.begin(first)
+
+    def begin(self, first: SensorSample) -> None:
+        """The robot is where `first` wants it, as after a hold."""
+        self.state, self.settled = Engaged.HOLDING, 0.0
+        self._held = self._shown = first
+        self._good.restart()
 
     @property
     def shown(self) -> SensorSample:
@@ -58,7 +68,8 @@ class Engagement:
         """Hold from now on, until data are good for long enough."""
         if self.state is Engaged.FOLLOWING:
             self._held = self._shown
-        self.state, self._healthy_since = Engaged.HOLDING, None
+        self.state, self.settled = Engaged.HOLDING, 0.0
+        self._good.restart()
 
     def step(self, now: float, sample: SensorSample, *, good: bool) -> SensorSample | None:
         """What to follow at `now`, s; None: hold. good: whether what the sensors say can be believed."""
@@ -66,12 +77,11 @@ class Engagement:
             self.hold()
             return None
         if self.state is Engaged.HOLDING:
-            if self._healthy_since is None:
-                self._healthy_since = now
-            if now - self._healthy_since < self._times.healthy:
+            if not self._good.step(now, good=True):
                 return None
             self.state, self._began, self._duration = Engaged.FOLLOWING, now, self._way_back(sample)
         share = (now - self._began) / self._duration
+        self.settled = min(max((now - self._began - self._duration) / self._times.blend, 0.0), 1.0)
         self._shown = sample if share >= 1.0 else _blend(self._held, sample, share * share * (3.0 - 2.0 * share))
         return self._shown
 
@@ -79,7 +89,17 @@ class Engagement:
         """How long the way back takes, s."""
         both = self._held.valid & sample.valid
         distance = np.linalg.norm(sample.position[both] - self._held.position[both], axis=1)
-        return max(self._times.blend, PEAK * float(distance.max(initial=0.0)) / self._times.speed)
+        turned = _turned(self._held, sample)
+        angle = rotations.angle_between(self._held.orientation[turned], sample.orientation[turned])
+        times = self._times
+        slowest = max(float(distance.max(initial=0.0)) / times.speed, float(angle.max(initial=0.0)) / times.turn)
+        return max(times.blend, PEAK * slowest)
+
+
+def _turned(held: SensorSample, sample: SensorSample) -> BoolArray:
+    """Who is valid in both and says how it is turned, (k,)."""
+    known = np.isfinite(held.orientation[:, 0]) & np.isfinite(sample.orientation[:, 0])
+    return np.asarray(held.valid & sample.valid & known)
 
 
 def _blend(held: SensorSample, sample: SensorSample, share: float) -> SensorSample:
@@ -88,7 +108,7 @@ def _blend(held: SensorSample, sample: SensorSample, share: float) -> SensorSamp
     position: FloatArray = sample.position.copy()
     position[both] += (1.0 - share) * (held.position[both] - sample.position[both])
     orientation = sample.orientation.copy()
-    turned = both & np.isfinite(held.orientation[:, 0]) & np.isfinite(sample.orientation[:, 0])
+    turned = _turned(held, sample)
     if turned.any():
         orientation[turned] = rotations.slerp(held.orientation[turned], sample.orientation[turned], share)
     return SensorSample(sample.names, position, orientation, sample.valid)

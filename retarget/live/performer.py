@@ -10,7 +10,8 @@ from hardware.tick_pace import TickPace
 from retarget.clip import Clip
 from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
 from retarget.live.alignment import Alignment, facing_of
-from retarget.live.engagement import Engagement
+from retarget.live.engagement import Engagement, EngagementTimes
+from retarget.live.lasting import Lasting
 from retarget.live.needed import carrying
 from retarget.live.rejoin import Rejoin
 from retarget.live.stream import Heard, LiveStream
@@ -67,12 +68,14 @@ class LivePerformer:
     ) -> None:
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
         self.engagement = Engagement(first)
+        self._on_the_way, self._waits = Lasting(EngagementTimes().healthy, good=True), False
         self._trouble, self._news = StreamTrouble(stream), StreamNews(stream, tell)
         self._first, self._clock, self._tell = first, clock, tell
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
         self._pace = TickPace(1.0 / rate_hz)
         names = stream.roles.sensors
         self._rejoin: Rejoin | None = None
+        self._message: str | None = None  # of what is wrong with the stream
         self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
         self._carrying = [names.index(name) for name in carrying(name for name in names if name not in lacking)]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
@@ -105,6 +108,23 @@ class LivePerformer:
         """Whether the recording of a stream has been played."""
         return self.stream.receiver.finished and self._clock.now() - self.stream.last > PLAYED_S
 
+    @property
+    def settled(self) -> float:
+        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1."""
+        return self.engagement.settled
+
+    def may_approach(self) -> bool:
+        """Whether data are good, and have been for long enough since they were not."""
+        now = self._clock.now()
+        heard, _ = self._hear(now)
+        goes = self._on_the_way.step(now, good=self._is_good(heard, now))
+        self._say_news()
+        if goes is self._waits:
+            late = " because ticks come late" if self._pace.behind else ""
+            self._tell("the robot goes on" if goes else f"the robot waits on its way to the performer{late}")
+            self._waits = not goes
+        return goes
+
     def listen(self) -> None:
         """Take in what has arrived, and say what changed."""
         self.stream.listen(self._clock.now(), moving=True)
@@ -112,6 +132,8 @@ class LivePerformer:
 
     def sample(self, tick: int) -> SensorSample | None:
         """What is to be followed now; None: hold."""
+        if tick == 0:
+            self.engagement.begin(self._first)
         sample = self._first if tick == 0 else self._now()
         if tick < self._kept:
             shown = self.engagement.shown if sample is None else sample
@@ -160,6 +182,19 @@ class LivePerformer:
 
     def _now(self) -> SensorSample | None:
         now = self._clock.now()
+        heard, sample = self._hear(now)
+        before = self.engagement.state
+        followed = self.engagement.step(now, sample, good=self._is_good(heard, now))
+        self._say_news()
+        if self.engagement.state is not before:
+            late = " because ticks come late" if self._pace.behind else ""
+            self._tell(
+                "the performer is followed" if followed else f"the performer is not followed{late}: the robot holds"
+            )
+        return followed
+
+    def _hear(self, now: float) -> tuple[Heard, SensorSample]:
+        """What is heard in this tick, and of it the sensors that are believed, in our world."""
         self._pace.begin(now)
         heard = self.stream.read(now)
         if self._rejoin is None:  # the body has not moved yet
@@ -170,20 +205,14 @@ class LivePerformer:
         believed = self._rejoin.step(heard.states, self.dt) > 0.0
         doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
         self._leapt = doubted & (self._leapt | took_part)
+        self._message = self._trouble.look(now)
         names = self.stream.roles.sensors
-        sample = live_sample(names, heard, self.alignment, believed=believed, mirror=self.mirror)
-        before = self.engagement.state
-        trouble = self._trouble.look(now)
-        followed = self.engagement.step(now, sample, good=self._is_good(heard, now))
-        for message in (*self.stream.trust.messages(), trouble):
+        return heard, live_sample(names, heard, self.alignment, believed=believed, mirror=self.mirror)
+
+    def _say_news(self) -> None:
+        for message in (*self.stream.trust.messages(), self._message):
             if message:
                 self._tell(message)
-        if self.engagement.state is not before:
-            late = " because ticks come late" if self._pace.behind else ""
-            self._tell(
-                "the performer is followed" if followed else f"the performer is not followed{late}: the robot holds"
-            )
-        return followed
 
     def _is_good(self, heard: Heard, now: float) -> bool:
         """Whether enough can be believed to move: somebody speaks, nobody has leapt, what carries is known, and it is
