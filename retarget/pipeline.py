@@ -157,7 +157,7 @@ class Pipeline:
     def _approach(self, states: ServoStates) -> FloatArray | None:
         """The next goal posture, rad (n,), on the way to where following begins; None: wait on it."""
         assert self._robot is not None
-        return self._robot.approach()
+        return self._robot.approach() if self._clip.may_approach() else None
 
     def _think(self, states: ServoStates) -> FloatArray | None:
         """From the servo states to a goal posture, rad (n,), inside the guard's tick; None: nobody is followed."""
@@ -165,7 +165,7 @@ class Pipeline:
         begun = self._reconstruct()
         if begun is None:
             return None
-        goal = self._robot.follow(self._human)
+        goal = self._robot.follow(self._human, settled=self._clip.settled)
         self._record.timing.retarget[self._row] = thread_cpu() - begun
         return goal
 

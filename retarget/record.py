@@ -7,6 +7,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.bus import ServoStates
+from hardware.joint_map import JointMap
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
 
@@ -104,6 +106,14 @@ class RobotRecord:
             observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
             start=np.array(start, dtype=np.float64),
         )
+
+    def keep_servos(self, row: int, states: ServoStates, joint_map: JointMap) -> None:
+        """Write what the servos said at the start of a tick into its row."""
+        self.bus_time[row] = states.time
+        self.present[row] = joint_map.to_radians(states.position)
+        self.temperature[row], self.voltage[row] = states.temperature, states.voltage
+        self.retries[row] = states.retries
+        self.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """The robot's half of a tick: follow, gate, guard, bus; and what was sent, kept row by row."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
@@ -11,7 +11,7 @@ from hardware.errors import TorqueError
 from hardware.goal_filter import GoalFilter
 from hardware.guard import FOLLOWING, Guard, Think
 from hardware.guard_state import GuardState, StopCause
-from retarget.approach import approach, slower_in_line
+from retarget.approach import slower_in_line
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
 from retarget.paced_way import PacedWay
@@ -20,7 +20,9 @@ from retarget.planted_root import plant_root
 from retarget.record import ModeArray, Phase, RobotRecord
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
+from retarget.speed_share import SpeedShare
 from retarget.stages import FollowingStage
+from retarget.way_home import WayHome
 from retarget.way_there import way_there
 
 __all__ = ["GATED_RAD", "RobotSide"]
@@ -66,6 +68,7 @@ class RobotSide:
         self._dt = dt
         self._deadline, self._awake = clock.now(), False
         self._kinematics = robot.body.solver_body()
+        self._share = SpeedShare(robot, dt=dt)
         self._change = robot.joint_map.max_acceleration * dt**2  # (n,) [rad]
         self._q = robot.body.qpos0.copy()
         self._before = self._q.copy()
@@ -81,7 +84,7 @@ class RobotSide:
         self._rooted = self._passed = False
         self._lost = 0  # ticks in which no posture was found
         self._parks, self._tell = parks, tell
-        self._way_home: Iterator[FloatArray] | None = None
+        self._way_home = WayHome(robot, dt=dt)
 
     @property
     def stopping_ticks(self) -> int:
@@ -134,9 +137,10 @@ class RobotSide:
         nq = self.robot.body.nq
         return RobotRecord.empty(rows, nq=nq, start=self._start, landmark_names=names, observers=modes)
 
-    def follow(self, human: HumanPosture) -> FloatArray | None:
-        """Think: the goal, rad (n,), for the human's posture. The first time, the posture from which to follow."""
-        self._follower.keep_pace(self.guard.health.slow)
+    def follow(self, human: HumanPosture, *, settled: float = 1.0) -> FloatArray | None:
+        """Think: the goal, rad (n,), for the human's posture; at first, for the posture from which to follow. settled:
+        how much of its speed it may use beyond that of the approach, 0 to 1."""
+        self._follower.keep_pace(min(self.guard.health.slow, self._share.pace(settled)))
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
         self._lost = 0 if np.isfinite(posture.q).all() else self._lost + 1
@@ -147,12 +151,17 @@ class RobotSide:
         may_yield, self._started = self._started, True
         if not may_yield:  # it rests there
             self._before[:] = posture.q
-        if may_yield and self._passes is not None and not self._passes(posture.joint_positions):
+        wanted, moved = posture.q, self._share.moved(self._before, posture.q, self._moved, settled=settled)
+        if moved is not None:
+            wanted = self._kinematics.integrate(self._before, moved)
+            self._follower.reseed(wanted.copy(), moved / self._dt)
+        goal = wanted[self.robot.servo_columns]
+        if may_yield and self._passes is not None and not self._passes(goal):
             self._follower.reseed(self._before.copy(), self._velocity.copy())
             q = self._follower.halt(self._dt)
             if q is not None:
                 return self._take(q, q[self.robot.servo_columns])
-        return self._take(posture.q, posture.joint_positions)
+        return self._take(wanted, goal)
 
     def wait(self) -> None:
         """Until the tick that comes is due; what is late is not caught up with."""
@@ -176,7 +185,12 @@ class RobotSide:
         self._awake = False
         self._goal, self._asked, self._rooted = None, None, False
         before = self.guard.sent
-        self.guard.tick(think if self._clearance is None else self._measured(think), self._halt)
+
+        def measured(states: ServoStates) -> FloatArray | None:
+            self._measure()
+            return think(states)
+
+        self.guard.tick(measured, self._halt)
         with suppress(OSError):  # who hears nothing any more does not hinder a stop
             for text in self.guard.health.warnings.take_news():
                 self._tell(text)
@@ -230,11 +244,7 @@ class RobotSide:
         states = self.guard.states
         assert self.guard.sent is not None and states is not None, "only what was sent is kept"
         record.goal_ticks[row] = self.guard.sent
-        record.bus_time[row] = states.time
-        record.present[row] = self.robot.joint_map.to_radians(states.position)
-        record.temperature[row], record.voltage[row] = states.temperature, states.voltage
-        record.retries[row] = states.retries
-        record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+        record.keep_servos(row, states, self.robot.joint_map)
 
     def _went(self) -> None:
         """Something was sent: know where the robot is; tell the follower where it is something else than was asked."""
@@ -253,16 +263,8 @@ class RobotSide:
         if self._clearance is not None:
             self._clearance.sent(sent, self._before)
 
-    def _measured(self, think: Think) -> Think:
-        """A thought before which the gate hears where the servos are."""
-
-        def measured(states: ServoStates) -> FloatArray | None:
-            self._measure()
-            return think(states)
-
-        return measured
-
     def _measure(self) -> None:
+        """Let the gate hear where the servos are."""
         states = self.guard.states
         if self._clearance is not None and states is not None:
             self._clearance.measure(self.robot.joint_map.to_radians(states.position))
@@ -272,7 +274,7 @@ class RobotSide:
         the way to where the robot is parked."""
         self.phase = Phase.BRAKE
         self._measure()
-        if self._goals.at_rest or self._way_home is not None:
+        if self._goals.at_rest or self._way_home.begun:
             return self._homeward()
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
@@ -287,14 +289,8 @@ class RobotSide:
         """The next goal on the way to where the robot is parked; None: it is there, cannot go on, or is to stay."""
         if not (self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home):
             return None
-        if self._way_home is None:
-            speed, joints = self.robot.profile.safety.speed_caps.approach, self.robot.joint_map
-            parked = self.robot.posture(self.robot.profile.postures.rest)[self.robot.servo_columns]
-            within = (self.guard.limits.max_home_ticks - 1) * self._dt
-            self._way_home = approach(self._sent, parked, joints, speed=speed, dt=self._dt, within=within)
-        elif not self._passed:  # something is in the way
-            self._way_home = iter(())
-        self._goal = next(self._way_home, None)
+        most = self.guard.limits.max_home_ticks
+        self._goal = self._way_home.next(self._sent, passed=self._passed, ticks=most)
         return self._goal
 
     def _take(self, q: FloatArray, goal: FloatArray) -> FloatArray:
