@@ -19,7 +19,7 @@ RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test lint bench bench-bus bench-lateness bench-physics robustness long wheels clean machine
+.PHONY: help demo test lint bench bench-bus bench-tick bench-lateness bench-physics robustness long wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -27,6 +27,7 @@ help:
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make bench   our frame time beside PlaCo and mink'
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'
+	@echo 'make bench-tick  what a live tick computes, datagram in to goal bytes out'
 	@echo 'make bench-lateness  how late ticks of the live loop wake up, beside an empty loop'
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make robustness  in how many runs under trouble it stands; takes half an hour'
@@ -58,6 +59,9 @@ bench: $(VENV)/.with-bench
 
 bench-bus: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.bus $(BENCH)
+
+bench-tick: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.tick_cost $(BENCH)
 
 bench-lateness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.lateness $(BENCH)

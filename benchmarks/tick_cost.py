@@ -1,0 +1,132 @@
+"""`python -m benchmarks.tick_cost`: what a live tick computes, sensor datagram in to goal bytes out.
+
+OP3 with its observers on emulated servos, all bytes of its bus, on virtual time; five sensors as JSON. Thread CPU of
+every tick of following, less what the emulator and the sender take: hear, align, reconstruct, retarget, gate, encode.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from benchmarks.bodies import Floats
+from hardware.clock import thread_cpu
+from hardware.guard import Guard
+from retarget.frames import SensorFrames
+from retarget.live.performer import LivePerformer
+from retarget.pipeline import Pipeline
+from retarget.robot_side import RobotSide
+from sim.emulator.loopback import EmulatedPort
+from sim.faults.bench import Bench
+from sim.faults.sender import FakeSender
+from sim.performer import synthetic_performer
+
+FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+NOT_OURS = [(EmulatedPort, name) for name in ("read", "write", "wait", "drop")] + [(FakeSender, "poll")]
+PARTS = {
+    "hear": (LivePerformer, "listen"),
+    "reconstruct": (Pipeline, "_reconstruct"),
+    "follow, gate": (RobotSide, "follow"),
+    "read the bus": (Guard, "_read"),
+}
+SETTLED = 300
+"""Ticks that are left out: the way to the performer, and buffers that are made once."""
+
+
+class Meter:
+    """Thread CPU, s, of what it is put around, without what is not ours. `ticks`: of every tick, by part."""
+
+    def __init__(self) -> None:
+        self.ticks: list[dict[str, float]] = []
+        self._others = 0.0
+        self._now: dict[str, float] = {}
+
+    def other(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Its time is somebody else's."""
+
+        def measured(*given: Any, **named: Any) -> Any:
+            begun = thread_cpu()
+            try:
+                return call(*given, **named)
+            finally:
+                self._others += thread_cpu() - begun
+
+        return measured
+
+    def part(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Its time is that of a part of the tick."""
+
+        def measured(*given: Any, **named: Any) -> Any:
+            begun, others = thread_cpu(), self._others
+            try:
+                return call(*given, **named)
+            finally:
+                spent = thread_cpu() - begun - (self._others - others)
+                self._now[name] = self._now.get(name, 0.0) + spent
+
+        return measured
+
+    def tick(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        """A tick."""
+        whole = self.part("tick", call)
+
+        def measured(*given: Any, **named: Any) -> Any:
+            self._now = {}
+            try:
+                return whole(*given, **named)
+            finally:
+                self.ticks.append(self._now)
+
+        return measured
+
+
+def five() -> SensorFrames:
+    """The synthetic performer, of whom five sensors are known."""
+    frames = synthetic_performer()
+    rows = [frames.index(name) for name in FIVE]
+    return replace(
+        frames,
+        names=FIVE,
+        position=frames.position[:, rows],
+        orientation=frames.orientation[:, rows],
+        valid=frames.valid[:, rows],
+    )
+
+
+def measure(seconds: float, *, parts: bool) -> dict[str, Floats]:
+    """ms of every tick of following, by part. Raises RuntimeError for a run that fails."""
+    meter = Meter()
+    with ExitStack() as stack:
+        for kind, name in NOT_OURS:
+            stack.enter_context(patch.object(kind, name, meter.other(getattr(kind, name))))
+        for label, (owner, name) in (PARTS if parts else {}).items():
+            stack.enter_context(patch.object(owner, name, meter.part(label, getattr(owner, name))))
+        stack.enter_context(patch.object(Pipeline, "_one_tick", meter.tick(Pipeline._one_tick)))
+        trace = Bench(FakeSender(five()), duration=seconds).run()
+    if trace.error:
+        raise RuntimeError(trace.error)
+    ticks = meter.ticks[SETTLED:]
+    names = ["tick", *(PARTS if parts else ())]
+    return {name: np.array([1e3 * tick.get(name, 0.0) for tick in ticks]) for name in names}
+
+
+def main() -> None:
+    """Measure, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=30.0, help="of following")
+    wanted = parser.parse_args()
+    whole = measure(wanted.seconds, parts=False)["tick"]
+    print(f"{'thread CPU, ms':<16}{'median':>9}{'p99':>9}{'longest':>9}   of {len(whole)} ticks")
+    print(f"{'tick':<16}{np.median(whole):9.3f}{np.percentile(whole, 99):9.3f}{whole.max():9.3f}   asked: 1.0, 2.0")
+    for name, spent in list(measure(wanted.seconds, parts=True).items())[1:]:
+        print(f"  {name:<14}{np.median(spent):9.3f}{np.percentile(spent, 99):9.3f}{spent.max():9.3f}")
+
+
+if __name__ == "__main__":
+    main()

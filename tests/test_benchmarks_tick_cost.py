@@ -1,0 +1,12 @@
+"""The benchmark of a live tick: what it counts is ours, and adds up."""
+
+import numpy as np
+
+from benchmarks.tick_cost import PARTS, SETTLED, measure
+
+
+def test_parts_are_in_the_tick_and_most_of_it() -> None:
+    spent = measure(1.0, parts=True)
+    whole, parts = spent["tick"], np.sum([spent[name] for name in PARTS], axis=0)
+    assert len(whole) > SETTLED
+    assert (whole > 0.0).all() and (parts <= whole + 0.05).mean() > 0.99 and parts.sum() > 0.5 * whole.sum()
