@@ -23,6 +23,8 @@ COOLER = 2.0
 """[degrees Celsius] the same for temperatures, which servos tell in whole degrees."""
 STEADIER = 0.2
 """[V] the same for voltages."""
+MOST_OF_ALL = 3
+"""All servos of a robot are named one by one up to so many."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +58,12 @@ class Row:
 
 
 def name_servos(servos: Sequence[ServoSpec], which: BoolArray, tell: Tell, values: FloatArray) -> str:
-    """Every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD."""
+    """Every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD; all of them by their number
+    alone, from the least value to the most: it is their supply or their bus, and no servo's own."""
+    if which.all() and len(servos) > MOST_OF_ALL:
+        found = list(dict.fromkeys(tell(float(value)) for value in np.sort(values)))
+        told = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
+        return f"all {len(servos)} servos {told}".rstrip()
     named = []
     for index in np.flatnonzero(which).tolist():
         servo = servos[index]

@@ -45,3 +45,16 @@ def test_servos_are_named_with_their_values() -> None:
     alerts = np.array([0x24, 0.0, 0x02, 0.0])
     named = name_servos(four_servos(), alerts > 0, rows[Row.ALERT].tell, alerts)
     assert named == "shoulder (id 1) OVERHEATING+OVERLOAD, waist (id 3) 0x02"
+
+
+def test_all_servos_are_named_as_such() -> None:
+    rows, every = watched(GuardLimits()), np.ones(4, dtype=bool)
+    volts, degrees = rows[Row.VOLTAGE].tell, rows[Row.TEMPERATURE].tell
+    assert name_servos(four_servos(), every, volts, np.full(4, 10.2)) == "all 4 servos 10.2 V"
+    assert (
+        name_servos(four_servos(), every, volts, np.array([10.2, 10.1, 10.2, 10.1])) == "all 4 servos 10.1 V and 10.2 V"
+    )
+    assert name_servos(four_servos(), every, degrees, np.array([63.0, 60.0, 61.0, 62.0])) == "all 4 servos 60 to 63"
+    assert name_servos(four_servos(), every, rows[Row.AGE].tell, np.ones(4)) == "all 4 servos"
+    few = four_servos()[:3]
+    assert name_servos(few, np.ones(3, dtype=bool), volts, np.full(3, 10.2)).count("(id") == 3
