@@ -1,10 +1,13 @@
 """What a person may ask of a live run while it runs."""
 
+import errno
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from live_rig import LiveRig
 from retarget.cli.clutch import Clutch
@@ -58,7 +61,15 @@ def _run(
     guard, tell = prepared.side.guard, rig.said.append
     clutch = Clutch(performer, clock=rig.clock, tell=tell, guard=guard)
     controls = LiveControls(
-        Typed(keys), stop, performer, clutch, tell=tell, guard=guard, stop_file=stop_file, socket=socket
+        Typed(keys),
+        stop,
+        performer,
+        clutch,
+        tell=tell,
+        clock=rig.clock,
+        guard=guard,
+        stop_file=stop_file,
+        socket=socket,
     )
     looks = 0
 
@@ -84,11 +95,19 @@ def test_the_space_bar_stops_and_the_robot_is_parked() -> None:
     assert away[-1] < 1e-6 < away[braking[0]] and len(braking) * result.clip.dt <= 3.0
 
 
-def test_the_space_bar_twice_takes_the_torque_at_once() -> None:
+def test_the_space_bar_again_takes_the_torque_at_once() -> None:
     _, once = played({400: " "})
-    rig, twice = played({400: " ", 405: " "})
-    assert len(twice.record) < len(once.record) - 50
+    rig, twice = played({400: " ", 560: " "})
+    assert len(twice.record) < 560 < len(once.record) - 100
     assert not rig.bus.torque_on and twice.stop is not None and "insisted" in twice.stop.reason
+
+
+def test_a_space_bar_that_is_held_stops_once_and_torque_stays() -> None:
+    """Repeats 30 times a second after half a second, and two that are read at once."""
+    _, once = played({400: " "})
+    rig, held = played({400: " ", 402: "  "} | dict.fromkeys(range(462, 900, 4), " "))
+    assert len(held.record) == len(once.record) and rig.said.count("stopping") == 1
+    assert held.stop is not None and held.stop.reason == INTERRUPTED
 
 
 def test_a_pause_holds_and_goes_on() -> None:
@@ -115,6 +134,47 @@ def test_a_file_that_appears_stops_the_robot(tmp_path: Path) -> None:
 
     rig, result = played({}, stop_file=file, each=appear)
     assert f"{file} is there: stopping" in rig.said and result.stop is not None
+
+
+class Unreadable(type(Path())):  # type: ignore[misc]
+    """A file of a drive that has failed, from some look on."""
+
+    failed = False
+
+    def exists(self, *, follow_symlinks: bool = True) -> bool:
+        """Nobody knows."""
+        if self.failed:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return False
+
+
+def test_a_file_that_nobody_can_look_for_stops_the_robot_as_well() -> None:
+    """It brakes and is parked as ever, and looks that fail while it does take no torque."""
+    file = Unreadable("stop")
+
+    def fail(look: int) -> None:
+        file.failed = look > 330
+
+    rig, result = played({}, stop_file=file, each=fail)
+    _, asked = played({332: " "})
+    told = f"stop cannot be looked for ({os.strerror(errno.EIO)}): stopping"
+    assert rig.said.count(told) == 1 and result.stop is not None
+    assert result.stop.reason == INTERRUPTED and abs(len(result.record) - len(asked.record)) < 10
+
+
+def test_a_stop_is_asked_before_it_is_told() -> None:
+    rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
+
+    def gone(text: str) -> None:
+        raise BrokenPipeError
+
+    with rig.prepared() as prepared:
+        assert isinstance(prepared.samples, LivePerformer)
+        stop, clutch = StopRequest(), Clutch(prepared.samples, clock=rig.clock, tell=gone)
+        controls = LiveControls(Typed({1: " "}), stop, prepared.samples, clutch, tell=gone, clock=rig.clock)
+        with pytest.raises(BrokenPipeError):
+            controls.look()
+        assert stop() and not stop.insisted()
 
 
 def test_a_socket_holds_stops_and_tells_and_gives_no_motion(tmp_path: Path) -> None:

@@ -106,8 +106,9 @@ def follow_live(
             performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
             assert isinstance(performer, LivePerformer)
             clutch = Clutch(performer, clock=clock, tell=_tell, guard=guard, dead_man=dead_man)
+            file = oversight.stop_file
             controls = LiveControls(
-                keys, stop, performer, clutch, tell=_tell, guard=guard, stop_file=oversight.stop_file, socket=socket
+                keys, stop, performer, clutch, tell=_tell, clock=clock, guard=guard, stop_file=file, socket=socket
             )
             if keys.listens:
                 _tell(HELP)

@@ -5,17 +5,22 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hardware.clock import Clock, MonotonicClock
 from hardware.guard import Guard
 from retarget.cli.clutch import LONGEST_S, Clutch
 from retarget.cli.control_socket import ControlSocket
 from retarget.cli.interrupt import StopRequest
 from retarget.cli.keys import Keys
+from retarget.cli.second_press import SecondPress
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 
 __all__ = ["HELP", "LiveControls", "LiveStatus"]
 
-HELP = "keys: space stops (twice: torque off at once), p pauses and goes on, h takes the way you face as straight ahead"
+HELP = (
+    "keys: space stops (once more, after a second: torque off at once), p pauses and goes on, h takes the way you face "
+    "as straight ahead"
+)
 FILE_PERIOD = 5
 """Ticks between two looks for the file."""
 WORDS = "stop, cut, hold, status"
@@ -34,7 +39,8 @@ class LiveStatus:
 
 class LiveControls:
     """`look` in every tick. guard: of the robot, None without one. stop_file: its appearance stops the robot; it is
-    left where it is. socket: where other programs stop or hold it; what would let it move is refused there."""
+    left where it is, and counts as there where nobody can look for it. socket: where other programs stop or hold it;
+    what would let it move is refused there. Whatever is asked is done before it is told."""
 
     def __init__(
         self,
@@ -44,17 +50,21 @@ class LiveControls:
         clutch: Clutch,
         *,
         tell: Callable[[str], object],
+        clock: Clock | None = None,
         guard: Guard | None = None,
         stop_file: Path | None = None,
         socket: ControlSocket | None = None,
     ) -> None:
         self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
         self._guard, self._stop_file, self._socket, self._tell = guard, stop_file, socket, tell
+        self._clock, self._space = clock or MonotonicClock(), SecondPress()
         self._ticks = 0
 
     def look(self) -> bool:
         """Do what was asked; whether that is to stop."""
         pressed = self._keys.pressed()
+        if " " in pressed:
+            self._press_space(pressed.count(" "))
         for key in pressed:
             self._press(key)
         self._clutch.look(pressed)
@@ -78,22 +88,34 @@ class LiveControls:
         return LiveStatus(state, following, not self._clutch.engaged, reason)
 
     def _stop_by_itself(self) -> None:
-        if self._ticks % FILE_PERIOD == 0 and self._stop_file is not None and self._stop_file.exists():
-            self._ask(f"{self._stop_file} is there: stopping")
-        elif self._clutch.expired:
+        if self._ticks % FILE_PERIOD == 0 and self._stop_file is not None:
+            self._look_for(self._stop_file)
+        if self._clutch.expired and not self._stop():
             self._ask(f"let go for {LONGEST_S:g} s: stopping")
 
+    def _look_for(self, file: Path) -> None:
+        try:
+            there = file.exists()
+        except OSError as error:
+            self._ask(f"{file} cannot be looked for ({error.strerror or error}): stopping")
+        else:
+            if there:
+                self._ask(f"{file} is there: stopping")
+
     def _ask(self, text: str) -> None:
-        self._tell(text)
         self._stop.ask()
+        self._tell(text)
+
+    def _press_space(self, count: int) -> None:
+        """count: how often it came since the last look."""
+        again = self._space.pressed(count, self._clock.now())
+        if not self._stop():
+            self._ask("stopping")
+        elif again:
+            self._stop.insist()
 
     def _press(self, key: str) -> None:
-        if key == " ":
-            if self._stop():
-                self._stop.insist()
-            else:
-                self._ask("stopping")
-        elif key == "p":
+        if key == "p":
             if self._clutch.paused:
                 self._clutch.unpause()
                 self._tell("going on")
@@ -114,8 +136,8 @@ class LiveControls:
                 self._ask("stopping, asked by the control socket")
             return "ok stopping"
         if word == "cut":
-            self._tell("torque off at once, asked by the control socket")
             self._stop.insist()
+            self._tell("torque off at once, asked by the control socket")
             return "ok torque off"
         if word == "hold":
             if not self._clutch.paused:
