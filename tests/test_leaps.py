@@ -108,3 +108,47 @@ def test_an_exchange_in_one_datagram() -> None:
     assert line.tell(0.01, {0: PLACES[1], 1: PLACES[0], 2: PLACES[2]}) == [False, False, True]
     assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
     assert line.tell(0.02, {0: PLACES[0], 1: PLACES[1]}) == [True, True] and not line.leaps.any_doubted
+
+
+def swapped_at(line: Line, time: float, to: float) -> None:
+    """Both wrists are told at each other's places, wherever they go: the hands rise by `to`, m."""
+    up = np.array([0.0, 0.0, to])
+    assert line.tell(time, {0: PLACES[1] + up, 1: PLACES[0] + up}) == [False, False]
+    assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
+
+
+def test_where_sides_are_known_a_swap_ends_only_by_swapping_back() -> None:
+    line = Line()
+    line.leaps.keep_sides()
+    for i in range(1, 1000):
+        swapped_at(line, 0.01 * i, 0.001 * min(i, 500))
+    up = np.array([0.0, 0.0, 0.5])
+    assert line.tell(10.0, {0: PLACES[0] + up, 1: PLACES[1] + up}) == [True, True] and not line.leaps.any_doubted
+    assert not line.leaps.resettled.any() and np.allclose(line.last.pose[0, :3], PLACES[0] + up)
+
+
+def test_silence_does_not_make_a_swap_right() -> None:
+    line = Line()
+    line.leaps.keep_sides()
+    for time in (0.01, 0.02, 3.0, 3.01, 9.0, 9.6):
+        swapped_at(line, time, 0.0)
+    assert line.tell(20.0, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
+
+
+def test_swapping_back_may_be_told_in_two_datagrams_and_one_side_alone_is_not_enough() -> None:
+    line = Line()
+    line.leaps.keep_sides()
+    swapped_at(line, 0.01, 0.0)
+    swapped_at(line, 0.02, 0.0)
+    assert line.tell(0.03, {0: PLACES[0], 1: PLACES[0]}) == [False, False]
+    swapped_at(line, 0.04, 0.0)
+    assert line.tell(0.05, {0: PLACES[0]}) == [True] and line.tell(0.051, {1: PLACES[1]}) == [True]
+    assert not line.leaps.any_doubted
+
+
+def test_a_swap_before_sides_are_known_is_a_leap_that_settles() -> None:
+    line = Line()
+    swapped_at(line, 0.01, 0.0)
+    line.leaps.keep_sides()
+    told = [line.tell(0.01 * i, {0: PLACES[1], 1: PLACES[0]}) for i in range(2, 60)]
+    assert told[0] == [False, False] and told[-1] == [True, True]

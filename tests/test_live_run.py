@@ -83,6 +83,17 @@ def test_a_leap_is_held_and_said(fault: object) -> None:
     assert any("wrist" in text and ("jumped" in text or "changed places" in text) for text in rig.said)
 
 
+def test_sides_that_stay_exchanged_are_never_followed_and_end_in_a_stop() -> None:
+    rig = LiveRig(
+        FakeSender(faults=[swapped("l_wrist", "r_wrist", 5.0, 99.0)]), options=LiveOptions(countdown=0.5, duration=12.0)
+    )
+    result = run(rig)
+    check_motion(result)
+    assert rig.said.count("the performer is followed") == 1
+    assert sum("changed places: the robot holds until they change back" in text for text in rig.said) == 1
+    assert result.stop is not None and result.stop.cause is StopCause.STALE_GOAL
+
+
 def test_clocks_that_leap_are_taken_up_again() -> None:
     sender = FakeSender()
     sender.stamp = lambda time: time + (5000.0 if time > STILL_S + 3.0 else 1000.0)

@@ -146,7 +146,7 @@ def test_a_swap_is_seen_in_the_capture_in_which_it_happens(rate: float, at: floa
     assert not judged.usable[begin : begin + int(0.49 * rate), [L_WRIST, R_WRIST]].any()
     assert judged.alarms() == {TrustState.SWAPPED} and not np.delete(judged.states, [L_WRIST, R_WRIST], axis=1).any()
     assert [text for _, text in judged.messages] == [
-        "l_wrist and r_wrist have changed places",
+        "l_wrist and r_wrist have changed places: the robot holds until they change back",
         "l_wrist, r_wrist: believed again where it is now",
     ]
     assert 0.5 <= stream.time[judged.messages[1][0]] - stream.time[begin] <= 0.53

@@ -15,8 +15,8 @@ def test_who_changes_alike_is_told_together() -> None:
 def test_pairs_that_changed_places() -> None:
     changes = [TrustChange(1.0, name, FRESH, SWAPPED) for name in ("l_wrist", "r_wrist", "l_ankle", "r_ankle")]
     assert sentences(changes) == [
-        "l_wrist and r_wrist have changed places",
-        "l_ankle and r_ankle have changed places",
+        "l_wrist and r_wrist have changed places: the robot holds until they change back",
+        "l_ankle and r_ankle have changed places: the robot holds until they change back",
     ]
 
 

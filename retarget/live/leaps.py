@@ -23,12 +23,14 @@ _Point = list[float] | tuple[float, float, float]
 
 
 class _Elsewhere:
-    """One sensor that is not where it could be: where it went first, where it is now, and since when."""
+    """One sensor that is not where it could be: where it went first, where it is now, and since when. home: where it
+    would be otherwise: at its last place, or where its other side is told with which it has changed places. settles:
+    time alone makes it believed again, also when it has changed places."""
 
-    __slots__ = ("count", "first", "kind", "last", "place", "since")
+    __slots__ = ("count", "first", "home", "kind", "last", "place", "settles", "since")
 
-    def __init__(self, kind: TrustState, place: _Point, time: float) -> None:
-        self.kind = kind
+    def __init__(self, kind: TrustState, place: _Point, time: float, *, home: _Point) -> None:
+        self.kind, self.home, self.settles = kind, home, False
         self.first = self.place = place
         self.since = self.last = time
         self.count = 1
@@ -37,7 +39,8 @@ class _Elsewhere:
 class Leaps:
     """Judges positions of k sensors against where each was last accepted, by capture time.
 
-    A sensor that leapt is refused until it leaps back, or has gone on from its new place for `settled_after`.
+    A sensor that leapt is refused until it leaps back, or has gone on from its new place for `settled_after`. Sides
+    that have changed places are, once `keep_sides` was called, until they change back.
     `state` (k,): FRESH, JUMPED (from the second pose on: one outlier is dropped and no more), or SWAPPED.
     `doubted_at` (k,): s, of the last refused pose. `resettled` (k,): whether it was believed again at a new place.
     """
@@ -47,6 +50,7 @@ class Leaps:
         self._last = last
         self._limits = limits
         self._elsewhere: dict[int, _Elsewhere] = {}
+        self._keeps_sides = False
         self.state: StateArray = np.zeros(count, dtype=np.uint8)
         self.doubted_at = np.full(count, -np.inf)
         self.resettled: BoolArray = np.zeros(count, dtype=bool)
@@ -55,6 +59,12 @@ class Leaps:
             for row, name in enumerate(names)
             if name != mirrored_name(name) and mirrored_name(name) in names
         }
+
+    def keep_sides(self) -> None:
+        """From now on which side is which is known, and no time makes another of it."""
+        self._keeps_sides = True
+        for leap in self._elsewhere.values():
+            leap.settles = True
 
     @property
     def any_doubted(self) -> bool:
@@ -76,6 +86,8 @@ class Leaps:
         places, order = position.tolist(), rows.tolist()
         swapped = self._exchanges(order, places, elapsed, calm)
         usable, stored = np.ones(len(rows), dtype=bool), np.ones(len(rows), dtype=bool)
+        for row in self._changed_back(dict(zip(order, places, strict=True)), time):
+            self._believe(row, resettled=False)
         for i, row in enumerate(order):
             if row in swapped:
                 self._doubt(row, TrustState.SWAPPED, places[i], time)
@@ -90,7 +102,36 @@ class Leaps:
                 self._doubt(row, TrustState.JUMPED, places[i], time)
                 usable[i] = stored[i] = False
         self._exchanges_in_two()
+        self._note_homes(order, places)
         return usable, stored
+
+    def _changed_back(self, at: dict[int, _Point], time: float) -> list[int]:
+        """Rows, of those told at these places, that are where their other sides were told while they were exchanged."""
+        if not self._elsewhere:
+            return []
+        back = {row for row, place in at.items() if self._is_back(row, place, time)}
+        both = [
+            row for row in back if (other := self._other[row]) not in at or other in back or not self._swapped(other)
+        ]
+        return sorted(both)
+
+    def _is_back(self, row: int, place: _Point, time: float) -> bool:
+        leap = self._elsewhere.get(row)
+        if leap is None or not self._swapped(row) or time <= leap.last:
+            return False
+        on, back = dist(place, leap.place), dist(place, leap.home)
+        apart = dist(leap.place, leap.home) > self._limits.exchange
+        return apart and on > CALM and back < 0.5 * on and back <= self._within(time - leap.last)
+
+    def _swapped(self, row: int) -> bool:
+        """For good, until it changes back."""
+        leap = self._elsewhere.get(row)
+        return self._keeps_sides and leap is not None and leap.kind is TrustState.SWAPPED and not leap.settles
+
+    def _note_homes(self, order: list[int], places: list[_Point]) -> None:
+        for row, place in zip(order, places, strict=True):
+            if self._swapped(row) and self._swapped(self._other[row]):
+                self._elsewhere[self._other[row]].home = place
 
     def _exchanges(self, order: list[int], places: list[_Point], elapsed: list[float], calm: BoolArray) -> set[int]:
         """Rows of pairs that changed places from their last capture to this one."""
@@ -133,7 +174,7 @@ class Leaps:
         return self._limits.fastest * max(elapsed, self._limits.shortest_step)
 
     def _doubt(self, row: int, kind: TrustState, place: _Point, time: float) -> None:
-        self._elsewhere[row] = _Elsewhere(kind, place, time)
+        self._elsewhere[row] = _Elsewhere(kind, place, time, home=_point(self._last.pose[row, :3]))
         self.doubted_at[row] = time
         self.state[row] = kind if kind is TrustState.SWAPPED else TrustState.FRESH
 
@@ -142,6 +183,10 @@ class Leaps:
         leap = self._elsewhere[row]
         gap = time - leap.last
         if -self._limits.settled_after <= gap <= 0.0:
+            return False
+        if self._swapped(row):
+            leap.place, leap.last = place, time
+            self.doubted_at[row], self.state[row] = time, leap.kind
             return False
         on, back = dist(place, leap.place), dist(place, self._last.pose[row, :3])
         if gap > 0.0 and on > CALM and back < 0.5 * on and back <= self._within(min(time - leap.since, TOGETHER_S)):

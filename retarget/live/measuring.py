@@ -42,6 +42,7 @@ def measure(
     pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
     tell(f"{pose}: {options.countdown:g} s")
     _listen(stream, clock, options.countdown, measured=False)
+    stream.trust.keep_sides()  # before, whoever wears trackers may have put their names right
     size = known or _told_size(stream, options, where=where, tell=tell)
     lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
     capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose, needed=needed(stream.roles))

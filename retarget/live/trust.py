@@ -106,6 +106,10 @@ class Trust:
         self._stillness.remember(time)
         return usable
 
+    def keep_sides(self) -> None:
+        """From now on left and right that have changed places are not believed before they change back."""
+        self._leaps.keep_sides()
+
     def judge(self, now: float) -> StateArray:
         """What is thought of each sensor at `now`: a TrustState each, (k,), read-only."""
         if self._began is None:

@@ -48,7 +48,8 @@ def sentences(changes: Iterable[TrustChange]) -> list[str]:
 
 
 def _exchanges(names: Sequence[str]) -> list[str]:
-    return [f"{name} and {mirrored_name(name)} have changed places" for name in names if name.startswith("l_")]
+    pairs = [f"{name} and {mirrored_name(name)}" for name in names if name.startswith("l_")]
+    return [f"{pair} have changed places: the robot holds until they change back" for pair in pairs]
 
 
 def _text(change: TrustChange, seconds: float) -> str:
