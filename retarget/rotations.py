@@ -41,9 +41,31 @@ _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to double precision, and its quotient is not taken."""
 
 
+FEW = 256
+"""Numbers up to which a product is quickest as one of matrices: whole arrays of few quaternions cost their calls."""
+
+
+def _product() -> FloatArray:
+    """(16, 4): takes the products a_i b_j of two quaternions to the components of a b."""
+    table = np.zeros((4, 4, 4))
+    table[0, 0, 0] = 1.0
+    for i in (1, 2, 3):
+        j, k = i % 3 + 1, (i + 1) % 3 + 1
+        table[i, i, 0], table[0, i, i], table[i, 0, i] = -1.0, 1.0, 1.0
+        table[j, k, i], table[k, j, i] = 1.0, -1.0
+    return table.reshape(16, 4)
+
+
+_PRODUCT = _product()
+_PRODUCT.flags.writeable = False
+
+
 def multiply(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """Hamilton product a b (..., 4): the rotation b followed by the rotation a, seen in a's parent frame."""
     a, b = np.asarray(a, float), np.asarray(b, float)
+    if max(a.size, b.size) <= FEW:
+        pairs = a[..., :, None] * b[..., None, :]
+        return np.asarray(pairs.reshape(*pairs.shape[:-2], 16) @ _PRODUCT)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
     out = np.empty((*np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), 4))

@@ -136,3 +136,14 @@ def test_wrong_axes_are_refused() -> None:
         rotations.from_euler([1.0], "xy")
     with pytest.raises(ValueError, match="different"):
         rotations.to_euler(rotations.IDENTITY, "xyx")
+
+
+def test_products_of_few_and_of_many_are_the_same() -> None:
+    rng = np.random.default_rng(11)
+    a, b = rng.normal(size=(2, rotations.FEW, 4))
+    few = np.array([rotations.multiply(one, other) for one, other in zip(a, b, strict=True)])
+    assert np.abs(few - rotations.multiply(a, b)).max() < 1e-14
+    assert (
+        np.abs(rotations.multiply(a[0], b[:7]) - rotations.multiply(np.tile(a[0], (rotations.FEW, 1)), b)[:7]).max()
+        < 1e-14
+    )
