@@ -95,12 +95,16 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class SensorSample:
-    """The sensors at one instant: names (k), position (k, 3), orientation (k, 4) wxyz, valid (k); NaN where invalid."""
+    """The sensors at one instant: names (k), position (k, 3), orientation (k, 4) wxyz, valid (k); NaN where invalid.
+
+    weight (k,): how far who was lost has come back, 0 to 1; None: everybody is as they are.
+    """
 
     names: tuple[str, ...]
     position: FloatArray
     orientation: FloatArray
     valid: BoolArray
+    weight: FloatArray | None = None
 
 
 @dataclass(frozen=True)

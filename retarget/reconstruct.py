@@ -137,12 +137,14 @@ class Reconstructor:
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
         """The posture `dt` seconds later. Missing sensors take no part, and come and go without a leap."""
         position, valid = self._worn.read(sample)
+        weight = self._worn.weights(sample)
         if self._feet is not None:
             known = self._present()
             if "head" in known:
                 self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
             position, valid = self._with_feet(position, valid)
-        self._intake.step(position, valid, reached=self._reached, dt=dt)
+            weight = None if weight is None else np.concatenate([weight, [1.0, 1.0]])
+        self._intake.step(position, valid, reached=self._reached, dt=dt, weight=weight)
         self._reach.clamp(self._intake.position, self._intake.present)
         points = self._present()
         turns = self._worn.orientations(sample)

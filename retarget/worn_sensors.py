@@ -51,6 +51,10 @@ class WornSensors:
         position = sample.position[self._columns]
         return position, sample.valid[self._columns] & self._exists & np.isfinite(position).all(axis=1)
 
+    def weights(self, sample: SensorSample) -> FloatArray | None:
+        """How far who was lost has come back (k,); None: everybody has. Call `read` with this sample first."""
+        return None if sample.weight is None else sample.weight[self._columns]
+
     def orientations(self, sample: SensorSample) -> list[SensorTurn]:
         """Every orientation that is used and known. Call `read` with this sample first."""
         found = []

@@ -7,7 +7,9 @@ import pytest
 
 from hardware.guard_state import GuardState
 from live_rig import LiveRig
+from retarget.live import performer
 from retarget.live.begin import LiveOptions
+from retarget.live.rejoin import Rejoin, RejoinTimes
 from retarget.pipeline import Watch
 from retarget.record import Phase
 from retarget.rotations import FloatArray
@@ -50,14 +52,14 @@ def paused(first: int, last: int, *, raised: tuple[float, float]) -> tuple[LiveR
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=6.0))
     with rig.prepared() as prepared:
         assert prepared.side is not None
-        guard, performer, looks = prepared.side.guard, prepared.samples, 0
+        guard, samples, looks = prepared.side.guard, prepared.samples, 0
 
         def look() -> bool:
             nonlocal looks
             looks += 1
             if looks in (first, last):
                 guard.paused = looks == first
-                performer.clutch(engaged=looks == last)  # type: ignore[attr-defined]
+                samples.clutch(engaged=looks == last)  # type: ignore[attr-defined]
             return False
 
         return rig, prepared.run(Watch(stop_asked=look))
@@ -114,3 +116,34 @@ def test_on_the_way_it_waits_while_nobody_can_be_believed(kind: str, within: flo
     assert len(waits) == 1 and ("late" in waits[0]) == (kind == "late") and "the robot goes on" in rig.said
     rows = result.record.phase == Phase.FOLLOW
     assert np.count_nonzero(rows) == result.clip.ticks
+
+
+def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, RunResult]:
+    """A wrist that is lost for 2 s while its arm is raised to the shoulder."""
+    monkeypatch.setattr(performer, "Rejoin", lambda count: Rejoin(count, RejoinTimes(blend=blend)))
+    still = raising(1e9, 2e9)
+
+    def fault(time: float, poses: Poses) -> Poses:
+        told = still(time, poses)
+        told["head"] = told["head"] + 0.01 * np.sin(2.0 * time)
+        if time >= 6.0:
+            told["l_wrist"] = told["l_wrist"] + np.array([0.15, 0.0, 0.6])
+        if 5.0 <= time < 7.0:
+            del told["l_wrist"]
+        return told
+
+    sender = FakeSender()
+    sender.faults.append(fault)
+    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=6.0))
+    with rig.prepared() as prepared:
+        return rig, prepared.run(Watch())
+
+
+def test_a_sensor_that_comes_back_is_blended_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, result = lost_wrist(RejoinTimes().blend, monkeypatch)
+    assert "l_wrist: back" in rig.said and result.stop is None and result.record.robot is not None
+    share = shares(result)
+    assert 0.1 < share[result.record.following.start :].max() < 0.55
+    _, longer = lost_wrist(3.0, monkeypatch)
+    assert longer.record.robot is not None
+    assert not np.array_equal(longer.record.robot.goal_ticks, result.record.robot.goal_ticks)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from retarget.frames import BoolArray
+from retarget.rotations import FloatArray
 from retarget.sensor_intake import IntakeTimes, SensorIntake
 
 DT = 1.0 / 120.0
@@ -65,3 +66,52 @@ def test_a_sensor_missing_from_the_start_comes_in_from_where_the_body_has_it() -
     reached = HERE - 0.2
     intake.step(HERE, valid(True, True), reached=reached, dt=DT)
     assert np.abs(intake.position[1] - reached[1]).max() < 0.02
+
+
+def returned(blend: float, *, far: float) -> tuple[SensorIntake, FloatArray]:
+    """Lost, while the body lets it sink by `far` m, and back by a weight that rises in `blend` s: where it is asked."""
+    intake, sunk, asked = started(), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, far]]), []
+    lost = np.where([[False], [True]], NOWHERE, HERE)
+    for _ in range(100):
+        intake.step(lost, valid(True, False), reached=sunk, dt=DT, weight=np.array([1.0, 0.0]))
+    for tick in range(1, 600):
+        share = min(tick * DT / blend, 1.0)
+        weight = np.array([1.0, share * share * (3.0 - 2.0 * share)])
+        intake.step(HERE, valid(True, True), reached=sunk, dt=DT, weight=weight)
+        asked.append(intake.position[1, 2])
+        assert (intake.position[0] == HERE[0]).all() and intake.present.all()
+    return intake, np.array(asked)
+
+
+@pytest.mark.parametrize(("blend", "far"), [(0.75, 0.2), (1.5, 0.2), (0.75, 1.0), (0.01, 1.0)])
+def test_who_comes_back_by_weight_starts_where_the_body_has_it_and_is_slow(blend: float, far: float) -> None:
+    _, asked = returned(blend, far=far)
+    steps = np.diff(asked)
+    assert asked[0] == pytest.approx(HERE[1, 2] - far, abs=TIMES.speed * DT * 1.001)
+    assert (steps >= 0.0).all() and steps.max() <= TIMES.speed * DT * 1.001
+    assert asked[-1] == HERE[1, 2]
+    took = np.count_nonzero(asked < HERE[1, 2] - 1e-9) * DT
+    assert took >= max(blend, far / TIMES.speed) - 3 * DT
+    assert took <= blend + far / TIMES.speed
+
+
+def test_who_is_lost_again_on_the_way_back_goes_on_from_there() -> None:
+    intake, sunk = started(), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])
+    lost, last, fastest = np.where([[False], [True]], NOWHERE, HERE), 0.7, 0.0
+    for tick in range(400):
+        is_there = 100 <= tick < 150 or tick >= 160
+        weight = np.array([1.0, 0.5 if 100 <= tick < 150 else min(max(tick - 160, 0) * DT / 0.75, 1.0)])
+        position = HERE if is_there else lost
+        intake.step(position, valid(True, is_there), reached=sunk, dt=DT, weight=weight)
+        if tick >= 100:
+            fastest, last = max(fastest, abs(intake.position[1, 2] - last)), intake.position[1, 2]
+    assert fastest <= TIMES.speed * DT * 1.001 and last == HERE[1, 2]
+
+
+def test_without_weights_it_fades_as_ever() -> None:
+    intake, sunk = started(), HERE - 0.1
+    lost = np.where([[False], [True]], NOWHERE, HERE)
+    for _ in range(100):
+        intake.step(lost, valid(True, False), reached=sunk, dt=DT)
+    intake.step(HERE, valid(True, True), reached=sunk, dt=DT, weight=np.ones(2))
+    assert intake.position[1] == pytest.approx(HERE[1] - 0.1 * np.exp(-DT / TIMES.fade))

@@ -111,4 +111,4 @@ def _blend(held: SensorSample, sample: SensorSample, share: float) -> SensorSamp
     turned = _turned(held, sample)
     if turned.any():
         orientation[turned] = rotations.slerp(held.orientation[turned], sample.orientation[turned], share)
-    return SensorSample(sample.names, position, orientation, sample.valid)
+    return SensorSample(sample.names, position, orientation, sample.valid, sample.weight)

@@ -10,6 +10,7 @@ from hardware.tick_pace import TickPace
 from retarget.clip import Clip
 from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
 from retarget.live.alignment import Alignment, facing_of
+from retarget.live.catching_up import CatchingUp
 from retarget.live.engagement import Engagement, EngagementTimes
 from retarget.live.lasting import Lasting
 from retarget.live.needed import carrying
@@ -18,12 +19,15 @@ from retarget.live.stream import Heard, LiveStream
 from retarget.live.stream_news import StreamNews
 from retarget.live.stream_trouble import StreamTrouble
 from retarget.live.trust_state import TrustState
+from retarget.live.turning_back import TurningBack
+from retarget.rotations import FloatArray
 from retarget.sensor_intake import IntakeTimes
 
 __all__ = ["INTAKE", "LivePerformer", "live_sample"]
 
-INTAKE = IntakeTimes(hold=0.08, fade=0.25)
-"""A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s, and three time constants bring it back."""
+INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4)
+"""A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s. It comes back by the weight of `Rejoin`, no
+faster than this, in m/s: an elbow is then at half of its servo's speed, at most."""
 SILENCE_S = 0.14
 """A stream that says nothing for so long is held, before its sensors are stale."""
 PLAYED_S = 0.05
@@ -33,16 +37,24 @@ _REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
 
 
 def live_sample(
-    names: tuple[str, ...], heard: Heard, alignment: Alignment, *, believed: BoolArray, mirror: bool = False
+    names: tuple[str, ...],
+    heard: Heard,
+    alignment: Alignment,
+    *,
+    believed: BoolArray,
+    mirror: bool = False,
+    weight: FloatArray | None = None,
 ) -> SensorSample:
-    """What was heard, in our world; believed (k,): who counts. mirror: left and right exchanged."""
+    """What was heard, in our world; believed (k,): who counts; weight (k,): how far who was lost has come back. mirror:
+    left and right exchanged."""
     position, orientation = alignment.positions(heard.position), alignment.orientations(heard.orientation)
     valid = heard.fresh & believed
     if mirror:
         order = [names.index(mirrored_name(name)) for name in names]
         position, orientation = position[order] * _REFLECT, orientation[order] * _REFLECT_TURN
         valid = valid[order]
-    return SensorSample(names, position, orientation, valid)
+        weight = None if weight is None else weight[order]
+    return SensorSample(names, position, orientation, valid, weight)
 
 
 class LivePerformer:
@@ -72,9 +84,10 @@ class LivePerformer:
         self._trouble, self._news = StreamTrouble(stream), StreamNews(stream, tell)
         self._first, self._clock, self._tell = first, clock, tell
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
-        self._pace = TickPace(1.0 / rate_hz)
+        self._pace, self._catching_up = TickPace(1.0 / rate_hz), CatchingUp(stream)
         names = stream.roles.sensors
         self._rejoin: Rejoin | None = None
+        self._turning = TurningBack(len(names))
         self._message: str | None = None  # of what is wrong with the stream
         self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
         self._carrying = [names.index(name) for name in carrying(name for name in names if name not in lacking)]
@@ -116,6 +129,8 @@ class LivePerformer:
     def may_approach(self) -> bool:
         """Whether data are good, and have been for long enough since they were not."""
         now = self._clock.now()
+        if self._catching_up.step(now):
+            return False
         heard, _ = self._hear(now)
         goes = self._on_the_way.step(now, good=self._is_good(heard, now))
         self._say_news()
@@ -124,6 +139,10 @@ class LivePerformer:
             self._tell("the robot goes on" if goes else f"the robot waits on its way to the performer{late}")
             self._waits = not goes
         return goes
+
+    def catch_up(self) -> None:
+        """Take in all that has arrived; for the moment before a robot has torque."""
+        self._catching_up.at_once(self._clock.now())
 
     def listen(self) -> None:
         """Take in what has arrived, and say what changed."""
@@ -202,12 +221,15 @@ class LivePerformer:
             self._rejoin.start(heard.states)
             self.stream.trust.forget_mended()
         took_part = self._rejoin.weights > 0.5
-        believed = self._rejoin.step(heard.states, self.dt) > 0.0
+        weight = self._rejoin.step(heard.states, self.dt)
         doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
         self._leapt = doubted & (self._leapt | took_part)
         self._message = self._trouble.look(now)
         names = self.stream.roles.sensors
-        return heard, live_sample(names, heard, self.alignment, believed=believed, mirror=self.mirror)
+        sample = live_sample(
+            names, heard, self.alignment, believed=weight > 0.0, mirror=self.mirror, weight=weight.copy()
+        )
+        return heard, self._turning.step(sample)
 
     def _say_news(self) -> None:
         for message in (*self.stream.trust.messages(), self._message):
