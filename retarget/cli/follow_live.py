@@ -115,6 +115,7 @@ def follow_live(
             if dead_man is not None:
                 _tell(f"hold {dead_man.told}: the robot moves only while it is held")
             _wait_until_wanted(clutch, controls, performer, clock)
+            performer.catch_up()
             with progress_bar(options.robot, _ticks(live, performer.dt)) as show, scheduled(oversight.scheduling):
                 run = _run(prepared, controls, bench, show, clock)
         return finished(bench.seen(run), outputs)
