@@ -1,4 +1,4 @@
-"""Send somebody who stands and moves the arms as JSON over UDP (docs/json-input.md): send_poses.py [HOST [PORT [S]]]."""
+"""Send somebody who stands and moves arms as JSON over UDP (docs/json-input.md): send_poses.py [HOST [PORT [S]]]."""
 
 import json
 import math

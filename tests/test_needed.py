@@ -7,7 +7,7 @@ from live_rig import WHERE, live_stream
 from retarget.errors import InputError, UsageError
 from retarget.live.begin import begin_live
 from retarget.live.live_options import LiveOptions
-from retarget.live.needed import carrying, needed
+from retarget.live.needed import carrying, needed, refuse_unmeasurable
 from retarget.live.performer import LivePerformer
 from retarget.live.roles import roles_of
 from retarget.performer import Performer, load_performer
@@ -62,6 +62,14 @@ def test_a_file_without_wrists_is_refused_at_once() -> None:
     without = plain.model_copy(update={"sensors": {name: plain.sensors[name] for name in ("head", "l_ankle")}})
     with pytest.raises(UsageError, match="without l_wrist, r_wrist"):
         begun(without)
+
+
+def test_vrchat_without_wrists_is_refused_at_once_whatever_its_file_lists() -> None:
+    five = load_performer("five")
+    sensors = {name: five.sensors[name] for name in ("head", "l_ankle", "r_ankle")}
+    roles = roles_of(five.model_copy(update={"sensors": sensors}), "slimevr_vrchat", where="vr.yaml")
+    with pytest.raises(UsageError, match=r"without l_wrist, r_wrist.*VRChat's trackers alone are not enough"):
+        refuse_unmeasurable(roles, where="vrchat://:9000")
 
 
 def test_what_carries() -> None:

@@ -97,3 +97,16 @@ def test_changing_names_are_remembered_within_bounds() -> None:
     for number in range(3 * MAX_KNOWN):
         assert roles.take(frame({f"other{number}": (None, None), "head": ([0.0, 0.0, 1.0], None)})) is not None
     assert len(roles._plans) <= MAX_KNOWN
+
+
+@pytest.mark.parametrize(
+    ("convention", "told"),
+    [
+        ("slimevr_vrchat", "tells no l_wrist, r_wrist.*alone are not enough, they have no wrists.*vmc://:39539"),
+        ("natnet", "tells no head, l_wrist.*--performer optitrack"),
+    ],
+)
+def test_what_a_kind_of_sender_never_tells_is_refused_once_with_what_to_do(convention: str, told: str) -> None:
+    with pytest.raises(UsageError, match=told) as refusal:
+        roles_of(FIVE, convention, where="five.yaml")
+    assert len(refusal.value.problems) == 1

@@ -29,8 +29,8 @@ def run(
     source: Annotated[
         str,
         typer.Option(
-            help="Motion file of the performer (AMC, BVH or C3D), or a live stream: vmc://:39539, vrchat://:9000, "
-            "mvn://:9763, natnet://HOST, json://:14150, replay://FILE.",
+            help="Motion file of the performer (AMC, BVH or C3D), or a live stream: vmc://:39539, mvn://:9763, "
+            " natnet://HOST, json://:14150, replay://FILE.",
             metavar="FILE|ADDRESS",
         ),
     ],

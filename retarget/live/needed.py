@@ -6,7 +6,7 @@ import numpy as np
 
 from retarget.errors import UsageError
 from retarget.frames import BoolArray
-from retarget.live.roles import Roles
+from retarget.live.roles import NO_WRISTS, Roles
 from retarget.live.stream import LiveStream
 from retarget.rest_pose import REQUIRED
 
@@ -16,7 +16,6 @@ CARRYING = ("pelvis", "l_ankle", "r_ankle")
 """Without one of these that is worn, the robot does not know how to stand."""
 CARRYING_ALONE = ("head",)
 """What stands for them where none is worn: all that tells where the body is."""
-NO_WRISTS = "VRChat's trackers have no wrists: let the sender send VMC, which has them (vmc://:39539)"
 
 
 def carrying(names: Iterable[str]) -> tuple[str, ...]:

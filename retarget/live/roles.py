@@ -15,7 +15,7 @@ from retarget.sources.mvn_roles import MVN_SENSORS
 from retarget.sources.stream_frame import StreamFrame
 from retarget.sources.vmc_roles import ROLE_SETS, Quaternion, Triple
 
-__all__ = ["CONVENTIONS", "Place", "Roles", "SensorPoses", "roles_of"]
+__all__ = ["CONVENTIONS", "NO_WRISTS", "Place", "Roles", "SensorPoses", "roles_of"]
 
 _UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 _NOWHERE: Triple = (0.0, 0.0, 0.0)
@@ -68,6 +68,14 @@ CONVENTIONS: dict[str, dict[str, Place]] = {
 }
 """Canonical sensor -> where a kind of sender tells it. NatNet's names are the user's own: the performer's file has
 them."""
+
+
+NO_WRISTS = "VRChat's trackers alone are not enough, they have no wrists: let the sender send VMC (vmc://:39539)"
+_STEPS = {
+    "slimevr_vrchat": NO_WRISTS,
+    "natnet": "Motive's names are your own: --performer optitrack, or a copy of it with the names of your rigid bodies",
+}
+"""What to do about sensors that a sender of a convention does not tell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +187,7 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
             allowed=", ".join(CONVENTIONS),
             next_step=suggest(convention, CONVENTIONS),
         )
-    known, places, problems = CONVENTIONS[convention], [], []
+    known, places, problems, lacking = CONVENTIONS[convention], list[Place](), list[Problem](), list[str]()
     for name, sensor in performer.sensors.items():
         place = known.get(name) if sensor.role is None else Place(sensor.role, sensor.role)
         if place is not None and (not sensor.beside or place.position == place.orientation):
@@ -193,14 +201,16 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
                 )
             )
         else:
-            problems.append(
-                Problem(
-                    f"sender of kind {convention} tells no {name}",
-                    f"{where}: sensors.{name}",
-                    allowed=", ".join(known) or "no sensor by itself",
-                    next_step="Name the sender's pose with `role`, or leave the sensor out",
-                )
+            lacking.append(name)
+    if lacking:
+        problems.append(
+            Problem(
+                f"sender of kind {convention} tells no {', '.join(lacking)}",
+                f"{where}: sensors",
+                allowed=", ".join(known) or "no sensor by itself",
+                next_step=_STEPS.get(convention, "Name the sender's pose with `role`, or leave the sensor out"),
             )
+        )
     if problems:
         raise UsageError.from_problems(problems)
     return Roles(tuple(performer.sensors), places, convention=convention, partial=performer.partial)
