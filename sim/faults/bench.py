@@ -230,7 +230,8 @@ class Bench:
 
     def _tap(self, servo: EmulatedServo) -> None:
         """Note when a servo drives no more."""
-        trip, switch, gone = servo._trip, servo._set_torque, self.trace.let_go
+        trip, switch, restart = servo._trip, servo._set_torque, servo.reboot
+        gone = self.trace.let_go
 
         def tripped() -> None:
             trip()
@@ -242,4 +243,10 @@ class Bench:
             if had and not servo.shaft.torque:
                 gone.append((now, servo.id))
 
-        servo._trip, servo._set_torque = tripped, switched  # type: ignore[method-assign]
+        def restarted(now: float) -> None:
+            had = servo.shaft.torque
+            restart(now)
+            if had and not servo.shaft.torque:
+                gone.append((now, servo.id))
+
+        servo._trip, servo._set_torque, servo.reboot = tripped, switched, restarted  # type: ignore[method-assign]
