@@ -1,4 +1,4 @@
-"""The fault table, whole: every row idle, moving and stopping; random runs; and a judge that can say no."""
+"""The fault table: every row in every state, streams and stops on the approach too; random runs; and a judge."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,18 +6,27 @@ from functools import cache
 import pytest
 
 from sim.faults.bench import Bench
+from sim.faults.host_rows import HOST_ROWS
 from sim.faults.judge import When, hurt_run, judged, verdict_of
 from sim.faults.reaction import Idle, Reaction, Row
 from sim.faults.rows import ROWS
 from sim.faults.seeds import judged_seed
+from sim.faults.stream_rows import STREAM_ROWS
 
 
 def row(name: str) -> Row:
     return next(one for one in ROWS if one.name == name)
 
 
-@pytest.mark.parametrize("when", list(When))
-@pytest.mark.parametrize("one", ROWS, ids=lambda one: one.name)
+ON_THE_WAY = (
+    *STREAM_ROWS,
+    *(one for one in HOST_ROWS if not one.name.startswith(("solver", "clearance", "wall clock"))),
+)
+"""What can come before somebody is followed."""
+RUNS = [(one, when) for one in ROWS for when in When if when is not When.APPROACHING or one in ON_THE_WAY]
+
+
+@pytest.mark.parametrize(("one", "when"), RUNS, ids=[f"{one.name}-{when.value}" for one, when in RUNS])
 def test_the_robot_does_what_it_has_to(one: Row, when: When) -> None:
     verdict = judged(one, when=when)
     assert verdict.wrong == ()
@@ -49,6 +58,9 @@ def test_names_are_once() -> None:
         ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not understood"),
         ("second source", When.MOVING, {"said": "Elvis"}, "nobody was told of"),
         ("second source", When.IDLE, {"idle": Idle.REFUSES}, "it began"),
+        ("second source", When.APPROACHING, {"reaction": Reaction.HOLD}, "not held"),
+        ("stream silent", When.APPROACHING, {"reaction": Reaction.NONE}, "it reacted"),
+        ("person stops it", When.APPROACHING, {"reaction": Reaction.CUT, "limit": 0.005}, "torque off after"),
         ("wrist lost", When.MOVING, {"limit": 0.05}, "left out after 0.1"),
         ("servo warm", When.MOVING, {"limit": 0.1}, "slow after"),
         ("person stops it", When.MOVING, {"ends": 0.1}, "it ended after"),
