@@ -47,7 +47,12 @@ def run(
         Path | None, typer.Option(help="What goes wrong on the emulator's wire.", metavar="FILE.yaml")
     ] = None,
     performer: Annotated[
-        str, typer.Option(help="Which sensors are worn: five, three, six, ten, all, or a file.", metavar="NAME|FILE")
+        str,
+        typer.Option(
+            help="Which sensors are worn: five, five_head, three, six, ten, all, avatar, optitrack, "
+            "optitrack_skeleton, or a file.",
+            metavar="NAME|FILE",
+        ),
     ] = "five",
     priorities: Annotated[
         str | None, typer.Option(help="Priority file of the robot (of 'human': its own).", metavar="NAME|FILE")
