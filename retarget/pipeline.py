@@ -27,11 +27,13 @@ HELD_UP_S = 10.0
 @dataclass(frozen=True)
 class Watch:
     """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at when a tick is due,
-    before anything is sent in it; cut_asked: before every tick of braking, whether torque is to go off at once."""
+    before anything is sent in it; cut_asked: before every tick of braking, whether torque is to go off at once. why:
+    who asked for the stop."""
 
     on_tick: Callable[[int], object] = lambda done: None
     stop_asked: Callable[[], bool] = lambda: False
     cut_asked: Callable[[], bool] = lambda: False
+    why: Callable[[], str] = lambda: INTERRUPTED
     every: int = 50
 
 
@@ -103,16 +105,16 @@ class Pipeline:
             Timing.empty(rows),
         )
 
-    def _play(self, watch: Watch) -> tuple[float, bool]:
-        """Tick until the clip or the guard ends it. Returns wall time of the clip, s, and whether a stop was asked."""
+    def _play(self, watch: Watch) -> tuple[float, str | None]:
+        """Tick until the clip or the guard ends it. Returns wall time of the clip, s, and who asked for a stop."""
         robot, clip, begun, tick = self._robot, self._clip, self._wall.now(), 0
         while tick < clip.ticks:
             if robot is not None:
                 robot.wait()
             if watch.stop_asked():
-                return self._wall.now() - begun, True
+                return self._wall.now() - begun, watch.why()
             if clip.over or (robot is not None and not robot.following):
-                return self._wall.now() - begun, False
+                return self._wall.now() - begun, None
             if robot is not None and robot.approaching:
                 self._one_tick(self._approach)
                 begun = self._wall.now()
@@ -123,15 +125,15 @@ class Pipeline:
                 watch.on_tick(tick + 1)
             tick += 1
         watch.on_tick(clip.ticks)
-        return self._wall.now() - begun, False
+        return self._wall.now() - begun, None
 
-    def _stand(self, watch: Watch, *, interrupted: bool) -> None:
+    def _stand(self, watch: Watch, *, interrupted: str | None) -> None:
         """Come to a stand, by a stop if somebody asked for it."""
         robot = self._robot
         if robot is None:
             return
-        if interrupted:
-            robot.stop(INTERRUPTED)
+        if interrupted is not None:
+            robot.stop(interrupted)
         robot.guard.rest()
         while robot.braking and not robot.cut_short(watch.cut_asked):
             self._one_tick(_nothing)
@@ -189,10 +191,10 @@ class Pipeline:
         kept.observer_modes[row] = self._human.observer_modes
         kept.balance_error[row] = self._human.balance_error if error else np.nan
 
-    def _finish(self, *, interrupted: bool) -> tuple[str | None, str | None]:
+    def _finish(self, *, interrupted: str | None) -> tuple[str | None, str | None]:
         """The guard's last state and the reason of a stop; torque is off."""
         if self._robot is None:
-            return None, INTERRUPTED if interrupted else None
+            return None, interrupted
         guard = self._robot.guard
         self._robot.finish()
         return guard.state.value, guard.stop_reason.reason if guard.stop_reason else None

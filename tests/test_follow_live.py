@@ -118,7 +118,7 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         performer.listen = listen  # type: ignore[method-assign]
         _wait_until_wanted(clutch, controls, performer, rig.clock)
         assert 1.0 < rig.clock.now() - begun < 1.1
-        stop.ask()
+        stop.ask("somebody asked")
         with pytest.raises(KeyboardInterrupt):
             _wait_until_wanted(clutch, controls, performer, rig.clock)
         assert not rig.bus.torque_on

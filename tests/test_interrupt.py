@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from retarget.cli.interrupt import SIGNALS, all_as_ctrl_c, stop_on_signals
+from retarget.cli.interrupt import REASONS, SIGNALS, all_as_ctrl_c, stop_on_signals
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -15,6 +15,9 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
         assert not asked()
         signal.raise_signal(number)
         assert asked() and not asked.insisted()
+        assert asked.why() == REASONS[number.name] and number.name in asked.why().replace("Ctrl-C", "SIGINT")
+        signal.raise_signal(signal.SIGINT)
+        assert asked.why() == REASONS[number.name], "the first one stays"
     assert signal.getsignal(number) is before
 
 

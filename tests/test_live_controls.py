@@ -14,10 +14,10 @@ from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, connect_to
 from retarget.cli.interrupt import StopRequest
 from retarget.cli.keys import Keys
-from retarget.cli.live_controls import LiveControls
+from retarget.cli.live_controls import SOCKET, SPACE, LiveControls
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
-from retarget.pipeline import INTERRUPTED, Watch
+from retarget.pipeline import Watch
 from retarget.prepare import Prepared
 from retarget.record import Phase
 from retarget.run_result import RunResult
@@ -79,12 +79,12 @@ def _run(
         each(looks)
         return controls.look()
 
-    return prepared.run(Watch(stop_asked=look, cut_asked=controls.insisted))
+    return prepared.run(Watch(stop_asked=look, cut_asked=controls.insisted, why=controls.why))
 
 
 def test_the_space_bar_stops_and_the_robot_is_parked() -> None:
     rig, result = played({400: " "})
-    assert result.stop is not None and result.stop.reason.startswith(INTERRUPTED)
+    assert result.stop is not None and result.stop.reason == SPACE
     assert "stopping" in rig.said and not rig.bus.torque_on
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None
@@ -107,7 +107,7 @@ def test_a_space_bar_that_is_held_stops_once_and_torque_stays() -> None:
     _, once = played({400: " "})
     rig, held = played({400: " ", 402: "  "} | dict.fromkeys(range(462, 900, 4), " "))
     assert len(held.record) == len(once.record) and rig.said.count("stopping") == 1
-    assert held.stop is not None and held.stop.reason == INTERRUPTED
+    assert held.stop is not None and held.stop.reason == SPACE
 
 
 def test_a_pause_holds_and_goes_on() -> None:
@@ -133,7 +133,8 @@ def test_a_file_that_appears_stops_the_robot(tmp_path: Path) -> None:
             file.touch()
 
     rig, result = played({}, stop_file=file, each=appear)
-    assert f"{file} is there: stopping" in rig.said and result.stop is not None
+    assert f"{file} is there: stopping" in rig.said
+    assert result.stop is not None and result.reason == result.stop.reason == f"{file} is there"
 
 
 class Unreadable(type(Path())):  # type: ignore[misc]
@@ -159,7 +160,7 @@ def test_a_file_that_nobody_can_look_for_stops_the_robot_as_well() -> None:
     _, asked = played({332: " "})
     told = f"stop cannot be looked for ({os.strerror(errno.EIO)}): stopping"
     assert rig.said.count(told) == 1 and result.stop is not None
-    assert result.stop.reason == INTERRUPTED and abs(len(result.record) - len(asked.record)) < 10
+    assert result.stop.reason == told.removesuffix(": stopping") and abs(len(result.record) - len(asked.record)) < 10
 
 
 def test_a_stop_is_asked_before_it_is_told() -> None:
@@ -196,7 +197,7 @@ def test_a_socket_holds_stops_and_tells_and_gives_no_motion(tmp_path: Path) -> N
     assert json.loads(heard[340]) == {"state": "holding", "followed": False, "let_go": True, "stop": None}
     assert "paused by the control socket: the robot holds; p goes on" in rig.said
     assert rig.said.count("the performer is followed") == 1
-    assert result.stop is not None and result.stop.reason.startswith(INTERRUPTED) and not rig.bus.torque_on
+    assert result.stop is not None and result.stop.reason == SOCKET and not rig.bus.torque_on
 
 
 def test_a_socket_cuts_the_torque_at_once(tmp_path: Path) -> None:

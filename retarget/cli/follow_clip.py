@@ -43,7 +43,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with progress_bar(options.robot, prepared.samples.ticks) as show:
-                run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted))
+                run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
         return finished(bench.seen(run), outputs)
 

@@ -153,7 +153,7 @@ def _run(
 ) -> RunResult:
     """Play it; in time, also where there is no robot whose side keeps it."""
     look = controls.look if prepared.side is not None else _in_time(controls.look, prepared.samples.dt, clock)
-    return prepared.run(Watch(show, bench.watching(look, prepared, live=True), controls.insisted))
+    return prepared.run(Watch(show, bench.watching(look, prepared, live=True), controls.insisted, controls.why))
 
 
 def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:

@@ -8,32 +8,42 @@ from types import FrameType
 
 __all__ = ["StopRequest", "all_as_ctrl_c", "stop_on_signals"]
 
-SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+REASONS = {
+    "SIGINT": "interrupted by the user (Ctrl-C)",
+    "SIGTERM": "told to end by another program (SIGTERM)",
+    "SIGHUP": "the terminal is gone (SIGHUP)",
+}
+SIGNALS = [getattr(signal, name) for name in REASONS if hasattr(signal, name)]
 """Those of them that the platform has."""
 
 
 class StopRequest:
-    """Whether somebody asked to stop, and whether they insisted. Nothing is done here: a tick is never torn."""
+    """Whether somebody asked to stop, who was the first, and whether they insisted. Nothing is done here: a tick is
+    never torn."""
 
     def __init__(self) -> None:
-        self._asked = False
+        self._why = ""
         self._insisted = False
 
     def __call__(self) -> bool:
         """Whether somebody asked."""
-        return self._asked
+        return bool(self._why)
+
+    def why(self) -> str:
+        """Who asked first, as the reason of a stop; "" before somebody has."""
+        return self._why
 
     def insisted(self) -> bool:
         """Whether somebody asked not to wait for the robot to stand."""
         return self._insisted
 
-    def ask(self) -> None:
-        """Ask to stop before the next tick."""
-        self._asked = True
+    def ask(self, why: str) -> None:
+        """Ask to stop before the next tick. why: not empty."""
+        self._why = self._why or why
 
-    def insist(self) -> None:
+    def insist(self, why: str) -> None:
         """Ask to stop, without braking."""
-        self._asked = self._insisted = True
+        self._why, self._insisted = self._why or why, True
 
 
 @contextmanager
@@ -65,10 +75,11 @@ def stop_on_signals() -> Iterator[StopRequest]:
     request = StopRequest()
 
     def handle(number: int, frame: FrameType | None) -> None:
+        why = REASONS[signal.Signals(number).name]
         if number == signal.SIGINT and request():
-            request.insist()
+            request.insist(why)
         else:
-            request.ask()
+            request.ask(why)
 
     heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, handle) for number in heard}

@@ -24,6 +24,8 @@ HELP = (
 FILE_PERIOD = 5
 """Ticks between two looks for the file."""
 WORDS = "stop, cut, hold, status"
+SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
+"""Who stopped it."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,10 @@ class LiveControls:
         self.look()
         return self._stop.insisted()
 
+    def why(self) -> str:
+        """Who asked for the stop."""
+        return self._stop.why()
+
     def status(self) -> LiveStatus:
         """How it is now."""
         guard, following = self._guard, self._performer.engagement.state is Engaged.FOLLOWING
@@ -91,28 +97,29 @@ class LiveControls:
         if self._ticks % FILE_PERIOD == 0 and self._stop_file is not None:
             self._look_for(self._stop_file)
         if self._clutch.expired and not self._stop():
-            self._ask(f"let go for {LONGEST_S:g} s: stopping")
+            self._ask(f"let go for {LONGEST_S:g} s")
 
     def _look_for(self, file: Path) -> None:
         try:
             there = file.exists()
         except OSError as error:
-            self._ask(f"{file} cannot be looked for ({error.strerror or error}): stopping")
+            self._ask(f"{file} cannot be looked for ({error.strerror or error})")
         else:
             if there:
-                self._ask(f"{file} is there: stopping")
+                self._ask(f"{file} is there")
 
-    def _ask(self, text: str) -> None:
-        self._stop.ask()
-        self._tell(text)
+    def _ask(self, why: str) -> None:
+        self._stop.ask(why)
+        self._tell(f"{why}: stopping")
 
     def _press_space(self, count: int) -> None:
         """count: how often it came since the last look."""
         again = self._space.pressed(count, self._clock.now())
         if not self._stop():
-            self._ask("stopping")
+            self._stop.ask(SPACE)
+            self._tell("stopping")
         elif again:
-            self._stop.insist()
+            self._stop.insist(SPACE)
 
     def _press(self, key: str) -> None:
         if key == "p":
@@ -133,10 +140,11 @@ class LiveControls:
             return json.dumps(asdict(self.status()))
         if word == "stop":
             if not self._stop():
-                self._ask("stopping, asked by the control socket")
+                self._stop.ask(SOCKET)
+                self._tell("stopping, asked by the control socket")
             return "ok stopping"
         if word == "cut":
-            self._stop.insist()
+            self._stop.insist(SOCKET)
             self._tell("torque off at once, asked by the control socket")
             return "ok torque off"
         if word == "hold":
