@@ -5,7 +5,8 @@ import pytest
 from doctor_rig import HERE, json_poses, judged, mends, played, steady, text_of
 from mvn_packets import mvn, quaternions, standing
 from osc_bytes import bundle, message, pose
-from retarget.doctor.sender_findings import UNFRAGMENTED
+from retarget.doctor.sender_findings import UNFRAGMENTED, sender_findings
+from retarget.live.address import parse_address
 from retarget.live.datagram import Datagram
 
 ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
@@ -79,3 +80,9 @@ def test_an_avatar_that_is_not_loaded() -> None:
 def test_noise_of_many_kinds_is_one_line() -> None:
     rows = [Datagram(k / 100, HERE, bytes([200, k, 1, 2, 3])) for k in range(200)]
     assert len(mends(judged(played(rows)))) == 1
+
+
+def test_a_recording_of_another_kind_is_read_as_that() -> None:
+    address = parse_address("replay://walk.raw?kind=mvn")
+    (line,) = mends(sender_findings(address, "mvn", played(steady(VMC), text="mvn://:9763")))
+    assert "and mvn:// is read" in line and line.endswith("Read it as replay://walk.raw?kind=vmc.")

@@ -43,6 +43,7 @@ def test_motive_is_started_and_asked() -> None:
     [
         (Stray("192.168.1.20", "192.168.1.5", 39_539, VMC), "vmc://0.0.0.0:39539?allow=192.168.1.20"),
         (Stray("127.0.0.1", "0.0.0.0", 39_540, VMC), "Use vmc://:39540, or let it send to port 39539"),
+        (Stray("127.0.0.1", "127.0.0.1", 39_540, VMC), "Use vmc://:39540, or let it send to port 39539"),
         (Stray("192.168.1.20", "0.0.0.0", 39_540, VMC), "Use vmc://0.0.0.0:39540?allow=192.168.1.20"),
         (Stray("192.168.1.20", "0.0.0.0", 1_511, Recognised("natnet", "NatNet")), "Use natnet://192.168.1.20"),
     ],

@@ -25,10 +25,13 @@ _ALIEN = {
 }
 
 
-def advice_for(kind: str, got: Recognised, *, port: int) -> str:
-    """What a person is to do about datagrams `got` at an address of `kind`; "" where it is what is read."""
+def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
+    """What a person is to do about datagrams `got` at an address of `kind`; "" where it is what is read. recording: the
+    file that holds them, "" where they arrive."""
     if got.kind == kind:
         return _own(kind, got)
+    if got.kind and recording:
+        return f"Read it as replay://{recording}?kind={got.kind}"
     if got.kind:
         usual = KINDS[got.kind].port
         there = f"{got.kind}://:{port}" if got.kind != "natnet" else "natnet://HOST"

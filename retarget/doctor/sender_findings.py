@@ -24,7 +24,7 @@ _HARMLESS = ("not used", "none of 1 to 8 and head", "type ", "late", "repeated")
 
 def sender_findings(address: StreamAddress, kind: str, listening: Listening) -> list[Finding]:
     """kind: of the stream; of a replay, what it holds."""
-    found = _refused(address, listening) + _foreign(kind, listening, address.port)
+    found = _refused(address, listening) + _foreign(kind, listening, address)
     if listening.frames:
         senders = ", ".join(dict.fromkeys(host for host, _ in listening.sources))
         found.append(ok("stream", f"{listening.stream.frames} frames from {senders}"))
@@ -61,20 +61,20 @@ def _refused(address: StreamAddress, listening: Listening) -> list[Finding]:
     return found
 
 
-def _foreign(kind: str, listening: Listening, port: int) -> list[Finding]:
+def _foreign(kind: str, listening: Listening, address: StreamAddress) -> list[Finding]:
     """What is no part of the protocol, or another part than is read."""
     found, looked, counts = [], listening.kinds.total(), Counter[str]()
     for got, count in listening.kinds.items():
         counts[got.name] += count
-    seen = set[str]()
+    seen, recording = set[str](), "" if address.path is None else str(address.path)
     for got, _ in listening.kinds.most_common():
-        advice = advice_for(kind, got, port=port)
+        advice = advice_for(kind, got, port=address.port, recording=recording)
         mixed = bool(listening.frames) and (got.kind == kind or got.name.startswith(DAMAGED))
         if not advice or mixed or got.name in seen:
             continue
         seen.add(got.name)
         told = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
-        told += f", and {kind}:// is listened for" if got.kind != kind else ""
+        told += f", and {kind}:// is {'read' if recording else 'listened for'}" if got.kind != kind else ""
         if listening.frames and not got.kind:
             found.append(note("protocol", f"also: {told}", advice))
         else:

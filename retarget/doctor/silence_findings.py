@@ -63,7 +63,7 @@ def stray_finding(address: StreamAddress, stray: Stray) -> Finding:
         return note("network", what, "It is not read here")
     if stray.got.kind == "natnet":
         return mend("network", what, f"Use natnet://{stray.host}, with ?multicast=GROUP where Motive streams multicast")
-    local = stray.interface == EVERYWHERE and IPv4Address(stray.host).is_loopback
+    local = IPv4Address(stray.host).is_loopback
     use = (
         f"{stray.got.kind}://:{stray.port}" if local else f"{stray.got.kind}://0.0.0.0:{stray.port}?allow={stray.host}"
     )
