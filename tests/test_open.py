@@ -1,5 +1,6 @@
 """Opening any motion file: the right reader by content and suffix, and refusals before anything is read."""
 
+import gzip
 from pathlib import Path
 
 import pytest
@@ -112,7 +113,7 @@ def test_every_shared_file_opens_or_says_why(shared: Path) -> None:
 
 @pytest.mark.parametrize("address", ["vmc://:39539", Path("vmc://:39539"), "osc://host:1/x"])
 def test_live_sources_are_told_to_be_missing(address: str | Path) -> None:
-    with pytest.raises(InputError, match=r"(vmc|osc)://.*live sources are not there yet.*Record to a file"):
+    with pytest.raises(InputError, match=r"(vmc|osc)://.*a live stream is no motion file.*retarget doctor ADDRESS"):
         open_source(address)
 
 
@@ -121,3 +122,20 @@ def test_binary_text_formats_say_what_to_do(tmp_path: Path) -> None:
     path.write_bytes(b"HIERARCHY\0\1")
     with pytest.raises(InputError, match="Unpack it"):
         open_source(path)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("magic", [b"RAWDGM01", b"UDPREC01"])
+def test_a_recording_of_datagrams_is_told_as_such(tmp_path: Path, magic: bytes, packed: bool) -> None:
+    path = tmp_path / "session.udprec.gz"
+    content = magic + bytes(range(256)) * 40
+    path.write_bytes(gzip.compress(content) if packed else content)
+    with pytest.raises(InputError, match=r"no motion file.*retarget doctor replay:///.*session.*\?kind=vmc"):
+        open_source(path)
+
+
+def test_a_packed_file_of_something_else_is_none(tmp_path: Path) -> None:
+    for content in (gzip.compress(b"hello"), b"\x1f\x8b"):
+        (tmp_path / "x.gz").write_bytes(content)
+        with pytest.raises(InputError, match="unknown kind of motion file"):
+            open_source(tmp_path / "x.gz")

@@ -9,6 +9,7 @@ from retarget.sources.asf_amc import read_amc
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.files import read_head
+from retarget.sources.raw_record import is_recording
 
 __all__ = ["FORMATS", "open_source", "recognise"]
 
@@ -48,10 +49,10 @@ def _refuse_live(address: str) -> None:
     """Raise InputError for the address of a stream. A `Path` has lost one of its two slashes already."""
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", address) and not Path(address).exists():
         raise InputError(
-            "live sources are not there yet",
+            "a live stream is no motion file",
             where=re.sub(r":/+", "://", address, count=1)[:200],
             allowed="a motion file: " + ", ".join(FORMATS),
-            next_step="Record to a file first",
+            next_step="`retarget doctor ADDRESS` says what arrives, `retarget run --source ADDRESS` follows it",
         )
 
 
@@ -61,6 +62,13 @@ def recognise(path: Path) -> str:
     first = next((word for line in head.splitlines() if (word := line.strip()) and not word.startswith(b"#")), b"")
     if first.upper().startswith(b"HIERARCHY"):
         return "bvh"
+    if is_recording(head):
+        raise InputError(
+            "a recording of a live stream's datagrams, no motion file",
+            where=str(path),
+            next_step=f"`retarget doctor replay://{path}` says what is in it, `retarget run --source replay://{path}` "
+            "plays it; with ?kind=vmc, for example, where it does not say what it holds",
+        )
     if head[1:2] == bytes([_C3D_KEY]) and suffix not in ("bvh", "amc", "asf"):
         return "c3d"
     if suffix == "asf" or first.lower().startswith((b":version", b":name", b":units")):

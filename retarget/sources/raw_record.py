@@ -22,7 +22,7 @@ from typing import IO, cast
 from retarget.errors import InputError, UsageError
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
-__all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "read_raw"]
+__all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "is_recording", "read_raw"]
 
 MAX_UNWRITTEN = 4 * 2**20
 """Bytes that a writer holds before it drops: six seconds of SlimeVR."""
@@ -35,6 +35,16 @@ _OLD_RECORD = struct.Struct("<QHI")
 _LENGTH = struct.Struct("<H")
 _UNREADABLE = (OSError, ValueError, EOFError, zlib.error)
 """What a damaged file or packing leads to."""
+
+
+def is_recording(head: bytes) -> bool:
+    """Whether a file that begins with these bytes is a recording, packed or not."""
+    if head.startswith(_GZIP):
+        try:
+            head = zlib.decompressobj(wbits=31).decompress(head, len(_MAGIC))
+        except zlib.error:
+            return False
+    return head.startswith((_MAGIC, _OLD_MAGIC))
 
 
 @dataclass(frozen=True, slots=True)
