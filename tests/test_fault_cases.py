@@ -10,7 +10,7 @@ import pytest
 from sim.faults.cases import Case, file_cases, judged_case, pair_cases, row_cases, seed_cases
 from sim.faults.judge import When
 from sim.faults.malformed_files import MALFORMED
-from sim.faults.rows import ROWS
+from sim.faults.rows import APPROACHED, ROWS
 
 JOBS = max((os.cpu_count() or 1) - 1, 1)
 
@@ -18,7 +18,7 @@ JOBS = max((os.cpu_count() or 1) - 1, 1)
 def test_every_pair_is_there_once_in_every_state() -> None:
     pairs = pair_cases()
     assert len(pairs) == len(set(pairs)) == 3 * len(ROWS) * (len(ROWS) + 1) // 2
-    assert len(row_cases()) == 3 * len(ROWS)
+    assert len(row_cases()) == 3 * len(ROWS) + len(APPROACHED)
     assert len(file_cases()) == len(MALFORMED) == 30
 
 

@@ -6,24 +6,17 @@ from functools import cache
 import pytest
 
 from sim.faults.bench import Bench
-from sim.faults.host_rows import HOST_ROWS
 from sim.faults.judge import When, hurt_run, judged, verdict_of
 from sim.faults.reaction import Idle, Reaction, Row
-from sim.faults.rows import ROWS
+from sim.faults.rows import APPROACHED, ROWS
 from sim.faults.seeds import judged_seed
-from sim.faults.stream_rows import STREAM_ROWS
 
 
 def row(name: str) -> Row:
     return next(one for one in ROWS if one.name == name)
 
 
-ON_THE_WAY = (
-    *STREAM_ROWS,
-    *(one for one in HOST_ROWS if not one.name.startswith(("solver", "clearance", "wall clock"))),
-)
-"""What can come before somebody is followed."""
-RUNS = [(one, when) for one in ROWS for when in When if when is not When.APPROACHING or one in ON_THE_WAY]
+RUNS = [(one, when) for one in ROWS for when in When if when is not When.APPROACHING or one in APPROACHED]
 
 
 @pytest.mark.parametrize(("one", "when"), RUNS, ids=[f"{one.name}-{when.value}" for one, when in RUNS])

@@ -8,7 +8,7 @@ from sim.faults.judge import When, judged
 from sim.faults.judge_files import judged_file
 from sim.faults.judge_pair import judged_pair
 from sim.faults.malformed_files import MALFORMED
-from sim.faults.rows import ROWS
+from sim.faults.rows import APPROACHED, ROWS
 from sim.faults.seeds import judged_seed
 
 __all__ = ["Case", "Result", "file_cases", "judged_case", "pair_cases", "row_cases", "seed_cases"]
@@ -43,8 +43,10 @@ class Result:
 
 
 def row_cases() -> list[Case]:
-    """Every row in every state of the robot."""
-    return [Case(row.name, when=when) for row in ROWS for when in When]
+    """Every row idle, moving and stopping, and on the approach what may come there."""
+    return [
+        Case(row.name, when=when) for row in ROWS for when in When if when is not When.APPROACHING or row in APPROACHED
+    ]
 
 
 def file_cases() -> list[Case]:
