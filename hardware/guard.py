@@ -52,10 +52,7 @@ class Guard:
         clock: Clock,
         limits: GuardLimits | None = None,
     ) -> None:
-        self._bus = bus
-        self._map = joint_map
-        self._filter = goal_filter
-        self._clock = clock
+        self._bus, self._map, self._filter, self._clock = bus, joint_map, goal_filter, clock
         self.limits = limits or GuardLimits()
         self.health = ServoHealth(joint_map, self.limits)
         self._state = GuardState.IDLE
@@ -67,6 +64,8 @@ class Guard:
         self._held_since: float | None = None  # [s] since when nobody knew a goal
         self.paused = False
         """Whether somebody holds the robot on purpose: that may last."""
+        self.lack = "no goal"
+        """What there is while nobody knows a goal, for the reason of a stop where that lasts too long."""
         self._pace = TickPace(self.limits.period)
 
     @property
@@ -239,7 +238,8 @@ class Guard:
         if self._state is not GuardState.ARMED:  # a robot that has not moved yet may wait
             since = self._held_since = now if self.paused or self._held_since is None else self._held_since
             if now - since > self.limits.max_hold:
-                self.stop(f"no goal for {now - since:.3g} s, allowed {self.limits.max_hold:g} s", StopCause.STALE_GOAL)
+                lasted = f"{self.lack} for {now - since:.3g} s, allowed {self.limits.max_hold:g} s"
+                self.stop(lasted, StopCause.STALE_GOAL)
                 return
             self._state = GuardState.HOLDING
         if not self._filter.at_rest:

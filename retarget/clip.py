@@ -95,6 +95,11 @@ class Clip:
         """It waits."""
         return True
 
+    @property
+    def hindrance(self) -> str:
+        """There is none."""
+        return ""
+
     def listen(self) -> None:
         """Nothing comes in: it is all there."""
 

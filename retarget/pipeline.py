@@ -20,6 +20,7 @@ from retarget.unfailing import Unfailing
 __all__ = ["Ending", "Pipeline", "Watch"]
 
 INTERRUPTED = "interrupted by the user"
+NOBODY = "nobody could be followed ({})"
 HELD_UP_S = 10.0
 """So much longer than it is laid out an approach may take and be recorded whole."""
 
@@ -166,8 +167,11 @@ class Pipeline:
         assert self._robot is not None
         begun = self._reconstruct()
         if begun is None:
+            self._robot.guard.lack = NOBODY.format(self._clip.hindrance)
             return None
         goal = self._robot.follow(self._human, settled=self._clip.settled)
+        if goal is None:
+            self._robot.guard.lack = "no posture found"
         self._record.timing.retarget[self._row] = thread_cpu() - begun
         return goal
 

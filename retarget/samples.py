@@ -60,6 +60,11 @@ class Samples(Protocol):
         tick 0."""
         ...
 
+    @property
+    def hindrance(self) -> str:
+        """Why nobody is followed, in a few words; of the last tick for which `sample` gave None."""
+        ...
+
     def recorded(self) -> "Clip":
         """What was said at the ticks that were followed, for those who look at the run afterwards."""
         ...

@@ -12,6 +12,7 @@ from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
 from retarget.live.alignment import Alignment, facing_of
 from retarget.live.catching_up import CatchingUp
 from retarget.live.engagement import Engagement, EngagementTimes
+from retarget.live.hindrance import Hindered, hindrance_of
 from retarget.live.lasting import Lasting
 from retarget.live.needed import carrying
 from retarget.live.rejoin import Rejoin
@@ -94,7 +95,7 @@ class LivePerformer:
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
         self._valid = np.zeros((self._kept, len(names)), dtype=bool)
-        self._last_tick = -1
+        self._last_tick, self._states = -1, np.full(len(names), TrustState.STALE, dtype=np.uint8)
 
     @property
     def ticks(self) -> int:
@@ -161,6 +162,15 @@ class LivePerformer:
             self._last_tick = max(self._last_tick, tick)
         return sample
 
+    @property
+    def hindrance(self) -> str:
+        """Why nobody is followed, in a few words."""
+        if not self.engagement.wanted:
+            return "let go"
+        trouble = self._trouble.briefly(self._clock.now(), SILENCE_S)
+        hindered = Hindered(self._states, self._leapt, tuple(self._carrying), self._pace.behind, trouble)
+        return hindrance_of(self.stream.roles.sensors, hindered)
+
     def clutch(self, *, engaged: bool) -> None:
         """Take the robot up again from where it is, or let go of it: it holds."""
         self.engagement.wanted = engaged
@@ -216,6 +226,7 @@ class LivePerformer:
         """What is heard in this tick, and of it the sensors that are believed, in our world."""
         self._pace.begin(now)
         heard = self.stream.read(now)
+        self._states = heard.states
         if self._rejoin is None:  # the body has not moved yet
             self._rejoin = Rejoin(len(heard.states))
             self._rejoin.start(heard.states)

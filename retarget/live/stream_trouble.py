@@ -84,6 +84,17 @@ class StreamTrouble:
         self._told = True
         return self._cause(silence, now, *self._before)
 
+    def briefly(self, now: float, patience: float) -> str:
+        """What is wrong at `now`, s, in a few words; "" where something usable came within `patience`, s."""
+        if self.foreign:
+            return "the sender's version is not known"
+        if now - self._stream.last <= patience:
+            return ""
+        arrived, refused = self._before or (self._stream.arrived, _refused(self._stream))
+        if self._stream.arrived == arrived:
+            return "nothing arrived"
+        return f"what arrived was unusable: {_told(_refused(self._stream) - refused) or 'no poses in it'}"
+
     def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
         problems = _motive(self._stream, now)
         if problems:

@@ -1,0 +1,60 @@
+"""Why nobody is followed is said in a few words, and is the reason of the stop."""
+
+import numpy as np
+import pytest
+
+from live_rig import LiveRig, live_stream
+from live_rig import five as five_sensors
+from retarget.live.begin import LiveOptions
+from retarget.live.hindrance import WORDS, Hindered, hindrance_of
+from retarget.live.stream_trouble import StreamTrouble
+from retarget.live.trust_state import TrustState
+from sim.faults.sender import FakeSender, SenderFault, lost, silent
+
+NAMES = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+
+
+def told(*, late: bool = False, trouble: str = "", leapt: str = "", **states: TrustState) -> str:
+    now = np.array([states.get(name, TrustState.FRESH) for name in NAMES], dtype=np.uint8)
+    return hindrance_of(NAMES, Hindered(now, np.array([name == leapt for name in NAMES]), (3, 4), late, trouble))
+
+
+def test_the_first_that_applies_is_told() -> None:
+    stale = TrustState.STALE
+    assert told(trouble="nothing arrived", late=True, l_ankle=stale) == "nothing arrived"
+    assert told(late=True, l_ankle=stale) == "l_ankle: lost"
+    assert told(late=True) == "ticks came late"
+    assert told() == "not for long enough at a time"
+
+
+def test_only_sensors_that_hinder_are_named() -> None:
+    jumped = TrustState.JUMPED
+    assert told(l_wrist=jumped, late=True) == "ticks came late"
+    assert told(l_wrist=jumped, leapt="l_wrist") == "l_wrist: jumped"
+    assert told(l_ankle=TrustState.FROZEN, r_ankle=TrustState.STALE) == "l_ankle: frozen, r_ankle: lost"
+    assert set(WORDS) == set(TrustState) - {TrustState.FRESH}
+
+
+def test_a_stream_that_is_heard_is_no_trouble() -> None:
+    stream = live_stream(FakeSender(), five_sensors())
+    trouble = StreamTrouble(stream)
+    stream.last = 1.0
+    assert not trouble.briefly(1.1, 0.14)
+    assert trouble.briefly(1.2, 0.14) == "nothing arrived"
+    assert not trouble.look(1.6)
+    stream.arrived += 3
+    assert trouble.briefly(1.7, 0.14) == "what arrived was unusable: no poses in it"
+    stream.decoder.dropped.note("not JSON")
+    assert trouble.briefly(1.7, 0.14) == "what arrived was unusable: not JSON (1)"
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [(silent(5.0, 60.0), "nothing arrived"), (lost("l_ankle", 5.0, 60.0), "l_ankle: lost")],
+)
+def test_it_is_the_reason_of_the_stop(fault: SenderFault, cause: str) -> None:
+    rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=12.0))
+    with rig.prepared() as prepared:
+        result = prepared.run()
+    assert result.stop is not None
+    assert result.stop.reason == f"nobody could be followed ({cause}) for 4.81 s, allowed 4.8 s"
