@@ -12,11 +12,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import typer
 
 from hardware.clock import MonotonicClock
 from live_processes import PATIENCE_S, Performer, _free_port
 from retarget.cli.boundary import STOPPED
 from retarget.cli.detached import MOST, Detached, detached_screens
+from retarget.cli.progress import progress_bar
 from retarget.cli.screen import careful_stdout
 
 CLOCK = MonotonicClock()
@@ -52,6 +54,29 @@ def test_what_is_written_arrives_in_order(capsys: pytest.CaptureFixture[str]) ->
     assert (sys.stdout, sys.stderr) == before
     out, err = capsys.readouterr()
     assert out == "done\n" and err.split() == [str(line) for line in range(300)]
+
+
+@pytest.mark.parametrize("barred", [False, True])
+def test_nothing_goes_past_the_thread(barred: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is told, also above a progress bar, which has a stream of its own in front of stderr."""
+    wrote: list[str] = []
+
+    def write(self: Detached, text: str) -> int:
+        if not isinstance(text, str):
+            raise TypeError
+        wrote.append(text)
+        return len(text)
+
+    with (tmp_path / "stderr").open("w", encoding="utf-8") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        monkeypatch.setattr(Detached, "write", write)
+        monkeypatch.setattr(Detached, "isatty", lambda self: barred, raising=False)
+        monkeypatch.setenv("TERM", "xterm")
+        with detached_screens(), progress_bar("op3", 100) as show:
+            show(50)
+            typer.echo("held", err=True)
+    assert "held" in "".join(wrote) and ("op3" in "".join(wrote)) == barred
+    assert (tmp_path / "stderr").read_text(encoding="utf-8") == ""
 
 
 def test_a_pipe_that_nobody_reads_holds_nobody_up(full_pipe: tuple[int, int]) -> None:
@@ -133,7 +158,7 @@ def test_a_live_run_whose_terminal_takes_nothing_is_stopped_and_leaves_its_repor
     )
     try:
         end = CLOCK.now() + PATIENCE_S
-        while CLOCK.now() < end:
+        while CLOCK.now() < end and run.poll() is None:
             status = asked(control, "status")
             if isinstance(status, dict) and status["followed"]:
                 break

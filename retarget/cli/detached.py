@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO, cast
+from typing import TextIO, cast
 
 from retarget.cli.screen import Screen
 
@@ -60,8 +60,13 @@ class Detached:
             self._changed.notify()
         self._thread.join(PATIENCE_S)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+    def isatty(self) -> bool:
+        """Whether a terminal is behind it. More of the stream is not shown: `buffer` would lead past the thread."""
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        """Of the file behind it. Raises OSError where there is none."""
+        return self._stream.fileno()
 
     def _run(self) -> None:
         while texts := self._next():
