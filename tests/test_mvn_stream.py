@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mutated import mutated
 from mvn_packets import meta, mvn, quaternions, scale, standing
-from retarget.sources.mvn_stream import MvnStream
+from retarget.sources.mvn_stream import MOST_SKIPS, MvnStream
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
 SENT = [
@@ -39,6 +39,14 @@ def test_rubbish_before_a_datagram_is_skipped_and_counted_once() -> None:
     found = [datagram for byte in rubbish + WHOLE for datagram in stream.feed(bytes([byte]))]
     assert found == SENT
     assert stream.dropped.reasons == {"bytes that are no datagram": 1}
+
+
+def test_a_chunk_of_headers_that_are_none_is_thrown_away_and_not_looked_through() -> None:
+    stream = MvnStream()
+    few, many = b"MXTPxx" * (MOST_SKIPS // 2), b"MXTPxx" * (4 * MOST_SKIPS)
+    assert stream.feed(few + WHOLE) == SENT
+    assert stream.feed(many + WHOLE) == [] and stream.held < 24
+    assert stream.feed(WHOLE) == SENT and stream.dropped.count == 2
 
 
 @pytest.mark.parametrize("cut", range(5))

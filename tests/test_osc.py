@@ -13,6 +13,7 @@ from retarget.sources.osc import (
     CUT_SHORT,
     MANY_ARGUMENTS,
     MAX_ARGUMENTS,
+    MAX_ARGUMENTS_IN_ALL,
     MAX_DEPTH,
     MAX_MESSAGES,
     NO_ADDRESS,
@@ -21,6 +22,7 @@ from retarget.sources.osc import (
     TOO_DEEP,
     TOO_LONG,
     TOO_MANY,
+    TOO_MANY_ARGUMENTS,
     UNKNOWN_TAG,
     OscPacket,
     read_osc,
@@ -131,8 +133,21 @@ def test_a_cut_datagram_has_nothing() -> None:
 
 def test_bounds() -> None:
     assert len(read_osc(bundle(*[FINE] * MAX_MESSAGES)).messages) == MAX_MESSAGES
-    assert read_osc(bundle(*[FINE] * (MAX_MESSAGES + 1))) == OscPacket(dropped=[TOO_MANY])
-    assert read_osc(bundle(*[b"/x\0\0"] * (MAX_MESSAGES + 1))) == OscPacket(dropped=[TOO_MANY])
+    for many in (FINE, b"/x\0\0"):
+        packet = read_osc(bundle(*[many] * (MAX_MESSAGES + 1)))
+        assert (packet.messages, packet.dropped) == ([], [TOO_MANY])
+
+
+@pytest.mark.parametrize("tag", ["T", "f"])
+def test_the_arguments_of_all_messages_are_bounded(tag: str) -> None:
+    """One datagram of many long messages must not cost a tick: it is given up where it passes the bound."""
+    each = 64
+    one = message("/x", tag * each, *([1.0] * each if tag == "f" else []))
+    fits = read_osc(bundle(*[one] * (MAX_ARGUMENTS_IN_ALL // each)))
+    assert fits.arguments == MAX_ARGUMENTS_IN_ALL and len(fits.messages) == MAX_ARGUMENTS_IN_ALL // each
+    packet = read_osc(bundle(*[one] * 100))
+    assert (packet.messages, packet.dropped) == ([], [TOO_MANY_ARGUMENTS])
+    assert packet.arguments <= MAX_ARGUMENTS_IN_ALL + each and packet.elements <= MAX_ARGUMENTS_IN_ALL // each + 2
     assert read_osc(bytes(65_540)) == OscPacket(dropped=[TOO_LONG])
     assert len(read_osc(message("/x", "T" * MAX_ARGUMENTS)).messages) == 1
 

@@ -44,7 +44,7 @@ def test_what_is_remembered_is_bounded() -> None:
     for number in range(200):
         asked.layouts.of(four(1.0, "x" * 4 * number))
         assert len(asked.layouts) <= MAX_ALIKE * MAX_LENGTHS
-    many = bundle(*[message("/a", "f", 1.0)] * 1024)
+    many = bundle(*[message("/" + "a" * 40, "f", 1.0)] * 500)
     assert len(many) > MAX_REMEMBERED
     before, asked.times = len(asked.layouts), 0
     asked.layouts.of(many)

@@ -7,7 +7,7 @@ from retarget.sources.stream_frame import Dropped
 __all__ = ["MOST_BYTES_PER_POLL", "MOST_PER_POLL", "Datagram", "Receiver", "Source"]
 
 MOST_PER_POLL = 128
-"""Datagrams that one poll returns at most; the rest waits. 12,800 a second at 100 Hz; a flood costs no whole tick."""
+"""Datagrams that one poll returns at most; the rest waits. 12,800 a second at 100 Hz."""
 MOST_BYTES_PER_POLL = 2**20
 """Bytes after which a poll takes no further datagram."""
 

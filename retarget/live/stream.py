@@ -1,5 +1,6 @@
 """A live stream at work: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from retarget.live.roles import Roles, SensorPoses
 from retarget.live.trust import Trust
 from retarget.live.trust_state import StateArray, TrustState
 from retarget.live.window_filter import WindowFilter
+from retarget.live.work_budget import WorkBudget, work_of
 from retarget.rotations import FloatArray
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 
@@ -68,18 +70,34 @@ class LiveStream:
         self.names: dict[str, None] = {}
         """Poses that the sender has told, by its own names; bounded."""
         self.tap, self._smooth = tap, smooth
+        self._waiting: deque[Datagram] = deque()
         count = len(roles.sensors)
         self._position, self._position_at = np.full((count, 3), np.nan), np.full(count, -np.inf)
         self._orientation, self._orientation_at = np.full((count, 4), np.nan), np.full(count, -np.inf)
 
+    @property
+    def waiting(self) -> int:
+        """Datagrams that the last poll gave and that are not decoded yet; at most what one poll may give."""
+        return len(self._waiting)
+
     def listen(self, now: float, *, moving: bool) -> None:
-        """Take what has arrived until `now`, s. moving: while the robot follows, nobody else takes over the stream."""
-        for datagram in self.receiver.poll(now):
+        """Take what has arrived until `now`, s. moving: while the robot follows, nobody else takes over the stream.
+
+        What is more than the work of one poll waits for the next, and what comes meanwhile waits in the kernel.
+        """
+        if not self._waiting:
+            self._waiting.extend(self.receiver.poll(now))
+        budget = WorkBudget()
+        while self._waiting and not budget.spent:
+            datagram = self._waiting.popleft()
             self.arrived += 1
             if self.admission.admit(datagram, now=now, moving=moving):
                 if self.tap is not None:
                     self.tap.take(datagram)
+                work, frames = work_of(self.decoder), self.frames
                 self._take(datagram, now, moving=moving)
+                work = work_of(self.decoder) - work
+                budget.charge(datagram.payload, frames=self.frames - frames, work=work)
 
     def read(self, now: float) -> Heard:
         """Every sensor at `now`, s."""

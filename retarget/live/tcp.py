@@ -6,13 +6,15 @@ from contextlib import suppress
 from typing import Self
 
 from retarget.live.address import StreamAddress
-from retarget.live.datagram import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
+from retarget.live.datagram import MOST_PER_POLL, Datagram, Source
 from retarget.live.udp_socket import not_bound
 from retarget.sources.mvn_stream import MvnStream
 
 __all__ = ["NOT_THE_SENDER", "SECOND_CONNECTION", "SILENT_S", "TcpReceiver"]
 
-CHUNK = 65_536
+CHUNK = 16_384
+MOST_BYTES = 2 * CHUNK
+"""That one poll reads: thirty times what MVN sends in a tick. The rest waits in the kernel, and then at the sender."""
 SILENT_S = 1.0
 """A connection without a byte for so long gives way to a new one: its computer may be gone without a word."""
 MOST_CALLERS = 8
@@ -79,7 +81,7 @@ class TcpReceiver:
     def poll(self, now: float) -> list[Datagram]:
         """The datagrams that came whole until `now` (s), oldest first, at most MOST_PER_POLL."""
         self._accept(now)
-        room = MOST_BYTES_PER_POLL
+        room = MOST_BYTES
         while self._connection is not None and room > 0 and len(self._waiting) < MOST_PER_POLL:
             try:
                 chunk = self._connection.recv(CHUNK)

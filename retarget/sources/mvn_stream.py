@@ -3,9 +3,11 @@
 from retarget.sources.mvn_wire import HEADER_BYTES, STRIDES, MvnHeader, read_header
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
-__all__ = ["MvnStream"]
+__all__ = ["MOST_SKIPS", "MvnStream"]
 
 MAGIC = b"MXTP"
+MOST_SKIPS = 256
+"""Headers in one chunk that are none; then all of the chunk is thrown away, for looking at each costs a microsecond."""
 MAX_PAYLOAD = MAX_DATAGRAM - HEADER_BYTES
 
 
@@ -29,11 +31,13 @@ class MvnStream:
         """The datagrams that these bytes complete, in order."""
         buffer = self._buffer
         buffer += chunk
-        at, datagrams = 0, []
+        at, skips, datagrams = 0, 0, []
         while len(buffer) - at >= HEADER_BYTES:
             header = read_header(buffer, at)
             if header is None or not _plausible(header):
-                at = self._skip(at)
+                at, skips = self._skip(at), skips + 1
+                if skips > MOST_SKIPS:
+                    at = max(at, len(buffer) - len(MAGIC) + 1)
                 continue
             self._lost = False
             end = at + HEADER_BYTES + header.size

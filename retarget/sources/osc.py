@@ -5,24 +5,36 @@ from struct import Struct
 
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
-__all__ = ["MAX_ARGUMENTS", "MAX_DEPTH", "MAX_MESSAGES", "OscMessage", "OscPacket", "OscValue", "read_osc"]
+__all__ = [
+    "MAX_ARGUMENTS",
+    "MAX_ARGUMENTS_IN_ALL",
+    "MAX_DEPTH",
+    "MAX_MESSAGES",
+    "OscMessage",
+    "OscPacket",
+    "OscValue",
+    "read_osc",
+]
 
 MAX_DEPTH = 4
 """Bundles within bundles that are taken apart, the outermost counted."""
-MAX_MESSAGES = 1024
-"""Messages of one datagram; one with more is dropped."""
+MAX_MESSAGES = 512
+"""Messages of one datagram; one with more is dropped. SlimeVR sends 35; bones, fingers and expressions are 200."""
 MAX_ARGUMENTS = 256
 """Arguments of one message; one with more is dropped."""
+MAX_ARGUMENTS_IN_ALL = 4096
+"""Arguments of one datagram; one with more is dropped. SlimeVR sends 266, 256 poses are 2,048."""
 
 OscValue = int | float | str | bytes | bool | None
 
 TOO_LONG = "datagram longer than 64 KiB"
 TOO_DEEP = "OSC bundles nested deeper than 4"
-TOO_MANY = "more than 1024 OSC messages in one datagram"
+TOO_MANY = "more than 512 OSC messages in one datagram"
 BAD_SIZE = "size of an OSC element does not fit its datagram"
 NO_ADDRESS = "OSC message without an address"
 NO_TAGS = "OSC message without type tags"
 MANY_ARGUMENTS = "OSC message with more than 256 arguments"
+TOO_MANY_ARGUMENTS = "more than 4096 OSC arguments in one datagram"
 UNKNOWN_TAG = "OSC argument of an unknown type"
 CUT_SHORT = "OSC message that ends before its arguments do"
 NOT_TEXT = "OSC text that is not UTF-8"
@@ -57,12 +69,15 @@ class OscPacket:
 
     messages: in the order of the wire. time_tags: first byte of the time tag of each bundle (they carry no time: every
     sender known says "immediately"). dropped: a constant reason for each thing that could not be read. A datagram whose
-    sizes do not fit, or that passes a bound, has no messages at all: a part of it may be missing.
+    sizes do not fit, or that passes a bound, has no messages at all: a part of it may be missing. arguments, elements:
+    that were looked at, those of what was dropped too.
     """
 
     messages: list[OscMessage] = field(default_factory=list)
     time_tags: list[int] = field(default_factory=list)
     dropped: list[str] = field(default_factory=list)
+    arguments: int = field(default=0, compare=False)
+    elements: int = field(default=0, compare=False)
 
 
 class _Unreadable(Exception):
@@ -77,12 +92,13 @@ def read_osc(datagram: bytes) -> OscPacket:
     try:
         _element(datagram, 0, len(datagram), 1, packet)
     except _Unreadable as error:
-        return OscPacket(dropped=[str(error)])
+        return OscPacket(dropped=[str(error)], arguments=packet.arguments, elements=packet.elements)
     return packet
 
 
 def _element(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
     """A message or a bundle. Raises _Unreadable where sizes do not fit or a bound is passed."""
+    packet.elements += 1
     if end - start < 4 or (end - start) % 4:
         raise _Unreadable(BAD_SIZE)
     if data.startswith(_BUNDLE, start, end):
@@ -91,9 +107,11 @@ def _element(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -
     if len(packet.messages) + len(packet.dropped) >= MAX_MESSAGES:
         raise _Unreadable(TOO_MANY)
     try:
-        packet.messages.append(_message(data, start, end))
+        packet.messages.append(_message(data, start, end, packet))
     except _Unreadable as error:
         packet.dropped.append(str(error))
+    if packet.arguments > MAX_ARGUMENTS_IN_ALL:
+        raise _Unreadable(TOO_MANY_ARGUMENTS)
 
 
 def _bundle(data: bytes, start: int, end: int, depth: int, packet: OscPacket) -> None:
@@ -113,7 +131,7 @@ def _bundle(data: bytes, start: int, end: int, depth: int, packet: OscPacket) ->
         at += size
 
 
-def _message(data: bytes, start: int, end: int) -> OscMessage:
+def _message(data: bytes, start: int, end: int, packet: OscPacket) -> OscMessage:
     """Address, type tags, arguments; what follows the last argument is not looked at."""
     if data[start] != 0x2F:
         raise _Unreadable(NO_ADDRESS)
@@ -123,6 +141,7 @@ def _message(data: bytes, start: int, end: int) -> OscMessage:
     tags, at = _text(data, at, end)
     if len(tags) > MAX_ARGUMENTS + 1:
         raise _Unreadable(MANY_ARGUMENTS)
+    packet.arguments += len(tags) - 1
     arguments: list[OscValue] = []
     places: list[int] = []
     for tag in tags[1:]:

@@ -42,6 +42,11 @@ class VmcBodyDecoder:
         self._ankle = FRACTIONS.ankle_height * (STATURE_M if person is None else person.stature)
         self._before: list[LocalBones] = []
 
+    @property
+    def work(self) -> float:
+        """Microseconds, about, that datagrams have cost beyond their length."""
+        return self._decoder.work
+
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The body of one datagram; none when it tells no bone."""
         return [body for frame in self._decoder.decode(datagram) if (body := self._body(frame)) is not None]

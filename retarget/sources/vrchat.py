@@ -59,6 +59,11 @@ class VrchatDecoder:
         self._layouts = OscLayouts(_plan)
         self._names: tuple[str, ...] = ()
 
+    @property
+    def work(self) -> float:
+        """Microseconds, about, that datagrams have cost beyond their length."""
+        return self._layouts.work
+
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frame of one datagram; none if it tells no tracker."""
         plan = self._layouts.of(datagram)
