@@ -13,6 +13,10 @@ OFF_S = 3.0
 """From the beginning of a stop until torque is off."""
 HOME_SHARE = 0.45
 """Of the greatest speeds: the longest way home of a joint, 2.4 rad, takes as much to be gone in 2.5 s."""
+AGAIN_SHARE, AGAIN_S = 0.4, 0.75
+"""Of the greatest speeds, for so long after somebody is followed (again)."""
+HELD_S = 0.3
+"""A hold that is shorter is none after which the way back has to be slow: it is one of single ticks."""
 SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
 
 
@@ -26,10 +30,27 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
     wrong = beyond_limits(ways, dt) + collisions(robot, ways)
     for first, last in trace.holds:
         wrong += [f"in a hold {text}" for text in restless(ways, first + REST_S, last - dt)]
-    wrong += _stop(bench, trace, ways, writes, dt)
+    wrong += _haste(bench, trace, ways, dt) + _stop(bench, trace, ways, writes, dt)
     if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
         wrong.append("nothing was done, and nobody was told why")
     return wrong + _torque(bench, trace)
+
+
+def _haste(bench: Bench, trace: Trace, ways: list[Track], dt: float) -> list[str]:
+    """Who hurries on the way to where following begins, or when somebody is followed again."""
+    if trace.armed is None:
+        return []
+    over = trace.ended if trace.latched is None else trace.latched
+    arrived = over if trace.arrived is None else trace.arrived
+    share = bench.robot.profile.safety.speed_caps.approach
+    wrong = [
+        f"on its approach {text}" for text in hasty(ways, trace.armed - dt, min(arrived, over), share=share, dt=dt)
+    ]
+    for first, last in trace.holds:
+        if last - first > HELD_S:
+            again = hasty(ways, last, min(last + AGAIN_S, over), share=AGAIN_SHARE, dt=dt)
+            wrong += [f"after a hold {text}" for text in again]
+    return wrong[:8]
 
 
 def _stop(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], dt: float) -> list[str]:
