@@ -6,7 +6,7 @@ from retarget.doctor.elsewhere import Stray
 from retarget.doctor.finding import Finding, mend, note
 from retarget.doctor.firewall import firewall_findings
 from retarget.doctor.mix_ups import SENDERS
-from retarget.live.address import EVERYWHERE, LOOPBACK, StreamAddress
+from retarget.live.address import EVERYWHERE, LOOPBACK, StreamAddress, for_others
 from retarget.live.interfaces import local_interfaces
 from retarget.sources.natnet_wire import DATA_PORT
 
@@ -26,8 +26,7 @@ def silence_findings(
     if IPv4Address(address.bind).is_loopback:
         if address.kind != "natnet":
             option = "allow" if _protocol(address) == "UDP" else "tcp"
-            other = f"{address.kind}://0.0.0.0:{address.port}?{option}=ITS_ADDRESS"
-            step = f"If the sender is another computer: {other}"
+            step = for_others(address.kind, address.port, option=option)
             found.append(note("network", f"only this machine is heard; its own addresses are {_interfaces()}", step))
         return found
     allowed = ", ".join(str(network) for network in address.allow)

@@ -16,7 +16,7 @@ from retarget.live.address_options import (
     read_options,
 )
 
-__all__ = ["KINDS", "NATNET_COMMAND_PORT", "StreamAddress", "StreamKind", "parse_address"]
+__all__ = ["KINDS", "NATNET_COMMAND_PORT", "StreamAddress", "StreamKind", "for_others", "parse_address"]
 
 NATNET_COMMAND_PORT = 1510
 """Where Motive listens for requests."""
@@ -72,6 +72,11 @@ class StreamAddress:
     speed: float = 1.0
     loop: bool = False
     recorded: str | None = None
+
+
+def for_others(kind: str, port: int, *, option: str = "allow") -> str:
+    """What to do where only loopback is listened on, and the sender is elsewhere."""
+    return f"If the sender is another computer: {kind}://{EVERYWHERE}:{port}?{option}=ITS_ADDRESS"
 
 
 def parse_address(text: str) -> StreamAddress:

@@ -65,6 +65,14 @@ class UdpReceiver:
         """Where the socket listens; 0 once it is closed."""
         return 0 if self._socket.fileno() < 0 else int(self._socket.getsockname()[1])
 
+    @property
+    def bound(self) -> Source:
+        """Address and port where the socket listens; ("", 0) once it is closed."""
+        if self._socket.fileno() < 0:
+            return "", 0
+        host, port = self._socket.getsockname()[:2]
+        return str(host), int(port)
+
     def fileno(self) -> int:
         """For `select`; -1 once closed."""
         return self._socket.fileno()
