@@ -17,7 +17,7 @@ from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S
 from retarget.performer import Performer, load_performer
 from retarget.rotations import FloatArray, from_axis_angle, rotate
 from retarget.samples import Performance
-from sim.faults.sender import FakeSender, Poses, SenderFault
+from sim.faults.sender import FakeSender, Poses, SenderFault, silent
 
 COUNTDOWN_S = 0.2
 
@@ -130,3 +130,31 @@ def test_a_known_size_is_told_as_such() -> None:
     found = measure(stream, options, size, clock=clock, where=WHERE, tell=said.append)
     assert found.dimensions is size
     assert said[-1] == f"known: 1.72 m tall ({size.origin})"
+
+
+def test_a_stream_that_falls_silent_is_told_as_the_reason_and_no_tracker_is_blamed() -> None:
+    said: list[str] = []
+    clock, stream = VirtualClock(), live_stream(FakeSender(faults=[silent(0.5, 99.0)]), five())
+    for tick in range(40):
+        stream.listen(0.01 * tick, moving=False)
+    clock.advance(0.4)
+    options = LiveOptions(patience=2.0, countdown=COUNTDOWN_S)
+    with pytest.raises(InputError, match=r"calibration: nothing has arrived for \d\.\d s: see that the sender runs"):
+        measure(stream, options, None, clock=clock, where=WHERE, tell=said.append)
+    assert sum("nothing has arrived for 1.0 s" in text for text in said) == 1
+
+
+def test_what_was_in_the_way_for_longest_is_told_and_not_what_came_last() -> None:
+    """The head is not told until 3 s, and only then moved."""
+
+    def hidden_and_moved(time: float, poses: Poses) -> Poses | None:
+        if 0.15 < time < 3.0:
+            return {name: at for name, at in poses.items() if name != "head"}
+        aside = np.array([0.0, 0.1 * np.sin(9.0 * time), 0.0])
+        return {name: at + aside for name, at in poses.items()} if time >= 3.0 else poses
+
+    clock, stream = VirtualClock(), live_stream(FakeSender(faults=[hidden_and_moved]), five())
+    options = LiveOptions(patience=3.5, countdown=COUNTDOWN_S)
+    with pytest.raises(InputError, match="sensors are not fresh; found head"):
+        measure(stream, options, None, clock=clock, where=WHERE, tell=lambda text: None)
+    assert clock.now() > 4.5

@@ -6,12 +6,13 @@ from hardware.clock import VirtualClock
 from live_rig import five, live_stream
 from mvn_packets import mvn
 from retarget.errors import InputError
-from retarget.live.address import parse_address
+from retarget.live.address import StreamAddress, parse_address
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.datagram import Datagram
 from retarget.live.natnet_receiver import NatnetReceiver, session_for
 from retarget.live.stream import LiveStream
 from retarget.live.stream_trouble import StreamTrouble, refuse_version, unusable
+from retarget.live.udp import UdpReceiver
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_wire import Version
 from sim.fake_motive import FakeMotive, MotiveSettings
@@ -154,3 +155,16 @@ def test_datagrams_of_others_are_told_as_the_reason() -> None:
     sender.others.append(others)
     told = looks(live_stream(sender, five()), 0.0, 4.0)
     assert len(told) == 1 and "unusable" in told[0][1]
+
+
+def test_where_nothing_arrives_at_a_socket_the_place_is_named_and_who_is_heard_there() -> None:
+    stream = live_stream(FakeSender(faults=[silent(0.0, 1e9)]), five())
+    stream.receiver = receiver = UdpReceiver(StreamAddress("vmc://", "vmc"))
+    try:
+        port = receiver.bound[1]
+        text = str(unusable(stream, [], 10.0, where="vmc://:39539", now=10.0))
+    finally:
+        receiver.close()
+    assert port > 0 and receiver.bound == ("", 0)
+    assert f"listening at 127.0.0.1, UDP port {port}, where only this machine is heard" in text
+    assert f"vmc://0.0.0.0:{port}?allow=ITS_ADDRESS" in text and "`retarget doctor vmc://:39539`" in text

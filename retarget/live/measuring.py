@@ -1,5 +1,6 @@
 """Measuring a live performer: a countdown, and then a moment of standing still, as soon as there is one."""
 
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -14,6 +15,7 @@ from retarget.live.needed import needed
 from retarget.live.performer import live_sample
 from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S, Calibrated, RestCapture, believing_still
 from retarget.live.stream import LiveStream
+from retarget.live.stream_trouble import StreamTrouble
 from retarget.live.told_skeleton import told_skeleton
 
 __all__ = ["LISTEN_S", "measure"]
@@ -46,7 +48,7 @@ def measure(
     size = known or _told_size(stream, options, where=where, tell=tell)
     lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
     capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose, needed=needed(stream.roles))
-    found = _captured(stream, options, capture, size, clock=clock)
+    found = _captured(stream, options, capture, size, clock=clock, where=where, tell=tell)
     height = f"{found.dimensions.stature:.2f} m tall"
     tell(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
     if found.offset.any():
@@ -82,10 +84,19 @@ def _told_size(
 
 
 def _captured(
-    stream: LiveStream, options: LiveOptions, capture: RestCapture, size: HumanDimensions | None, *, clock: Clock
+    stream: LiveStream,
+    options: LiveOptions,
+    capture: RestCapture,
+    size: HumanDimensions | None,
+    *,
+    clock: Clock,
+    where: str,
+    tell: Callable[[str], object],
 ) -> Calibrated:
-    """The first moment of standing still."""
+    """The first moment of standing still. A stream that falls silent is told at once, and is then why there is none."""
+    trouble = StreamTrouble(stream)
     end, look = clock.now() + options.patience + CAPTURE_S, 0.0
+    tries, refused = Counter[str](), dict[str, InputError]()  # by what was in the way
     names = stream.roles.sensors
     everybody = np.ones(len(names), dtype=bool)
     while True:
@@ -93,13 +104,19 @@ def _captured(
         now = clock.now()
         stream.listen(now, moving=True)  # the size may be that of the sender's skeleton: it stays this sender
         capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
+        if message := trouble.look(now):
+            tell(message)
         if now >= end or (capture.done and now >= look):
             look = now + TRY_S
             try:
                 found = capture.result(mass=options.mass, size=size)
-            except InputError:
+            except InputError as error:
+                tries[error.problems[0].what] += 1
+                refused[error.problems[0].what] = error
+                if now >= end and (why := trouble.why(now)):
+                    raise InputError(why, where=f"{where}, calibration") from None
                 if now >= end:
-                    raise
+                    raise refused[tries.most_common(1)[0][0]] from None
                 continue
             if found.missing and now < end:  # it may be fresh soon
                 continue

@@ -1,10 +1,13 @@
 """Why a stream cannot be used: what to refuse at the start, and what to say, once, when it happens while it runs."""
 
 from collections import Counter
+from ipaddress import IPv4Address
 
 from retarget.errors import InputError, Problem
+from retarget.live.address import for_others
 from retarget.live.natnet_receiver import NatnetReceiver
 from retarget.live.stream import LiveStream
+from retarget.live.udp import UdpReceiver
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, OLDEST
 from retarget.sources.natnet_trouble import natnet_problems
@@ -27,11 +30,7 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         return InputError.from_problems(problems)
     reasons = _told(_refused(stream))
     if stream.arrived == 0:
-        return InputError(
-            f"nothing arrives, waited {waited:g} s",
-            where=where,
-            next_step="Start the sender, let it send to this address and port, and see that no firewall is between",
-        )
+        return _nothing(stream, waited, where=where)
     if stream.frames == 0:
         return InputError(
             "what arrives cannot be used",
@@ -48,6 +47,23 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         allowed=", ".join(list(stream.names)[:MOST_NAMES]),
         next_step="Wear and switch on these, or choose another --performer",
     )
+
+
+def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
+    """Nothing has arrived at all, and where it is waited for."""
+    what, receiver = f"nothing arrives, waited {waited:g} s", stream.receiver
+    if not isinstance(receiver, UdpReceiver):
+        step = "Start the sender, let it send to this address and port, and see that no firewall is between"
+        return InputError(what, where=where, next_step=step)
+    host, port = receiver.bound
+    found, step = f"{host}, UDP port {port}", f"Start the sender, and let it send to {host}, port {port}"
+    if IPv4Address(host).is_loopback:
+        found += ", where only this machine is heard"
+        step += f". {for_others(where.partition('://')[0], port)}"
+    else:
+        step += "; see that no firewall is between"
+    step += f". `retarget doctor {where}` looks where it sends instead"
+    return InputError(what, where=where, found=f"listening at {found}", next_step=step)
 
 
 def refuse_version(stream: LiveStream, now: float) -> None:
@@ -94,6 +110,11 @@ class StreamTrouble:
         if self._stream.arrived == arrived:
             return "nothing arrived"
         return f"what arrived was unusable: {_told(_refused(self._stream) - refused) or 'no poses in it'}"
+
+    def why(self, now: float) -> str:
+        """What is wrong, also where it has been said; "" where all is well."""
+        silence = now - self._stream.last
+        return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
 
     def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
         problems = _motive(self._stream, now)
