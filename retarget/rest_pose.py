@@ -56,10 +56,12 @@ def rest_pose_name(arm_angle: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class RestFit:
-    """A person at rest. offset (k, 3) m, world: from its joint to each sensor, zero for those that sit on theirs."""
+    """A person at rest. offset (k, 3) m, world: from its joint to each sensor, zero for those that sit on theirs.
+    arms (2,) rad: of the left and the right one, shoulder to wrist, from hanging."""
 
     dimensions: HumanDimensions
     offset: FloatArray
+    arms: FloatArray
 
 
 def dimensions_from_rest_pose(
@@ -117,8 +119,16 @@ def fit_rest_pose(
     offset[beside] = found[rest_body.COUNT :].reshape(-1, 3)
     offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(np.linalg.norm(offset, axis=1), 1e-9))[:, None]
     unusual = float(np.abs(rest_body.prior(fit, bend)[:7]).max())
-    _check_fit(rest_body.points(fit)[columns] + offset - position, unusual, source=source)
-    return RestFit(_dimensions(fit, mass=mass, source=source), offset)
+    points = rest_body.points(fit)
+    _check_fit(points[columns] + offset - position, unusual, source=source)
+    return RestFit(_dimensions(fit, mass=mass, source=source), offset, _arms(points))
+
+
+def _arms(points: FloatArray) -> FloatArray:
+    """Angles (2,) rad of both arms from hanging, by all points (23, 3) m."""
+    ends = [[POINTS.index(f"{side}_{end}") for side in "lr"] for end in ("shoulder", "wrist")]
+    along = points[ends[1]] - points[ends[0]]
+    return np.asarray(np.arccos(np.clip(-along[:, 2] / np.linalg.norm(along, axis=1), -1.0, 1.0)))
 
 
 def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:

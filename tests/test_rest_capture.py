@@ -69,3 +69,29 @@ def test_whoever_lies_down_is_refused() -> None:
         capture.take(0.01 * tick, sample(base))
     with pytest.raises(InputError, match="standing human"):
         capture.result()
+
+
+def taken(standing: dict[str, FloatArray]) -> Calibrated:
+    capture = RestCapture(where=WHERE)
+    base = np.array([standing[name] for name in NAMES])
+    for tick in range(150):
+        capture.take(0.01 * tick, sample(base))
+    return capture.result()
+
+
+@pytest.mark.parametrize("raised", ["l_wrist", "r_wrist"])
+def test_one_arm_out_and_the_other_hanging_is_no_rest_pose(raised: str) -> None:
+    out = at_rest(PERSON, np.pi / 2, turn=0.9)
+    with pytest.raises(InputError, match=r"arms are not held alike; found the left one \d+ degrees.*Let both hang"):
+        taken(STANDING | {raised: out[raised]})
+    assert taken(out).dimensions.stature == pytest.approx(1.75, abs=0.04)
+
+
+@pytest.mark.parametrize(("stature", "fits"), [(1.05, False), (1.3, True), (2.1, True), (2.4, False)])
+def test_a_stature_of_nobody_who_stands_is_refused(stature: float, fits: bool) -> None:
+    standing = at_rest(proportional_dimensions(stature), 0.1, turn=0.9)
+    if fits:
+        assert taken(standing).dimensions.stature == pytest.approx(stature, abs=0.04)
+        return
+    with pytest.raises(InputError, match=r"does not stand upright.*found [\d.]+ m tall; allowed: 1\.2 to 2\.2 m"):
+        taken(standing)

@@ -13,7 +13,7 @@ from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.live.alignment import Alignment, align
 from retarget.live.stream import Heard
 from retarget.live.trust_state import TrustState
-from retarget.rest_pose import REQUIRED, fit_rest_pose
+from retarget.rest_pose import REQUIRED, RestFit, fit_rest_pose
 from retarget.rotations import FloatArray
 
 __all__ = ["CAPTURE_S", "KNOWN_CAPTURE_S", "Calibrated", "RestCapture", "believing_still"]
@@ -26,6 +26,10 @@ OTHER_SHARE = 0.1
 """Whoever stands this much taller or smaller than the size that is known is somebody else, or does not stand."""
 STILL_M = 0.03
 """Farthest that a sensor may be from where it is on average: breathing and swaying move a head by a centimetre."""
+LIVE_STATURE_M = (1.2, 2.2)
+"""Whoever is measured smaller crouches, kneels or sits, or the unit is another; nobody is taller."""
+ALIKE_DEG = 35.0
+"""Arms at rest are at most so far from alike."""
 FRESH_SHARE = 0.8
 """Of the capture, the share in which a sensor must be fresh to count."""
 FEWEST = 20
@@ -107,6 +111,7 @@ class RestCapture:
             loose = [names[row] for row in rows if names[row] in self._loose and np.isfinite(turns[row]).all()]
             told = [names[row] for row in rows]
             fit = fit_rest_pose(told, standing[rows], loose=loose, mass=mass, source=self._where)
+            self._refuse_unlike(fit)
             size = fit.dimensions
             standing[rows] -= fit.offset
             offset[rows] = np.nan_to_num(rotations.rotate(rotations.conjugate(turns[rows]), fit.offset))
@@ -148,6 +153,27 @@ class RestCapture:
                 next_step="Stand upright; measure anew with --recalibrate, or give another --person",
             )
         return 0.0 if ankles else float(found - expected)
+
+    def _refuse_unlike(self, fit: RestFit) -> None:
+        """Who does not stand upright with both arms alike."""
+        (low, high), found = LIVE_STATURE_M, fit.dimensions.stature
+        if not low <= found <= high:
+            raise InputError(
+                "who is measured does not stand upright, or is no grown person",
+                where=f"{self._where}, calibration",
+                found=f"{found:.2f} m tall",
+                allowed=f"{low:g} to {high:g} m",
+                next_step="Stand upright with straight legs; see that the sender's unit is metres",
+            )
+        left, right = np.rad2deg(fit.arms).tolist()
+        if abs(left - right) > ALIKE_DEG:
+            raise InputError(
+                "the arms are not held alike",
+                where=f"{self._where}, calibration",
+                found=f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}",
+                allowed=f"at most {ALIKE_DEG:g} degrees apart",
+                next_step="Let both hang, or hold both straight out to the sides",
+            )
 
     def _refuse_stale(self, stale: list[str]) -> None:
         if stale:
