@@ -148,3 +148,21 @@ def test_a_real_recording_lasts_as_long_as_it_did(shared: Path) -> None:
     found = played(receiver, 60.0, step=0.05)
     assert receiver.finished and [d.payload for d in found] == [row.payload for row in expected]
     assert found[-1].arrival == pytest.approx(expected[-1].time_s - expected[0].time_s, abs=1e-3)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("vmc_50hz", "vmc"), ("vrcosc_20hz", "vrchat")])
+def test_a_recording_that_does_not_say_what_it_holds_is_recognised(name: str, kind: str, shared: Path) -> None:
+    path = shared / f"streams/slimevr/full12_{name}.udprec.gz"
+    assert recorded_kind(parse_address(f"replay://{path}")) == kind
+
+
+def test_a_recording_of_several_kinds_or_of_none_is_not(tmp_path: Path) -> None:
+    mixed = [b'{"axes": "rep103", "poses": {"head": {"p": [0, 0, 1]}}}', b"/VMC/Ext/T\0\0,f\0\0\0\0\0\0"]
+    for number, payloads in enumerate((mixed, [b"what is this"], [])):
+        writer = RawWriter(tmp_path / f"{number}.raw", url="")
+        for payload in payloads:
+            writer.append(payload, time_ns=0, address="127.0.0.1", port=5)
+        writer.flush()
+        writer.close()
+        with pytest.raises(InputError, match="does not say what kind"):
+            recorded_kind(parse_address(f"replay://{tmp_path / f'{number}.raw'}"))

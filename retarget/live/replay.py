@@ -1,8 +1,10 @@
 """A raw recording in place of a socket: the same datagrams, as far apart as they came, on whatever clock is given."""
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import Self
 
+from retarget.doctor.recognise import recognise
 from retarget.errors import InputError, UsageError
 from retarget.live.address import StreamAddress, parse_address
 from retarget.live.address_options import RECORDED
@@ -15,6 +17,8 @@ __all__ = ["ReplayReceiver", "open_replay", "recorded_kind"]
 
 UNKNOWN_SOURCE = "127.0.0.1"
 """Address of the senders of a recording that holds none."""
+LOOKED_AT = 100
+"""Datagrams by which a recording is recognised that does not say what it holds."""
 LONE_GAP_S = 0.1
 """Between two rounds of a recording whose datagrams all have one time."""
 
@@ -108,20 +112,25 @@ def open_replay(address: StreamAddress) -> ReplayReceiver:
 
 
 def recorded_kind(address: StreamAddress) -> str:
-    """What kind of stream a recording holds: by `?kind=`, otherwise by the address that it was recorded from.
+    """What kind of stream a recording holds: by `?kind=`, by the address that it was recorded from, or by its first
+    datagrams, if all that are known are of one kind.
 
-    Raises InputError if neither says so, or if the file is missing or no recording.
+    Raises InputError if none says so, or if the file is missing or no recording.
     """
     assert address.path is not None
     if address.recorded is not None:
         return address.recorded
-    url = RawReader(address.path).url
+    reader = RawReader(address.path)
+    url = reader.url
     try:
         kind = parse_address(url).kind
     except UsageError:
         kind = ""
     if kind in RECORDED:
         return kind
+    kinds = {recognise(row.payload).kind for row in islice(reader, LOOKED_AT)} - {""}
+    if len(kinds) == 1:
+        return kinds.pop()
     raise InputError(
         "the recording does not say what kind of stream it holds",
         where=address.text,
