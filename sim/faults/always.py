@@ -13,7 +13,7 @@ OFF_S = 3.0
 """From the beginning of a stop until torque is off."""
 HOME_SHARE = 0.45
 """Of the greatest speeds: the longest way home of a joint, 2.4 rad, takes as much to be gone in 2.5 s."""
-AGAIN_SHARE, AGAIN_S = 0.4, 0.75
+AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 """Of the greatest speeds, for so long after somebody is followed (again)."""
 HELD_S = 0.3
 """A hold that is shorter is none after which the way back has to be slow: it is one of single ticks."""
