@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from retarget.errors import InputError, UsageError
-from retarget.sources.raw_record import MAX_UNWRITTEN, Datagram, RawReader, RawWriter, read_raw
+from retarget.sources.raw_record import MAX_UNWRITTEN, Datagram, RawReader, RawWriter
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
 URL = "vmc://127.0.0.1:39539"
@@ -36,7 +36,7 @@ def recording(tmp_path: Path) -> Path:
 
 
 def test_what_was_written_is_read(recording: Path) -> None:
-    reader = read_raw(recording)
+    reader = RawReader(recording)
     assert reader.url == URL
     assert list(reader) == SENT and reader.damage == ""
     assert list(reader) == SENT  # and again
@@ -45,7 +45,7 @@ def test_what_was_written_is_read(recording: Path) -> None:
 def test_packed(recording: Path) -> None:
     packed = recording.with_suffix(".gz")
     packed.write_bytes(gzip.compress(recording.read_bytes()))
-    assert list(read_raw(packed)) == SENT
+    assert list(RawReader(packed)) == SENT
 
 
 def test_the_bytes_of_the_format(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_the_bytes_of_the_format(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["full12_vmc_50hz", "full12_vrcosc_20hz"])
 def test_the_old_format(shared: Path, name: str) -> None:
-    reader = read_raw(shared / f"streams/slimevr/{name}.udprec.gz")
+    reader = RawReader(shared / f"streams/slimevr/{name}.udprec.gz")
     datagrams = list(reader)
     assert reader.url == "" and reader.damage == ""
     assert len(datagrams) > 200
@@ -71,7 +71,7 @@ def test_the_old_format_cut_short(tmp_path: Path) -> None:
     path = tmp_path / "old"
     record = struct.pack("<QHI", 2_000_000_000, 9000, 3) + b"abc"
     path.write_bytes(b"UDPREC01" + record + record[:-1])
-    reader = read_raw(path)
+    reader = RawReader(path)
     assert list(reader) == [Datagram(2.0, 9000, b"abc")]
     assert "record 2, at byte 25: the file ends here" in reader.damage
     path.write_bytes(b"UDPREC01" + record + struct.pack("<QHI", 0, 0, MAX_DATAGRAM + 1))
@@ -88,7 +88,7 @@ def test_every_shortening(recording: Path) -> None:
     boundaries = [end, *reversed(ends)]
     for length in [*boundaries, *range(boundaries[0], boundaries[-1], 41)]:
         recording.write_bytes(whole[:length])
-        reader = read_raw(recording)
+        reader = RawReader(recording)
         complete = sum(boundary <= length for boundary in boundaries) - 1
         assert list(reader) == SENT[:complete]
         assert (reader.damage == "") == (length in boundaries)
@@ -103,7 +103,7 @@ def test_every_flipped_bit_is_found(tmp_path_factory: pytest.TempPathFactory, pl
     place = begin + place % (len(content) - begin)
     content[place] ^= 1 << bit
     path.write_bytes(content)
-    reader = read_raw(path)
+    reader = RawReader(path)
     found = list(reader)
     assert found == SENT[: len(found)] and len(found) < len(SENT)
     assert f"{len(found)} before it were read" in reader.damage
@@ -116,7 +116,7 @@ def test_a_cut_or_broken_gz(recording: Path) -> None:
     for content in (packed[:-9], bytes(broken)):
         recording.write_bytes(content)
         try:
-            reader = read_raw(recording)
+            reader = RawReader(recording)
         except InputError:
             continue
         assert SENT[: len(found := list(reader))] == found and reader.damage
@@ -134,13 +134,13 @@ def test_what_is_no_recording(tmp_path: Path, content: bytes) -> None:
 
 def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such recording"):
-        read_raw(tmp_path / "none")
+        RawReader(tmp_path / "none")
     with pytest.raises(InputError, match="cannot read"):
-        read_raw(tmp_path)
+        RawReader(tmp_path)
 
 
 def test_a_file_that_disappears_is_damage(recording: Path) -> None:
-    reader = read_raw(recording)
+    reader = RawReader(recording)
     recording.unlink()
     assert list(reader) == [] and "No such file" in reader.damage
 
@@ -151,7 +151,7 @@ def test_a_crash_loses_only_what_is_not_flushed(tmp_path: Path) -> None:
     writer.append(b"flushed", time_ns=1, address="1.2.3.4", port=5)
     writer.flush()
     writer.append(b"not", time_ns=2, address="1.2.3.4", port=5)
-    assert [datagram.payload for datagram in read_raw(path)] == [b"flushed"]
+    assert [datagram.payload for datagram in RawReader(path)] == [b"flushed"]
 
 
 def test_the_buffer_is_bounded(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_the_buffer_is_bounded(tmp_path: Path) -> None:
         writer.append(bytes(60_000), time_ns=number, address="1.2.3.4", port=5)
     assert writer.lost == 10
     writer.close()
-    reader = read_raw(tmp_path / "a")
+    reader = RawReader(tmp_path / "a")
     assert len(list(reader)) == fitting and reader.damage == ""
 
 
@@ -171,7 +171,7 @@ def test_too_long_a_datagram_and_a_strange_address(tmp_path: Path) -> None:
     assert writer.lost == 1
     writer.append(b"x", time_ns=0, address="nowhere", port=5)
     writer.close()
-    assert [datagram.address for datagram in read_raw(tmp_path / "a")] == ["::"]
+    assert [datagram.address for datagram in RawReader(tmp_path / "a")] == ["::"]
 
 
 def test_a_full_disk_stops_the_recording_only(tmp_path: Path) -> None:
@@ -189,12 +189,12 @@ def test_where_nothing_can_be_written(tmp_path: Path, recording: Path) -> None:
         RawWriter(recording, url=URL)
     with pytest.raises(UsageError, match=r"--record-raw: cannot write this file"):
         RawWriter(tmp_path / "none" / "a", url=URL)
-    assert list(read_raw(recording)) == SENT
+    assert list(RawReader(recording)) == SENT
 
 
 @given(st.binary(max_size=300), st.booleans())
 def test_any_bytes(tmp_path_factory: pytest.TempPathFactory, data: bytes, old: bool) -> None:
     path = tmp_path_factory.mktemp("any") / "a"
     path.write_bytes((b"UDPREC01" if old else b"RAWDGM01\0\0") + data)
-    reader = read_raw(path)
+    reader = RawReader(path)
     assert sum(len(datagram.payload) for datagram in reader) <= len(data)

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray, angle_between, conjugate, from_axis_angle, multiply
-from retarget.sources.raw_record import read_raw
+from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vmc_bones import local_bones, world_rotations
@@ -46,7 +46,7 @@ class Recording:
 
 def record(shared: Path, name: str, decoder: StreamDecoder) -> Recording:
     folder = shared / "streams/slimevr"
-    rows = [(r.time_s, f) for r in read_raw(folder / name) for f in decoder.decode(r.payload)]
+    rows = [(r.time_s, f) for r in RawReader(folder / name) for f in decoder.decode(r.payload)]
     table = np.genfromtxt(folder / "ground_truth.csv", delimiter=",", names=True)
     script = {name: table[name] for name in table.dtype.names or ()}
     return Recording(np.array([wall for wall, _ in rows]), [frame for _, frame in rows], decoder, script)

@@ -9,7 +9,7 @@ from retarget.live.trust import Trust
 from retarget.live.trust_limits import TrustLimits
 from retarget.live.trust_state import TrustState
 from retarget.sources.open import open_source
-from retarget.sources.raw_record import read_raw
+from retarget.sources.raw_record import RawReader
 from retarget.sources.vmc import VmcDecoder
 from trust_rig import judge, recorded
 
@@ -45,7 +45,7 @@ def test_real_slimevr_bytes_raise_no_alarm(shared: Path) -> None:
     """They were scripted, without noise: what rests there repeats itself to the bit while one arm moves. Before the
     headset is heard, the head is at the origin; then everything goes up by 1.5 m, which is a leap."""
     decoder, trust, alarms = VmcDecoder(), Trust(()), []
-    for record in read_raw(shared / "streams" / "slimevr" / "full12_vmc_50hz.udprec.gz"):
+    for record in RawReader(shared / "streams" / "slimevr" / "full12_vmc_50hz.udprec.gz"):
         for frame in decoder.decode(record.payload):
             picked = [i for i, name in enumerate(frame.names) if name.startswith("human://")]
             names = tuple(frame.names[i] for i in picked)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from osc_bytes import bundle, message, pose
-from retarget.sources.raw_record import read_raw
+from retarget.sources.raw_record import RawReader
 from retarget.sources.vmc_body import VmcBodyDecoder
 
 ME = (1.0, 0.0, 0.0, 0.0)
@@ -43,7 +43,7 @@ def test_an_avatar_in_several_datagrams_is_put_together() -> None:
 
 def test_slimevr_s_bones_agree_with_its_roles(shared: Path) -> None:
     decoder, heights = VmcBodyDecoder(), []
-    for record in read_raw(shared / "streams/slimevr/full12_vmc_50hz.udprec.gz"):
+    for record in RawReader(shared / "streams/slimevr/full12_vmc_50hz.udprec.gz"):
         for frame in decoder.decode(record.payload):
             at = dict(zip(frame.names, frame.position, strict=True))
             heights.append((at["bone://LeftHand"][2], at["bone://RightFoot"][2], at["bone://Head"][2]))

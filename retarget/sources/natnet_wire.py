@@ -20,7 +20,6 @@ __all__ = [
     "command_message",
     "connect_message",
     "definitions_request",
-    "discovery_message",
     "echo_message",
     "keep_alive_message",
     "message",
@@ -130,11 +129,6 @@ def connect_message(version: Version | None = None) -> bytes:
     256 bytes of name and the two versions: one byte of a subscription flag, four of the version, one of padding.
     """
     return message(MessageId.CONNECT, _sender(version))
-
-
-def discovery_message() -> bytes:
-    """As connect, but it starts nothing: only the ServerInfo comes."""
-    return message(MessageId.DISCOVERY, _sender(None))
 
 
 def _sender(version: Version | None) -> bytes:

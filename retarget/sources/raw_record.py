@@ -22,7 +22,7 @@ from typing import IO, cast
 from retarget.errors import InputError, UsageError
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
-__all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "is_recording", "read_raw"]
+__all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "is_recording"]
 
 MAX_UNWRITTEN = 4 * 2**20
 """Bytes that a writer holds before it drops: six seconds of SlimeVR."""
@@ -156,11 +156,6 @@ class RawReader:
 
     def _open(self) -> IO[bytes]:
         return cast(IO[bytes], gzip.open(self._path)) if self._gz else self._path.open("rb")
-
-
-def read_raw(path: Path) -> RawReader:
-    """The datagrams of a recording. Raises InputError if it is missing or none; see `RawReader` for damage."""
-    return RawReader(path)
 
 
 class _Taker:

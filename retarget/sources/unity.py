@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from retarget.rotations import FloatArray
 from retarget.sources.stream_axes import CONVENTIONS
 
-__all__ = ["euler_from_unity", "poses_from_unity", "position_from_unity", "quaternion_from_unity"]
+__all__ = ["euler_from_unity", "poses_from_unity", "position_from_unity"]
 
 _UNITY = CONVENTIONS["unity"]
 _WXYZ = np.array([3, 0, 1, 2])
@@ -23,11 +23,6 @@ _HALF_DEGREE = np.pi / 360.0
 def position_from_unity(position: ArrayLike) -> FloatArray:
     """Positions (..., 3) m of Unity, in the world's axes."""
     return _UNITY.positions(position)
-
-
-def quaternion_from_unity(quaternion: ArrayLike) -> FloatArray:
-    """Quaternions (..., 4) xyzw of Unity as wxyz (..., 4) in the world's axes; neither sign nor norm is changed."""
-    return _UNITY.orientations(np.asarray(quaternion, float)[..., _WXYZ])
 
 
 def poses_from_unity(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
