@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from retarget.errors import UsageError
+from retarget.live.account import LiveReport
 from retarget.metrics.motion import LimitViolations
 from retarget.metrics.observer_activity import ModeSwitches
 from retarget.metrics.physics import PhysicsReport
@@ -139,6 +140,7 @@ class Report:
     a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of each
     hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
     asked; reachable_share: of the ticks that followed, those. fallen, physics: as the simulation saw it; null without.
+    live: of the stream, null of a file.
     """
 
     frames: int
@@ -178,6 +180,7 @@ class Report:
     deep: DeepReport
     observers: ObserversReport | None
     physics: PhysicsReport | None
+    live: LiveReport | None
     robot: str
     source: str
     performer: str

@@ -8,6 +8,7 @@ from hardware.guard_state import Stop
 from retarget.clip import Clip
 from retarget.human import Human
 from retarget.joint_limits import JointLimits
+from retarget.live.account import LiveReport
 from retarget.observers import Observers
 from retarget.performer import Performer
 from retarget.physics_run import PhysicsRun
@@ -28,7 +29,7 @@ class RunResult:
     human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the
     stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
     stop: the guard's, None without one. scene: what was around the last stage's body; observers: of that body.
-    physics: what a simulation saw, None without one.
+    physics: what a simulation saw, None without one. live: what there is to tell of a stream, None of a file.
     """
 
     record: Record
@@ -47,6 +48,7 @@ class RunResult:
     scene: SceneState | None = None
     observers: Observers | None = None
     physics: PhysicsRun | None = None
+    live: LiveReport | None = None
 
     @property
     def observer_names(self) -> tuple[str, ...]:

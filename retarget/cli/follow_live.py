@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -118,7 +119,8 @@ def follow_live(
             performer.catch_up()
             with progress_bar(options.robot, _ticks(live, performer.dt)) as show, scheduled(oversight.scheduling):
                 run = _run(prepared, controls, bench, show, clock)
-        return finished(bench.seen(run), outputs)
+        told = performer.report(address=address.text, person=live.person)
+        return finished(replace(bench.seen(run), live=told), outputs)
 
 
 def _raw_tap(path: Path, url: str) -> RawTap:

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from retarget.cli.physics_lines import physics_facts
+from retarget.cli.stream_line import stream_line
 from retarget.report import Percentiles, Report, Spread
 
 __all__ = ["show_summary"]
@@ -80,6 +81,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "penetration", _penetration(report)
     yield "observers", _observers(report)
     yield "gate", _gate(report)
+    yield "stream", stream_line(report.live)
     yield from physics_facts(report.physics)
     yield "cost per tick", _cost(report)
     yield "ticks missed", _missed(report)

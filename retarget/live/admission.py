@@ -74,13 +74,18 @@ class Admission:
         self._bucket = TokenBucket(rate=rate, burst=burst)
         self._owner: Source | None = None
         self._heard = 0.0
-        self._named: set[tuple[str, str]] = set()
+        self._named: dict[tuple[str, str], None] = {}
         self._news: list[tuple[Source, str]] = []
 
     @property
     def owner(self) -> Source | None:
         """The source that owns the stream; None until one has sent a frame."""
         return self._owner
+
+    @property
+    def named(self) -> tuple[tuple[str, str], ...]:
+        """Addresses that were refused, each once per reason, the first MOST_NAMED in order."""
+        return tuple(self._named)
 
     def admit(self, datagram: Datagram, *, now: float, moving: bool) -> bool:
         """Whether a datagram may be decoded at `now`, s. What others send costs the owner nothing of its rate."""
@@ -132,7 +137,7 @@ class Admission:
         self.refused.note(reason)
         key = (source[0], reason)
         if key not in self._named and len(self._named) < MOST_NAMED:
-            self._named.add(key)
+            self._named[key] = None
             self._news.append((source, reason))
         return False
 

@@ -9,6 +9,7 @@ from hardware.clock import Clock
 from hardware.tick_pace import TickPace
 from retarget.clip import Clip
 from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
+from retarget.live.account import LiveReport, Tally, live_report
 from retarget.live.alignment import Alignment, facing_of
 from retarget.live.catching_up import CatchingUp
 from retarget.live.engagement import Engagement, EngagementTimes
@@ -88,6 +89,7 @@ class LivePerformer:
         self._pace, self._catching_up = TickPace(1.0 / rate_hz), CatchingUp(stream)
         names = stream.roles.sensors
         self._rejoin: Rejoin | None = None
+        self._tally = Tally(names, self.dt)
         self._turning = TurningBack(len(names))
         self._message: str | None = None  # of what is wrong with the stream
         self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
@@ -194,6 +196,10 @@ class LivePerformer:
         )
         return True
 
+    def report(self, *, address: str, person: str | None) -> LiveReport:
+        """What there is to tell of the stream."""
+        return live_report(self.stream, self._tally, address=address, person=person)
+
     def recorded(self) -> Clip:
         """The samples that were followed, where they held the last one again."""
         count = max(self._last_tick + 1, 1)
@@ -214,6 +220,7 @@ class LivePerformer:
         heard, sample = self._hear(now)
         before = self.engagement.state
         followed = self.engagement.step(now, sample, good=self._is_good(heard, now))
+        self._tally.count(heard.states, followed=followed is not None)
         self._say_news()
         if self.engagement.state is not before:
             late = " because ticks come late" if self._pace.behind else ""
