@@ -160,7 +160,10 @@ class Pipeline:
     def _approach(self, states: ServoStates) -> FloatArray | None:
         """The next goal posture, rad (n,), on the way to where following begins; None: wait on it."""
         assert self._robot is not None
-        return self._robot.approach() if self._clip.may_approach() else None
+        if self._clip.may_approach():
+            return self._robot.approach()
+        self._robot.guard.lack = NOBODY.format(self._clip.hindrance)
+        return None
 
     def _think(self, states: ServoStates) -> FloatArray | None:
         """From the servo states to a goal posture, rad (n,), inside the guard's tick; None: nobody is followed."""

@@ -62,7 +62,7 @@ class Samples(Protocol):
 
     @property
     def hindrance(self) -> str:
-        """Why nobody is followed, in a few words; of the last tick for which `sample` gave None."""
+        """Why nobody is followed, in a few words; of the last tick in which nobody was."""
         ...
 
     def recorded(self) -> "Clip":

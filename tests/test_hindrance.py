@@ -58,3 +58,11 @@ def test_it_is_the_reason_of_the_stop(fault: SenderFault, cause: str) -> None:
         result = prepared.run()
     assert result.stop is not None
     assert result.stop.reason == f"nobody could be followed ({cause}) for 4.81 s, allowed 4.8 s"
+
+
+def test_it_is_the_reason_of_a_stop_on_the_way_to_the_performer_too() -> None:
+    rig = LiveRig(FakeSender(faults=[silent(2.0, 60.0)]), options=LiveOptions(countdown=0.5, duration=3.0))
+    with rig.prepared() as prepared:
+        result = prepared.run()
+    assert result.ticks_followed == 0 and result.stop is not None
+    assert result.stop.reason.startswith("nobody could be followed (nothing arrived) for 4.8")
