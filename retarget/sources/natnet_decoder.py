@@ -19,7 +19,7 @@ from retarget.sources.pose_bounds import unusable
 from retarget.sources.stream_axes import CONVENTIONS
 from retarget.sources.stream_frame import MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame
 
-__all__ = ["REASONS", "NatnetDecoder"]
+__all__ = ["NatnetDecoder"]
 
 TOO_LONG = "datagram longer than 64 KiB"
 CUT_SHORT = "shorter than its header says"
@@ -31,8 +31,6 @@ DOUBLED = "pose of a name that the frame had already"
 TOO_MANY = "pose beyond the most that are taken"
 NO_POSE = "pose that is not finite, not in a room, or not a rotation"
 NO_PARENT = "bone whose parents are not known"
-REASONS = (TOO_LONG, CUT_SHORT, STRANGE, BAD_FRAME, BAD_DEFINITIONS, BAD_SERVER, DOUBLED, TOO_MANY, NO_POSE, NO_PARENT)
-"""Everything that `dropped` may count."""
 
 _OLDEST = Version(3, 0)
 _SILENT = {
