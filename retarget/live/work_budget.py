@@ -4,10 +4,11 @@ from retarget.sources.stream_frame import StreamDecoder
 
 __all__ = ["WORK_PER_POLL", "WorkBudget", "work_of"]
 
-WORK_PER_POLL = 6_000.0
-"""Of one poll, three quarters of a tick. A unit is about a microsecond: 44 datagrams of SlimeVR; a tick has two."""
-PER_DATAGRAM, PER_BYTE, PER_FRAME = 30.0, 1.0 / 40.0, 40.0
-"""What every datagram counts, and each frame in it."""
+WORK_PER_POLL = 3_000.0
+"""Of one poll, three eighths of a tick: the bus needs as much. A unit is about a microsecond: 12 datagrams of
+SlimeVR; a tick has two."""
+PER_DATAGRAM, PER_BYTE, PER_FRAME = 30.0, 1.0 / 40.0, 150.0
+"""What every datagram counts, and each frame in it: clock, trust and playout cost more than its decoding."""
 
 
 class WorkBudget:
