@@ -52,7 +52,7 @@ class Bench:
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: without it nothing keeps goals from harm.
     leaves: the run is not seen to its end, where the robot is parked.
     approaching: `at` counts from when torque is on, and the robot begins where it rests.
-    thinking: called in every tick before a goal is asked for.
+    thinking: called in every tick once a goal is found.
     """
 
     def __init__(
@@ -164,9 +164,10 @@ class Bench:
 
     def _thought(self, think: Think) -> Think:
         def thought(states: ServoStates) -> FloatArray | None:
+            goal = think(states)
             for act in self.thinking:
                 act()
-            return think(states)
+            return goal
 
         return thought
 
