@@ -165,7 +165,7 @@ class Bench:
     def _thought(self, think: Think) -> Think:
         def thought(states: ServoStates) -> FloatArray | None:
             goal = think(states)
-            for act in self.thinking:
+            for act in self.thinking if goal is not None else ():
                 act()
             return goal
 
