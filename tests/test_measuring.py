@@ -1,5 +1,6 @@
 """Measured once, known from then on: half a second for floor and heading; who else stands there is refused."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -158,3 +159,20 @@ def test_what_was_in_the_way_for_longest_is_told_and_not_what_came_last() -> Non
     with pytest.raises(InputError, match="sensors are not fresh; found head"):
         measure(stream, options, None, clock=clock, where=WHERE, tell=lambda text: None)
     assert clock.now() > 4.5
+
+
+class SlowClock(VirtualClock):
+    """A machine so busy that every sleep lasts 1.5 s."""
+
+    def sleep_until(self, time: float) -> None:
+        """Sleep, and longer."""
+        super().sleep_until(time + 1.5)
+
+
+def test_a_busy_machine_is_not_taken_for_a_silent_stream() -> None:
+    said: list[str] = []
+    clock, stream = SlowClock(), live_stream(FakeSender(rate_hz=120.0), five())
+    with suppress(InputError):  # with so few looks nobody can be measured
+        options = LiveOptions(patience=6.0, countdown=0.0)
+        measure(stream, options, None, clock=clock, where=WHERE, tell=said.append)
+    assert stream.arrived > 600 and not any("nothing has arrived" in text for text in said)

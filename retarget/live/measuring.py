@@ -24,6 +24,8 @@ LISTEN_S = 0.01
 """Between two looks at the stream while nothing moves."""
 SETTLE_S = 0.3
 """So long what is smoothed takes to be where a corrected sensor is."""
+MOST_LISTENED = 64
+"""Times that a backlog is listened to at once: a fit takes a while on a busy machine, and one listening is bounded."""
 TRY_S = 0.1
 """Between two looks at whether the performer stands still by now."""
 
@@ -102,7 +104,7 @@ def _captured(
     while True:
         clock.sleep_until(clock.now() + LISTEN_S)
         now = clock.now()
-        stream.listen(now, moving=True)  # the size may be that of the sender's skeleton: it stays this sender
+        _catch_up(stream, now)
         capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
         if message := trouble.look(now):
             tell(message)
@@ -121,3 +123,12 @@ def _captured(
             if found.missing and now < end:  # it may be fresh soon
                 continue
             return found
+
+
+def _catch_up(stream: LiveStream, now: float) -> None:
+    """Take in all that has arrived. The size may be that of the sender's skeleton: it stays this sender."""
+    for _ in range(MOST_LISTENED):
+        before = stream.arrived
+        stream.listen(now, moving=True)
+        if stream.arrived == before:
+            return
