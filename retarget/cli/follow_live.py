@@ -17,10 +17,10 @@ from retarget.cli.follow_clip import finished
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.keys import Keys
 from retarget.cli.live_controls import HELP, LiveControls
+from retarget.cli.live_state import live_state, words_for
 from retarget.cli.outputs import Outputs
 from retarget.cli.oversight import Oversight, has_terminal, refuse_oversight
 from retarget.cli.physics_bench import PhysicsBench
-from retarget.cli.progress import progress_bar
 from retarget.errors import UsageError
 from retarget.live.address import parse_address
 from retarget.live.begin import LiveOptions, begin_live
@@ -31,6 +31,7 @@ from retarget.options import RunOptions
 from retarget.performer import Performer
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared, prepare_for
+from retarget.record import Phase
 from retarget.robot_body import RobotBody
 from retarget.run_result import RunResult
 from retarget.samples import Performance
@@ -117,8 +118,8 @@ def follow_live(
                 _tell(f"hold {dead_man.told}: the robot moves only while it is held")
             _wait_until_wanted(clutch, controls, performer, clock)
             performer.catch_up()
-            with progress_bar(options.robot, _ticks(live, performer.dt)) as show, scheduled(oversight.scheduling):
-                run = _run(prepared, controls, bench, show, clock)
+            with live_state(options.robot, _words(prepared, controls)), scheduled(oversight.scheduling):
+                run = _run(prepared, controls, bench, clock)
         told = performer.report(address=address.text, person=live.person)
         return finished(replace(bench.seen(run), live=told), outputs)
 
@@ -150,12 +151,17 @@ def _wait_until_wanted(clutch: Clutch, controls: LiveControls, performer: LivePe
         clock.sleep_until(clock.now() + performer.dt)
 
 
-def _run(
-    prepared: Prepared, controls: LiveControls, bench: PhysicsBench, show: Callable[[int], object], clock: Clock
-) -> RunResult:
+def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
+    """What the run does now."""
+    side = prepared.side
+    return lambda: words_for(controls.status(), approaching=side is not None and side.phase is Phase.APPROACH)
+
+
+def _run(prepared: Prepared, controls: LiveControls, bench: PhysicsBench, clock: Clock) -> RunResult:
     """Play it; in time, also where there is no robot whose side keeps it."""
     look = controls.look if prepared.side is not None else _in_time(controls.look, prepared.samples.dt, clock)
-    return prepared.run(Watch(show, bench.watching(look, prepared, live=True), controls.insisted, controls.why))
+    asked = bench.watching(look, prepared, live=True)
+    return prepared.run(Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why))
 
 
 def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:
@@ -177,10 +183,6 @@ def _refuse_played(options: RunOptions) -> None:
         raise UsageError(
             "a live performer moves in real time", where="--speed, --loop", next_step="Leave them out, or play a file"
         )
-
-
-def _ticks(live: LiveOptions, dt: float) -> int | None:
-    return None if live.duration is None else round(live.duration / dt)
 
 
 def _tell(text: str) -> None:
