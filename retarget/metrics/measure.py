@@ -38,11 +38,10 @@ MM = 1e3
 
 def measure(run: RunResult) -> Report:
     """The report of a run."""
-    record, clip, robot, timing = run.record, run.clip, run.record.robot, run.record.timing
+    record, clip, robot, timing, live = run.record, run.clip, run.record.robot, run.record.timing, run.live
     (names, asked, reached), stand, (clear, switches, observers) = run.followed, _standing(run), _observers(run)
-    played, hands = clip.frames_played(run.ticks_followed), _hands(run, reached)
     return Report(
-        frames=min(played, clip.source_frames),
+        frames=min(played := clip.frames_played(run.ticks_followed), clip.source_frames),
         ticks=len(record),
         duration_s=max(float(record.time[-1]), 0.0) if len(record) else 0.0,
         rate_hz=clip.rate_hz,
@@ -71,7 +70,7 @@ def measure(run: RunResult) -> Report:
         servo_tracking_mm=_servo_tracking(run),
         servo_error_deg=_servo_error(run),
         unled_frames=None if robot is None else int(np.count_nonzero(robot.unled)),
-        reachable_hands_mm=hands.errors,
+        reachable_hands_mm=(hands := _hands(run, reached)).errors,
         reachable_share=hands.shares,
         com_margin_mm=_mm(stand.margin),
         soles=stand.soles,
@@ -80,8 +79,8 @@ def measure(run: RunResult) -> Report:
         observers=observers,
         physics=physics_report(run),
         robot="human" if run.robot is None else run.robot.profile.name,
-        live=run.live,
-        source=clip.frames.source if run.live is None else run.live.address,
+        live=live,
+        source=live.address if live else clip.frames.source,
         performer=run.performer.name,
         priorities=tuple(priorities.name for priorities in run.priorities),
         speed=clip.speed,
