@@ -235,12 +235,12 @@ class Guard:
 
     def _hold(self, halt: Halt, now: float) -> None:
         """Brake and stand, torque on, while nobody knows a goal; not for ever."""
-        if self._state is not GuardState.ARMED:  # a robot that has not moved yet may wait
-            since = self._held_since = now if self.paused or self._held_since is None else self._held_since
-            if now - since > self.limits.max_hold:
-                lasted = f"{self.lack} for {now - since:.3g} s, allowed {self.limits.max_hold:g} s"
-                self.stop(lasted, StopCause.STALE_GOAL)
-                return
+        since = self._held_since = now if self.paused or self._held_since is None else self._held_since
+        if now - since > self.limits.max_hold:
+            lasted = f"{self.lack} for {now - since:.3g} s, allowed {self.limits.max_hold:g} s"
+            self.stop(lasted, StopCause.STALE_GOAL)
+            return
+        if self._state is not GuardState.ARMED:  # one that has not moved yet waits
             self._state = GuardState.HOLDING
         if not self._filter.at_rest:
             self._ask_way(halt)

@@ -108,8 +108,8 @@ def test_a_hold_goes_along_the_callers_way() -> None:
 def test_nobody_holds_for_ever() -> None:
     rig = Rig(limits=GuardLimits(max_hold=1.0))
     rig.guard.arm()
-    rig.run(300, lambda _: None)
-    assert rig.state() is GuardState.ARMED  # it has not moved yet: it may wait
+    rig.run(95, lambda _: None)
+    assert rig.state() is GuardState.ARMED  # it has not moved yet: it waits
     rig.run(20)
     rig.run(95, lambda _: None)
     rig.run(5)
@@ -119,6 +119,13 @@ def test_nobody_holds_for_ever() -> None:
     assert rig.state() is GuardState.STOPPED
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
     assert "no goal for 1.01 s, allowed 1 s" in rig.guard.stop_reason.reason
+
+
+def test_nobody_waits_for_ever_with_torque_before_the_first_goal() -> None:
+    rig = Rig(limits=GuardLimits(max_hold=1.0))
+    rig.guard.arm()
+    rig.run(200, lambda _: None)
+    assert rig.state() is GuardState.STOPPED and not rig.bus.torque_on
 
 
 def test_a_stop_may_lead_on_to_where_the_robot_is_parked() -> None:
