@@ -125,7 +125,9 @@ def test_nobody_waits_for_ever_with_torque_before_the_first_goal() -> None:
     rig = Rig(limits=GuardLimits(max_hold=1.0))
     rig.guard.arm()
     rig.run(200, lambda _: None)
-    assert rig.state() is GuardState.STOPPED and not rig.bus.torque_on
+    assert rig.state() is GuardState.STOPPED
+    rig.guard.release()
+    assert not rig.bus.torque_on
 
 
 def test_a_stop_may_lead_on_to_where_the_robot_is_parked() -> None:
