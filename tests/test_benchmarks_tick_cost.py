@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from benchmarks.tick_cost import PARTS, SETTLED, measure
+from benchmarks.tick_cost import PARTS, measure
 
 
 def test_parts_are_in_the_tick_and_most_of_it() -> None:
     spent = measure(1.0, parts=True)
     whole, parts = spent["tick"], np.sum([spent[name] for name in PARTS], axis=0)
-    assert len(whole) > SETTLED
+    assert len(whole) > 200
     assert (whole > 0.0).all() and (parts <= whole + 0.05).mean() > 0.99 and parts.sum() > 0.5 * whole.sum()

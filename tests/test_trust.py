@@ -125,7 +125,7 @@ def test_a_lost_tracker_is_out_in_300_ms(rate: float, how: str) -> None:
     assert not judged.usable[begin:, L_ANKLE].any() and judged.usable[:begin].all()
     assert judged.alarms() == {TrustState.STALE}
     assert out_after(stream, begin, judged.states, L_ANKLE) <= 0.3
-    assert [text for _, text in judged.messages] == ["l_ankle: nothing that can be used for 0.2 s"]
+    assert [text for _, text in judged.messages] == ["l_ankle: nothing that can be used for 0.1 s"]
 
 
 def swapped(stream: Stream, begin: int, end: int | None = None) -> Stream:

@@ -30,7 +30,7 @@ __all__ = ["INTAKE", "LivePerformer", "live_sample"]
 INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4)
 """A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s. It comes back by the weight of `Rejoin`, no
 faster than this, in m/s: an elbow is then at half of its servo's speed, at most."""
-SILENCE_S = 0.14
+SILENCE_S = 0.13
 """A stream that says nothing for so long is held, before its sensors are stale."""
 PLAYED_S = 0.05
 """So long after its last datagram a recording has been played: what is held back to play evenly is less."""

@@ -28,7 +28,7 @@ class TrustLimits:
     shortest_step: float = 1.0 / 60.0
     settled_after: float = 0.5
     exchange: float = 0.08
-    stale_after: float = 0.15
+    stale_after: float = 0.142
     frozen_after: float = 0.2
     noticeable: tuple[float, float] = (0.01, 0.0087)
     not_worn_after: float = 3.0
