@@ -46,7 +46,7 @@ def test_a_slow_one() -> None:
 
 def test_silence_in_the_middle_and_at_the_end() -> None:
     middle = "\n".join(mends(rate_findings("json", heard(silent(3.0, 3.5)))))
-    assert "1 gaps longer than 0.14 s, the longest 0.5" in middle and "silent for" not in middle
+    assert "1 gaps longer than 0.13 s, the longest 0.5" in middle and "silent for" not in middle
     assert "silent for the last 1.0 s" in wrong(heard(silent(4.0, 9.0)))
 
 
