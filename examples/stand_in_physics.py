@@ -8,12 +8,12 @@ from hardware.clock import VirtualClock
 from retarget.robot_body import load_robot
 from sim.physics.perturbation import Perturbation, Push
 from sim.physics.summary import physics_summary
-from sim.physics_bus import physics_bus
+from sim.physics_bus import physics_bus, simulation_of
 
 robot, clock = load_robot("op3"), VirtualClock()
 stand = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
 push = Push(force=(0.0, 3.0, 0.0), start=2.0, duration=0.2)
-bus = physics_bus(robot, clock, start=stand, perturbation=Perturbation(pushes=(push,)))
+bus = physics_bus(simulation_of(robot, start=stand, perturbation=Perturbation(pushes=(push,))), clock)
 bus.open()
 bus.write(ServoGoals(bus.read().position))
 bus.torque(True)

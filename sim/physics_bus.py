@@ -22,48 +22,25 @@ from sim.physics.world import build_world
 __all__ = ["physics_bus", "physics_wire_bus", "simulation_of"]
 
 
-def physics_bus(
-    robot: RobotBody,
-    clock: Clock,
-    *,
-    start: TickArray,
-    scene: Scene | None = None,
-    mount: Mount | None = None,
-    perturbation: Perturbation | None = None,
-    seed: int = 0,
-    tell: Callable[[str], object] = lambda note: None,
-) -> PhysicsBus:
-    """The bus of a robot whose servos begin at `start`, ticks (n,), as its profile's root says or on `mount`.
-
-    Goals take effect one cycle of the robot after they are written. tell: hears what is left out. The same seed gives
-    the same bits. Raises ConfigError (see `build_world`).
-    """
-    simulation = simulation_of(
-        robot, start=start, scene=scene, mount=mount, perturbation=perturbation, seed=seed, tell=tell
-    )
-    return PhysicsBus(simulation, clock, latency=1.0 / robot.profile.safety.rate_hz)
+def physics_bus(simulation: Simulation, clock: Clock) -> PhysicsBus:
+    """The bus of a robot with mass. Goals take effect one cycle of the robot after they are written."""
+    return PhysicsBus(simulation, clock, latency=1.0 / simulation.world.robot.profile.safety.rate_hz)
 
 
 def physics_wire_bus(
-    robot: RobotBody,
+    simulation: Simulation,
     clock: Clock,
     *,
-    start: TickArray,
-    scene: Scene | None = None,
-    mount: Mount | None = None,
-    perturbation: Perturbation | None = None,
-    seed: int = 0,
     faults: Path | None = None,
     timing: Timing | None = None,
     tell: Callable[[str], object] = lambda note: None,
 ) -> WitnessedBus:
     """As `physics_bus`, through the bytes of emulated servos: the robot's own driver above (see `emulated_bus`).
 
-    Latency is that of the wires. Raises ConfigError as both do.
+    Latency is that of the wires. Raises ConfigError as `emulated_bus` does.
     """
-    simulation = simulation_of(
-        robot, start=start, scene=scene, mount=mount, perturbation=perturbation, seed=seed, tell=tell
-    )
+    robot = simulation.world.robot
+    start = robot.joint_map.to_ticks(simulation.world.start_angles)
     bus = emulated_bus(robot, clock, start=start, faults=faults, timing=timing, simulation=simulation, tell=tell)
     return WitnessedBus(bus, Witness(simulation))
 
@@ -78,7 +55,10 @@ def simulation_of(
     seed: int = 0,
     tell: Callable[[str], object] = lambda note: None,
 ) -> Simulation:
-    """The mechanics of a robot, without a bus (see `physics_bus`)."""
+    """The mechanics of a robot whose servos begin at `start`, ticks (n,), as its profile's root says or on `mount`.
+
+    tell: hears what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
+    """
     trouble = NOMINAL if perturbation is None else perturbation
     world = build_world(
         robot,

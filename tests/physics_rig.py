@@ -12,7 +12,7 @@ from retarget.scene import Scene
 from sim.physics.bus import PhysicsBus
 from sim.physics.mount import Mount
 from sim.physics.perturbation import Perturbation
-from sim.physics_bus import physics_bus
+from sim.physics_bus import physics_bus, simulation_of
 
 DT = 0.008
 
@@ -45,9 +45,10 @@ class PhysicsRig:
     ) -> None:
         self.clock = VirtualClock()
         self.start = standing() if start is None else start
-        self.bus: PhysicsBus = physics_bus(
-            op3(), self.clock, start=self.start, mount=mount, perturbation=perturbation, scene=scene, seed=seed
+        simulation = simulation_of(
+            op3(), start=self.start, mount=mount, perturbation=perturbation, scene=scene, seed=seed
         )
+        self.bus: PhysicsBus = physics_bus(simulation, self.clock)
         self.bus.open()
 
     def arm(self) -> None:

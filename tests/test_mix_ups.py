@@ -3,8 +3,8 @@
 import pytest
 
 from retarget.doctor.mix_ups import SENDERS, advice_for
-from retarget.doctor.recognise import Recognised
 from retarget.live.address import KINDS
+from retarget.sources.datagram_kinds import Recognised
 
 
 def test_every_kind_of_stream_has_a_sender() -> None:

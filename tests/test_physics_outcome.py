@@ -56,7 +56,7 @@ def test_the_report_has_what_the_simulation_saw(bare: RunResult, pushed: Physics
     assert 0.0 < knee.p95 <= knee.max == np.abs(pushed.torque).max(axis=0)[op3().joint_map.joints.index("l_knee")]
     before = pushed.time <= pushed.fall.time  # type: ignore[union-attr]
     assert physics.min_zmp_margin_mm == pytest.approx(1e3 * np.nanmin(pushed.margin[before]))
-    assert physics.sole_tilt_max_deg > 5.0 and (physics.realtime_factor or 0.0) > 0.0 and physics.time_slowed_s is None
+    assert physics.sole_tilt_max_deg > 5.0 and (physics.realtime_factor or 0.0) > 0.0
     assert "no hardware" in physics.heat_model
 
 

@@ -8,7 +8,7 @@ import pytest
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from retarget.robot_body import load_robot
-from sim.physics_bus import physics_bus
+from sim.physics_bus import physics_bus, simulation_of
 
 ROBOTS = sorted(path.parent.name for path in (Path(__file__).parent.parent / "configs/robots").glob("*/robot.yaml"))
 
@@ -19,7 +19,7 @@ def test_it_stands(name: str) -> None:
     if not robot.stands:
         pytest.skip("does not stand on feet")
     start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
-    bus = physics_bus(robot, clock, start=start)
+    bus = physics_bus(simulation_of(robot, start=start), clock)
     bus.open()
     bus.write(ServoGoals(bus.read().position))
     bus.torque(True)

@@ -17,7 +17,7 @@ class WireRig:
     def __init__(self) -> None:
         self.clock = VirtualClock()
         self.start = standing()
-        bus = physics_wire_bus(op3(), self.clock, start=self.start)
+        bus = physics_wire_bus(simulation_of(op3(), start=self.start), self.clock)
         self.bus: ServoBus = bus
         self.witness: Witness = bus.witness
         self.bus.open()

@@ -4,9 +4,9 @@ import pytest
 
 from doctor_rig import mends, text_of
 from retarget.doctor.elsewhere import Stray
-from retarget.doctor.recognise import Recognised
 from retarget.doctor.silence_findings import silence_findings, stray_finding
 from retarget.live.address import parse_address
+from retarget.sources.datagram_kinds import Recognised
 
 VMC = Recognised("vmc", "VMC")
 

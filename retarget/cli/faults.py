@@ -27,7 +27,7 @@ def faults(
     rows: Annotated[bool, typer.Option("--rows/--no-rows", help="Every row alone.")] = True,
     jobs: Annotated[int, typer.Option(help="Processes that share the work.", metavar="N", min=1, max=256)] = 1,
 ) -> None:
-    """Hurt a live run of OP3 on emulated servos in every way of the table, idle, moving and stopping.
+    """Hurt a live run of OP3 on emulated servos in every way of the table, idle, approaching, moving and stopping.
 
     Pipeline, gate, guard and driver are the real ones, on virtual time; goals are judged from the bytes on the wire.
     Exit code 1 when anything was not as it has to be.

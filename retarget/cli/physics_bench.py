@@ -81,7 +81,7 @@ class PhysicsBench:
     def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
         from sim.physics.mount import mount_of
         from sim.physics.perturbation import combined, drawn, trouble_of
-        from sim.physics_bus import physics_bus, physics_wire_bus
+        from sim.physics_bus import physics_bus, physics_wire_bus, simulation_of
 
         options, asked = self._options, self._options.physics
         if asked.root is not None:  # it follows as it is held; its soles are still soles
@@ -91,30 +91,18 @@ class PhysicsBench:
         if mount.support.value == "floor":
             check_stand(robot)
         steady = [drawn(trouble_of(name), asked.seed, within=(0.0, 0.0)) for name in asked.trouble if name != "push"]
-        scene = None if options.scene is None else load_scene(options.scene)
-        start, trouble = standing_ticks(robot), combined(steady)
-        if options.bus == "physics":
-            return physics_bus(
-                robot,
-                clock,
-                start=start,
-                scene=scene,
-                mount=mount,
-                perturbation=trouble,
-                seed=asked.seed,
-                tell=self._note,
-            )
-        return physics_wire_bus(
+        simulation = simulation_of(
             robot,
-            clock,
-            start=start,
-            scene=scene,
+            start=standing_ticks(robot),
+            scene=None if options.scene is None else load_scene(options.scene),
             mount=mount,
-            perturbation=trouble,
+            perturbation=combined(steady),
             seed=asked.seed,
-            faults=options.faults,
             tell=self._note,
         )
+        if options.bus == "physics":
+            return physics_bus(simulation, clock)
+        return physics_wire_bus(simulation, clock, faults=options.faults, tell=self._note)
 
     def _mount(self, robot: RobotBody) -> "Mount | None":
         """What was asked for; None: as the profile says."""

@@ -8,11 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 
-from retarget.doctor.recognise import Recognised, recognise
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, KINDS, LOOPBACK, StreamAddress
 from retarget.live.interfaces import local_interfaces
 from retarget.live.udp import UdpReceiver
+from retarget.sources.datagram_kinds import Recognised, recognise
 from retarget.sources.json_pose import DEFAULT_PORT
 
 __all__ = ["USUAL_PORTS", "Elsewhere", "Stray"]

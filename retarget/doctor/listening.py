@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hardware.clock import Clock
-from retarget.doctor.recognise import Recognised, recognise
 from retarget.live.datagram import Datagram, Source
 from retarget.live.stream import LiveStream
 from retarget.live.trust_state import TrustState
 from retarget.rotations import FloatArray
+from retarget.sources.datagram_kinds import Recognised, recognise
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 
 __all__ = ["FrameNote", "Listening", "listen_to"]

@@ -1,7 +1,7 @@
 """What to do when something else arrives than the address reads: the mix-ups that people make."""
 
-from retarget.doctor.recognise import DAMAGED, Recognised
 from retarget.live.address import KINDS
+from retarget.sources.datagram_kinds import DAMAGED, Recognised
 from retarget.sources.stream_axes import CONVENTIONS
 
 __all__ = ["advice_for"]

@@ -6,9 +6,9 @@ from ipaddress import AddressValueError, IPv4Address
 from retarget.doctor.finding import Finding, mend, note, ok
 from retarget.doctor.listening import Listening
 from retarget.doctor.mix_ups import SENDERS, advice_for
-from retarget.doctor.recognise import DAMAGED
 from retarget.live.address import StreamAddress
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
+from retarget.sources.datagram_kinds import DAMAGED
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.vmc import VmcDecoder
 

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import Self
 
-from retarget.doctor.recognise import recognise
 from retarget.errors import InputError, UsageError
 from retarget.live.address import StreamAddress, parse_address
 from retarget.live.address_options import RECORDED
 from retarget.live.datagram import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
 from retarget.sources import raw_record
+from retarget.sources.datagram_kinds import recognise
 from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import Dropped
 

@@ -27,9 +27,8 @@ class PhysicsReport:
     fallen_at_s: on the run's time; how: in words. toppled: what a parked robot did without torque, if it did not stay
     sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried.
     foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole that carried.
-    time_slowed_s: by which the robot let the performer go ahead; null: not known. torque_nm, temperature_c (hottest):
-    per servo. self_contacts, fixture_contacts: ticks with any. realtime_factor: time of the clip by the wall time that
-    it took; null: nothing was followed.
+    torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.
+    realtime_factor: time of the clip by the wall time that it took; null: nothing was followed.
     """
 
     mount: str
@@ -42,7 +41,6 @@ class PhysicsReport:
     min_zmp_margin_mm: float | None
     foot_slip_mm: dict[str, float]
     sole_tilt_max_deg: float
-    time_slowed_s: float | None
     torque_nm: dict[str, TorqueSpread]
     temperature_c: dict[str, float]
     heat_model: str
@@ -75,7 +73,6 @@ def physics_report(run: RunResult) -> PhysicsReport | None:
         min_zmp_margin_mm=None if margin is None else MM * margin,
         foot_slip_mm=slip | {"total": MM * float(physics.slip.sum())},
         sole_tilt_max_deg=float(np.degrees(physics.tilt)),
-        time_slowed_s=None,
         torque_nm=torque,
         temperature_c=dict(zip(robot.joint_map.joints, physics.hottest.tolist(), strict=True)),
         heat_model=HEAT_MODEL,

@@ -55,7 +55,7 @@ def file_cases() -> list[Case]:
 
 
 def pair_cases() -> list[Case]:
-    """Every two rows, one twice included, idle, moving and stopping."""
+    """Every two rows, one twice included, in the states of `PAIRED`."""
     return [Case(a.name, b.name, when) for a, b in combinations_with_replacement(ROWS, 2) for when in PAIRED]
 
 

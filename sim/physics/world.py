@@ -64,6 +64,12 @@ class World:
         return float(self.model.opt.timestep)
 
     @cached_property
+    def start_angles(self) -> FloatArray:
+        """Of the servo joints at the beginning, (n,) rad."""
+        columns = [self.model.joint(drive.servo.joint).qposadr[0] for drive in self.drives]
+        return np.asarray(self.start[columns])
+
+    @cached_property
     def weight(self) -> float:
         """Of the robot, N."""
         return float(self.model.body_subtreemass[self.root] * -self.model.opt.gravity[2])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mvn_packets import mvn
 from natnet_packets import datagram
 from osc_bytes import bundle, message, pose
-from retarget.doctor.recognise import recognise
+from retarget.sources.datagram_kinds import recognise
 
 CASES = [
     (bundle(pose("/VMC/Ext/Tra/Pos", "human://CHEST")), "vmc", "VMC"),
