@@ -43,7 +43,7 @@ test: $(VENV)/.with-test
 	$(BIN)/python -m pytest -n $(JOBS) -m 'not long' $(PYTEST)
 
 long: $(VENV)/.with-test
-	$(BIN)/python -m pytest -m long $(PYTEST)
+	$(BIN)/python -m pytest -m long --timeout 0 $(PYTEST)
 
 lint: $(VENV)/.with-test $(VENV)/.with-lint
 	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 || { echo 'missing: rustfmt or clippy' >&2; \

@@ -14,6 +14,7 @@ from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
 from hardware.stop_latch import StopLatch
 from hardware.tick_pace import TickPace
+from hardware.unled import Unled
 
 Think = Callable[[ServoStates], FloatArray | None]
 """From the servo states to a goal posture, rad (n,); None: nobody knows one, the robot brakes and holds."""
@@ -61,12 +62,11 @@ class Guard:
         self._states: ServoStates | None = None
         self._sent: TickArray | None = None
         self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
-        self._held_since: float | None = None  # [s] since when nobody knew a goal
         self.paused = False
         """Whether somebody holds the robot on purpose: that may last."""
         self.lack = "no goal"
         """What there is while nobody knows a goal, for the reason of a stop where that lasts too long."""
-        self._pace = TickPace(self.limits.period)
+        self._pace, self._unled = TickPace(self.limits.period), Unled()
 
     @property
     def state(self) -> GuardState:
@@ -227,7 +227,7 @@ class Guard:
             self._hold(halt, begun)
             return
         self._step = StopCause.FILTER
-        self._held_since = None
+        self._unled.led(begun)
         if self._pending is None:
             self._pending = self._filter.admit(goal)
         self._send(self._pending)
@@ -235,10 +235,10 @@ class Guard:
 
     def _hold(self, halt: Halt, now: float) -> None:
         """Brake and stand, torque on, while nobody knows a goal; not for ever."""
-        since = self._held_since = now if self.paused or self._held_since is None else self._held_since
-        if now - since > self.limits.max_hold:
-            lasted = f"{self.lack} for {now - since:.3g} s, allowed {self.limits.max_hold:g} s"
-            self.stop(lasted, StopCause.STALE_GOAL)
+        lasted = self._unled.lasted(now, on_purpose=self.paused)
+        if lasted > self.limits.max_hold:
+            told = f"{self.lack} for {lasted:.3g} s, allowed {self.limits.max_hold:g} s"
+            self.stop(told, StopCause.STALE_GOAL)
             return
         if self._state is not GuardState.ARMED:  # one that has not moved yet waits
             self._state = GuardState.HOLDING

@@ -64,9 +64,9 @@ class GuardLimits:
     degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the present position
     and the way to the goal of the last tick, at once; lasting_error: rad, for lasting_time, s. max_current: A, for
     current_time, s. max_brake_ticks: until the robot must stand; max_home_ticks: from there to where it is parked.
-    max_hold: s without a goal.
-    period: s between ticks, so that late ones are counted; infinite: none is late. lag: s by which each servo's loop
-    follows its goal, in servo order: errors are measured from the way that it lets them go; none: from the goal.
+    max_hold: s without a goal (see `Unled`). period: s between ticks, so that late ones are counted; infinite: none is
+    late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the way that it
+    lets them go; none: from the goal.
     The fields named warn_ are levels, in the same units, at which somebody is told. Beyond those of temperature and
     current the robot is left slow_share of its speed.
     """

@@ -23,7 +23,7 @@ from retarget.rotations import FloatArray
 from retarget.speed_share import SpeedShare
 from retarget.stages import FollowingStage
 from retarget.way_home import WayHome
-from retarget.way_there import way_there
+from retarget.way_there import require_finite, way_there
 
 __all__ = ["GATED_RAD", "RobotSide"]
 
@@ -110,10 +110,11 @@ class RobotSide:
     def begin(self, human: HumanPosture) -> int:
         """Arm. Returns how many ticks of `approach` lead, slowly, to the posture from which to follow: at least.
 
-        Raises GuardError or BusError when the robot cannot be armed.
+        Raises GuardError or BusError when the robot cannot be armed, RetargetError where nobody knows where to go.
         """
         posture = self._follower.start(human)
         arrival = self._follower.arrive(human, self._dt)
+        require_finite(posture, *arrival)
         if arrival:
             # Following begins with a tick of rest there.
             self._first = arrival[-1]
@@ -126,8 +127,7 @@ class RobotSide:
         if self._clearance is not None:
             self._clearance.begin(self._before, present)
         self._deadline = self._clock.now()
-        joints = [there.joint_positions for there in arrival]
-        self._way = way_there(self.robot, present, posture.joint_positions, joints, dt=self._dt)
+        self._way = way_there(self.robot, present, [one.joint_positions for one in (posture, *arrival)], dt=self._dt)
         return self._way.ticks
 
     def new_record(self, rows: int) -> RobotRecord:

@@ -110,15 +110,27 @@ def test_nobody_holds_for_ever() -> None:
     rig.guard.arm()
     rig.run(95, lambda _: None)
     assert rig.state() is GuardState.ARMED  # it has not moved yet: it waits
-    rig.run(20)
+    rig.run(55)
     rig.run(95, lambda _: None)
-    rig.run(5)
+    rig.run(55)
     rig.run(95, lambda _: None)
     assert rig.state() is GuardState.HOLDING
     rig.run(200, lambda _: None)
     assert rig.state() is GuardState.STOPPED
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
     assert "no goal for 1.01 s, allowed 1 s" in rig.guard.stop_reason.reason
+
+
+def test_a_goal_now_and_then_does_not_lead() -> None:
+    rig = Rig(limits=GuardLimits(max_hold=1.0))
+    rig.guard.arm()
+    for _ in range(4):
+        rig.run(1)
+        rig.run(20, lambda _: None)
+    assert rig.state() is GuardState.HOLDING
+    rig.run(30)
+    rig.run(40, lambda _: None)
+    assert rig.state() is GuardState.STOPPED
 
 
 def test_nobody_waits_for_ever_with_torque_before_the_first_goal() -> None:

@@ -1,9 +1,13 @@
 """From where a robot was found to where following begins: no joint beyond its share of speed."""
 
-import numpy as np
+from dataclasses import replace
 
-from followers import DT, op3
-from retarget.way_there import way_there
+import numpy as np
+import pytest
+
+from followers import DT, follower, op3, performer, postures
+from hardware.errors import RetargetError
+from retarget.way_there import require_finite, way_there
 
 
 def test_no_joint_exceeds_its_share_and_it_ends_where_following_begins() -> None:
@@ -11,7 +15,7 @@ def test_no_joint_exceeds_its_share_and_it_ends_where_following_begins() -> None
     there = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
     present = there - 0.2
     arrival = there + (s**3 * (10.0 - 15.0 * s + 6.0 * s**2)) * np.linspace(-0.6, 0.6, 20)
-    way = way_there(robot, present, there, list(arrival), dt=DT)
+    way = way_there(robot, present, [there, *arrival], dt=DT)
     got = [present, *(way.next() for _ in range(way.ticks))]
     steps = np.diff(got, axis=0)
     most = robot.profile.safety.speed_caps.approach * robot.joint_map.max_velocity * DT
@@ -23,4 +27,12 @@ def test_no_joint_exceeds_its_share_and_it_ends_where_following_begins() -> None
 def test_who_is_there_already_has_no_way() -> None:
     robot = op3()
     there = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    assert way_there(robot, there, there, [], dt=DT).done
+    assert way_there(robot, there, [there], dt=DT).done
+
+
+def test_a_way_that_nobody_knows_is_refused() -> None:
+    posture = follower().start(postures(performer())[0])
+    require_finite(posture, posture)
+    unknown = replace(posture, q=np.full_like(posture.q, np.nan))
+    with pytest.raises(RetargetError, match="not finite in 1 of 2 postures"):
+        require_finite(posture, unknown)

@@ -33,6 +33,8 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
     wrong += _haste(bench, trace, ways, dt) + _stop(bench, trace, ways, writes, dt)
     if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
         wrong.append("nothing was done, and nobody was told why")
+    if trace.endless:
+        wrong.append("the run did not end")
     return wrong + _torque(bench, trace)
 
 

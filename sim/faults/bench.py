@@ -44,6 +44,8 @@ BEFORE_OPENING, BEFORE_ARMING = -1.0, -0.5
 """Times of what is done before a run begins."""
 AFTERWARDS_S = 0.3
 """So long the servos are looked at after the host has ended."""
+ENDLESS_S = 60.0
+"""By how much a run may be longer than what was to be followed, s: countdown, approach, holds on the way, parking."""
 
 
 class Bench:
@@ -139,6 +141,9 @@ class Bench:
             if trace.rebased is None and self.stream.clock_map.jumps:
                 trace.rebased = now
             self._act(now)
+            if now > self._duration + ENDLESS_S:
+                trace.endless = True
+                self.kill()
             return state
 
         place, valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)

@@ -123,7 +123,7 @@ HOST_ROWS: tuple[Row, ...] = (
     Row("wall clock an hour on", Reaction.NONE, 0.0, _wall_clock(HOUR_S)),
     Row("wall clock an hour back", Reaction.NONE, 0.0, _wall_clock(-HOUR_S)),
     Row("solver not finite", Reaction.STAND, 0.050, _when_following(_follower(_not_finite)), Idle.REFUSES),
-    Row("solver not finite once", Reaction.MAY_HOLD, 0.0, _when_following(_follower(_not_finite, 1))),
+    Row("solver not finite once", Reaction.MAY_HOLD, 0.0, _when_following(_follower(_not_finite, 1)), Idle.REFUSES),
     Row("deadline missed", Reaction.HOLD, 0.030, _when_following(_late())),
     Row("deadline missed once", Reaction.NONE, 0.0, _when_following(_late(1))),
     Row("clearance below margin", Reaction.GATED, 0.0, _when_following(_follower(_inwards)), after=1.2),

@@ -29,7 +29,7 @@ class Trace:
     began: when following began. arrived: when the robot was where it follows from. gone: when the host was killed.
     acted: when a fault that waits for its cue had it. rebased: when a leap of the sender's clock was
     understood. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all servos in the end.
-    mute: the host could not write any more. left: nobody looked at how it ended.
+    mute: the host could not write any more. left: nobody looked at how it ended. endless: it did not end.
     """
 
     ticks: list[Tick] = field(default_factory=list)
@@ -48,6 +48,7 @@ class Trace:
     ended: float = 0.0
     mute: bool = False
     left: bool = False
+    endless: bool = False
     error: str = ""
     torque: list[int] = field(default_factory=list)
 
