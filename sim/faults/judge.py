@@ -10,7 +10,6 @@ from sim.faults.judge_idle import idle_wrong
 from sim.faults.reaction import Reaction, Row
 from sim.faults.reactions import HELD_S, Seen, late, reacted
 from sim.faults.sender import FakeSender
-from sim.faults.stream_rows import STREAM_ROWS
 from sim.faults.trace import Trace
 
 __all__ = ["ENGAGING_S", "IDLE_S", "ONSET", "STOP_BEFORE", "Verdict", "When", "hurt_run", "judged", "verdict_of"]
@@ -52,13 +51,13 @@ def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
 
 
 def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
-    """Run a row. Where a sender's fault is outlived, the end of the run is not waited for: it is that of any other."""
+    """Run a row. Where a fault is outlived, the end of the run is not waited for: who is hurt while stopping sees it."""
     followed = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}
     duration = followed.get(when, ENGAGING_S)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer)
     if when is When.STOPPING:
         bench.at(ONSET - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
-    bench.leaves = row.reaction in OUTLIVED and row in STREAM_ROWS and when is not When.STOPPING
+    bench.leaves = row.reaction in OUTLIVED and when is not When.STOPPING
     if when is When.APPROACHING:
         bench.approaching = True
         if row.reaction in OUTLIVED:
