@@ -5,6 +5,7 @@ import threading
 
 import pytest
 
+from hardware.clock import VirtualClock
 from retarget.cli.interrupt import REASONS, SIGNALS, all_as_ctrl_c, stop_on_signals
 
 
@@ -21,14 +22,26 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
     assert signal.getsignal(number) is before
 
 
-@pytest.mark.parametrize("first", SIGNALS)
-def test_a_second_ctrl_c_insists_and_does_not_raise(first: signal.Signals) -> None:
+@pytest.mark.parametrize("first", [number for number in SIGNALS if number != signal.SIGINT])
+def test_ctrl_c_after_another_signal_insists_and_does_not_raise(first: signal.Signals) -> None:
     with stop_on_signals() as asked:
         signal.raise_signal(first)
         assert asked() and not asked.insisted()
         for _ in range(3):
             signal.raise_signal(signal.SIGINT)
             assert asked() and asked.insisted()
+
+
+def test_ctrl_c_that_is_held_asks_and_pressed_again_it_insists() -> None:
+    clock = VirtualClock()
+    with stop_on_signals(clock) as asked:
+        for _ in range(60):  # as a keyboard repeats it
+            signal.raise_signal(signal.SIGINT)
+            clock.advance(0.03)
+            assert asked() and not asked.insisted()
+        clock.advance(0.3)
+        signal.raise_signal(signal.SIGINT)
+        assert asked.insisted()
 
 
 def test_a_service_that_is_told_twice_still_brakes() -> None:

@@ -6,6 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from hardware.clock import Clock, MonotonicClock
+from retarget.cli.second_press import SecondPress
+
 __all__ = ["StopRequest", "all_as_ctrl_c", "stop_on_signals"]
 
 REASONS = {
@@ -67,16 +70,18 @@ def all_as_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def stop_on_signals() -> Iterator[StopRequest]:
-    """SIGINT, SIGTERM and SIGHUP (a terminal that is gone) ask to stop; SIGINT after any of them insists.
+def stop_on_signals(clock: Clock | None = None) -> Iterator[StopRequest]:
+    """SIGINT, SIGTERM and SIGHUP (a terminal that is gone) ask to stop; SIGINT after another of them insists, and so
+    does Ctrl-C that is pressed again (see `SecondPress`): held, it repeats.
 
     None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
     """
-    request = StopRequest()
+    request, key, time = StopRequest(), SecondPress(), clock or MonotonicClock()
 
     def handle(number: int, frame: FrameType | None) -> None:
         why = REASONS[signal.Signals(number).name]
-        if number == signal.SIGINT and request():
+        again = number == signal.SIGINT and key.pressed(1, time.now())
+        if again or (number == signal.SIGINT and request() and request.why() != REASONS["SIGINT"]):
             request.insist(why)
         else:
             request.ask(why)

@@ -51,7 +51,7 @@ def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
 
 
 def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
-    """Run a row. Where a fault is outlived, the end of the run is not waited for: who is hurt while stopping sees it."""
+    """Run a row. What is outlived is not seen to the end of the run: a row that hurts while stopping is."""
     followed = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}
     duration = followed.get(when, ENGAGING_S)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer=row.performer)
