@@ -20,6 +20,7 @@ COMMANDS = {
     "inspect": "Say what is in a motion file.",
     "check": "Validate profiles, priorities, performers and scenes.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",
+    "view": "Look at a recorded run on a web page.",
     "robots": "List the robots known by name.",
     "emulate": "Answer as a robot's servos would, on a serial port.",
     "servo": "Work with servos: find, set up, watch, rest, reboot, home.",

@@ -1,0 +1,32 @@
+"""`retarget view FILE`: a recorded run on a web page that only this machine reaches."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hardware.clock import MonotonicClock
+from retarget.cli.interrupt import stop_on_signals
+from retarget.viewer.page import RecordedPage
+from retarget.viewer.recorded import open_recorded
+from retarget.viewer.server import open_server
+
+SHOWN_HZ = 30.0
+
+
+def view(
+    file: Annotated[Path, typer.Argument(help="A run that was saved: retarget run --save FILE.npz.", metavar="FILE")],
+    port: Annotated[int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0)] = 8080,
+) -> None:
+    """Show a recorded run on a web page: performer, robot, goals and joints, at any speed. Ctrl-C ends it.
+
+    Open the address that is printed; its key keeps other pages and users out.
+    """
+    run = open_recorded(file)
+    server, address = open_server(port, title=f"retarget: {file.name}")
+    page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
+    typer.echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")
+    with stop_on_signals() as stop:
+        while not stop():
+            page.tick()
+            clock.sleep_until(clock.now() + 1.0 / SHOWN_HZ)

@@ -1,0 +1,92 @@
+"""`--view`: a run on a web page while it goes on."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import typer
+
+from retarget.cli.interrupt import StopRequest
+from retarget.options import RunOptions
+from retarget.pipeline import Watch
+from retarget.prepare import Prepared
+from retarget.record import Phase, Record
+from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
+
+__all__ = ["ON_THE_PAGE", "Viewing", "viewing"]
+
+ON_THE_PAGE = "stopped on the web page"
+PHASES = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
+
+
+class Viewing:
+    """A run whose page is open, or that has none: then it changes nothing."""
+
+    def __init__(self, feed: ViewFeed | None) -> None:
+        self._feed = feed
+
+    def heard(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
+        """What is to be asked before every tick instead: the button of the page is `stop`, too."""
+        feed = self._feed
+        if feed is None:
+            return asked
+
+        def either() -> bool:
+            if feed.stop_asked() and not stop():
+                stop.ask(ON_THE_PAGE)
+            return asked()
+
+        return either
+
+    def watch(self, watch: Watch) -> Watch:
+        """The same, and every tick may be shown."""
+        feed = self._feed
+        if feed is None:
+            return watch
+        on_row, show = watch.on_row, feed.on_row
+
+        def both(record: Record, row: int) -> None:
+            on_row(record, row)
+            show(record, row)
+
+        return replace(watch, on_row=both)
+
+
+@contextmanager
+def viewing(
+    port: int | None, prepared: Prepared, options: RunOptions, words: Callable[[], str] | None = None
+) -> Iterator[Viewing]:
+    """Open the page of a run on a port of this machine; None: there is none. words: what it does now, where the phase
+    of its tick does not say enough. Raises RefusedError for a page that does not open."""
+    if port is None:
+        yield Viewing(None)
+        return
+    with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
+        feed.words = _words(prepared, words)
+        typer.echo(f"Look at it: {feed.address}", err=True)
+        yield Viewing(feed)
+
+
+def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
+    side = prepared.side
+    return PageSetup(
+        title=f"retarget: {options.robot}",
+        port=port,
+        robot="" if side is None else str(side.robot.profile.path),
+        root=(options.physics.root or "") if side is not None else "",
+        scene="" if options.scene is None else str(options.scene),
+        human_mjcf=prepared.human.mjcf,
+    )
+
+
+def _words(prepared: Prepared, words: Callable[[], str] | None) -> Callable[[], tuple[str, str]]:
+    side = prepared.side
+    if side is None:
+        return lambda: ("following", "")
+
+    def now() -> tuple[str, str]:
+        stop = side.guard.stop_reason
+        state = PHASES[side.phase] if words is None else words()
+        return (state, "") if stop is None else ("stopping" if side.guard.active else "stopped", stop.reason)
+
+    return now

@@ -1,0 +1,148 @@
+"""The run's end of a page: what happens goes out, and nothing comes in but that somebody wants it to stop.
+
+The page is served by a process of its own. Between them is a pair of sockets whose ends never wait: what the other does
+not take at once is dropped, so that a page that is slow, stopped or dead costs a tick nothing.
+"""
+
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from retarget.errors import ConfigError
+from retarget.record import Record
+from retarget.viewer.wire import LiveRow, pack
+
+__all__ = ["Announced", "PageSetup", "ViewFeed", "open_feed"]
+
+SHOWN_HZ = 25.0
+STOP = b"stop"
+READY, REFUSED = b"ready ", b"refused "
+START_S = 30.0
+"""A page that is not there by then is not coming."""
+BUFFER_BYTES = 1 << 17
+LONGEST_MESSAGE = 4096
+
+
+@dataclass(frozen=True)
+class PageSetup:
+    """What the process of a page is told at its start. robot: name or file of the profile, "" for a human alone; root:
+    how it stands in the world, "" as its profile says; scene: file or name, "" for none."""
+
+    title: str
+    port: int
+    robot: str
+    root: str
+    scene: str
+    human_mjcf: str
+
+
+@dataclass(frozen=True)
+class Announced:
+    """What it is told before the first row: names of the landmarks, and how many observers there are."""
+
+    landmarks: tuple[str, ...]
+    observers: int
+
+
+class ViewFeed:
+    """link: to the process of the page, never waiting. every: ticks from one moment that is shown to the next."""
+
+    def __init__(self, link: socket.socket, process: "subprocess.Popen[bytes]", *, address: str, every: int) -> None:
+        self.address = address
+        self.words: Callable[[], tuple[str, str]] = lambda: ("", "")
+        """What the robot does now, and why; asked when a moment is shown."""
+        self._link, self._process, self._every = link, process, every
+        self._ticks = 0
+        self.dropped = 0
+        """Moments that nobody took."""
+        self._stop = self._announced = False
+
+    def on_row(self, record: Record, row: int) -> None:
+        """A tick was kept in a row of the record; some times a second it is shown."""
+        self._ticks += 1
+        if self._ticks % self._every:
+            return
+        try:
+            if not self._announced:
+                self._link.send(json.dumps(asdict(_announced(record))).encode())
+                self._announced = True
+            self._link.send(pack(_row(record, row, self.words())))
+        except OSError:  # full, or gone
+            self.dropped += 1
+
+    def stop_asked(self) -> bool:
+        """Whether somebody pressed the button of the page, ever."""
+        try:
+            if self._link.recv(LONGEST_MESSAGE) == STOP:
+                self._stop = True
+        except OSError:  # nothing there, or nobody
+            pass
+        return self._stop
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The page ends by itself when its link does."""
+        self._link.close()
+
+
+def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
+    """Start the process of a page and wait until it is there. Raises ConfigError or what it refuses."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    for end in (ours, theirs):
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+    with theirs:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "retarget.viewer.live_process", str(theirs.fileno())],
+            pass_fds=(theirs.fileno(),),
+            stdin=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the run
+        )
+    assert process.stdin is not None
+    try:
+        with process.stdin as told:
+            told.write(json.dumps(asdict(setup)).encode())
+        ours.settimeout(START_S)
+        answer = ours.recv(LONGEST_MESSAGE)
+    except OSError as error:
+        answer = REFUSED + f"the page did not open: {error}".encode()
+    if not answer.startswith(READY):
+        ours.close()
+        process.kill()
+        raise ConfigError(answer.removeprefix(REFUSED).decode(errors="replace") or "the page did not open")
+    ours.setblocking(False)
+    address = answer.removeprefix(READY).decode()
+    return ViewFeed(ours, process, address=address, every=max(round(rate_hz / SHOWN_HZ), 1))
+
+
+def _announced(record: Record) -> Announced:
+    robot = record.robot
+    return Announced((), 0) if robot is None else Announced(robot.landmark_names, robot.observer_modes.shape[1])
+
+
+def _row(record: Record, row: int, words: tuple[str, str]) -> LiveRow:
+    (state, why), human, robot = words, record.human.q[row], record.robot
+    if robot is None:
+        none = np.zeros(0)
+        return LiveRow(0.0, state, why, none, human, none, none, np.zeros((0, 3)), np.zeros(0, dtype=np.uint8))
+    return LiveRow(
+        float(robot.bus_time[row]),
+        state,
+        why,
+        robot.q[row],
+        human,
+        robot.present[row],
+        robot.temperature[row],
+        robot.landmarks_asked[row],
+        robot.observer_modes[row],
+    )

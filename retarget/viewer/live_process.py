@@ -1,0 +1,124 @@
+"""The process that serves the page of a run: `python -m retarget.viewer.live_process FD`, its setup as JSON on stdin.
+
+FD is its end of the pair of sockets that `feed` has the other end of; when that one is closed, it ends.
+"""
+
+import json
+import os
+import select
+import signal
+import socket
+import sys
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from hardware.clock import MonotonicClock
+from retarget.body_file import Root, compile_body, compile_body_text
+from retarget.errors import RetargetError
+from retarget.robot_body import load_robot
+from retarget.scene import load_scene
+from retarget.scene_motion import SceneState
+from retarget.viewer.feed import LONGEST_MESSAGE, READY, REFUSED, STOP, Announced, PageSetup
+from retarget.viewer.live_page import LivePage
+from retarget.viewer.moment import Cast, Standing, actor
+from retarget.viewer.server import open_server
+from retarget.viewer.solids import shape_mesh
+from retarget.viewer.wire import RowSizes, unpack
+
+NICENESS = 10
+"""The run comes first."""
+LAST_SHOWN_S = 2.0
+"""So long the end stays on the page: whoever looks sees why."""
+LONGEST_ROW = 1 << 16
+
+
+def main(arguments: list[str]) -> int:
+    """Serve until the run ends."""
+    os.nice(NICENESS)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    link = socket.socket(fileno=int(arguments[0]))
+    try:
+        setup = _setup(sys.stdin.read())
+        cast = _cast(setup)
+        server, address = open_server(setup.port, title=setup.title)
+    except RetargetError as error:
+        link.send(REFUSED + str(error).encode()[: LONGEST_MESSAGE - len(REFUSED)])
+        return 2
+
+    def stop() -> None:
+        with suppress(OSError):
+            link.send(STOP)
+
+    link.send(READY + address.encode())
+    first = link.recv(LONGEST_ROW)
+    if first:
+        page = LivePage(server, replace(cast, landmarks=announced(first).landmarks), stop)
+        _serve(link, page, _sizes(cast, announced(first)))
+        page.end("the run has ended")
+        server.flush()
+        clock = MonotonicClock()
+        clock.sleep_until(clock.now() + LAST_SHOWN_S)
+    return 0
+
+
+def announced(message: bytes) -> Announced:
+    """What the run says of its rows."""
+    told = json.loads(message)
+    return Announced(tuple(told["landmarks"]), told["observers"])
+
+
+def _sizes(cast: Cast, told: Announced) -> RowSizes:
+    robot = cast.profile
+    return RowSizes(
+        robot=0 if robot is None else robot.body.nq,
+        human=cast.human.body.nq,
+        servos=len(cast.joints),
+        landmarks=len(told.landmarks),
+        observers=told.observers,
+    )
+
+
+def _serve(link: socket.socket, page: LivePage, sizes: RowSizes) -> None:
+    """Show the newest row, again and again, until the run has ended."""
+    while newest := link.recv(LONGEST_ROW):
+        while newest and select.select([link], [], [], 0.0)[0]:  # what is older is not shown any more
+            newest = link.recv(LONGEST_ROW)
+        row = unpack(newest, sizes)
+        if row is not None:
+            page.show(row)
+        if not newest:
+            return
+
+
+def _setup(text: str) -> PageSetup:
+    return PageSetup(**json.loads(text))
+
+
+def _cast(setup: PageSetup) -> Cast:
+    human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
+    if not setup.robot:
+        return Cast(setup.title, None, human, (), ())
+    roots: dict[str, Root] = {"free": "free", "fixed": "fixed", "suspended": "suspended"}
+    root = roots.get(setup.root)
+    robot = load_robot(setup.robot, root=root)
+    shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
+    return Cast(setup.title, shown, human, robot.joint_map.joints, (), robot, _around(setup.scene))
+
+
+def _around(scene: str) -> tuple[Standing, ...]:
+    """What of a scene stands still, in the world of the robot."""
+    if not scene:
+        return ()
+    state = SceneState(load_scene(scene))
+    poses, shapes = state.at(0.0), state.shapes
+    parts = zip(shapes.names, shapes.kinds, shapes.sizes, poses.position, poses.quat, strict=True)
+    return tuple(
+        Standing(name, shape_mesh(int(kind), size), np.asarray(position), np.asarray(quat))
+        for name, kind, size, position, quat in parts
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
