@@ -52,7 +52,7 @@ SCHEMAS: dict[str, str] = {
     "retarget_msgs/msg/Tick": _definition(
         "std_msgs/Header header\nuint32 cycle\nint32 tick\nuint32 asked\nint8 phase\nuint8 state\nuint8 sampled\n"
         "uint8 written\nbool kept\nbool gated\nbool unled\nuint8 readings\nfloat64 settled\nfloat64[] clock\n"
-        "int32[] goal\nfloat64[] root\nfloat64[] sensor_weight\nbool weighted\nbool[] sensor_valid\n"
+        "int32[] goal\nfloat32[] root\nfloat64[] sensor_weight\nbool weighted\nbool[] sensor_valid\n"
         "bool[] sensor_oriented\nuint8[] observer_modes\nuint8[] human_observer_modes\nfloat32[] cost\n",
         _HEADER,
         _TIME,

@@ -18,9 +18,10 @@ SENSORS, JOINTS, GOALS, SERVOS, TICK = "/sensors", "/joint_states", "/goals", "/
 LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", "/human/posture", "/tf"
 EVENTS = "/events"
 WORLD = "world"
-EVERY_S = 0.04
-"""Between two messages of what can be computed again: postures of the human, frames, landmarks."""
-FRAMES_EVERY_S = 0.08
+EVERY_S, SELDOM_S = 0.04, 0.08
+"""Between two messages of what is there to be looked at, and can be computed again from the rest."""
+STEP = 2.0**-16
+"""Of such numbers, m or rad: 15 um. Most of their bytes are then zeros."""
 
 Mask = NDArray[np.bool_]
 
@@ -64,18 +65,18 @@ def topics(
     robot: RobotBody | None,
 ) -> list[Topic]:
     """Every topic with cycles in it; those of a robot only where there is one."""
-    seldom = _every(EVERY_S, dt)
+    often, seldom = _every(EVERY_S, dt), _every(SELDOM_S, dt)
     own = [
         _sensors(sensors),
         _tick(shape),
-        _points(HUMAN_JOINTS, human_joints, seldom, lambda cycles: cycles.human_joints),
+        _points(HUMAN_JOINTS, human_joints, often, lambda cycles: cycles.human_joints),
         _posture(shape.human, seldom if robot is not None else _kept),
     ]
     if robot is None:
         return own
     servos = robot.joint_map
-    own += [_joints(servos), _goals(servos.joints), _servos(servos), _frames(robot, _every(FRAMES_EVERY_S, dt))]
-    return [*own, _points(LANDMARKS, landmarks, seldom, lambda cycles: cycles.landmarks)]
+    own += [_joints(servos, often), _goals(servos.joints), _servos(servos), _frames(robot, seldom)]
+    return [*own, _points(LANDMARKS, landmarks, often, lambda cycles: cycles.landmarks)]
 
 
 def _kept(cycles: Cycles) -> Mask:
@@ -89,8 +90,8 @@ def _every(seconds: float, dt: float) -> Callable[[Cycles], Mask]:
 
 
 def _rounded(values: FloatArray) -> FloatArray:
-    """To single precision, so that half of the bytes are zeros: for what can be computed again."""
-    return values.astype(np.float32).astype(np.float64)
+    """To whole STEPs."""
+    return np.asarray(np.rint(values / STEP) * STEP)
 
 
 def _turned(orientation: FloatArray) -> FloatArray:
@@ -136,7 +137,7 @@ def _posture(size: int, which: Callable[[Cycles], Mask]) -> Topic:
     return Topic(HUMAN_POSTURE, "retarget_msgs/msg/Posture", (), layout, which, fill)
 
 
-def _joints(servos: JointMap) -> Topic:
+def _joints(servos: JointMap, which: Callable[[Cycles], Mask]) -> Topic:
     """Where the joints were, by what the servos said."""
 
     def fill(rows: Rows, cycles: Cycles) -> None:
@@ -151,16 +152,16 @@ def _joints(servos: JointMap) -> Topic:
         "sensor_msgs/msg/JointState",
         names,
         layout,
-        lambda cycles: np.asarray(cycles.read == Done.WELL),
+        lambda cycles: which(cycles) & (cycles.read == Done.WELL),
         fill,
     )
 
 
 def _goals(names: tuple[str, ...]) -> Topic:
-    """What was sent, before it was rounded to ticks."""
+    """What was sent, before it was rounded to ticks; in single precision, far finer than those."""
 
     def fill(rows: Rows, cycles: Cycles) -> None:
-        rows["position"] = cycles.q
+        rows["position"] = cycles.q.astype(np.float32)
 
     builder = CdrBuilder().header("").texts(names).sequence("position", "float64", len(names))
     return Topic(GOALS, "sensor_msgs/msg/JointState", names, builder.count(0).count(0).build(), _kept, fill)
@@ -232,7 +233,7 @@ def _tick(shape: Shape) -> Topic:
     for name, kind, _ in TICK_FIELDS:
         builder.scalar(name, kind)
     builder.sequence("clock", "float64", READINGS).sequence("goal", "int32", shape.servos)
-    builder.sequence("root", "float64", shape.rest).sequence("sensor_weight", "float64", shape.sensors)
+    builder.sequence("root", "float32", shape.rest).sequence("sensor_weight", "float64", shape.sensors)
     builder.scalar("weighted", "bool").sequence("sensor_valid", "bool", shape.sensors)
     builder.sequence("sensor_oriented", "bool", shape.sensors)
     builder.sequence("observer_modes", "uint8", shape.observers)

@@ -16,7 +16,7 @@ from retarget.recording.topics import EVENTS, Topic
 
 __all__ = ["FLUSH_S", "WritingThread"]
 
-FLUSH_S = 0.25
+FLUSH_S = 0.4
 """Between two chunks: what a crash loses, and a chunk that is under way."""
 PATIENCE_S = 5.0
 """How long closing waits for a disk that hangs."""
