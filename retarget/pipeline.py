@@ -29,12 +29,13 @@ HELD_UP_S = 10.0
 class Watch:
     """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at when a tick is due,
     before anything is sent in it; cut_asked: before every tick of braking, whether torque is to go off at once. why:
-    who asked for the stop."""
+    who asked for the stop. on_row: told the record, and its row that was just filled."""
 
     on_tick: Callable[[int], object] = lambda done: None
     stop_asked: Callable[[], bool] = lambda: False
     cut_asked: Callable[[], bool] = lambda: False
     why: Callable[[], str] = lambda: INTERRUPTED
+    on_row: Callable[[Record, int], object] = lambda record, row: None
     every: int = 50
 
 
@@ -59,6 +60,7 @@ class Pipeline:
         self._tick = 0  # of the clip
         self._row = 0  # of the record
         self._record: Record
+        self._on_row: Callable[[Record, int], object]
 
     def run(self, watch: Watch | None = None) -> Ending:
         """Play the clip to its end, to a stop of the guard, or until somebody asks to stop.
@@ -68,7 +70,7 @@ class Pipeline:
         """
         watch = Watch() if watch is None else watch
         cut_asked = Unfailing(watch.cut_asked)  # whatever it fails with, the robot brakes with torque
-        watch = replace(watch, cut_asked=cut_asked)
+        watch, self._on_row = replace(watch, cut_asked=cut_asked), watch.on_row
         first = self._clip.sample(0)
         assert first is not None, "nobody is followed from the start"
         self._human = self._reconstructor.start(first)
@@ -154,6 +156,7 @@ class Pipeline:
             return
         self._keep_human(row, error=robot is None or robot.phase is Phase.FOLLOW)
         record.timing.cycle[row] = self._wall.now() - begun
+        self._on_row(record, row)
         begins = robot is not None and robot.approaching and robot.following  # which may take as long as it likes
         self._row = min(row + 1, self._last_of_approach if begins else len(record) - 1)
 

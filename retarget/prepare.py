@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,9 +35,10 @@ from retarget.run_result import RunResult
 from retarget.samples import Performance, Samples
 from retarget.scene import load_scene
 from retarget.scene_motion import SceneState
+from retarget.sensor_intake import IntakeTimes
 from retarget.stages import ReconstructingStage
 
-__all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for"]
+__all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for", "priority_names"]
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
@@ -75,6 +76,7 @@ class Prepared:
     notes: tuple[str, ...]
     scene: SceneState | None = None
     observers: Observers | None = None
+    intake: IntakeTimes = field(default_factory=IntakeTimes)
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
@@ -153,8 +155,8 @@ def prepare_for(
     notes = (*performance.notes, *(() if robot is None else robot.body.notes))
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
-        worn = reconstructor.observers
-        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, worn)
+        worn, intake = reconstructor.observers, performance.intake
+        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, worn, intake)
         return
     bus = make_bus(robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
@@ -168,8 +170,8 @@ def prepare_for(
     failed = True
     try:
         has_bus = options.bus != "none"
-        worn = follower.observers
-        yield Prepared(samples, human, performer, reconstructor, side, stages, has_bus, notes, scene, worn)
+        worn, intake = follower.observers, performance.intake
+        yield Prepared(samples, human, performer, reconstructor, side, stages, has_bus, notes, scene, worn, intake)
         failed = side.guard.stop_reason is not None
     finally:
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
@@ -177,15 +179,21 @@ def prepare_for(
             bus.close()
 
 
-def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:
-    """The priority files of both stages; `--priorities` is the last one's."""
+def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, ...]:
+    """The priority files of the stages, by name or path; `--priorities` is the last one's."""
     if robot is None:
-        name = options.priorities or HUMAN_PRIORITIES
-        for_human = load_priorities(name)
-        check_for_human(for_human, name)
-        return for_human, None
+        return (options.priorities or HUMAN_PRIORITIES,)
     usual = WITH_MASS if options.has_physics and robot.stands else robot.profile.retarget
-    return load_priorities(robot.profile.reconstruct), load_priorities(options.priorities or usual)
+    return robot.profile.reconstruct, options.priorities or usual
+
+
+def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:
+    """The priority files of both stages."""
+    names = priority_names(robot, options)
+    first, *others = (load_priorities(name) for name in names)
+    if robot is None:
+        check_for_human(first, names[0])
+    return first, next(iter(others), None)
 
 
 def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:

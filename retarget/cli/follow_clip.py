@@ -19,33 +19,41 @@ from retarget.metrics.measure import measure
 from retarget.options import RunOptions
 from retarget.pipeline import Watch
 from retarget.prepare import prepare
+from retarget.recording.recorder import Recorder
 from retarget.report import Report
 from retarget.run_result import RunResult
 
 __all__ = ["finished", "follow_clip"]
 
 
-def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs) -> int:
+def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs, *, source: str = "") -> int:
     """Run, write the files, show a summary. Returns the exit code: done, or stopped (also: a file is not written).
 
-    read: opens the source. Raises RetargetError for what cannot be run; then nothing has moved and nothing is written.
+    read: opens the source, which a recording calls `source`. Raises RetargetError for what cannot be run; then nothing
+    has moved and nothing is written.
     """
     clock = VirtualClock() if options.simulated else MonotonicClock()
     bench = PhysicsBench(options, _note)
+    parks = options.has_physics  # without torque it would fall from where it stands
+    recorder = Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note)
     with detached_screens(), ExitStack() as signals:
         with prepare(
             read,
             options,
-            clock=clock,
-            make_bus=bench.make_bus,
-            parks=options.has_physics,  # without torque it would fall from where it stands
-            tell=_note,
+            clock=recorder.clock,
+            make_bus=recorder.make_bus(bench.make_bus),
+            parks=parks,
+            tell=recorder.hears(_note),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
-            with progress_bar(options.robot, prepared.samples.ticks) as show:
-                run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why))
+            with (
+                recorder.recording(prepared, source=source) as recorded,
+                progress_bar(options.robot, prepared.samples.ticks) as show,
+            ):
+                watch = Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why)
+                run = recorded.run(recorder.watch(watch, prepared))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
-        return finished(bench.seen(run), outputs)
+        return recorder.code(finished(bench.seen(run), outputs))
 
 
 def finished(run: RunResult, outputs: Outputs) -> int:

@@ -32,6 +32,7 @@ from retarget.performer import Performer
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared, prepare_for
 from retarget.record import Phase
+from retarget.recording.recorder import Recorder
 from retarget.robot_body import RobotBody
 from retarget.run_result import RunResult
 from retarget.samples import Performance
@@ -86,6 +87,8 @@ def follow_live(
     refuse_oversight(oversight, virtual=virtual)
     clock: Clock = VirtualClock() if virtual else MonotonicClock()
     bench = PhysicsBench(options, _tell)
+    recorder = Recorder(outputs.record, options, clock=clock, parks=True, tell=_tell)
+    tell = recorder.hears(_tell)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
         tap = None if record_raw is None else stack.enter_context(_raw_tap(record_raw, address.text))
@@ -94,20 +97,20 @@ def follow_live(
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
             stack.callback(stream.receiver.close)
             rate = HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
-            return begin_live(stream, live, clock=clock, rate_hz=rate, where=address.text, tell=_tell)
+            return begin_live(stream, live, clock=clock, rate_hz=rate, where=address.text, tell=tell)
 
         with prepare_for(
             perform,
             options,
-            clock=clock,
-            make_bus=bench.make_bus,
+            clock=recorder.clock,
+            make_bus=recorder.make_bus(bench.make_bus),
             parks=True,
-            tell=_tell,
+            tell=tell,
         ) as prepared:
             stop, keys = stack.enter_context(stop_on_signals()), stack.enter_context(Keys())
             performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
             assert isinstance(performer, LivePerformer)
-            clutch = Clutch(performer, clock=clock, tell=_tell, guard=guard, dead_man=dead_man)
+            clutch = Clutch(performer, clock=clock, tell=tell, guard=guard, dead_man=dead_man)
             file = oversight.stop_file
             controls = LiveControls(
                 keys, stop, performer, clutch, tell=_tell, clock=clock, guard=guard, stop_file=file, socket=socket
@@ -118,10 +121,14 @@ def follow_live(
                 _tell(f"hold {dead_man.told}: the robot moves only while it is held")
             _wait_until_wanted(clutch, controls, performer, clock)
             performer.catch_up()
-            with live_state(options.robot, _words(prepared, controls)), scheduled(oversight.scheduling):
-                run = _run(prepared, controls, bench, clock)
+            with (
+                recorder.recording(prepared, source=address.text) as recorded,
+                live_state(options.robot, _words(prepared, controls)),
+                scheduled(oversight.scheduling),
+            ):
+                run = _run(recorded, controls, bench, clock, recorder)
         told = performer.report(address=address.text, person=live.person)
-        return finished(replace(bench.seen(run), live=told), outputs)
+        return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
 
 def _raw_tap(path: Path, url: str) -> RawTap:
@@ -157,11 +164,14 @@ def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
     return lambda: words_for(controls.status(), approaching=side is not None and side.phase is Phase.APPROACH)
 
 
-def _run(prepared: Prepared, controls: LiveControls, bench: PhysicsBench, clock: Clock) -> RunResult:
+def _run(
+    prepared: Prepared, controls: LiveControls, bench: PhysicsBench, clock: Clock, recorder: Recorder
+) -> RunResult:
     """Play it; in time, also where there is no robot whose side keeps it."""
     look = controls.look if prepared.side is not None else _in_time(controls.look, prepared.samples.dt, clock)
     asked = bench.watching(look, prepared, live=True)
-    return prepared.run(Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why))
+    watch = Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why)
+    return prepared.run(recorder.watch(watch, prepared))
 
 
 def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:

@@ -194,6 +194,10 @@ def run(
     report: Annotated[Path | None, typer.Option(help="Write the numbers of the run.", metavar="FILE.json|DIR")] = None,
     save: Annotated[Path | None, typer.Option(help="Write every tick, for other tools.", metavar="FILE.npz")] = None,
     plots: Annotated[Path | None, typer.Option(help="Write pictures.", metavar="DIR")] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="Keep the run while it goes on, for Foxglove and `retarget replay`.", metavar="FILE.mcap"),
+    ] = None,
 ) -> None:
     """Let a robot follow a performer, recorded or live, and say how well it did.
 
@@ -214,7 +218,7 @@ def run(
         physics=PhysicsOptions(mount=mount, hook=hook, seed=seed, trouble=tuple(trouble or ())),
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
-    outputs = Outputs.checked(report=report, save=save, plots=plots)
+    outputs = Outputs.checked(report=report, save=save, plots=plots, record=record)
 
     given: dict[str, object] = {"--person": person, "--recalibrate": recalibrate or None, "--check-sides": check_sides}
     given |= {"--record-raw": record_raw, "--stop-file": stop_file, "--dead-man": dead_man}
@@ -241,4 +245,4 @@ def run(
 
         return open_source(source, skeleton=skeleton, unit=unit, rate=rate)
 
-    raise typer.Exit(follow_clip(read, options, outputs))
+    raise typer.Exit(follow_clip(read, options, outputs, source=source))

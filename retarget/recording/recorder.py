@@ -1,0 +1,170 @@
+"""`retarget run --record`: keeps a run in a file while it goes on. The tick copies; a thread of its own writes."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from hardware.bus import ServoBus
+from hardware.clock import Clock, MonotonicClock, wall_to_monotonic
+from retarget.human_dimensions import POINTS
+from retarget.options import RunOptions
+from retarget.pipeline import Watch
+from retarget.prepare import MakeBus, Prepared
+from retarget.reconstruct import Reconstructor
+from retarget.recording.cycles import Shape
+from retarget.recording.file import RecordingFile, check_target
+from retarget.recording.note import Note
+from retarget.recording.ring import Ring
+from retarget.recording.session import config_files, session_of
+from retarget.recording.taps import TappedBus, TappedClock, TappedSamples
+from retarget.recording.topics import Topic, topics
+from retarget.recording.writing import WritingThread
+from retarget.robot_body import RobotBody
+
+__all__ = ["Recorder"]
+
+Tell = Callable[[str], object]
+
+
+class Recorder:
+    """Of one run. path: None: nothing is recorded, and nothing is changed.
+
+    clock: of the run. patient: its time is not real, so that it may wait for the disk; else what comes while the disk
+    hangs is counted and missing. tell: hears what became of the recording.
+    """
+
+    def __init__(self, path: Path | None, options: RunOptions, *, clock: Clock, parks: bool, tell: Tell) -> None:
+        """Raises UsageError for a place at which no recording can be, or without the library."""
+        if path is not None:
+            check_target(path)
+        self._path, self._options, self._parks, self._tell = path, options, parks, tell
+        self._note = Note()
+        self._clock = clock
+        self._thread: WritingThread | None = None
+        self._told = False
+        self.clock: Clock = clock if path is None else TappedClock(clock, self._note)
+        """Of the guard and the robot's side."""
+
+    @property
+    def trouble(self) -> str:
+        """Why the recording is not whole; "" while it is."""
+        return "" if self._thread is None else self._thread.trouble or self._missing()
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU time of the thread that writes, s."""
+        return 0.0 if self._thread is None else self._thread.cpu_s
+
+    def make_bus(self, make: MakeBus) -> MakeBus:
+        """What makes the run's bus, instead of `make`."""
+        if self._path is None:
+            return make
+
+        def tapped(robot: RobotBody, clock: Clock) -> ServoBus:
+            return TappedBus(make(robot, self._clock), self._note)
+
+        return tapped
+
+    def hears(self, tell: Tell) -> Tell:
+        """Who is told what happens, instead of `tell`."""
+
+        def told(text: str) -> None:
+            self._note.say("run", text)
+            tell(text)
+
+        return tell if self._path is None else told
+
+    def watch(self, watch: Watch, prepared: Prepared) -> Watch:
+        """Who looks on, instead of `watch`."""
+        if self._path is None:
+            return watch
+        note, guard = self._note, None if prepared.side is None else prepared.side.guard
+
+        def stop_asked() -> bool:
+            note.before()
+            self._tell_of_trouble()
+            before = None if guard is None else guard.stop_reason
+            answer = watch.stop_asked()
+            note.stop_asked(answer, stop_before=before)
+            return answer
+
+        def cut_asked() -> bool:
+            note.before()
+            answer = watch.cut_asked()
+            if answer:
+                note.cut_asked()
+            return answer
+
+        return replace(watch, stop_asked=stop_asked, cut_asked=cut_asked, on_row=note.kept)
+
+    def code(self, code: int) -> int:
+        """The exit code of a run that ended with `code`: a recording that is not whole is a file not written."""
+        return max(code, 1) if self.trouble else code
+
+    @contextmanager
+    def recording(self, prepared: Prepared, *, source: str) -> Iterator[Prepared]:
+        """Record while the context lasts what is run of it. Raises UsageError if the file cannot be begun."""
+        if self._path is None:
+            yield prepared
+            return
+        started = self._clock.now()
+        begun_ns = round(MonotonicClock().now() * 1e9) - wall_to_monotonic()
+        session = session_of(prepared, self._options, source=source, parks=self._parks, begun_ns=begun_ns)
+        robot = None if prepared.side is None else prepared.side.robot
+        file = RecordingFile(self._path, session, config_files(self._options, robot))
+        shape, messages = _layout(prepared)
+        file.announce(messages)
+        ring = Ring(shape, patient=self._options.simulated)
+        thread = WritingThread(
+            file, ring, self._note.events, messages, lambda time: begun_ns + round((time - started) * 1e9)
+        )
+        guard = None if prepared.side is None else prepared.side.guard
+        self._note.begin(ring, now=started, dt=prepared.samples.dt, robot=robot, guard=guard)
+        self._thread, self._ring = thread, ring
+        thread.start()
+        try:
+            yield replace(prepared, samples=TappedSamples(prepared.samples, self._note))
+        finally:
+            self._note.end()
+            thread.close()
+            if guard is not None and guard.sent is None:
+                file.discard()  # nothing was ever sent
+            elif self.trouble:
+                self._told = False
+                self._tell_of_trouble()
+            else:
+                self._tell(f"recording: {self._path}, {file.size / 1e6:.1f} MB")
+
+    def _missing(self) -> str:
+        lost = self._ring.lost
+        return f"the disk was too slow: {lost} ticks are missing" if lost else ""
+
+    def _tell_of_trouble(self) -> None:
+        """Once while the run goes on, and once when it has ended."""
+        if self.trouble and not self._told:
+            self._told = True
+            self._tell(f"warning: the recording is not whole, the robot goes on: {self._path}: {self.trouble}")
+
+
+def _layout(prepared: Prepared) -> tuple[Shape, list[Topic]]:
+    """How wide a cycle is, and the topics."""
+    robot = None if prepared.side is None else prepared.side.robot
+    own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
+    landmarks = () if robot is None else tuple(robot.profile.landmarks)
+    worn = 0 if prepared.observers is None else len(prepared.observers.names)
+    sensors = tuple(prepared.performer.sensors)
+    shape = Shape(
+        sensors=len(sensors),
+        servos=0 if robot is None else len(robot.joint_map),
+        rest=0 if robot is None else robot.body.nq - len(robot.joint_map),
+        human=prepared.human.body.nq,
+        joints=len(POINTS),
+        landmarks=len(landmarks),
+        observers=0 if robot is None else worn,
+        human_observers=0 if own is None else len(own.names),
+    )
+    made = topics(
+        shape, sensors=sensors, human_joints=POINTS, landmarks=landmarks, dt=prepared.samples.dt, robot=robot
+    )
+    return shape, made

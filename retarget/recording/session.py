@@ -1,0 +1,162 @@
+"""What a recording says of its run: everything that replay needs to know beside the cycles, in one strict document."""
+
+import hashlib
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+import retarget
+from retarget.catalogue import Kind, calibration_path, find
+from retarget.human_dimensions import HumanDimensions
+from retarget.options import RunOptions
+from retarget.physics_options import PhysicsOptions
+from retarget.prepare import Prepared, priority_names
+from retarget.robot_body import RobotBody
+from retarget.sensor_intake import IntakeTimes
+
+__all__ = ["FORMAT", "ConfigFile", "Session", "config_files", "session_of"]
+
+FORMAT = 1
+"""Of recordings; another one is not read."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ConfigFile(_Strict):
+    """A file that the run was made of. name: of the attachment. path: where it was."""
+
+    name: str
+    path: str
+    sha256: str
+
+
+class Size(_Strict):
+    """Of the performer: `HumanDimensions`."""
+
+    offset: tuple[tuple[float, float, float], ...]
+    stature: float
+    mass: float
+    origin: str
+
+
+class Session(_Strict):
+    """A run. Options as in `RunOptions`; ticks, dt, motion_dt: of its samples; intake: hold, fade, speed."""
+
+    format: Literal[1]
+    version: str
+    source: str
+    robot: str
+    bus: str
+    performer: str
+    priorities: str | None
+    iterations: int | None
+    parts: Literal["whole", "upper"]
+    gate: bool
+    scene: str | None
+    allow_contact: bool
+    mount: str | None
+    hook: str | None
+    seed: int
+    trouble: tuple[str, ...]
+    parks: bool
+    ticks: int
+    dt: float
+    motion_dt: float
+    begun_ns: int
+    dimensions: Size
+    intake: tuple[float, float, float]
+    sensors: tuple[str, ...]
+    joints: tuple[str, ...]
+    observers: tuple[str, ...]
+    notes: tuple[str, ...]
+    files: tuple[ConfigFile, ...]
+
+    @property
+    def options(self) -> RunOptions:
+        """What the run was asked to be."""
+        return RunOptions(
+            robot=self.robot,
+            bus=self.bus,
+            performer=self.performer,
+            priorities=self.priorities,
+            iterations=self.iterations,
+            parts=self.parts,
+            gate=self.gate,
+            scene=self.scene,
+            allow_contact=self.allow_contact,
+            physics=PhysicsOptions(self.mount, self.hook, self.seed, self.trouble),
+        )
+
+    @property
+    def size(self) -> HumanDimensions:
+        """Of the performer."""
+        size = self.dimensions
+        return HumanDimensions(np.array(size.offset), size.stature, size.mass, size.origin)
+
+    @property
+    def intake_times(self) -> IntakeTimes:
+        """How the performer's sensors leave and come back."""
+        return IntakeTimes(*self.intake)
+
+
+def session_of(prepared: Prepared, options: RunOptions, *, source: str, parks: bool, begun_ns: int) -> Session:
+    """Of a run that can start. begun_ns: unix time."""
+    size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
+    robot = None if prepared.side is None else prepared.side.robot
+    physics = options.physics
+    offset = [(float(x), float(y), float(z)) for x, y, z in size.offset]
+    return Session(
+        format=FORMAT,
+        version=retarget.__version__,
+        source=source,
+        robot=options.robot,
+        bus=options.bus,
+        performer=options.performer,
+        priorities=options.priorities,
+        iterations=options.iterations,
+        parts=options.parts,
+        gate=options.gate,
+        scene=options.scene,
+        allow_contact=options.allow_contact,
+        mount=physics.mount,
+        hook=physics.hook,
+        seed=physics.seed,
+        trouble=physics.trouble,
+        parks=parks,
+        ticks=samples.ticks,
+        dt=samples.dt,
+        motion_dt=samples.motion_dt,
+        begun_ns=begun_ns,
+        dimensions=Size(offset=tuple(offset), stature=size.stature, mass=size.mass, origin=size.origin),
+        intake=(intake.hold, intake.fade, intake.speed),
+        sensors=tuple(prepared.performer.sensors),
+        joints=() if robot is None else robot.joint_map.joints,
+        observers=() if prepared.observers is None else prepared.observers.names,
+        notes=prepared.notes,
+        files=tuple(told for told, _ in config_files(options, robot)),
+    )
+
+
+def config_files(options: RunOptions, robot: RobotBody | None) -> list[tuple[ConfigFile, bytes]]:
+    """The files that a run of these options is made of, with what is in them. Raises UsageError, OSError."""
+    found = [("performer.yaml", find(Kind.PERFORMER, options.performer))]
+    for stage, name in zip(("human", "robot"), priority_names(robot, options), strict=False):
+        found.append((f"priorities_of_the_{stage}.yaml", find(Kind.PRIORITIES, name)))
+    if options.scene is not None:
+        found.append(("scene.yaml", find(Kind.SCENE, options.scene)))
+    if robot is not None:
+        body = robot.profile.body_path
+        found += [("robot.yaml", robot.profile.path), (f"body{body.suffix}", body)]
+        if robot.calibration is not None:
+            found.append(("calibration.yaml", calibration_path(robot.profile.name)))
+    return [_config_file(name, path) for name, path in found]
+
+
+def _config_file(name: str, path: Path) -> tuple[ConfigFile, bytes]:
+    content = path.read_bytes()
+    told = ConfigFile(name=name, path=str(path), sha256=hashlib.sha256(content).hexdigest())
+    return told, content
