@@ -14,6 +14,7 @@ from retarget.cli.outputs import Outputs, Written
 from retarget.cli.physics_bench import PhysicsBench
 from retarget.cli.progress import progress_bar
 from retarget.cli.summary import show_summary
+from retarget.cli.viewing import viewing
 from retarget.frames import SensorFrames
 from retarget.metrics.measure import measure
 from retarget.options import RunOptions
@@ -32,7 +33,8 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     read: opens the source, which a recording calls `source`. Raises RetargetError for what cannot be run; then nothing
     has moved and nothing is written.
     """
-    clock = VirtualClock() if options.simulated else MonotonicClock()
+    # Whoever looks on sees it as fast as it would be.
+    clock = VirtualClock() if options.simulated and outputs.view is None else MonotonicClock()
     bench = PhysicsBench(options, _note)
     parks = options.has_physics  # without torque it would fall from where it stands
     recorder = Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note)
@@ -48,10 +50,11 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             stop = signals.enter_context(stop_on_signals())
             with (
                 recorder.recording(prepared, source=source) as recorded,
+                viewing(outputs.view, prepared, options, tell=_note) as page,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
             ):
-                watch = Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why)
-                run = recorded.run(recorder.watch(watch, prepared))
+                watch = Watch(show, page.heard(bench.watching(stop, prepared), stop), stop.insisted, stop.why)
+                run = recorded.run(page.watch(recorder.watch(watch, prepared)))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
         return recorder.code(finished(bench.seen(run), outputs))
 

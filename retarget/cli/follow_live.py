@@ -21,6 +21,7 @@ from retarget.cli.live_state import live_state, words_for
 from retarget.cli.outputs import Outputs
 from retarget.cli.oversight import Oversight, has_terminal, refuse_oversight
 from retarget.cli.physics_bench import PhysicsBench
+from retarget.cli.viewing import viewing
 from retarget.errors import UsageError
 from retarget.live.address import parse_address
 from retarget.live.begin import LiveOptions, begin_live
@@ -34,7 +35,6 @@ from retarget.prepare import Prepared, prepare_for
 from retarget.record import Phase
 from retarget.recording.recorder import Recorder
 from retarget.robot_body import RobotBody
-from retarget.run_result import RunResult
 from retarget.samples import Performance
 from retarget.sources.raw_record import RawWriter
 
@@ -83,7 +83,7 @@ def follow_live(
     if live.recalibrate and live.person is None:
         raise UsageError("nobody is kept without a name", where="--recalibrate", next_step="Give it a --person")
     oversight, address = oversight or Oversight(), parse_address(source)
-    virtual = address.kind == "replay" and options.simulated
+    virtual = address.kind == "replay" and options.simulated and outputs.view is None
     refuse_oversight(oversight, virtual=virtual)
     clock: Clock = VirtualClock() if virtual else MonotonicClock()
     bench = PhysicsBench(options, _tell)
@@ -119,14 +119,21 @@ def follow_live(
                 _tell(HELP)
             if dead_man is not None:
                 _tell(f"hold {dead_man.told}: the robot moves only while it is held")
+            words = _words(prepared, controls)
+            page = stack.enter_context(viewing(outputs.view, prepared, options, words, tell=tell))
             _wait_until_wanted(clutch, controls, performer, clock)
             performer.catch_up()
             with (
                 recorder.recording(prepared, source=address.text) as recorded,
-                live_state(options.robot, _words(prepared, controls)),
+                live_state(options.robot, words),
                 scheduled(oversight.scheduling),
             ):
-                run = _run(recorded, controls, bench, clock, recorder)
+                look = page.heard(controls.look, stop)
+                if recorded.side is None:
+                    look = _in_time(look, performer.dt, clock)
+                asked = bench.watching(look, recorded, live=True)
+                watch = Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why)
+                run = recorded.run(page.watch(recorder.watch(watch, recorded)))
         told = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
@@ -164,18 +171,8 @@ def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
     return lambda: words_for(controls.status(), approaching=side is not None and side.phase is Phase.APPROACH)
 
 
-def _run(
-    prepared: Prepared, controls: LiveControls, bench: PhysicsBench, clock: Clock, recorder: Recorder
-) -> RunResult:
-    """Play it; in time, also where there is no robot whose side keeps it."""
-    look = controls.look if prepared.side is not None else _in_time(controls.look, prepared.samples.dt, clock)
-    asked = bench.watching(look, prepared, live=True)
-    watch = Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why)
-    return prepared.run(recorder.watch(watch, prepared))
-
-
 def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:
-    """`look`, every `dt` s."""
+    """`look`, every `dt` s: where there is no robot whose side keeps time."""
     deadline = clock.now()
 
     def waited() -> bool:

@@ -5,10 +5,11 @@ from itertools import pairwise
 
 from hardware.realtime import USUAL_PRIORITY
 from retarget.cli.control_socket import USUAL
+from retarget.viewer.door import PORT
 
 __all__ = ["with_values"]
 
-USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL}
+USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(PORT)}
 
 
 def with_values(words: Sequence[str]) -> list[str]:

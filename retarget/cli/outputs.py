@@ -16,19 +16,23 @@ __all__ = ["Outputs", "Written"]
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where report, recording and pictures of a run go; None: nowhere. record: what is written while it goes on."""
+    """Where report, recording and pictures of a run go; None: nowhere. While it goes on: record is written, and the run
+    shown on a page at port view."""
 
     report: Path | None = None
     save: Path | None = None
     plots: Path | None = None
     record: Path | None = None
+    view: int | None = None
 
     @classmethod
     def checked(
         cls, *, report: Path | None, save: Path | None, plots: Path | None, record: Path | None = None
     ) -> "Outputs":
         """Raise UsageError for the first place at which nothing can be written."""
-        places = cls(None if report is None else report_path(report), None if save is None else save_path(save), plots, record)
+        places = cls(
+            None if report is None else report_path(report), None if save is None else save_path(save), plots, record
+        )
         if plots is not None:
             check_folder(plots, option="--plots")
         return places

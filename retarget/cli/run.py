@@ -1,5 +1,6 @@
 """`retarget run`: let a robot, or the virtual human alone, follow a recorded performer."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -194,6 +195,10 @@ def run(
     report: Annotated[Path | None, typer.Option(help="Write the numbers of the run.", metavar="FILE.json|DIR")] = None,
     save: Annotated[Path | None, typer.Option(help="Write every tick, for other tools.", metavar="FILE.npz")] = None,
     plots: Annotated[Path | None, typer.Option(help="Write pictures.", metavar="DIR")] = None,
+    view: Annotated[
+        int | None,
+        typer.Option(help="Show the run on a web page of this machine.", metavar="[PORT]", min=0, max=65535),
+    ] = None,
     record: Annotated[
         Path | None,
         typer.Option(help="Keep the run while it goes on, for Foxglove and `retarget replay`.", metavar="FILE.mcap"),
@@ -218,7 +223,7 @@ def run(
         physics=PhysicsOptions(mount=mount, hook=hook, seed=seed, trouble=tuple(trouble or ())),
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
-    outputs = Outputs.checked(report=report, save=save, plots=plots, record=record)
+    outputs = replace(Outputs.checked(report=report, save=save, plots=plots, record=record), view=view)
 
     given: dict[str, object] = {"--person": person, "--recalibrate": recalibrate or None, "--check-sides": check_sides}
     given |= {"--record-raw": record_raw, "--stop-file": stop_file, "--dead-man": dead_man}

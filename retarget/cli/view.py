@@ -7,6 +7,7 @@ import typer
 
 from hardware.clock import MonotonicClock
 from retarget.cli.interrupt import stop_on_signals
+from retarget.viewer.door import PORT
 from retarget.viewer.page import RecordedPage
 from retarget.viewer.recorded import open_recorded
 from retarget.viewer.server import open_server
@@ -16,7 +17,9 @@ SHOWN_HZ = 30.0
 
 def view(
     file: Annotated[Path, typer.Argument(help="A run that was saved: retarget run --save FILE.npz.", metavar="FILE")],
-    port: Annotated[int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0)] = 8080,
+    port: Annotated[
+        int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0, max=65535)
+    ] = PORT,
 ) -> None:
     """Show a recorded run on a web page: performer, robot, goals and joints, at any speed. Ctrl-C ends it.
 

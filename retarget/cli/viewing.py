@@ -4,8 +4,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-import typer
-
 from retarget.cli.interrupt import StopRequest
 from retarget.options import RunOptions
 from retarget.pipeline import Watch
@@ -54,16 +52,21 @@ class Viewing:
 
 @contextmanager
 def viewing(
-    port: int | None, prepared: Prepared, options: RunOptions, words: Callable[[], str] | None = None
+    port: int | None,
+    prepared: Prepared,
+    options: RunOptions,
+    words: Callable[[], str] | None = None,
+    *,
+    tell: Callable[[str], object],
 ) -> Iterator[Viewing]:
     """Open the page of a run on a port of this machine; None: there is none. words: what it does now, where the phase
-    of its tick does not say enough. Raises RefusedError for a page that does not open."""
+    of its tick does not say enough. tell: hears the address. Raises RefusedError for a page that does not open."""
     if port is None:
         yield Viewing(None)
         return
     with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
         feed.words = _words(prepared, words)
-        typer.echo(f"Look at it: {feed.address}", err=True)
+        tell(f"Look at it: {feed.address}")
         yield Viewing(feed)
 
 

@@ -13,8 +13,10 @@ from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
-__all__ = ["Admitted", "Door", "Refused"]
+__all__ = ["PORT", "Admitted", "Door", "Refused"]
 
+PORT = 8080
+"""Where a page is, unless somebody says otherwise."""
 COOKIE = "retarget_view"
 KEY_BYTES = 24
 HOSTS = ("127.0.0.1", "localhost", "[::1]")

@@ -106,6 +106,7 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
             [sys.executable, "-m", "retarget.viewer.live_process", str(theirs.fileno())],
             pass_fds=(theirs.fileno(),),
             stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C is for the run
         )
     assert process.stdin is not None
