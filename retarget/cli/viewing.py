@@ -20,8 +20,8 @@ PHASES = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE:
 class Viewing:
     """A run whose page is open, or that has none: then it changes nothing."""
 
-    def __init__(self, feed: ViewFeed | None) -> None:
-        self._feed = feed
+    def __init__(self, feed: ViewFeed | None, tell: Callable[[str], object] = lambda text: None) -> None:
+        self._feed, self._tell = feed, tell
 
     def heard(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
         """What is to be asked before every tick instead: the button of the page is `stop`, too."""
@@ -32,6 +32,7 @@ class Viewing:
         def either() -> bool:
             if feed.stop_asked() and not stop():
                 stop.ask(ON_THE_PAGE)
+                self._tell(f"{ON_THE_PAGE}: stopping")
             return asked()
 
         return either
@@ -67,7 +68,7 @@ def viewing(
     with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
         feed.words = _words(prepared, words)
         tell(f"Look at it: {feed.address}")
-        yield Viewing(feed)
+        yield Viewing(feed, tell)
 
 
 def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:

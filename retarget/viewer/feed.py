@@ -120,7 +120,8 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
     if not answer.startswith(READY):
         ours.close()
         process.kill()
-        raise ConfigError(answer.removeprefix(REFUSED).decode(errors="replace") or "the page did not open")
+        why = answer.removeprefix(REFUSED).decode(errors="replace")
+        raise ConfigError(why.removesuffix(".") or "the page did not open")
     ours.setblocking(False)
     address = answer.removeprefix(READY).decode()
     return ViewFeed(ours, process, address=address, every=max(round(rate_hz / SHOWN_HZ), 1))

@@ -133,10 +133,12 @@ def _read(path: Path) -> Arrays:
 
 def _check(arrays: Arrays, path: Path) -> None:
     ticks = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
+    if not ticks:
+        raise _refused(path, "no tick at all")
     wrong = [key for key, axes in KEYS.items() if arrays[key].ndim != axes]
     wrong += [key for key in PER_TICK if key not in wrong and len(arrays[key]) != ticks]
-    if wrong or not ticks:
-        raise _refused(path, f"another shape of {', '.join(wrong)}" if wrong else "no tick at all")
+    if wrong:
+        raise _refused(path, f"another shape of {', '.join(wrong)}")
     numbers = [key for key in (*PER_TICK[1:], "time") if key != "landmarks_asked"]
     broken = [key for key in numbers if not np.isfinite(arrays[key]).all()]
     if broken:

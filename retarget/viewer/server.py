@@ -35,9 +35,8 @@ def open_server(port: int, *, title: str) -> tuple["viser.ViserServer", str]:
         server.stop()
         raise _taken(door.port)
     server.request_share_url = _shares_nothing  # type: ignore[method-assign]
-    server.gui.configure_theme(
-        control_layout="collapsible", control_width="medium", show_logo=False, show_share_button=False
-    )
+    server.gui.main_panel.dock_right()
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
     return server, door.address
 
 

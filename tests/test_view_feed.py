@@ -1,0 +1,91 @@
+"""What a run tells its page: never waiting for it, and hearing nothing from it but that it is to stop."""
+
+import socket
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from followers import dimensions, op3, performer
+from retarget.errors import ConfigError
+from retarget.human import build_human
+from retarget.record import HumanRecord, Record, RobotRecord, Timing
+from retarget.viewer.feed import STOP, PageSetup, ViewFeed, open_feed
+from retarget.viewer.live_process import announced
+from retarget.viewer.wire import RowSizes, unpack
+
+TICKS = 50
+
+
+def record() -> Record:
+    robot = RobotRecord.empty(TICKS, nq=27, start=np.zeros(20), landmark_names=("l_hand", "r_hand"), observers=21)
+    for array in (robot.q, robot.present, robot.temperature, robot.landmarks_asked):
+        array[:] = 0.25
+    robot.bus_time[:] = np.arange(TICKS) / 125.0
+    human = HumanRecord.empty(TICKS, nq=60, joint_names=("head",))
+    human.q[:] = 0.5
+    return Record(np.zeros(TICKS), np.zeros(TICKS, dtype=np.int8), human, robot, Timing.empty(TICKS))
+
+
+def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setblocking(False)
+    theirs.setblocking(False)
+    return ViewFeed(ours, cast(Any, SimpleNamespace()), address="", every=every), theirs
+
+
+def test_some_rows_are_shown_with_what_the_robot_does() -> None:
+    run, page = feed()
+    run.words = lambda: ("holding", "the stream is silent")
+    whole = record()
+    for row in range(TICKS):
+        run.on_row(whole, row)
+    told = announced(page.recv(4096))
+    assert told.landmarks == ("l_hand", "r_hand") and told.observers == 21
+    rows = [unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21)) for _ in range(10)]
+    assert all(row is not None and row.state == "holding" and row.why == "the stream is silent" for row in rows)
+    assert [row.time for row in rows if row] == [pytest.approx(i / 125.0) for i in range(4, TICKS, 5)]
+    with pytest.raises(BlockingIOError):
+        page.recv(1)
+    assert run.dropped == 0
+
+
+def test_a_page_that_takes_nothing_costs_nothing() -> None:
+    run, page = feed(every=1)
+    whole = record()
+    for _ in range(100):
+        for row in range(TICKS):
+            run.on_row(whole, row)
+    assert run.dropped > 4000
+    page.close()
+    run.on_row(whole, 0)
+    assert not run.stop_asked(), "a page that is gone does not stop the robot"
+
+
+def test_it_can_only_stop_and_stays_so() -> None:
+    run, page = feed()
+    assert not run.stop_asked()
+    page.send(b"go")
+    page.send(b"")
+    assert not run.stop_asked() and not run.stop_asked()
+    page.send(STOP)
+    assert run.stop_asked() and run.stop_asked()
+
+
+def test_the_process_of_a_page_opens_and_ends_with_the_run() -> None:
+    human = build_human(dimensions(performer()))
+    setup = PageSetup("a <b>run</b>", 0, str(op3().profile.path), "", "table", human.mjcf)
+    with open_feed(setup, rate_hz=125.0) as run:
+        assert run.address.startswith("http://127.0.0.1:")
+        port = int(run.address.split(":")[2].split("/")[0])
+        with pytest.raises(ConfigError, match="port of the page"):
+            open_feed(PageSetup("", port, "", "", "", human.mjcf), rate_hz=125.0)
+        process = run._process
+    assert process.wait(timeout=20.0) == 0
+
+
+def test_what_the_page_cannot_show_is_said() -> None:
+    human = build_human(dimensions(performer())).mjcf
+    with pytest.raises(ConfigError, match=r"nobody.*[^.]\.$"):
+        open_feed(PageSetup("", 0, "nobody", "", "", human), rate_hz=125.0)

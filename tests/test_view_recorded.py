@@ -1,0 +1,100 @@
+"""A saved run, looked at: every row as it was, and one clear error for what is none."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from retarget.errors import InputError
+from retarget.viewer.recorded import RecordedRun, open_recorded
+from saved_runs import saved_run
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved_run(tmp_path_factory.mktemp("run") / "run.npz", robot="op3")
+
+
+@pytest.fixture(scope="module")
+def run(path: Path) -> RecordedRun:
+    return open_recorded(path)
+
+
+def test_every_row_is_as_it_was(path: Path, run: RecordedRun) -> None:
+    with np.load(path) as saved:
+        arrays = {key: saved[key] for key in saved}
+    robot = run.cast.robot
+    assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
+    states = {run.moment(row).state for row in range(len(run.times))}
+    assert states == {"approaching", "following", "stopping"}
+    for row in (0, len(run.times) // 2, len(run.times) - 1):
+        moment = run.moment(row)
+        assert moment.time == arrays["time"][row]
+        np.testing.assert_array_equal(moment.sent, arrays["joint_positions"][row])
+        np.testing.assert_array_equal(moment.goal[:3], arrays["root_position"][row])
+        column = robot.body.joint_qpos[robot.body.joint_index("l_knee")]
+        joint = run.cast.joints.index("l_knee")
+        assert moment.goal[column] == moment.sent[joint]
+        assert moment.robot[column] == moment.present[joint]
+        assert 0.0 < moment.off < 0.2
+    sent, present = run.track(3)
+    np.testing.assert_array_equal(sent, arrays["joint_positions"][:, 3])
+    np.testing.assert_array_equal(present, arrays["servo_positions"][:, 3])
+
+
+def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: RecordedRun) -> None:
+    assert run.cast.profile is not None and run.cast.profile.profile.name == "op3"
+    com = run.moment(len(run.times) // 2).com
+    assert np.abs(com[:2]).max() < 0.1 and 0.1 < com[2] < 0.4
+
+
+def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:
+    run = open_recorded(saved_run(tmp_path / "human.npz", robot="human"))
+    moment = run.moment(5)
+    assert run.cast.robot is None and run.cast.joints == ()
+    assert np.isfinite(moment.com).all() and np.isnan(moment.off)
+
+
+def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
+    return {name: value for name, value in arrays.items() if name != key}
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda a: _without(a, "phase"), "without phase"),
+        (lambda a: a | {"time": a["time"][:0]}, "no tick at all"),
+        (lambda a: a | {"human_q": a["human_q"][:-1]}, "another shape of human_q"),
+        (lambda a: a | {"joint_positions": a["joint_positions"] * np.nan}, "joint_positions with what is no number"),
+        (lambda a: a | {"body": np.array("/nowhere/body.xml")}, "nowhere"),
+        (lambda a: a | {"joint_names": a["joint_names"][::-1].astype("U20") + np.array(["x"])}, "other joints"),
+        (lambda a: a | {"human_mjcf": np.array("<mujoco")}, "human of the run"),
+        (lambda a: a | {"phase": np.array([None] * len(a["time"]), dtype=object)}, "allow_pickle"),
+    ],
+)
+def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, found: str) -> None:
+    with np.load(path) as saved:
+        arrays = {key: saved[key] for key in saved}
+    changed = tmp_path / "changed.npz"
+    np.savez(changed, **change(arrays))
+    with pytest.raises(InputError, match=found) as refused:
+        open_recorded(changed)
+    assert str(changed) in str(refused.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"\x93NUMPY\x01\x00", b"time,joint\n0,1\n"])
+def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, content: bytes) -> None:
+    other = tmp_path / "other.npz"
+    other.write_bytes(content)
+    with pytest.raises(InputError, match="not a run that was saved"):
+        open_recorded(other)
+    with pytest.raises(InputError, match="No such file"):
+        open_recorded(tmp_path / "none.npz")
+
+
+def test_half_a_file_is_refused(path: Path, tmp_path: Path) -> None:
+    half = tmp_path / "half.npz"
+    half.write_bytes(path.read_bytes()[:20000])
+    with pytest.raises(InputError, match="not a run that was saved"):
+        open_recorded(half)

@@ -1,0 +1,139 @@
+"""The page as browsers and others see it: over sockets, with and without what opens it."""
+
+import http.client
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin, Subprotocol
+
+from retarget.errors import UsageError
+from retarget.viewer.server import open_server
+
+viser = pytest.importorskip("viser", reason="the viewer's extra is not installed")
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[tuple[int, str]]:
+    server, address = open_server(0, title="test")
+    yield int(address.split(":")[2].split("/")[0]), address.partition("key=")[2]
+    server.stop()
+
+
+def answer(port: int, path: str, **headers: str) -> http.client.HTTPResponse:
+    link = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
+    link.request("GET", path, headers=headers)
+    return link.getresponse()
+
+
+def cookie(page: tuple[int, str]) -> str:
+    port, key = page
+    opened = answer(port, f"/?key={key}")
+    assert (opened.status, opened.headers["Location"]) == (303, "/")
+    return opened.headers["Set-Cookie"].split(";")[0]
+
+
+def dial(page: tuple[int, str], *, origin: str | None, jar: str | None) -> Any:
+    port, _ = page
+    return connect(
+        f"ws://127.0.0.1:{port}/",
+        origin=None if origin is None else Origin(origin),
+        subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
+        additional_headers={} if jar is None else {"Cookie": jar},
+        open_timeout=10.0,
+    )
+
+
+def test_the_key_opens_it_and_nothing_else(page: tuple[int, str]) -> None:
+    port, key = page
+    assert answer(port, "/").status == 401
+    assert answer(port, "/?key=wrong").status == 401
+    assert answer(port, "/?key=" + key, Origin="http://evil.example").status == 403
+    assert answer(port, "/?key=" + key, Host="evil.example").status == 403
+    jar = cookie(page)
+    opened = answer(port, "/", Cookie=jar)
+    assert opened.status == 200 and opened.headers["X-Frame-Options"] == "DENY" and b"<html" in opened.read()
+    assert answer(port, "/../../pyproject.toml", Cookie=jar).status == 404
+
+
+def test_another_origin_cannot_connect(page: tuple[int, str]) -> None:
+    jar = cookie(page)
+    for origin, given in (
+        ("http://evil.example", jar),
+        (None, jar),
+        (f"http://127.0.0.1:{page[0]}", None),
+        (f"http://127.0.0.1:{page[0]}", jar + "x"),
+    ):
+        with pytest.raises(InvalidStatus), dial(page, origin=origin, jar=given):
+            pass
+    with dial(page, origin=f"http://127.0.0.1:{page[0]}", jar=jar) as link:
+        assert link.recv(timeout=10.0)
+
+
+def test_only_this_machine_reaches_it(page: tuple[int, str]) -> None:
+    with socket.socket() as other, pytest.raises(OSError, match="refused"):
+        other.connect((socket.gethostbyname(socket.gethostname()), page[0]))
+        if other.getpeername()[0].startswith("127."):
+            raise OSError("refused: this machine has no other address")
+
+
+def test_a_port_that_is_taken_is_said() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(UsageError, match="port of the page") as refused:
+            open_server(port, title="test")
+        assert str(port) in str(refused.value)
+
+
+def test_it_is_shared_with_nobody() -> None:
+    server, _ = open_server(0, title="test")
+    assert server.request_share_url() is None
+    server.stop()
+
+
+def test_rows_are_drawn_and_the_button_stops() -> None:
+    from followers import op3
+    from retarget.body_file import compile_body, compile_body_text
+    from retarget.human import build_human
+    from retarget.viewer.live_page import LivePage
+    from retarget.viewer.moment import Cast, actor
+    from retarget.viewer.wire import LiveRow
+
+    from followers import dimensions, performer  # isort: skip
+
+    robot, human = op3(), build_human(dimensions(performer()))
+    shown = actor(compile_body(robot.profile.body_path, root="free"))
+    person = actor(compile_body_text(human.mjcf, source="human", root="free"))
+    pressed: list[int] = []
+    server, _ = open_server(0, title="test")
+    cast = Cast("test", shown, person, robot.joint_map.joints, ("l_hand",), robot)
+    page = LivePage(server, cast, lambda: pressed.append(1))
+    modes = np.zeros(len(robot.profile.observers), dtype=np.uint8)
+    for tick in range(30):
+        page.show(
+            LiveRow(
+                0.04 * tick,
+                "following",
+                "",
+                robot.body.qpos0 + 0.001 * tick,
+                human.body.qpos0,
+                np.full(20, 0.01 * tick),
+                np.full(20, 25.0 + tick),
+                np.full((1, 3), 0.1),
+                modes + tick % 3,
+            )
+        )
+    assert page._drawing is not None
+    assert {"robot", "goal", "performer", "observers", "soles", "warmth"} <= set(page._drawing.parts)
+    for part in page._drawing.parts:
+        page._drawing.see(part, visible=False)
+    page._pressed()
+    assert pressed == [1]
+    page.end("the run has ended")
+    server.stop()
