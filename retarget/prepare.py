@@ -175,9 +175,7 @@ def prepare_for(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None and robot.stands:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    side = _robot_side(
-        robot, follower, options, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell
-    )
+    side = _robot_side(robot, follower, options, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
     bus.open()
     failed = True
     try:

@@ -28,7 +28,9 @@ class Outputs:
         cls, *, report: Path | None, save: Path | None, plots: Path | None, record: Path | None = None
     ) -> "Outputs":
         """Raise UsageError for the first place at which nothing can be written."""
-        places = cls(None if report is None else report_path(report), None if save is None else save_path(save), plots, record)
+        places = cls(
+            None if report is None else report_path(report), None if save is None else save_path(save), plots, record
+        )
         if plots is not None:
             check_folder(plots, option="--plots")
         return places

@@ -39,7 +39,9 @@ def replay(
     report: Annotated[
         Path | None, typer.Option(help="Write the numbers of the run as it is now.", metavar="FILE.json|DIR")
     ] = None,
-    save: Annotated[Path | None, typer.Option(help="Write every tick of it, for other tools.", metavar="FILE.npz")] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write every tick of it, for other tools.", metavar="FILE.npz")
+    ] = None,
 ) -> None:
     """Run a recording again: what its sensors, servos and clock said, through this version; and say which goals differ.
 

@@ -1,4 +1,4 @@
-"""Which recorded cycle a replayed one corresponds to, also where another version needs more or fewer ticks to arrive."""
+"""Which recorded cycle a replayed one corresponds to, also where another version arrives earlier or later."""
 
 import numpy as np
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.recording.cursor import Cursor
 from retarget.recording.cycles import Done
 from retarget.recording.played import Played
 from retarget.recording.stand_ins import ReplayedBus

@@ -112,7 +112,9 @@ def _read(stream: Any, found: _Found) -> str:
 def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Session:
     allowed = "a file that `retarget run --record` wrote"
     if metadata is None:
-        raise InputError("no recording of ours", where=where, found=damage or "no metadata of retarget", allowed=allowed)
+        raise InputError(
+            "no recording of ours", where=where, found=damage or "no metadata of retarget", allowed=allowed
+        )
     told = metadata.get("format", "")
     if told != str(FORMAT):
         raise InputError(

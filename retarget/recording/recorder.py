@@ -164,7 +164,5 @@ def _layout(prepared: Prepared) -> tuple[Shape, list[Topic]]:
         observers=0 if robot is None else worn,
         human_observers=0 if own is None else len(own.names),
     )
-    made = topics(
-        shape, sensors=sensors, human_joints=POINTS, landmarks=landmarks, dt=prepared.samples.dt, robot=robot
-    )
+    made = topics(shape, sensors=sensors, human_joints=POINTS, landmarks=landmarks, dt=prepared.samples.dt, robot=robot)
     return shape, made

@@ -67,8 +67,10 @@ class RecordedGoals:
         self._change = limits.max_acceleration * dt**2  # (n,) [rad]
         body = robot.body
         self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
-        self._pace = 1.0
-        self._begin()
+        self._pace, self._gone = 1.0, 0.0
+        self._here: FloatArray = self._joints[0]
+        self._moved: FloatArray = np.zeros_like(self._here)
+        self._way = PacedWay(self._joints, dt=dt)
 
     @property
     def ticks(self) -> int:
@@ -109,8 +111,7 @@ class RecordedGoals:
         self._way.leave()
 
     def _begin(self) -> None:
-        self._way, self._gone = PacedWay(self._joints, dt=self._dt), 0.0
-        self._here = self._joints[0]
+        self._way, self._gone, self._here = PacedWay(self._joints, dt=self._dt), 0.0, self._joints[0]
         self._moved = np.zeros_like(self._here)
 
     def _inside(self, moved: FloatArray) -> FloatArray:
@@ -187,9 +188,7 @@ def sending(
     def lead(follower: FollowingStage) -> FollowingStage:
         return stages[0]
 
-    with prepare_for(
-        perform, options, clock=clock, make_bus=make_bus, parks=True, tell=tell, lead=lead
-    ) as prepared:
+    with prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=True, tell=tell, lead=lead) as prepared:
         yield replace(prepared, reconstructor=StillHuman(prepared.reconstructor))
 
 

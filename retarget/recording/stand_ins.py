@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hardware.arrays import TickArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.errors import BusError
 from retarget.clip import Clip
@@ -43,7 +44,7 @@ class ReplayedBus:
 
     def __init__(self, played: Played, cursor: Cursor) -> None:
         self._texts, self._cursor = played.recording.texts, cursor
-        self.sent: list[tuple[int, np.ndarray]] = []  # type: ignore[type-arg]
+        self.sent: list[tuple[int, TickArray]] = []
         cycles = cursor.cycles
         wrote = cycles.written != Done.NOT
         last = np.maximum.accumulate(np.where(wrote, np.arange(len(cycles)), -1))
@@ -145,7 +146,7 @@ class ReplayedSamples:
         cycles, rows = self._cursor.cycles, np.maximum.accumulate(np.maximum(self._rows, 0))
         valid = cycles.sensor_valid[rows]
         frames = SensorFrames(
-            time=np.arange(len(rows)) * self.dt,
+            time=np.arange(len(rows), dtype=np.float64) * self.dt,
             names=self._names,
             position=np.where(valid[..., None], cycles.sensor_position[rows], np.nan),
             orientation=np.where(valid[..., None], cycles.sensor_orientation[rows], np.nan),
