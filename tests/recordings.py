@@ -1,7 +1,7 @@
 """Short runs of an OP3 that are recorded, for every test that needs a recording."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mcap.reader import make_reader
@@ -17,6 +17,7 @@ from retarget.recording.reading import read_recording
 from retarget.recording.recorder import Recorder
 from retarget.robot_body import RobotBody
 from retarget.run_result import RunResult
+from retarget.samples import Samples
 from sim.mock_bus import MockBus
 from sim.mock_faults import MockFault
 from sim.performer import synthetic_performer
@@ -53,6 +54,7 @@ def record(
     seconds: float = SECONDS,
     faults: tuple[MockFault, ...] = (),
     watch: Callable[[Prepared], Watch] = lambda prepared: Watch(),
+    samples: Callable[[Samples], Samples] = lambda samples: samples,
 ) -> Recorded:
     """Run a synthetic performer, and record it; without a path only run."""
     chosen, clock, told = options or RunOptions(robot="op3"), VirtualClock(), list[str]()
@@ -61,11 +63,10 @@ def record(
     def make(robot: RobotBody, clock: Clock) -> ServoBus:
         return mock_bus(robot, clock, faults=faults)
 
-    with (
-        prepare(performer(seconds), chosen, clock=recorder.clock, make_bus=recorder.make_bus(make)) as prepared,
-        recorder.recording(prepared, source="synthetic") as recorded,
-    ):
-        result = recorded.run(recorder.watch(watch(prepared), prepared))
+    with prepare(performer(seconds), chosen, clock=recorder.clock, make_bus=recorder.make_bus(make)) as loaded:
+        prepared = replace(loaded, samples=samples(loaded.samples))
+        with recorder.recording(prepared, source="synthetic") as recorded:
+            result = recorded.run(recorder.watch(watch(prepared), prepared))
     return Recorded(result, recorder, told, path or Path())
 
 

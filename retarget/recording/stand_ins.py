@@ -27,7 +27,7 @@ class ReplayedClock:
         if cursor.cycle != self._cycle:
             self._cycle, self._reading = cursor.cycle, 0
         if self._reading < cursor.cycles.readings[row]:
-            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]))
+            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]) - cursor.ahead)
             self._reading += 1
         return self._now
 
@@ -64,7 +64,7 @@ class ReplayedBus:
         if self.sent and before >= 0:
             position += self.sent[-1][1] - cycles.goal[before]
         return ServoStates(
-            time=float(cycles.bus_time[row]),
+            time=float(cycles.bus_time[row]) - self._cursor.ahead,
             position=position,
             velocity=cycles.velocity[row].copy(),
             current=cycles.current[row].copy(),
@@ -82,8 +82,9 @@ class ReplayedBus:
     def write(self, goals: ServoGoals) -> None:
         """Keep a goal. Raises BusError where the bus failed."""
         row = self._cursor.row
-        self.sent.append((row if self._cursor.recorded else -1, goals.ticks.copy()))
-        if self._cursor.recorded and self._cursor.cycles.written[row] == Done.FAILED:
+        recorded = self._cursor.recorded and not self._cursor.late
+        self.sent.append((row if recorded else -1, goals.ticks.copy()))
+        if recorded and self._cursor.cycles.written[row] == Done.FAILED:
             raise BusError(self._text("bus write", row))
 
     def torque(self, on: bool) -> None:
