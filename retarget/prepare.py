@@ -36,7 +36,7 @@ from retarget.samples import Performance, Samples
 from retarget.scene import load_scene
 from retarget.scene_motion import SceneState
 from retarget.sensor_intake import IntakeTimes
-from retarget.stages import ReconstructingStage
+from retarget.stages import FollowingStage, ReconstructingStage
 
 __all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for", "priority_names"]
 
@@ -45,6 +45,9 @@ MakeBus = Callable[[RobotBody, Clock], ServoBus]
 
 Perform = Callable[[Performer, RobotBody | None], Performance]
 """From who wears which sensors, and the robot (None: the human alone), to the performance."""
+
+Lead = Callable[[FollowingStage], FollowingStage]
+"""From the robot's own follower to who leads it."""
 
 Tell = Callable[[str], object]
 """Hears a sentence."""
@@ -60,6 +63,11 @@ HOME_S = 2.5
 
 def _to_nobody(text: str) -> None:
     """Nobody listens."""
+
+
+def _by_itself(follower: FollowingStage) -> FollowingStage:
+    """It is led by its own follower."""
+    return follower
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +139,12 @@ def prepare_for(
     make_bus: MakeBus,
     parks: bool = False,
     tell: Tell = _to_nobody,
+    lead: Lead = _by_itself,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    parks: the end of a run, and a stop, is in the robot's rest posture. tell: hears of servos that are not well.
+    parks: the end of a run, and a stop, is in the robot's rest posture. tell: hears of servos that are not well. lead:
+    who leads the robot instead of its follower.
     Raises RetargetError for whatever cannot be used.
     """
     performer = load_performer(options.performer)
@@ -165,7 +175,7 @@ def prepare_for(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None and robot.stands:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    side = _robot_side(robot, follower, options, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
+    side = _robot_side(robot, follower, options, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
     bus.open()
     failed = True
     try:
@@ -232,6 +242,7 @@ def _robot_side(
     follower: Follower,
     options: RunOptions,
     *,
+    lead: Lead,
     bus: ServoBus,
     clock: Clock,
     dt: float,
@@ -250,7 +261,7 @@ def _robot_side(
     guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
     return RobotSide(
         robot=robot,
-        follower=follower,
+        follower=lead(follower),
         goals=goals,
         guard=guard,
         clock=clock,

@@ -16,6 +16,7 @@ from retarget.live.trust import Trust
 from retarget.options import RunOptions
 from retarget.performer import Performer, load_performer
 from retarget.prepare import Prepared, prepare_for
+from retarget.recording.recorder import Recorder
 from retarget.robot_body import RobotBody
 from retarget.samples import Performance
 from retarget.sources.json_pose import JsonPoseDecoder
@@ -51,7 +52,7 @@ class LiveRig:
         self.bus: MockBus
 
     @contextmanager
-    def prepared(self) -> Iterator[Prepared]:
+    def prepared(self, recorder: Recorder | None = None) -> Iterator[Prepared]:
         """Calibrated, and the bus open."""
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
@@ -61,7 +62,9 @@ class LiveRig:
                 self.stream, self.live, clock=self.clock, rate_hz=rate, where=WHERE, tell=self.said.append
             )
 
-        with prepare_for(perform, self.run_options, clock=self.clock, make_bus=self._bus, parks=True) as prepared:
+        clock = self.clock if recorder is None else recorder.clock
+        make_bus = self._bus if recorder is None else recorder.make_bus(self._bus)
+        with prepare_for(perform, self.run_options, clock=clock, make_bus=make_bus, parks=True) as prepared:
             yield prepared
 
     def _bus(self, robot: RobotBody, clock: Clock) -> MockBus:

@@ -16,6 +16,7 @@ from retarget.cli.boundary import exit_code_of
 COMMANDS = {
     "demo": "See it work: no data and no hardware needed.",
     "run": "Let a robot follow a recorded performer.",
+    "replay": "Run a recording again and compare, or send its goals to a bus.",
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",
     "check": "Validate profiles, priorities, performers and scenes.",

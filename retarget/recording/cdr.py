@@ -1,7 +1,7 @@
 """ROS 2 messages of fixed size as numpy rows: all messages of a topic are filled and read at once, without a loop.
 
-Within one recording a message never changes its size: names and counts stand still. Its CDR encoding (OMG DDS-XTypes 1.3,
-7.4.3, plain CDR, little-endian) is then a structured dtype, in which lengths, names and padding are constants.
+Within one recording a message never changes its size: names and counts stand still. Its CDR encoding (OMG DDS-XTypes
+1.3, 7.4.3, plain CDR, little-endian) is then a structured dtype, in which lengths, names and padding are constants.
 """
 
 import json
@@ -18,6 +18,7 @@ Rows = NDArray[Any]
 
 HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian."""
+_KEYS = ("names", "formats", "offsets", "itemsize")
 _SIZES = {"bool": "?", "uint8": "u1", "int8": "i1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
 
 
@@ -40,7 +41,8 @@ class CdrLayout:
 def layout_from(told: str) -> np.dtype[Any]:
     """The dtype of `told`. Raises ValueError, TypeError or KeyError for what is none."""
     fields = json.loads(told)
-    return np.dtype({key: fields[key] for key in ("names", "formats", "offsets", "itemsize")})
+    made: np.dtype[Any] = np.dtype({key: fields[key] for key in _KEYS})  # type: ignore[call-overload]
+    return made
 
 
 @dataclass(eq=False)

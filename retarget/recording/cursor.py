@@ -1,4 +1,4 @@
-"""Which recorded cycle a replayed one corresponds to, also where another version needs more or fewer ticks to arrive."""
+"""Which recorded cycle a replayed one corresponds to, also where another version arrives earlier or later."""
 
 import numpy as np
 
@@ -11,11 +11,14 @@ __all__ = ["Cursor"]
 class Cursor:
     """Goes along recorded cycles, as the replayed run does. row: of the recording, or its last.
 
-    The approach may last longer or shorter than it did: following begins in both with the same cycle.
+    The approach may last longer or shorter than it did: following begins in both with the same cycle. ahead: s by which
+    the recorded clock is then ahead of that of the replayed run, in which a tick of `dt` s follows the other; else 0.
     """
 
-    def __init__(self, cycles: Cycles, *, has_robot: bool) -> None:
+    def __init__(self, cycles: Cycles, *, has_robot: bool, dt: float) -> None:
         self.cycles = cycles
+        self.ahead = 0.0
+        self._dt = dt
         self.cycle = 0
         """Of the replayed run."""
         self._boundary = Boundary(self._turn)
@@ -50,7 +53,10 @@ class Cursor:
     def follow(self) -> None:
         """The replayed run begins to follow, in this cycle."""
         if self._begun is None:
+            row = self.row
             self._begun = self.cycle
+            if self.row != row:
+                self._go_on(row, 0.0)
 
     def asked(self, what: Asked) -> bool:
         """Whether it was answered with yes before this cycle."""
@@ -69,4 +75,12 @@ class Cursor:
         return self.cycle if self._first == 0 else self._first + self.cycle - self._begun
 
     def _turn(self) -> None:
+        row = self.row
         self.cycle += 1
+        if self.cycles.index[self.row] - self.cycles.index[row] != 1:
+            self._go_on(row, self._dt)
+
+    def _go_on(self, row: int, seconds: float) -> None:
+        """What happens now happens so many seconds after what is in a row, whatever the recording says."""
+        clock = self.cycles.clock
+        self.ahead += float(clock[self.row, 0] - clock[row, 0]) - seconds

@@ -63,8 +63,9 @@ class Cycles:
 
     index (T,): number of the cycle, 0 is that of arming. time (T,) s: when its tick began, on the run's clock. clock
     (T, READINGS) s: what the clock said, `readings` (T,) times. asked (T,): `Asked`. tick (T,): of the performance.
-    sampled, read, written (T,): `Done`. goal (T, n) ticks. kept (T,): the pipeline has a row of it; then phase (T,), gated, unled,
-    q (T, n) rad as sent, before rounding, rest (T, r): the other columns of q, and so on. cost (T, 3) s.
+    sampled, read, written (T,): `Done`. goal (T, n) ticks. kept (T,): the pipeline has a row of it; then
+    phase (T,), gated, unled, q (T, n) rad as sent, before rounding, rest (T, r): the other columns of q, and so on.
+    cost (T, 3) s of thread CPU of both stages and of wall time of the tick.
     """
 
     index: NDArray[np.int64]
@@ -135,4 +136,5 @@ class Cycles:
 
 def _kind(annotation: Any) -> np.dtype[Any]:
     """The dtype of an array type such as NDArray[np.int64]."""
-    return np.dtype(annotation.__args__[1].__args__[0])
+    kind: np.dtype[Any] = np.dtype(annotation.__args__[1].__args__[0])
+    return kind

@@ -91,11 +91,11 @@ class RecordingFile:
 
     def flush(self) -> None:
         """Hand everything to the system: a crash of this process does not lose it. Raises OSError."""
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
         """Write the rest and the index, and close. Raises OSError."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         self.close()
 
     def close(self) -> None:

@@ -19,7 +19,7 @@ STATES = {state: place for place, state in enumerate(GuardState)}
 
 
 class Note:
-    """Of one run. ring: None before it begins and after it has ended: nothing is noted. now: the clock's last reading."""
+    """Of one run. ring: None before it begins and after it has ended: nothing is noted. now: s, read last."""
 
     def __init__(self) -> None:
         self.ring: Ring | None = None

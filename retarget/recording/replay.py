@@ -43,7 +43,7 @@ def replay(played: Played, *, watch: Watch | None = None, tell: Tell = lambda te
     Raises RetargetError for what cannot be run any more; InputError where robot or performer are others now.
     """
     session, has_robot = played.recording.session, bool(played.recording.session.joints)
-    cursor = Cursor(played.cycles, has_robot=has_robot)
+    cursor = Cursor(played.cycles, has_robot=has_robot, dt=session.dt)
     samples, bus, clock = ReplayedSamples(played, cursor), ReplayedBus(played, cursor), ReplayedClock(cursor)
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:

@@ -110,7 +110,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, parks: b
     physics = options.physics
     offset = [(float(x), float(y), float(z)) for x, y, z in size.offset]
     return Session(
-        format=FORMAT,
+        format=1,
         version=retarget.__version__,
         source=source,
         robot=options.robot,

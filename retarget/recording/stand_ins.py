@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hardware.arrays import TickArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.errors import BusError
 from retarget.clip import Clip
@@ -26,7 +27,7 @@ class ReplayedClock:
         if cursor.cycle != self._cycle:
             self._cycle, self._reading = cursor.cycle, 0
         if self._reading < cursor.cycles.readings[row]:
-            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]))
+            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]) - cursor.ahead)
             self._reading += 1
         return self._now
 
@@ -43,7 +44,7 @@ class ReplayedBus:
 
     def __init__(self, played: Played, cursor: Cursor) -> None:
         self._texts, self._cursor = played.recording.texts, cursor
-        self.sent: list[tuple[int, np.ndarray]] = []  # type: ignore[type-arg]
+        self.sent: list[tuple[int, TickArray]] = []
         cycles = cursor.cycles
         wrote = cycles.written != Done.NOT
         last = np.maximum.accumulate(np.where(wrote, np.arange(len(cycles)), -1))
@@ -63,7 +64,7 @@ class ReplayedBus:
         if self.sent and before >= 0:
             position += self.sent[-1][1] - cycles.goal[before]
         return ServoStates(
-            time=float(cycles.bus_time[row]),
+            time=float(cycles.bus_time[row]) - self._cursor.ahead,
             position=position,
             velocity=cycles.velocity[row].copy(),
             current=cycles.current[row].copy(),
@@ -81,8 +82,9 @@ class ReplayedBus:
     def write(self, goals: ServoGoals) -> None:
         """Keep a goal. Raises BusError where the bus failed."""
         row = self._cursor.row
-        self.sent.append((row if self._cursor.recorded else -1, goals.ticks.copy()))
-        if self._cursor.recorded and self._cursor.cycles.written[row] == Done.FAILED:
+        recorded = self._cursor.recorded and not self._cursor.late
+        self.sent.append((row if recorded else -1, goals.ticks.copy()))
+        if recorded and self._cursor.cycles.written[row] == Done.FAILED:
             raise BusError(self._text("bus write", row))
 
     def torque(self, on: bool) -> None:
@@ -145,7 +147,7 @@ class ReplayedSamples:
         cycles, rows = self._cursor.cycles, np.maximum.accumulate(np.maximum(self._rows, 0))
         valid = cycles.sensor_valid[rows]
         frames = SensorFrames(
-            time=np.arange(len(rows)) * self.dt,
+            time=np.arange(len(rows), dtype=np.float64) * self.dt,
             names=self._names,
             position=np.where(valid[..., None], cycles.sensor_position[rows], np.nan),
             orientation=np.where(valid[..., None], cycles.sensor_orientation[rows], np.nan),

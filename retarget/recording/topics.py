@@ -43,7 +43,7 @@ class Topic:
         chosen = np.flatnonzero(self.which(cycles))
         if not chosen.size:
             return
-        taken, stamps = cycles.taken(chosen), stamp_ns[chosen]
+        taken, stamps = cycles if len(chosen) == len(cycles) else cycles.taken(chosen), stamp_ns[chosen]
         rows = self.layout.rows(len(chosen))
         for name in rows.dtype.names or ():
             if name.endswith(".sec"):

@@ -53,11 +53,12 @@ class WritingThread:
 
     def _run(self) -> None:
         try:
-            while not self._ending:
-                self._ring.wanted.wait(FLUSH_S)
-                self._ring.wanted.clear()
+            with np.errstate(all="ignore"):  # whatever was measured is kept, also what is not a number
+                while not self._ending:
+                    self._ring.wanted.wait(FLUSH_S)
+                    self._ring.wanted.clear()
+                    self._write()
                 self._write()
-            self._write()
             self._file.finish()
         except OSError as error:
             self.trouble = error.strerror or str(error)

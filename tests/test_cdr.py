@@ -1,0 +1,77 @@
+"""Messages of fixed size: byte for byte what CDR asks for."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from retarget.recording.cdr import CdrBuilder, layout_from
+
+KINDS = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d"}
+
+
+def written_out(sec: int, nanosec: int, names: list[str], position: list[float]) -> bytes:
+    """A JointState by hand: every primitive at a multiple of its size, counted from behind the header."""
+    body = struct.pack("<iI", sec, nanosec)
+
+    def aligned(size: int) -> None:
+        nonlocal body
+        body += b"\0" * (-len(body) % size)
+
+    def text(value: str) -> None:
+        nonlocal body
+        aligned(4)
+        body += struct.pack("<I", len(value) + 1) + value.encode() + b"\0"
+
+    text("")
+    aligned(4)
+    body += struct.pack("<I", len(names))
+    for name in names:
+        text(name)
+    aligned(4)
+    body += struct.pack("<I", len(position))
+    aligned(8)
+    body += struct.pack(f"<{len(position)}d", *position) + struct.pack("<II", 0, 0)
+    return b"\x00\x01\x00\x00" + body
+
+
+def test_a_joint_state_is_what_cdr_asks_for() -> None:
+    names = ("a", "knee", "l_sho_pitch")
+    layout = CdrBuilder().header("").texts(names).sequence("position", "float64", 3).count(0).count(0).build()
+    rows = layout.rows(2)
+    rows["stamp.sec"], rows["stamp.nanosec"] = (1, 2), (10, 20)
+    rows["position"] = [[0.5, -1.0, 2.0], [3.0, 4.0, 5.0]]
+    size = layout.dtype.itemsize
+    assert rows.tobytes()[:size] == written_out(1, 10, list(names), [0.5, -1.0, 2.0])
+    assert rows.tobytes()[size:] == written_out(2, 20, list(names), [3.0, 4.0, 5.0])
+
+
+@given(st.lists(st.tuples(st.sampled_from(sorted(KINDS)), st.integers(0, 5)), min_size=1, max_size=8))
+def test_sequences_are_what_cdr_asks_for(fields: list[tuple[str, int]]) -> None:
+    builder, body = CdrBuilder(), b""
+    for number, (kind, count) in enumerate(fields):
+        builder.sequence(f"f{number}", kind, count)
+        body += b"\0" * (-len(body) % 4) + struct.pack("<I", count)
+        if count:
+            body += b"\0" * (-len(body) % struct.calcsize(KINDS[kind])) + struct.pack(f"<{count}{KINDS[kind]}", *[1] * count)
+    rows = builder.build().rows(1)
+    for name in rows.dtype.names or ():
+        rows[name] = 1
+    assert rows.tobytes() == b"\x00\x01\x00\x00" + body
+
+
+def test_the_layout_is_told_to_strangers() -> None:
+    layout = CdrBuilder().header("world").poses("poses", 2).scalar("x", "uint8").build()
+    assert layout_from(layout.told) == layout.dtype
+    rows = layout.rows(1)
+    rows["poses"] = np.arange(14).reshape(1, 2, 7)
+    again = np.frombuffer(rows.tobytes(), dtype=layout_from(layout.told))
+    np.testing.assert_array_equal(again["poses"], rows["poses"])
+
+
+@pytest.mark.parametrize("told", ["", "{}", "[]", '{"names": 3}'])
+def test_what_is_no_layout_is_an_error(told: str) -> None:
+    with pytest.raises((ValueError, TypeError, KeyError)):
+        layout_from(told)

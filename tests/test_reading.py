@@ -1,0 +1,188 @@
+"""Reading a recording: whole, cut anywhere, damaged anywhere, and files that are none."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+
+from recordings import record
+from retarget.errors import InputError, RefusedError, UsageError
+from retarget.recording.file import METADATA
+from retarget.recording.played import played
+from retarget.recording.reading import MAGIC, read_recording
+from retarget.recording.topics import SENSORS, TICK
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A recording of several chunks."""
+    path = tmp_path_factory.mktemp("reading") / "run.mcap"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("retarget.recording.writing.FLUSH_S", 0.05)
+        record(path)
+    return path.read_bytes()
+
+
+def chunk_ends(path: Path) -> list[tuple[int, int]]:
+    """Of every chunk: where it ends, and how many ticks are in the file until there."""
+    ends, content, count = [], path.read_bytes(), 0
+    with path.open("rb") as stream:
+        for one in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(one, Chunk):
+                end = content.index(one.data) + len(one.data)
+                path_until = path.with_suffix(".until")
+                path_until.write_bytes(content[:end])
+                count = len(read_recording(path_until).topic(TICK).rows)
+                ends.append((end, count))
+    return ends
+
+
+def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    ends = chunk_ends(path)
+    whole = played(read_recording(path)).cycles
+    assert len(ends) >= 3 and ends[-1][1] == len(whole)
+    assert len({count for _, count in ends}) == len(ends)
+    rng = np.random.default_rng(5)
+    cuts = [*rng.integers(ends[0][0], len(content) - 1, 25).tolist(), len(content) - 1]
+    for cut in cuts:
+        path.write_bytes(content[:cut])
+        recording = read_recording(path)
+        cycles = played(recording).cycles
+        assert "ends early" in recording.damage
+        assert len(cycles) == max(count for end, count in ends if end <= cut), cut
+        np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
+
+
+def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    first = chunk_ends(path)[0][0]
+    for cut in np.linspace(0, first - 1, 15).astype(int).tolist():
+        path.write_bytes(content[:cut])
+        with pytest.raises(InputError):
+            played(read_recording(path))
+
+
+def test_a_flipped_bit_is_never_believed(content: bytes, tmp_path: Path) -> None:
+    """Whatever stands before it is read; what is read is what was written."""
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    whole = played(read_recording(path)).cycles
+    rng = np.random.default_rng(6)
+    told = 0
+    for place in rng.integers(len(MAGIC), len(content), 40).tolist():
+        path.write_bytes(content[:place] + bytes([content[place] ^ 0x10]) + content[place + 1 :])
+        try:
+            recording = read_recording(path)
+            cycles = played(recording).cycles
+        except RefusedError:
+            told += 1
+            continue
+        told += bool(recording.damage)
+        np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
+        np.testing.assert_array_equal(cycles.sensor_position, whole.sensor_position[: len(cycles)])
+    assert told >= 10
+
+
+@pytest.mark.parametrize("data", [b"", b"\x89MCAP", b"PK\x03\x04" + bytes(50), MAGIC, MAGIC + bytes(100)])
+def test_what_is_no_recording_is_refused(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="no MCAP file|no recording of ours"):
+        read_recording(path)
+
+
+def test_there_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        read_recording(tmp_path / "x.mcap")
+    with pytest.raises(InputError, match="directory"):
+        read_recording(tmp_path)
+
+
+def foreign(path: Path, metadata: dict[str, str] | None) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        if metadata is not None:
+            writer.add_metadata(METADATA, metadata)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def test_a_file_of_somebody_else_and_of_another_version(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    for metadata, message in (
+        (None, "no recording of ours"),
+        ({"format": "2", "session": "{}"}, "another version.*format 2; allowed: format 1"),
+        ({"format": "1", "session": "{}"}, "metadata are damaged"),
+        ({"format": "1"}, "metadata are damaged"),
+    ):
+        foreign(path, metadata)
+        with pytest.raises(InputError, match=message):
+            read_recording(path)
+
+
+def without(content: bytes, path: Path, topic: str) -> None:
+    """The same recording, without a topic."""
+    from mcap.reader import make_reader
+
+    path.write_bytes(content)
+    with path.open("rb") as stream, path.with_suffix(".less.mcap").open("wb") as out:
+        reader, writer = make_reader(stream), Writer(out)
+        writer.start()
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.topic == topic:
+                continue
+            if channel.id not in channels:
+                assert schema is not None
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, "cdr", number, channel.metadata)
+            at = message.log_time
+            writer.add_message(channels[channel.id], at, message.data, at, message.sequence)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize("topic", [TICK, SENSORS, "/servos"])
+def test_a_missing_topic_is_named(content: bytes, tmp_path: Path, topic: str) -> None:
+    path = tmp_path / "run.mcap"
+    without(content, path, topic)
+    with pytest.raises(InputError, match=f"lacks a topic; found no {topic}"):
+        played(read_recording(path.with_suffix(".less.mcap")))
+
+
+def test_a_topic_that_replay_does_not_need_may_be_missing(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    without(content, path, "/tf")
+    assert len(played(read_recording(path.with_suffix(".less.mcap"))).cycles)
+
+
+def test_hostile_layouts_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    session = read_recording(path).session.model_dump_json()
+    for layout in ("[]", json.dumps({"names": ["a"], "formats": ["O"], "offsets": [0], "itemsize": 8}), "{", "nan"):
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            writer.add_metadata(METADATA, {"format": "1", "session": session})
+            schema = writer.register_schema("x", "ros2msg", b"")
+            channel = writer.register_channel(TICK, "cdr", schema, {"layout": layout})
+            writer.add_message(channel, 0, struct.pack("<d", 1.0), 0, 0)
+            writer.finish()  # type: ignore[no-untyped-call]
+        with pytest.raises(InputError, match="a topic is damaged"):
+            read_recording(path)
+
+
+def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
+    with pytest.raises(UsageError, match=r"retarget\[record\]"):
+        read_recording(tmp_path / "run.mcap")

@@ -1,0 +1,249 @@
+"""A recorded run once more: the same goals to the tick, whatever happened in it; and a change is found."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.guard_state import StopCause
+from live_rig import LiveRig
+from recordings import Recorded, record
+from retarget.clip import Clip
+from retarget.errors import InputError
+from retarget.frames import SensorSample
+from retarget.live.begin import LiveOptions
+from retarget.options import RunOptions
+from retarget.pipeline import Watch
+from retarget.prepare import Prepared
+from retarget.recording.played import Played, played
+from retarget.recording.reading import read_recording
+from retarget.recording.recorder import Recorder
+from retarget.recording.replay import Replayed, replay, what_changed
+from retarget.recording.topics import SENSORS
+from retarget.run_result import RunResult
+from retarget.samples import Samples
+from sim.faults.sender import FakeSender, silent
+from sim.mock_faults import FaultKind, MockFault
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("replay") / "run.mcap")
+
+
+def same(again: Replayed, result: RunResult) -> None:
+    """To the tick, and to the bit before rounding."""
+    assert again.difference.none and again.difference.differ == 0, again.difference.told()
+    now, then = again.result.record, result.record
+    assert len(now) == len(then) and now.robot is not None and then.robot is not None
+    np.testing.assert_array_equal(now.robot.goal_ticks, then.robot.goal_ticks)
+    np.testing.assert_array_equal(now.robot.q, then.robot.q)
+    np.testing.assert_array_equal(now.human.q, then.human.q)
+    np.testing.assert_array_equal(now.phase, then.phase)
+    assert again.result.state == result.state
+
+
+def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
+    again = replay(plain.played())
+    same(again, plain.result)
+    assert again.changed == () and again.difference.compared == len(plain.result.record) + 1
+    assert again.difference.told() == [f"all {again.difference.compared} goals are as recorded, to the tick"]
+
+
+def stopped_after(ticks: int) -> Callable[[Prepared], Watch]:
+    asked = iter([False] * ticks + [True] * 10_000)
+    return lambda prepared: Watch(stop_asked=lambda: next(asked))
+
+
+def stopped_from_outside(prepared: Prepared) -> Watch:
+    assert prepared.side is not None
+    guard, asked = prepared.side.guard, iter(range(10_000))
+
+    def look() -> bool:
+        if next(asked) == 70:
+            guard.stop("the robot has fallen: over a wire", StopCause.FALLEN)
+        return False
+
+    return Watch(stop_asked=look)
+
+
+def held_on_purpose(prepared: Prepared) -> Watch:
+    assert prepared.side is not None
+    guard, asked = prepared.side.guard, iter(range(10_000))
+
+    def look() -> bool:
+        guard.paused = 20 <= next(asked) < 60
+        return False
+
+    return Watch(stop_asked=look)
+
+
+@pytest.mark.parametrize("watch", [stopped_after(60), stopped_from_outside, held_on_purpose])
+def test_what_people_asked_for_is_asked_for_again(watch: Callable[[Prepared], Watch], tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", watch=watch)
+    again = replay(run.played())
+    same(again, run.result)
+    if watch is stopped_from_outside:
+        assert again.result.reason == "the robot has fallen: over a wire" == run.result.reason
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        MockFault(FaultKind.READ_FAILS, first=90, cycles=1000),
+        MockFault(FaultKind.ALERT, first=90, cycles=1, servo=4, alert=0x04),
+        MockFault(FaultKind.MISSING, first=80, cycles=5, servo=2),
+    ],
+)
+def test_what_went_wrong_goes_wrong_again(fault: MockFault, tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", faults=(fault,))
+    again = replay(run.played())
+    same(again, run.result)
+    assert again.result.reason == run.result.reason
+
+
+class Held:
+    """Samples of somebody who cannot be trusted for a while, comes back by weight, and is then taken up slowly."""
+
+    def __init__(self, clip: Samples) -> None:
+        self._clip = clip
+        self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
+        self.over, self.hindrance, self._tick, self._approach = False, "nobody there", 0, 0
+
+    @property
+    def settled(self) -> float:
+        return 1.0 if self._tick < 15 else min(1.0, 0.05 * (self._tick - 15))
+
+    def may_approach(self) -> bool:
+        self._approach += 1
+        return not 20 < self._approach < 40
+
+    def listen(self) -> None:
+        pass
+
+    def sample(self, tick: int) -> SensorSample | None:
+        self._tick = tick
+        said = self._clip.sample(tick)
+        assert said is not None
+        if 10 <= tick < 20:
+            return None
+        weight = np.ones(5)
+        weight[2] = min(1.0, abs(tick - 20) / 20)
+        return replace(said, weight=weight) if tick >= 20 else said
+
+    def recorded(self) -> Clip:
+        return self._clip.recorded()
+
+
+def test_who_was_held_is_held_again(tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", samples=Held)
+    found = run.played()
+    assert (found.cycles.sampled == 2).sum() == 10 and found.cycles.weighted.any()
+    assert found.cycles.settled.min() < 0.3
+    same(replay(found), run.result)
+    assert run.result.record.robot is not None and run.result.record.robot.unled.sum() >= 10
+
+
+@pytest.mark.long
+def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
+    """Sensors are those that were followed: what the stream, its clocks and the trust made of it is done with."""
+    rig = LiveRig(FakeSender(faults=[silent(4.6, 5.0)]), options=LiveOptions(countdown=0.5, duration=2.5))
+    recorder = Recorder(tmp_path / "run.mcap", rig.run_options, clock=rig.clock, parks=True, tell=rig.said.append)
+    with rig.prepared(recorder) as prepared, recorder.recording(prepared, source="json://") as recorded:
+        result = recorded.run(recorder.watch(Watch(), prepared))
+    found = played(read_recording(tmp_path / "run.mcap"))
+    assert (found.cycles.sampled == 2).any() and "the performer is not followed: the robot holds" in rig.said
+    assert found.cycles.settled.min() < 1.0
+    same(replay(found), result)
+
+
+def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"))
+    again = replay(run.played())
+    assert again.difference.none and again.difference.compared == len(run.result.record)
+    assert again.difference.told() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
+    np.testing.assert_array_equal(again.result.record.human.q, run.result.record.human.q)
+
+
+def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
+    found = plain.played()
+    where = int(np.flatnonzero(found.cycles.phase == 1)[10])
+    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    cycles.sensor_position[where:, 1] += [0.0, 0.0, 0.3]
+    again = replay(replace(found, cycles=cycles))
+    difference = again.difference
+    assert not difference.none and difference.first is not None
+    assert where <= difference.first <= where + 30 and 0 < difference.differ < difference.compared
+    first, second, *_ = difference.told()
+    assert first.startswith(f"{difference.differ} of {difference.compared} goals differ, from cycle {difference.first}")
+    assert "degrees" in second and "ticks) at most, of " in second
+
+
+def test_another_setting_is_told_as_a_difference(plain: Recorded) -> None:
+    found = plain.played()
+    session = found.recording.session.model_copy(update={"iterations": 1})
+    again = replay(replace(found, recording=replace(found.recording, session=session)))
+    assert again.difference.differ > 0 and again.difference.most > 0.0
+
+
+@pytest.mark.parametrize("then", ["sooner", "later"])
+def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then: str, plain: Recorded) -> None:
+    """As with another version that arrived then sooner or later: what follows is held against what followed."""
+    found = plain.played()
+    cycles, follow = found.cycles, int(np.flatnonzero(found.cycles.sampled == 1)[1])
+    if then == "sooner":
+        rows = np.delete(np.arange(len(cycles)), np.arange(follow - 20, follow))
+    else:
+        rows = np.insert(np.arange(len(cycles)), follow, [follow - 1] * 20)
+    cycles = cycles.taken(rows)
+    cycles.index[:] = np.arange(len(cycles))
+    cycles.clock[:] = np.maximum(np.arange(len(cycles)) * 0.008, 0.0)[:, None]
+    again = replay(replace(found, cycles=cycles))
+    assert again.result.reason is None and again.result.state == "idle"
+    following = np.flatnonzero(cycles.phase == 1)
+    assert (again.difference.first or 0) < following[0] and again.difference.differ == 0
+    assert (again.difference.extra, again.difference.absent) == ((20, 0) if then == "sooner" else (0, 20))
+    last = again.result.record.robot
+    assert last is not None
+    np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
+
+
+def test_a_recording_that_was_cut_off_is_played_as_far_as_it_goes(plain: Recorded, tmp_path: Path) -> None:
+    found = plain.played()
+    rows = np.arange(len(found.cycles) - 30)
+    cut = replace(found, cycles=found.cycles.taken(rows), recording=replace(found.recording, damage="it ends early"))
+    again = replay(cut)
+    assert again.difference.none and again.difference.compared == len(rows)
+    assert again.result.state == "idle"
+
+
+def test_what_is_another_file_now_is_told(plain: Recorded) -> None:
+    session = plain.played().recording.session
+    assert what_changed(session, plain.result.robot) == ()
+    files = tuple(one.model_copy(update={"sha256": "0"}) if one.name == "robot.yaml" else one for one in session.files)
+    other = session.model_copy(update={"files": files[:-1], "version": "0.0.1"})
+    told = what_changed(other, plain.result.robot)
+    assert len(told) == 3 and "recorded by retarget 0.0.1" in told[0]
+    assert told[1] == "body.xml: there was none then" or "robot.yaml has changed" in told[1] + told[2]
+
+
+def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
+    found = plain.played()
+    for update, message in (
+        ({"joints": ("head_pan",)}, "other servos than when it was recorded; found with"),
+        ({"performer": "three"}, "the performer wears other sensors"),
+    ):
+        session = found.recording.session.model_copy(update=update)
+        with pytest.raises(InputError, match=message):
+            replay(replace(found, recording=replace(found.recording, session=session)))
+
+
+def test_sensors_come_back_bit_by_bit(plain: Recorded) -> None:
+    found, frames = plain.played(), plain.result.clip.frames
+    rows = [int(np.flatnonzero((found.cycles.tick == tick) & (found.cycles.sampled == 1))[-1]) for tick in range(40)]
+    np.testing.assert_array_equal(found.cycles.sensor_position[rows], frames.position[:40])
+    np.testing.assert_array_equal(found.cycles.sensor_orientation[rows], frames.orientation[:40])
+    assert len(found.recording.topic(SENSORS).rows) == len(frames) + 1
+    assert isinstance(found, Played) and found.last_tick == len(frames) - 1
