@@ -8,15 +8,17 @@ import typer
 from hardware.clock import MonotonicClock
 from retarget.cli.interrupt import stop_on_signals
 from retarget.viewer.door import PORT
+from retarget.viewer.from_mcap import open_viewed
 from retarget.viewer.page import RecordedPage
-from retarget.viewer.recorded import open_recorded
 from retarget.viewer.server import open_server
 
 SHOWN_HZ = 30.0
 
 
 def view(
-    file: Annotated[Path, typer.Argument(help="A run that was saved: retarget run --save FILE.npz.", metavar="FILE")],
+    file: Annotated[
+        Path, typer.Argument(help="A run that was saved or recorded: FILE.npz, FILE.mcap.", metavar="FILE")
+    ],
     port: Annotated[
         int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0, max=65535)
     ] = PORT,
@@ -25,7 +27,7 @@ def view(
 
     Open the address that is printed; its key keeps other pages and users out.
     """
-    run = open_recorded(file)
+    run = open_viewed(file)
     server, address = open_server(port, title=f"retarget: {file.name}")
     page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
     typer.echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")

@@ -1,0 +1,122 @@
+"""A run recorded with `--record FILE.mcap`, to be looked at."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardware.guard_state import GuardState
+from retarget.body_file import compile_body, compile_body_text
+from retarget.errors import InputError
+from retarget.human import build_human
+from retarget.record import Phase
+from retarget.recording.note import STATES
+from retarget.recording.played import played
+from retarget.recording.reading import Recording, TopicRows, read_recording
+from retarget.recording.replay import refuse_other_robot
+from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK
+from retarget.robot_body import load_robot
+from retarget.rotations import FloatArray
+from retarget.viewer.moment import Cast, Moment, Viewed, actor
+from retarget.viewer.recorded import open_recorded
+
+__all__ = ["RecordedCycles", "open_viewed"]
+
+PHASES = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
+SAID = {STATES[state]: state.value for state in (GuardState.HOLDING, GuardState.STOPPING, GuardState.STOPPED)}
+"""States of the guard that say more than the phase of a tick."""
+
+
+class RecordedCycles:
+    """See `Viewed`. What is kept less often than every tick is shown as it was last. notes: what of it is missing."""
+
+    def __init__(self, recording: Recording) -> None:
+        """Raises InputError for one in which there is nothing to be seen, or of another robot than the one there is."""
+        whole = played(recording)
+        self._rows = np.flatnonzero(whole.cycles.kept)
+        session, self._cycles = recording.session, whole.cycles
+        if not self._rows.size:
+            raise InputError("nothing was sent in this recording", where=str(recording.path))
+        self._human = _spread(recording.topic(HUMAN_POSTURE), self._cycles.index, "q")
+        human = actor(compile_body_text(build_human(session.size).mjcf, source="human", root="free"))
+        self.notes = (recording.damage,) if recording.damage else ()
+        follows = np.flatnonzero(self._cycles.phase[self._rows] == Phase.FOLLOW)
+        index = self._cycles.index[self._rows]
+        self.times: FloatArray = (index - index[follows[0] if follows.size else 0]) * session.dt
+        self._reasons = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _tells_why(who, text))
+        self._points: FloatArray | None = None
+        title = recording.path.name
+        if not session.joints:
+            self.cast = Cast(title, None, human, (), ())
+            return
+        root = session.options.physics.root
+        robot = load_robot(session.robot, root=root)
+        refuse_other_robot(session, robot)
+        shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
+        asked = recording.topics.get(LANDMARKS)
+        names = tuple(robot.profile.landmarks) if asked is not None else ()
+        self.cast = Cast(title, shown, human, robot.joint_map.joints, names, robot)
+        self._rest = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
+        if asked is not None:
+            self._points = _spread(asked, self._cycles.index, "poses")[..., :3]
+        self._modes = _spread(recording.topic(TICK), self._cycles.index, "observer_modes")
+        self._present = robot.joint_map.to_radians(self._cycles.position)
+
+    def moment(self, row: int) -> Moment:
+        """The tick of a row."""
+        at, robot = int(self._rows[row]), self.cast.profile
+        human = self._human[at]
+        state = SAID.get(int(self._cycles.state[at]), PHASES[Phase(int(self._cycles.phase[at]))])
+        if robot is None:
+            none, com = np.zeros(0), self.cast.human.body.solver_body().centre_of_mass(human[None])[0]
+            return Moment(float(self.times[row]), state, none, none, human, none, none, _NO_POINTS, _NO_POINTS, com)
+        goal, sent, present = np.zeros(robot.body.nq), self._cycles.q[at], self._present[at]
+        goal[robot.servo_columns], goal[self._rest] = sent, self._cycles.rest[at]
+        there = goal.copy()
+        there[robot.servo_columns] = present
+        names = self.cast.landmarks
+        return Moment(
+            time=float(self.times[row]),
+            state=state,
+            robot=there,
+            goal=goal,
+            human=human,
+            present=present,
+            sent=sent,
+            asked=_NO_POINTS if self._points is None else self._points[at],
+            reached=robot.points(goal[None], robot.landmark_frames(names))[0] if names else _NO_POINTS,
+            com=robot.body.solver_body().centre_of_mass(goal[None])[0],
+            why=self._why(at, state),
+            modes=self._modes[at].astype(np.uint8),
+            temperature=self._cycles.temperature[at],
+        )
+
+    def track(self, joint: int) -> tuple[FloatArray, FloatArray]:
+        """What a joint was told and where it was, rad (T,) each."""
+        return self._cycles.q[self._rows, joint], self._present[self._rows, joint]
+
+    def _why(self, at: int, state: str) -> str:
+        """What failed or stopped it until then, last."""
+        if state == "following":
+            return ""
+        index = int(self._cycles.index[at])
+        return next((text for cycle, text in reversed(self._reasons) if cycle <= index), "")
+
+
+def open_viewed(path: Path) -> Viewed:
+    """Of a saved or a recorded run. Raises InputError for anything else."""
+    return RecordedCycles(read_recording(path)) if path.suffix.lower() == ".mcap" else open_recorded(path)
+
+
+def _tells_why(who: str, text: str) -> bool:
+    """Whether an event is a failure or a stop: of those the cause is told, and then the reason."""
+    return who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)
+
+
+_NO_POINTS = np.zeros((0, 3))
+
+
+def _spread(topic: TopicRows, index: NDArray[np.int64], name: str) -> FloatArray:
+    """A field of a topic at every cycle of `index` (T,): as it was said last, or first."""
+    at = np.searchsorted(topic.cycles, index, side="right") - 1
+    return np.asarray(topic.rows[name][np.maximum(at, 0)], dtype=np.float64)

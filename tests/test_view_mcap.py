@@ -1,0 +1,90 @@
+"""A recorded run, looked at: every tick as it was, with what observers and servos did."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from retarget.cli.buses import make_bus
+from retarget.clip import Playback
+from retarget.errors import InputError
+from retarget.options import RunOptions
+from retarget.pipeline import Watch
+from retarget.prepare import prepare
+from retarget.recording.recorder import Recorder
+from retarget.run_result import RunResult
+from retarget.viewer.from_mcap import RecordedCycles, open_viewed
+from sim.performer import synthetic_performer
+
+
+def recorded(path: Path, *, robot: str, stop: int = 10**9) -> RunResult:
+    """The first second of the performer; somebody stops it after so many ticks."""
+    options = RunOptions(robot=robot, playback=Playback(end=1.0))
+    recorder = Recorder(path, options, clock=VirtualClock(), parks=False, tell=lambda text: None)
+    asked = 0
+
+    def stop_asked() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > stop
+
+    make = recorder.make_bus(lambda body, clock: make_bus(options.bus, body, clock))
+    with (
+        prepare(synthetic_performer, options, clock=recorder.clock, make_bus=make) as prepared,
+        recorder.recording(prepared, source="synthetic") as taped,
+    ):
+        return taped.run(recorder.watch(Watch(stop_asked=stop_asked, why=lambda: "the space bar"), taped))
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("run") / "run.mcap"
+
+
+@pytest.fixture(scope="module")
+def run(path: Path) -> RunResult:
+    return recorded(path, robot="op3", stop=150)
+
+
+def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
+    seen, sent = open_viewed(path), run.record.robot
+    assert isinstance(seen, RecordedCycles) and sent is not None and run.robot is not None
+    assert len(seen.times) == len(run.record.time)
+    np.testing.assert_allclose(seen.times, run.record.time, atol=1e-9)
+    columns = run.robot.servo_columns
+    for row in range(0, len(seen.times), 7):
+        moment = seen.moment(row)
+        np.testing.assert_allclose(moment.goal, sent.q[row], atol=1e-6)
+        np.testing.assert_allclose(moment.robot[columns], sent.present[row], atol=1e-9)
+        np.testing.assert_array_equal(moment.temperature, sent.temperature[row])
+        assert moment.modes is not None and moment.modes.shape == sent.observer_modes[row].shape
+        assert np.abs(moment.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
+    told, there = seen.track(4)
+    np.testing.assert_allclose(told, sent.q[:, columns[4]], atol=1e-6)
+    np.testing.assert_allclose(there, sent.present[:, 4], atol=1e-9)
+
+
+def test_why_it_stopped_is_said(path: Path, run: RunResult) -> None:
+    seen = open_viewed(path)
+    last = seen.moment(len(seen.times) - 1)
+    assert last.state == "stopping" and "the space bar" in last.why
+    states = {seen.moment(row).state for row in range(len(seen.times))}
+    assert {"approaching", "stopping"} <= states
+
+
+def test_a_human_alone(tmp_path: Path) -> None:
+    path = tmp_path / "human.mcap"
+    recorded(path, robot="human")
+    seen = open_viewed(path)
+    assert seen.cast.robot is None and np.isfinite(seen.moment(10).com).all()
+
+
+def test_half_of_it_is_seen_and_nothing_is_refused(path: Path, run: RunResult, tmp_path: Path) -> None:
+    half, other = tmp_path / "half.mcap", tmp_path / "other.mcap"
+    half.write_bytes(path.read_bytes()[:-3000])
+    seen = open_viewed(half)
+    assert isinstance(seen, RecordedCycles) and seen.notes and 0 < len(seen.times) <= len(run.record.time)
+    other.write_bytes(b"no recording")
+    with pytest.raises(InputError):
+        open_viewed(other)
