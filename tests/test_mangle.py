@@ -56,3 +56,8 @@ def test_the_same_seed_does_the_same() -> None:
 def test_faults_add_up() -> None:
     faults = [Fault(FaultKind.LATE, value=0.5), Fault(FaultKind.DUPLICATE), Fault(FaultKind.LATE, value=0.25)]
     assert mangled(b"ab", faults, random.Random(1)) == [Part(0.75, b"abab")]
+
+
+def test_two_storms_leave_a_packet_as_wrong_as_one() -> None:
+    storm = Fault(FaultKind.CRC_STORM)
+    assert mangled(PACKET, [storm, storm], random.Random(0)) == mangled(PACKET, [storm], random.Random(0))

@@ -18,11 +18,12 @@ def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> li
     """What becomes of a packet by faults of BYTE_KINDS, in their order; nothing: it is lost."""
     parts = [Part(0.0, packet)]
     for fault in faults:
-        parts = [new for part in parts for new in _hit(part, fault, chance)]
+        parts = [new for part in parts for new in _hit(part, fault, chance, last=packet[-1])]
     return [part for part in parts if part.data]
 
 
-def _hit(part: Part, fault: Fault, chance: random.Random) -> list[Part]:
+def _hit(part: Part, fault: Fault, chance: random.Random, *, last: int) -> list[Part]:
+    """last: byte of the packet as it was said; two storms leave it as wrong as one."""
     if fault.unit is Unit.BYTES:
         return _hit_bytes(part, fault, chance)
     if chance.random() >= fault.rate or not part.data:
@@ -41,7 +42,7 @@ def _hit(part: Part, fault: Fault, chance: random.Random) -> list[Part]:
         case FaultKind.NOISE:
             data = _noise(fault, chance) + data
         case FaultKind.CRC_STORM:
-            data = data[:-1] + bytes((data[-1] ^ 0xFF,))
+            data = data[:-1] + bytes((last ^ 0xFF,))
     return [Part(delay, data)]
 
 
