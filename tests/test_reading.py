@@ -95,7 +95,7 @@ def test_a_flipped_bit_is_never_believed(content: bytes, tmp_path: Path) -> None
 def test_what_is_no_recording_is_refused(data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
-    with pytest.raises(InputError, match="no MCAP file|no recording of ours"):
+    with pytest.raises(InputError, match=r"no MCAP file|no recording of ours"):
         read_recording(path)
 
 
