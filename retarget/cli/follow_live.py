@@ -99,14 +99,8 @@ def follow_live(
             rate = HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
             return begin_live(stream, live, clock=clock, rate_hz=rate, where=address.text, tell=tell)
 
-        with prepare_for(
-            perform,
-            options,
-            clock=recorder.clock,
-            make_bus=recorder.make_bus(bench.make_bus),
-            parks=True,
-            tell=tell,
-        ) as prepared:
+        make_bus = recorder.make_bus(bench.make_bus)
+        with prepare_for(perform, options, clock=recorder.clock, make_bus=make_bus, parks=True, tell=tell) as prepared:
             stop, keys = stack.enter_context(stop_on_signals()), stack.enter_context(Keys())
             performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
             assert isinstance(performer, LivePerformer)
@@ -120,13 +114,10 @@ def follow_live(
             if dead_man is not None:
                 _tell(f"hold {dead_man.told}: the robot moves only while it is held")
             _wait_until_wanted(clutch, controls, performer, clock)
-            performer.catch_up()
-            with (
-                recorder.recording(prepared, source=address.text) as recorded,
-                live_state(options.robot, _words(prepared, controls)),
-                scheduled(oversight.scheduling),
-            ):
-                run = _run(recorded, controls, bench, clock, recorder)
+            with recorder.recording(prepared, source=address.text) as recorded:
+                performer.catch_up()
+                with live_state(options.robot, _words(prepared, controls)), scheduled(oversight.scheduling):
+                    run = _run(recorded, controls, bench, clock, recorder)
         told = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
