@@ -1,4 +1,4 @@
-"""A process of its own that records a robot in real time, until somebody kills it: `python recording_process.py FILE`."""
+"""A process that records a robot in real time, until somebody kills it: `python recording_process.py FILE SECONDS`."""
 
 import sys
 from pathlib import Path

@@ -55,7 +55,9 @@ def test_sequences_are_what_cdr_asks_for(fields: list[tuple[str, int]]) -> None:
         builder.sequence(f"f{number}", kind, count)
         body += b"\0" * (-len(body) % 4) + struct.pack("<I", count)
         if count:
-            body += b"\0" * (-len(body) % struct.calcsize(KINDS[kind])) + struct.pack(f"<{count}{KINDS[kind]}", *[1] * count)
+            body += b"\0" * (-len(body) % struct.calcsize(KINDS[kind])) + struct.pack(
+                f"<{count}{KINDS[kind]}", *[1] * count
+            )
     rows = builder.build().rows(1)
     for name in rows.dtype.names or ():
         rows[name] = 1

@@ -2,6 +2,8 @@
 
 import json
 import struct
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from recordings import record
 from retarget.errors import InputError, RefusedError, UsageError
 from retarget.recording.file import METADATA
 from retarget.recording.played import played
-from retarget.recording.reading import MAGIC, read_recording
+from retarget.recording.reading import MAGIC, TopicRows, read_recording
 from retarget.recording.topics import SENSORS, TICK
 
 
@@ -95,7 +97,7 @@ def test_a_flipped_bit_is_never_believed(content: bytes, tmp_path: Path) -> None
 def test_what_is_no_recording_is_refused(data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
-    with pytest.raises(InputError, match="no MCAP file|no recording of ours"):
+    with pytest.raises(InputError, match=r"no MCAP file|no recording of ours"):
         read_recording(path)
 
 
@@ -120,8 +122,12 @@ def test_a_file_of_somebody_else_and_of_another_version(tmp_path: Path) -> None:
     for metadata, message in (
         (None, "no recording of ours"),
         ({"format": "2", "session": "{}"}, "another version.*format 2; allowed: format 1"),
-        ({"format": "1", "session": "{}"}, "metadata are damaged"),
+        ({"format": "1", "session": "{}"}, "metadata are damaged; found another SHA-256"),
         ({"format": "1"}, "metadata are damaged"),
+        (
+            {"format": "1", "session": "{}", "sha256": sha256(b"{}").hexdigest()},
+            "metadata are damaged; found .*required",
+        ),
     ):
         foreign(path, metadata)
         with pytest.raises(InputError, match=message):
@@ -173,7 +179,8 @@ def test_hostile_layouts_are_refused(tmp_path: Path, content: bytes) -> None:
         with path.open("wb") as stream:
             writer = Writer(stream)
             writer.start()
-            writer.add_metadata(METADATA, {"format": "1", "session": session})
+            digest = sha256(session.encode()).hexdigest()
+            writer.add_metadata(METADATA, {"format": "1", "session": session, "sha256": digest})
             schema = writer.register_schema("x", "ros2msg", b"")
             channel = writer.register_channel(TICK, "cdr", schema, {"layout": layout})
             writer.add_message(channel, 0, struct.pack("<d", 1.0), 0, 0)
@@ -186,3 +193,29 @@ def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
     with pytest.raises(UsageError, match=r"retarget\[record\]"):
         read_recording(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize(
+    "update",
+    [{"dt": 0.0}, {"dt": float("nan")}, {"ticks": 0}, {"sensors": ()}, {"intake": (-1.0, 0.0, 0.0)}, {"format": 2}],
+)
+def test_a_session_that_cannot_be_is_refused(content: bytes, tmp_path: Path, update: dict[str, object]) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    session = read_recording(path).session
+    told = json.dumps(session.model_dump() | update)
+    foreign(path, {"format": "1", "session": told, "sha256": sha256(told.encode()).hexdigest()})
+    with pytest.raises(InputError, match="metadata are damaged"):
+        read_recording(path)
+
+
+def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    recording = read_recording(path)
+    for name, row, value in (("tick", 5, 2**31 - 1), ("tick", 5, -1), ("cycle", 0, 7), ("cycle", -1, 2**32 - 1)):
+        rows = recording.topic(TICK).rows.copy()
+        rows[name][row] = value
+        topics = recording.topics | {TICK: TopicRows(recording.topic(TICK).cycles, rows)}
+        with pytest.raises(InputError, match="the recording lacks something"):
+            played(replace(recording, topics=topics))

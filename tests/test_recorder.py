@@ -1,4 +1,4 @@
-"""`--record`: what is in the file is what happened, for any tool that reads MCAP; and the run is the same as without."""
+"""`--record`: what is in the file is what happened, for any tool that reads MCAP; the run is the same as without."""
 
 import errno
 import threading

@@ -99,14 +99,8 @@ def follow_live(
             rate = HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
             return begin_live(stream, live, clock=clock, rate_hz=rate, where=address.text, tell=tell)
 
-        with prepare_for(
-            perform,
-            options,
-            clock=recorder.clock,
-            make_bus=recorder.make_bus(bench.make_bus),
-            parks=True,
-            tell=tell,
-        ) as prepared:
+        make_bus = recorder.make_bus(bench.make_bus)
+        with prepare_for(perform, options, clock=recorder.clock, make_bus=make_bus, parks=True, tell=tell) as prepared:
             stop, keys = stack.enter_context(stop_on_signals()), stack.enter_context(Keys())
             performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
             assert isinstance(performer, LivePerformer)
@@ -122,18 +116,12 @@ def follow_live(
             words = _words(prepared, controls)
             page = stack.enter_context(viewing(outputs.view, prepared, options, words, tell=tell))
             _wait_until_wanted(clutch, controls, performer, clock)
-            performer.catch_up()
-            with (
-                recorder.recording(prepared, source=address.text) as recorded,
-                live_state(options.robot, words),
-                scheduled(oversight.scheduling),
-            ):
-                look = page.heard(controls.look, stop)
-                if recorded.side is None:
-                    look = _in_time(look, performer.dt, clock)
-                asked = bench.watching(look, recorded, live=True)
-                watch = Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why)
-                run = recorded.run(page.watch(recorder.watch(watch, recorded)))
+            look = page.heard(controls.look, stop)
+            with recorder.recording(prepared, source=address.text) as recorded:
+                performer.catch_up()
+                with live_state(options.robot, words), scheduled(oversight.scheduling):
+                    watch = _watch(recorded, look, controls, bench, clock)
+                    run = recorded.run(page.watch(recorder.watch(watch, recorded)))
         told = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
@@ -171,8 +159,18 @@ def _words(prepared: Prepared, controls: LiveControls) -> Callable[[], str]:
     return lambda: words_for(controls.status(), approaching=side is not None and side.phase is Phase.APPROACH)
 
 
+def _watch(
+    prepared: Prepared, look: Callable[[], bool], controls: LiveControls, bench: PhysicsBench, clock: Clock
+) -> Watch:
+    """Who stops it; in time, also where there is no robot whose side keeps it."""
+    if prepared.side is None:
+        look = _in_time(look, prepared.samples.dt, clock)
+    asked = bench.watching(look, prepared, live=True)
+    return Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why)
+
+
 def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:
-    """`look`, every `dt` s: where there is no robot whose side keeps time."""
+    """`look`, every `dt` s."""
     deadline = clock.now()
 
     def waited() -> bool:

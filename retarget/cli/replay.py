@@ -120,7 +120,7 @@ def _send(found: "Played", bus: str, speed: float) -> int:
     with ExitStack() as signals:
         with sending(found, options, speed=speed, clock=clock, make_bus=bench.make_bus, tell=_note) as prepared:
             stop = signals.enter_context(stop_on_signals())
-            with progress_bar(options.robot, prepared.samples.ticks) as show:
+            with progress_bar(options.robot, prepared.samples.kept // 2) as show:
                 run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why))
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -63,10 +64,12 @@ class RecordingFile:
         self._writer = Writer(cast(IO[Any], self._stream), chunk_size=CHUNK, compression=CompressionType.ZSTD)
         try:
             self._writer.start(profile=PROFILE)
-            self._writer.add_metadata(METADATA, {"format": str(session.format), "session": session.model_dump_json()})
-            for told, content in configs:
+            text = session.model_dump_json()
+            told = {"format": str(session.format), "session": text, "sha256": sha256(text.encode()).hexdigest()}
+            self._writer.add_metadata(METADATA, told)
+            for config, content in configs:
                 if len(content) <= LARGEST:
-                    self._writer.add_attachment(session.begun_ns, session.begun_ns, told.name, "text/plain", content)
+                    self._writer.add_attachment(session.begun_ns, session.begun_ns, config.name, "text/plain", content)
         except OSError as error:
             self.discard()
             raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error

@@ -14,6 +14,10 @@ from retarget.rotations import FloatArray
 __all__ = ["Played", "played"]
 
 
+MOST_CYCLES = 50_000_000
+"""Four days at 125 Hz."""
+
+
 @dataclass(frozen=True, eq=False)
 class Played:
     """recording: what was read. cycles: those that are whole, from the first one on. missing: cycles that were never
@@ -47,6 +51,10 @@ def _played(recording: Recording) -> Played:
     has_robot = bool(recording.session.joints)
     servos = recording.topic(SERVOS) if has_robot else None
     rows = _in_order(ticks)
+    if rows["cycle"][0] != 0 or rows["tick"].min() < 0 or rows["tick"].max() > rows["cycle"][-1]:
+        raise ValueError("its ticks do not begin where a run begins")
+    if rows["cycle"][-1] > MOST_CYCLES:
+        raise ValueError(f"more than {MOST_CYCLES} cycles")
     count, rest = len(recording.session.joints), _width(rows, "root")
     cycles = Cycles.empty(len(rows), _shape(recording, rows, rest))
     for name, _, own in TICK_FIELDS:
@@ -58,6 +66,8 @@ def _played(recording: Recording) -> Played:
     if rest:
         cycles.rest[:] = rows["root"]
     _take_sensors(cycles, sensors, rows["sensor_oriented"])
+    if cycles.sampled[0] != Done.WELL or cycles.tick[0] != 0:
+        raise ValueError("nobody is there in its first tick")
     if servos is not None:
         _take_servos(cycles, servos)
         if GOALS in recording.topics:

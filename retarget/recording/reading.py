@@ -2,6 +2,7 @@
 
 import struct
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -124,8 +125,11 @@ def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Sessio
             allowed=f"format {FORMAT}",
             next_step="Read it with the version of retarget that wrote it",
         )
+    text = metadata.get("session", "")
+    if sha256(text.encode()).hexdigest() != metadata.get("sha256"):  # MCAP has no CRC for metadata
+        raise InputError("its metadata are damaged", where=where, found="another SHA-256", allowed=allowed)
     try:
-        return Session.model_validate_json(metadata.get("session", ""))
+        return Session.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         fault = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"

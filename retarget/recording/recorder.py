@@ -1,12 +1,13 @@
 """`retarget run --record`: keeps a run in a file while it goes on. The tick copies; a thread of its own writes."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from hardware.bus import ServoBus
-from hardware.clock import Clock, MonotonicClock, wall_to_monotonic
+from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
 from retarget.human_dimensions import POINTS
 from retarget.options import RunOptions
 from retarget.pipeline import Watch
@@ -24,14 +25,17 @@ from retarget.robot_body import RobotBody
 
 __all__ = ["Recorder"]
 
+SWITCH_S = 1e-3
+"""So long a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5 ms."""
+
 Tell = Callable[[str], object]
 
 
 class Recorder:
     """Of one run. path: None: nothing is recorded, and nothing is changed.
 
-    clock: of the run. patient: its time is not real, so that it may wait for the disk; else what comes while the disk
-    hangs is counted and missing. tell: hears what became of the recording.
+    clock: of the run; where its time is not real, the run may wait for the disk, else what comes while the disk hangs
+    is counted and missing. tell: hears what became of the recording.
     """
 
     def __init__(self, path: Path | None, options: RunOptions, *, clock: Clock, parks: bool, tell: Tell) -> None:
@@ -115,7 +119,7 @@ class Recorder:
         file = RecordingFile(self._path, session, config_files(self._options, robot))
         shape, messages = _layout(prepared)
         file.announce(messages)
-        ring = Ring(shape, patient=self._options.simulated)
+        ring = Ring(shape, patient=isinstance(self._clock, VirtualClock))
         thread = WritingThread(
             file, ring, self._note.events, messages, lambda time: begun_ns + round((time - started) * 1e9)
         )
@@ -123,9 +127,12 @@ class Recorder:
         self._note.begin(ring, now=started, dt=prepared.samples.dt, robot=robot, guard=guard)
         self._thread, self._ring = thread, ring
         thread.start()
+        switching = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_S)
         try:
             yield replace(prepared, samples=TappedSamples(prepared.samples, self._note))
         finally:
+            sys.setswitchinterval(switching)
             self._note.end()
             thread.close()
             if guard is not None and guard.sent is None:

@@ -1,7 +1,10 @@
 """A recorded run once more: the sensors, servos and clock of then, through the pipeline of now."""
 
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
 
 import retarget
 from hardware.bus import ServoBus
@@ -73,6 +76,12 @@ def what_changed(session: Session, robot: RobotBody | None) -> tuple[str, ...]:
     changed = []
     if session.version != retarget.__version__:
         changed.append(f"recorded by retarget {session.version}, this is {retarget.__version__}")
+    for what, was, found in (
+        ("with numpy", session.numpy, np.__version__),
+        ("on", session.machine, platform.machine()),
+    ):
+        if was != found:
+            changed.append(f"recorded {what} {was}, this is {found}")
     now = {told.name: told for told, _ in config_files(session.options, robot)}
     then = {told.name: told for told in session.files}
     for name in sorted(now.keys() | then.keys()):

@@ -37,6 +37,9 @@ Tell = Callable[[str], object]
 
 NEAR = 1e-5
 """rad. Goals are kept in single precision: those that were at a limit may miss it by less, and are put back inside."""
+MOST_REFUSED, GONE_S = 5, 1.0
+"""So often in a row a goal is refused, with less than so many s of the way between, before there is no way on."""
+FOR_EVER = 10**9
 STILL = 1e-12
 """rad; what moves less stands."""
 
@@ -44,8 +47,9 @@ STILL = 1e-12
 class RecordedGoals:
     """A `FollowingStage` whose postures are those that were sent. speed: 1 is as fast as then.
 
-    Where the robot was held or goals were refused, it stands first, and comes back onto its way slowly. Raises
-    InputError if the recording never followed anybody, or lacks the goals.
+    They end at rest. Where the robot was held or goals were refused, it stands first, and comes back onto its way
+    slowly; where they are refused again and again, nobody knows a goal any more. Raises InputError if the recording
+    never followed anybody, or lacks the goals.
     """
 
     def __init__(self, played: Played, robot: RobotBody, *, speed: float, dt: float) -> None:
@@ -59,12 +63,14 @@ class RecordedGoals:
         step = speed * dt / played.recording.session.dt  # recorded ticks in one tick
         at = np.append(np.arange(0.0, index[-1], step), index[-1])
         self._robot, self._dt = robot, dt
-        self._joints = np.stack([np.interp(at, index, column) for column in cycles.q[rows].T], axis=1)
+        joints = np.stack([np.interp(at, index, column) for column in cycles.q[rows].T], axis=1)
         self._rest = cycles.rest[rows][np.searchsorted(index, at, side="right") - 1]
         self._columns = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
         limits, caps = robot.limits, robot.profile.safety.speed_caps
         self._limits = replace(limits, max_velocity=max(caps.follow, caps.approach) * limits.max_velocity)
         self._change = limits.max_acceleration * dt**2  # (n,) [rad]
+        self._joints = np.vstack([joints, *_to_rest(joints, self._change)])
+        self._refused, self._refused_at = 0, 0.0
         body = robot.body
         self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
         self._pace, self._gone = 1.0, 0.0
@@ -74,8 +80,13 @@ class RecordedGoals:
 
     @property
     def ticks(self) -> int:
-        """Ticks that all of it takes, at full pace."""
+        """Ticks that all of it takes, at full pace and if it is never held."""
         return len(self._joints)
+
+    @property
+    def done(self) -> bool:
+        """Whether the last of them was asked for."""
+        return self._way.done
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """The first of them."""
@@ -88,6 +99,8 @@ class RecordedGoals:
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The next of them."""
+        if self._refused > MOST_REFUSED:
+            return self._posture(np.full_like(self._here, np.nan))
         if self._way.left and self._moved.any():
             moved = slower_in_line(self._moved, self._change)
         else:
@@ -108,6 +121,9 @@ class RecordedGoals:
         """Something else was sent."""
         moved = velocity[self._dofs] * self._dt
         self._here, self._moved = q[self._robot.servo_columns].copy(), np.where(np.abs(moved) > STILL, moved, 0.0)
+        if not self._way.left:
+            gone = (self._gone - self._refused_at) * self._dt > GONE_S
+            self._refused, self._refused_at = 1 if gone else self._refused + 1, self._gone
         self._way.leave()
 
     def _begin(self) -> None:
@@ -149,6 +165,47 @@ class RecordedGoals:
         )
 
 
+def _to_rest(joints: FloatArray, change: FloatArray) -> list[FloatArray]:
+    """What follows postures (T, n) rad until all joints rest: in line, braking by `change` (n,) rad per tick."""
+    rows: list[FloatArray] = []
+    moved = joints[-1] - joints[-2] if len(joints) > 1 else np.zeros_like(change)
+    here = joints[-1]
+    while np.abs(moved).max() > STILL:
+        moved = slower_in_line(moved, change)
+        here = here + moved
+        rows.append(here)
+    return rows
+
+
+class UntilDone:
+    """`Samples` of nobody, for as long as it takes until all goals were sent. kept: twice as many ticks as planned."""
+
+    def __init__(self, clip: Clip, stage: RecordedGoals) -> None:
+        self._clip, self._stage = clip, stage
+        self.ticks, self.kept = FOR_EVER, 2 * clip.ticks
+        self.dt, self.motion_dt, self.settled, self.hindrance = clip.dt, clip.motion_dt, 1.0, ""
+
+    @property
+    def over(self) -> bool:
+        """Whether all goals were sent."""
+        return self._stage.done
+
+    def may_approach(self) -> bool:
+        """It waits."""
+        return True
+
+    def listen(self) -> None:
+        """Nothing comes in."""
+
+    def sample(self, tick: int) -> SensorSample:
+        """The first sample of the recording."""
+        return self._clip.sample(0)
+
+    def recorded(self) -> Clip:
+        """The first sample, for as many ticks as planned."""
+        return self._clip
+
+
 class StillHuman:
     """A `ReconstructingStage` of somebody who does not move: there is nobody."""
 
@@ -183,7 +240,8 @@ def sending(
         refuse_other_robot(session, robot)
         dt = 1.0 / robot.profile.safety.rate_hz
         stages.append(RecordedGoals(played, robot, speed=speed, dt=dt))
-        return Performance(_held(played, stages[0].ticks, dt), session.size, session.notes, session.intake_times)
+        samples = UntilDone(_held(played, stages[0].ticks, dt), stages[0])
+        return Performance(samples, session.size, session.notes, session.intake_times)
 
     def lead(follower: FollowingStage) -> FollowingStage:
         return stages[0]

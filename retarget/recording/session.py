@@ -1,15 +1,16 @@
 """What a recording says of its run: everything that replay needs to know beside the cycles, in one strict document."""
 
 import hashlib
+import platform
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 import retarget
 from retarget.catalogue import Kind, calibration_path, find
-from retarget.human_dimensions import HumanDimensions
+from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
 from retarget.prepare import Prepared, priority_names
@@ -22,8 +23,11 @@ FORMAT = 1
 """Of recordings; another one is not read."""
 
 
+NotNegative = Annotated[float, Field(ge=0.0)]
+
+
 class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ConfigFile(_Strict):
@@ -37,17 +41,20 @@ class ConfigFile(_Strict):
 class Size(_Strict):
     """Of the performer: `HumanDimensions`."""
 
-    offset: tuple[tuple[float, float, float], ...]
+    offset: Annotated[tuple[tuple[float, float, float], ...], Field(min_length=len(POINTS), max_length=len(POINTS))]
     stature: float
     mass: float
     origin: str
 
 
 class Session(_Strict):
-    """A run. Options as in `RunOptions`; ticks, dt, motion_dt: of its samples; intake: hold, fade, speed."""
+    """A run. version, numpy, machine: what it was computed by. Options as in `RunOptions`; ticks, dt, motion_dt: of its
+    samples; intake: hold, fade, speed."""
 
     format: Literal[1]
     version: str
+    numpy: str
+    machine: str
     source: str
     robot: str
     bus: str
@@ -63,13 +70,13 @@ class Session(_Strict):
     seed: int
     trouble: tuple[str, ...]
     parks: bool
-    ticks: int
-    dt: float
-    motion_dt: float
+    ticks: Annotated[int, Field(ge=1)]
+    dt: Annotated[float, Field(ge=1e-4, le=1.0)]
+    motion_dt: Annotated[float, Field(ge=1e-6, le=10.0)]
     begun_ns: int
     dimensions: Size
-    intake: tuple[float, float, float]
-    sensors: tuple[str, ...]
+    intake: tuple[NotNegative, NotNegative, NotNegative]
+    sensors: Annotated[tuple[str, ...], Field(min_length=1)]
     joints: tuple[str, ...]
     observers: tuple[str, ...]
     notes: tuple[str, ...]
@@ -112,6 +119,8 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, parks: b
     return Session(
         format=1,
         version=retarget.__version__,
+        numpy=np.__version__,
+        machine=platform.machine(),
         source=source,
         robot=options.robot,
         bus=options.bus,

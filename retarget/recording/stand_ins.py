@@ -108,6 +108,7 @@ class ReplayedSamples:
         self._rows = np.full(self.kept, -1)
         sampled = np.flatnonzero(cycles.sampled != Done.NOT)
         self._rows[cycles.tick[sampled]] = sampled  # of the first tick, which is asked for twice, the second time
+        self._rows = np.maximum.accumulate(self._rows)  # where a tick is missing, the one before it
         self._next = self._row = 0
 
     @property

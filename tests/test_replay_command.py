@@ -1,0 +1,90 @@
+"""`retarget replay`: what a person reads, the exit codes, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings import Recorded, record
+from retarget.cli import main
+from retarget.cli.boundary import DONE, REFUSED, STOPPED
+from retarget.recording.played import Played
+
+
+def run(*words: str | Path) -> int:
+    with pytest.raises(SystemExit) as leaving:
+        main(["replay", *map(str, words)])
+    return int(leaving.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("command") / "run.mcap")
+
+
+def test_the_same_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert run(plain.path, "--save", tmp_path / "again.npz") == DONE
+    shown = capsys.readouterr()
+    lines = shown.out.splitlines()
+    assert lines[0] == f"{plain.path}: synthetic on op3, --bus mock"
+    assert lines[1].startswith("all ") and lines[1].endswith("goals are as recorded, to the tick")
+    assert lines[2] == f"run: {tmp_path / 'again.npz'}" and shown.err == ""
+    with np.load(tmp_path / "again.npz") as arrays:
+        assert len(arrays["time"]) == len(plain.result.record)
+
+
+def test_other_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def moved(recording: object) -> Played:
+        found = plain.played()
+        found.cycles.goal[100:, 4] += 3
+        return found
+
+    monkeypatch.setattr("retarget.recording.played.played", moved)
+    assert run(plain.path) == STOPPED
+    out = capsys.readouterr().out
+    assert "goals differ, from cycle 100, 0.800 s after" in out
+    assert "by 0.264 degrees (3 ticks) at most" in out
+
+
+def test_a_recording_that_was_cut_off(plain: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut = tmp_path / "cut.mcap"
+    content = plain.path.read_bytes()
+    cut.write_bytes(content[: len(content) - 3000])
+    assert run(cut) == DONE
+    shown = capsys.readouterr()
+    assert "it ends early" in shown.err and "ticks before that are read" in shown.err
+    assert "goals are as recorded" in shown.out
+
+
+def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(plain.path, "--goals", "--bus", "emulator") == DONE
+    out = capsys.readouterr().out
+    assert "goals sent to --bus emulator; the gate changed 0 of" in out and "end: idle" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--goals",), "goals need a bus"),
+        (("--bus", "mock"), "goals need a bus"),
+        (("--speed", "0.5"), "only goals are sent slower"),
+        (("--goals", "--bus", "mock", "--speed", "3"), "impossible speed"),
+        (("--goals", "--bus", "mcok"), "Did you mean mock"),
+        (("--goals", "--bus", "mock", "--save", "x.npz"), "goals alone have no report"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(
+    plain: Recorded, words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(plain.path, *words) == REFUSED
+    error = capsys.readouterr().err
+    assert message in error and "Traceback" not in error
+
+
+def test_a_file_that_is_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "x.mcap"
+    assert run(path) == REFUSED
+    path.write_bytes(b"\x00" * 100)
+    assert run(path) == REFUSED
+    error = capsys.readouterr().err
+    assert "No such file" in error and "this is no MCAP file" in error
