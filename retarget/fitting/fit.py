@@ -74,9 +74,13 @@ def fit(
     *,
     samples: int = DEFAULT_SAMPLES,
     seed: int = 0,
+    tight: frozenset[str] = frozenset(),
     progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Propose observers and pairs to ignore. The same input gives the same text. Raises InputError, UsageError."""
+    """Propose observers and pairs to ignore. The same input gives the same text. tight: links that get no capsule.
+
+    Raises InputError, UsageError.
+    """
     if not 1 <= samples <= MAX_SAMPLES:
         raise UsageError(
             "no usable number of samples", where="--samples", found=str(samples), allowed=f"1 to {MAX_SAMPLES}"
@@ -85,7 +89,12 @@ def fit(
         raise UsageError("no usable seed", where="--seed", found=str(seed), allowed="0 or more")
     model, body = subject.file.model, body_from_file(subject.file)
     geometries, notes = link_geometries(model)
-    observers = propose(geometries, zones)
+    observers = tuple(
+        flattened(proposal, geometry, "a capsule would stand out too far, or touch another link where the robot stands")
+        if proposal.link_name in tight and isinstance(proposal.shape, Capsule)
+        else proposal
+        for proposal, geometry in zip(propose(geometries, zones), geometries, strict=True)
+    )
     ranges = joint_ranges(body, _limits(subject.profile))
     near = SAFETY_FACTOR * zones.influence
     neutral = ranges.clipped(_neutral(subject.profile, body))
