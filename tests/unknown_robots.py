@@ -60,7 +60,9 @@ ARM = [
 """A fixed arm on a table."""
 
 
-def urdf(parts: list[Part], *, base: str, size: Vector, effort: float = 2.5, speed: float = 5.0, extra: str = "") -> str:
+def urdf(
+    parts: list[Part], *, base: str, size: Vector, effort: float = 2.5, speed: float = 5.0, extra: str = ""
+) -> str:
     """URDF of a tree of parts on a base, a box of `size` m and 0.8 kg. extra: more elements."""
     lines = [f'<robot name="stranger">{_link(base, size, ZERO, 0.8)}']
     for part in parts:
@@ -71,12 +73,12 @@ def urdf(parts: list[Part], *, base: str, size: Vector, effort: float = 2.5, spe
             f'<child link="{part.name}"/><origin xyz="{_text(part.at)}"/><axis xyz="{_text(part.axis)}"/>'
             f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="{speed}"/>{part.extra}</joint>'
         )
-    return "\n".join([*lines, extra, "</robot>"])
+    return "\n".join([*lines, "</robot>"])
 
 
-def humanoid(parts: list[Part] | None = None, *, extra: str = "") -> str:
+def humanoid(parts: list[Part] | None = None) -> str:
     """The humanoid, or some of it."""
-    return urdf(HUMANOID if parts is None else parts, base="chest", size=(0.12, 0.08, 0.2), extra=extra)
+    return urdf(HUMANOID if parts is None else parts, base="chest", size=(0.12, 0.08, 0.2))
 
 
 def table_arm() -> str:

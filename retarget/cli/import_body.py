@@ -26,7 +26,7 @@ def import_body(
         int, typer.Option(help="Postures that are looked at for observers.", metavar="N")
     ] = DEFAULT_SAMPLES,
 ) -> None:
-    """Draft a robot profile: joints as a servo table, limbs, soles, postures, observers and landmarks from the body alone.
+    """Draft a robot profile from its body alone: servo table, limbs, soles, postures, observers and landmarks.
 
     Writes a new folder with robot.yaml and the body; what only you can know is marked DRAFT there.
     """
@@ -77,4 +77,3 @@ def _stands(done: Imported) -> str:
 
 def _count(number: int, what: str) -> str:
     return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
-

@@ -60,6 +60,4 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
 
 def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float) -> FloatArray:
     """Direction (3,) from straight down, `ahead` to the front and `spread` outwards."""
-    return np.asarray(
-        np.cos(spread) * (np.sin(ahead) * forward - np.cos(ahead) * UP) + np.sin(spread) * outward
-    )
+    return np.asarray(np.cos(spread) * (np.sin(ahead) * forward - np.cos(ahead) * UP) + np.sin(spread) * outward)

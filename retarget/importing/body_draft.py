@@ -1,4 +1,4 @@
-"""The body file of a drafted profile: a copy where it stands by itself, else MJCF with simple shapes and no other files."""
+"""The body file of a drafted profile: a copy where it stands by itself, else MJCF with simple shapes and no files."""
 
 import re
 from dataclasses import dataclass
@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from retarget import rotations
 from retarget.body_file import engine
 from retarget.errors import InputError
 from retarget.fitting.geometry import link_geometries
 from retarget.importing.simple_shapes import replace_meshes
 from retarget.importing.source import Source
 from retarget.importing.urdf_source import Relaxed, ready_urdf
+from retarget.rotations import FloatArray
 
-__all__ = ["BodyDraft", "draft_body"]
+__all__ = ["BodyDraft", "draft_body", "facing_x"]
 
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
 HELP = "Mend the file, or give one that MuJoCo can compile"
@@ -22,9 +24,10 @@ HELP = "Mend the file, or give one that MuJoCo can compile"
 
 @dataclass(frozen=True, eq=False)
 class BodyDraft:
-    """model: the compiled `mujoco.MjModel` of the whole source, meshes and all, with the names of the body that is
-    written. file, content: that body. notes: what was changed, for the user."""
+    """spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the whole source, meshes and all, with the names of the body
+    that is written. file, content: that body. notes: what was changed, for the user."""
 
+    spec: Any
     model: Any
     file: str
     content: bytes
@@ -55,11 +58,25 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
         rewrite |= _named(spec, notes)
         model = _compiled(spec)
         if not rewrite:
-            return BodyDraft(model, "body.urdf" if source.kind == "urdf" else "body.xml", source.content, tuple(notes))
-        return BodyDraft(model, "body.xml", _rewritten(spec, model, notes).encode(), tuple(notes))
+            file = "body.urdf" if source.kind == "urdf" else "body.xml"
+            return BodyDraft(spec, model, file, source.content, tuple(notes))
+        content = _rewritten(spec.copy(), model, notes)
+        return BodyDraft(spec, model, "body.xml", content, tuple(notes))
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())[:500]
         raise InputError("not a usable body", where=str(source.path), found=reason, next_step=HELP) from error
+
+
+def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
+    """The same body, turned about the vertical so that `forward` (3,) is along x (REP-103), as MJCF."""
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(forward[1], forward[0]))
+    spec = body.spec
+    for base in spec.worldbody.bodies:
+        base.pos = rotations.rotate(turn, base.pos)
+        base.quat = rotations.multiply(turn, base.quat)
+    model = _compiled(spec)
+    notes = [*body.notes, "the body is turned about the vertical, to face along x"]
+    return BodyDraft(spec, model, "body.xml", _rewritten(spec.copy(), model, notes), tuple(dict.fromkeys(notes)))
 
 
 def _compiled(spec: Any) -> Any:
@@ -68,13 +85,13 @@ def _compiled(spec: Any) -> Any:
     return spec.compile()
 
 
-def _rewritten(spec: Any, model: Any, notes: list[str]) -> str:
+def _rewritten(spec: Any, model: Any, notes: list[str]) -> bytes:
     """MJCF of the same joints, masses and simple shapes, without what only a simulation or a picture needs."""
     for body in spec.bodies[1:]:
         number = model.body(body.name).id
         body.explicitinertial = True
-        body.mass, body.ipos, body.inertia = float(model.body_mass[number]), model.body_ipos[number], model.body_inertia[number]
-        body.iquat = model.body_iquat[number]
+        body.mass, body.inertia = float(model.body_mass[number]), model.body_inertia[number]
+        body.ipos, body.iquat = model.body_ipos[number], model.body_iquat[number]
         body.fullinertia = np.full(6, np.nan)
     geometries, _ = link_geometries(model)
     count = replace_meshes(spec, model, geometries)
@@ -91,7 +108,7 @@ def _rewritten(spec: Any, model: Any, notes: list[str]) -> str:
         spec.delete(material)
     spec.meshdir, spec.texturedir = "", ""
     spec.compile()
-    return str(spec.to_xml())
+    return str(spec.to_xml()).encode()
 
 
 def _named(spec: Any, notes: list[str]) -> bool:
@@ -150,31 +167,30 @@ def _passive(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> b
     driven = {actuator.target for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT}
     coupled = {item.name1 for item in spec.equalities if item.type == mujoco.mjtEq.mjEQ_JOINT and item.name2}
     hinge, free = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_FREE
-    stuck = [
-        joint
-        for joint in spec.joints
-        if joint.type != free and (joint.type != hinge or joint.name in coupled or (driven and joint.name not in driven))
-    ]
+    names = {joint.name for joint in spec.joints} - coupled
+    alone = names & driven if driven else names
+    moving = [joint for joint in spec.joints if joint.type != free]
+    stuck = [joint for joint in moving if joint.type != hinge or joint.name not in alone]
     if not stuck:
         return False
-    names = [joint.name or "without a name" for joint in stuck]
+    stuck_names = [joint.name or "without a name" for joint in stuck]
     if not relaxed.freeze:
         raise InputError(
             "joints that no servo of their own turns: sliding, ball, coupled by an equality, or without an actuator",
             where=str(source.path),
-            found=_listed(names),
+            found=_listed(stuck_names),
             allowed="hinges, each with an actuator (or none in the whole file)",
             next_step="Make them fixed in the file, or give --freeze, which imports them as rigid",
         )
     for actuator in list(spec.actuators):
-        if actuator.target in names:
+        if actuator.target in stuck_names:
             spec.delete(actuator)
     for kind in ("sensors", "equalities", "tendons"):
         for part in list(getattr(spec, kind)):
             spec.delete(part)
     for joint in stuck:
         spec.delete(joint)
-    notes.append(f"joints made rigid, as no servo of their own turns them: {_listed(names)}")
+    notes.append(f"joints made rigid, as no servo of their own turns them: {_listed(stuck_names)}")
     return True
 
 

@@ -43,8 +43,8 @@ def profile_text(draft: Draft) -> str:
 
 def _head(draft: Draft) -> str:
     lines = _comment(
-        f"{draft.name}: drafted by retarget import from {draft.source}. Nobody has tried it on a robot: what the body file "
-        f"cannot tell ends in {DRAFT}; take the word away once a line is right. retarget check counts what is left."
+        f"{draft.name}: drafted by retarget import from {draft.source}. Nobody has tried it on a robot: what the body "
+        f"file cannot tell ends in {DRAFT}; take the word away once a line is right. retarget check counts the rest."
     )
     lines += _comment("Units m, rad, s, kg; x forward, y left, z up.")
     lines += _comment(f"Front and back: {draft.facing}.")
@@ -62,7 +62,7 @@ def _head(draft: Draft) -> str:
 
 
 def _frames(frames: Iterable[FrameDraft]) -> str:
-    lines = _comment("Found by where axes meet and by the shapes of links; named as the human joints.") + ["frames:"]
+    lines = [*_comment("Found by where axes meet and by the shapes of links; named as the human joints."), "frames:"]
     for frame in frames:
         turn = "" if abs(abs(frame.quat[0]) - 1.0) < 1e-6 else f", quat: {_list(frame.quat, 6)}"
         entry = f"  {frame.name}: {{link: {_name(frame.link)}, pos: {_list(frame.pos, 5)}{turn}}}"
@@ -72,13 +72,17 @@ def _frames(frames: Iterable[FrameDraft]) -> str:
 
 def _servos(draft: Draft) -> str:
     lines = _comment(
-        "One line per joint, in the order of the body. For the robot itself, fill in: id (retarget servo scan lists them), "
-        "model, direction (-1 where the servo turns the other way), zero_tick (what it reports where the body file has "
-        "the joint at 0; retarget servo home finds it), gear (shaft turns per joint turn) where there is one. Simulated "
-        "servos do as they are."
+        "One line per joint, in the order of the body. For the robot itself, fill in: id (retarget servo scan lists "
+        "them), model, direction (-1 where the servo turns the other way), zero_tick (what it reports where the body "
+        "file has the joint at 0; retarget servo home finds it), gear (shaft turns per joint turn) where there is one. "
+        "Simulated servos do as they are."
     )
-    lines += _comment("limits: of the body file. max_velocity: 0.9 of the model's speed without load, or that of the file.")
-    lines += _comment("max_acceleration: half the stall torque on what hangs on the joint; at most 30 in legs and trunk.")
+    lines += _comment(
+        "limits: of the body file. max_velocity: 0.9 of the model's speed without load, or that of the file."
+    )
+    lines += _comment(
+        "max_acceleration: half the stall torque on what hangs on the joint; at most 30 in legs and trunk."
+    )
     lines.append("servos:")
     width = max(len(_name(servo.joint)) for servo in draft.servos) + 1
     lines += [_servo(servo, width) for servo in draft.servos]
@@ -88,8 +92,8 @@ def _servos(draft: Draft) -> str:
 def _servo(servo: ServoDraft, width: int) -> str:
     why = f"id, direction, zero_tick; model: {servo.why}" + (f"; limits: {servo.note}" if servo.note else "")
     return (
-        f"  {_name(servo.joint) + ':':<{width}} {{id: {servo.number}, model: {servo.model.name}, bus: main, direction: 1, "
-        f"zero_tick: {servo.model.centre_tick}, limits: {_list(servo.limits, 6)},\n"
+        f"  {_name(servo.joint) + ':':<{width}} {{id: {servo.number}, model: {servo.model.name}, bus: main, "
+        f"direction: 1, zero_tick: {servo.model.centre_tick}, limits: {_list(servo.limits, 6)},\n"
         f"  {'':<{width}}  max_velocity: {servo.max_velocity:g}, max_acceleration: {servo.max_acceleration:.1f}}}"
         f"  {DRAFT} {why}"
     )
@@ -113,7 +117,7 @@ def _buses(draft: Draft) -> str:
 def _feet(draft: Draft) -> str:
     if not draft.feet:
         return "feet: {}\n"
-    lines = _comment("Outlines of the flat undersides of the feet, in the frames of the soles.") + ["feet:"]
+    lines = [*_comment("Outlines of the flat undersides of the feet, in the frames of the soles."), "feet:"]
     for foot in draft.feet:
         corners = ", ".join(_list(corner, 4) for corner in foot.polygon)
         lines += _wrapped(f"  {foot.side}: {{frame: {foot.frame}, polygon: [{corners}]}}", 9)
@@ -122,7 +126,7 @@ def _feet(draft: Draft) -> str:
 
 def _postures(draft: Draft) -> str:
     stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
-    lines = _comment(stands + "joints that are not named are 0.") + ["postures:"]
+    lines = [*_comment(stands + "joints that are not named are 0."), "postures:"]
     for name, angles in draft.postures.items():
         lines.append(f"  # {_POSTURES[name]}")
         inside = ", ".join(f"{_name(joint)}: {_number(angle, 6)}" for joint, angle in angles.items())
@@ -131,10 +135,11 @@ def _postures(draft: Draft) -> str:
 
 
 def _landmarks(draft: Draft) -> str:
-    lines = _comment(
-        "Which frame follows which joint of the performer. robot_length is a little less than the stretched limb, so that "
-        "a stretched human limb does not ask for a singular one."
-    ) + ["landmarks:"]
+    about = (
+        "Which frame follows which joint of the performer. robot_length is a little less than the stretched limb, so "
+        "that a stretched human limb does not ask for a singular one."
+    )
+    lines = [*_comment(about), "landmarks:"]
     for mark in draft.landmarks:
         offset = "" if mark.offset is None else f", offset: {_list(mark.offset, 4)}"
         lines += [

@@ -10,7 +10,7 @@ from retarget.importing.sole_shape import flat_underside
 from retarget.importing.tree import Tree
 from retarget.rotations import FloatArray
 
-__all__ = ["FoundFrame", "FoundSole", "Found", "find_frames"]
+__all__ = ["Found", "FoundFrame", "FoundSole", "find_frames"]
 
 SIDES = ("l", "r")
 
@@ -75,8 +75,9 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[Found
     axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)
     roles = leg_roles(tree, leg, anatomy.left)
     others = [node for node in leg.nodes if abs(tree.nodes[node].axis @ anatomy.left) <= 0.8]
-    before = [node for node in others if node < roles.hip] or others
-    hip = crossing(tree, roles.hip, before[-1]) if before else tree.nodes[roles.hip].anchor
+    before = [node for node in others if node < roles.hip]
+    beside = before[-1:] or others[:1]
+    hip = crossing(tree, roles.hip, beside[0]) if beside else tree.nodes[roles.hip].anchor
     frames = [FoundFrame(f"{side}_hip", leg.parent, hip, axes, "where the axes of the hip meet")]
 
     def in_plane(node: int) -> FloatArray:

@@ -14,7 +14,7 @@ from retarget.errors import ConfigError, InputError, UsageError
 from retarget.fitting.fit import Subject, fit
 from retarget.fitting.geometry import link_geometries
 from retarget.fitting.proposals import Zones, propose
-from retarget.importing.body_draft import BodyDraft, draft_body
+from retarget.importing.body_draft import BodyDraft, draft_body, facing_x
 from retarget.importing.clear_postures import Cleared, clear_postures
 from retarget.importing.draft import Draft, FootDraft, FrameDraft
 from retarget.importing.draft_text import profile_text
@@ -41,6 +41,8 @@ __all__ = ["DEFAULT_SAMPLES", "Imported", "import_robot"]
 DEFAULT_SAMPLES = 2000
 ZONES = Zones(influence=0.04, margin=0.005)
 OPTION = "--out"
+FACING = 0.999
+"""Least x of the direction in which a body faces that is written as it is."""
 THICK = 1.6
 """A capsule of so many times the volume of its link gives way to a box: a draft had better not be in its own way."""
 ROUNDS = 2
@@ -137,6 +139,10 @@ def _drafted(
     """Write body and profile into the folder."""
     tree = read_tree(body.model)
     anatomy = find_anatomy(tree)
+    if anatomy.forward[0] < FACING:
+        body = facing_x(body, anatomy.forward)
+        tree = read_tree(body.model)
+        anatomy = replace(find_anatomy(tree), facing=anatomy.facing)
     found = find_frames(tree, anatomy)
     servos = guess_servos(body.model, tree, anatomy, speeds)
     posed = Posed(body.model, tree, anatomy, found, {servo.joint: servo.limits for servo in servos})
@@ -163,7 +169,9 @@ def _drafted(
     tight = _thick(subject)
     for _ in range(ROUNDS):
         fitted = fit(subject, ZONES, samples=samples, tight=tight, progress=progress)
-        cleared = clear_postures(_written(folder, replace(draft, observers=observer_text(fitted.text, ()))), posed, soles=soles)
+        cleared = clear_postures(
+            _written(folder, replace(draft, observers=observer_text(fitted.text, ()))), posed, soles=soles
+        )
         touching = frozenset(link for pair in cleared.touching for link in pair)
         if touching <= tight:
             break

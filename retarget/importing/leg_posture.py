@@ -76,7 +76,10 @@ def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
         return np.concatenate([tilt, rest, REST * (angles - np.clip(0.0, low, high))])
 
     best = min(
-        (least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=80) for start in _starts(posed, low, high)),
+        (
+            least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=80)
+            for start in _starts(posed, low, high)
+        ),
         key=lambda result: float(result.cost) + _backward_knee(posed, both(result.x)),
     )
     angles = {

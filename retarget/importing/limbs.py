@@ -56,16 +56,16 @@ def find_anatomy(tree: Tree) -> Anatomy:
     if mirror is None:
         arm = _limb(tree, _deepest(tree, BASE))
         forward, left = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-        arms = (arm,) if len(arm.nodes) >= LEAST_ARM else ()
-        return Anatomy(forward, left, None, (), arms, BASE, BASE, (), "assumed: x is forward", ())
+        alone = (arm,) if len(arm.nodes) >= LEAST_ARM else ()
+        return Anatomy(forward, left, None, (), alone, BASE, BASE, (), "assumed: x is forward", ())
     pairs = [(_limb(tree, a), _limb(tree, b)) for a, b in mirror.pairs(tree)]
     legs = _legs(tree, pairs)
     rest = [pair for pair in pairs if pair != legs and len(pair[0].nodes) >= LEAST_ARM]
     arms = max(rest, key=lambda pair: _reach(tree, pair[0]), default=None)
-    forward, facing = _forward(tree, mirror, legs)
+    forward, facing = _forward(tree, mirror, legs, arms)
     left = np.cross(UP, forward)
     pelvis = legs[0].parent if legs else BASE
-    chest = arms[0].parent if arms else _top(tree, mirror)
+    chest = arms[0].parent if arms else BASE
     turned = bool(left @ mirror.normal < 0.0)
     return Anatomy(
         forward=forward,
@@ -128,17 +128,14 @@ def _reach(tree: Tree, limb: Limb) -> float:
     return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).sum()) + tip
 
 
-def _top(tree: Tree, mirror: Mirror) -> int:
-    """Without arms the trunk is the base."""
-    return BASE
-
-
 def _head(tree: Tree, mirror: Mirror, chest: int, pelvis: int) -> tuple[int, ...]:
     """The branch in the middle that reaches highest, from the chest on, and is neither chest nor pelvis."""
     ways = {*tree.way(chest), *tree.way(pelvis)}
     middle = [node for node, other in mirror.partner.items() if node == other and node not in ways]
     first = [node for node in middle if tree.nodes[node].parent in ways]
-    above = [node for node in first if tree.points(tree.below(node))[:, 2].max() > tree.nodes[chest].points[:, 2].mean()]
+    above = [
+        node for node in first if tree.points(tree.below(node))[:, 2].max() > tree.nodes[chest].points[:, 2].mean()
+    ]
     if not above:
         return ()
     nodes = [max(above, key=lambda node: float(tree.points(tree.below(node))[:, 2].max()))]
@@ -147,7 +144,9 @@ def _head(tree: Tree, mirror: Mirror, chest: int, pelvis: int) -> tuple[int, ...
     return tuple(nodes)
 
 
-def _forward(tree: Tree, mirror: Mirror, legs: tuple[Limb, Limb] | None) -> tuple[FloatArray, str]:
+def _forward(
+    tree: Tree, mirror: Mirror, legs: tuple[Limb, Limb] | None, arms: tuple[Limb, Limb] | None
+) -> tuple[FloatArray, str]:
     """Forward (3,), and what told it. Of two ways across the plane's normal, that with more evidence."""
     ahead = np.cross(mirror.normal, UP)  # forward, if the normal points left
     evidence: list[tuple[float, str]] = []
@@ -160,6 +159,10 @@ def _forward(tree: Tree, mirror: Mirror, legs: tuple[Limb, Limb] | None) -> tupl
         knee = _knee_ahead(tree, legs[0], ahead)
         if knee:
             evidence.append((2.0 * knee, "knees, which bend backwards"))
+    if arms is not None:
+        hands = _hands_ahead(tree, arms[0], ahead)
+        if hands:
+            evidence.append((hands, "hands, ahead of the shoulders"))
     total = sum(weight for weight, _ in evidence)
     if total == 0.0:
         usual = ahead if ahead @ np.array([1.0, 1.0, 0.0]) > 0.0 else -ahead
@@ -197,6 +200,12 @@ def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
     along = sole.corners @ ahead
     middle = 0.5 * (along.min() + along.max())
     return float((middle - pitches[-1].anchor @ ahead) / max(float(np.ptp(along)), 1e-6))
+
+
+def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:
+    """1 where the hand is well ahead of the shoulder, -1 where behind, else 0."""
+    way = float((tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.nodes[0]].anchor) @ ahead)
+    return float(np.sign(way)) if abs(way) > 0.2 * _reach(tree, arm) else 0.0
 
 
 def _knee_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:

@@ -43,15 +43,14 @@ class ServoDraft:
     note: str = ""
 
 
-def guess_servos(
-    model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, float]
-) -> tuple[ServoDraft, ...]:
+def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, float]) -> tuple[ServoDraft, ...]:
     """A servo for each hinge, ids from 1 in the order of the body. speeds: rad/s that the file states."""
     torques = _torques(model)
     stated = [torque for torque in torques.values() if torque > 0.0]
     candidates = _candidates(max(stated, default=0.0))
     inertias = _inertias(model)
-    carrying = {node for leg in anatomy.legs for node in leg.nodes} | {*tree.way(anatomy.chest), *tree.way(anatomy.pelvis)}
+    carrying = {node for leg in anatomy.legs for node in leg.nodes}
+    carrying |= {*tree.way(anatomy.chest), *tree.way(anatomy.pelvis)}
     drafts = []
     for number, node in enumerate(tree.nodes[1:], 1):
         chosen, why = _chosen(candidates, torques.get(node.joint, 0.0), speeds.get(node.joint, 0.0))
@@ -77,9 +76,7 @@ def guess_servos(
 def _candidates(strongest: float) -> list[ServoModel]:
     """Models of protocol 2 of one supply: 5 V only where no joint is strong."""
     low = 0.0 < strongest <= 0.6
-    return [
-        entry for entry in SERVO_MODELS.values() if 2 in entry.protocols and (entry.voltage < LOW_VOLTAGE) == low
-    ]
+    return [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols and (entry.voltage < LOW_VOLTAGE) == low]
 
 
 def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[ServoModel, str]:

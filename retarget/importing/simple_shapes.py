@@ -17,7 +17,8 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
     import mujoco
 
     mesh = mujoco.mjtGeom.mjGEOM_MESH
-    links = {model.body(int(model.geom_bodyid[geom])).name for geom in range(model.ngeom) if model.geom_type[geom] == mesh}
+    meshes = [geom for geom in range(model.ngeom) if model.geom_type[geom] == mesh]
+    links = {model.body(int(model.geom_bodyid[geom])).name for geom in meshes}
     count = 0
     for proposal in propose(geometries, ZONES):
         if proposal.link_name not in links:

@@ -1,4 +1,4 @@
-"""What moves in a body, as a tree of hinges in its zero pose: lines of axes, and the matter that each of them carries."""
+"""What moves in a body, as a tree of hinges in its zero pose: lines of axes, and the geometry that each carries."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ from retarget.body_file import MAX_BYTES
 from retarget.errors import InputError, Problem
 from retarget.importing.source import Source
 
-__all__ = ["Relaxed", "ReadyUrdf", "ready_urdf", "stated_speeds"]
+__all__ = ["ReadyUrdf", "Relaxed", "ready_urdf", "stated_speeds"]
 
 TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
@@ -111,8 +111,11 @@ def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
             next_step="Add <inertial> with mass, origin and inertia to every link that weighs something",
         )
         return
-    shaped = [link.get("name", "") for link in links if link.find("collision") is not None or link.find("visual") is not None]
-    bare = [name for name in shaped if masses[name] is None]
+    bare = [
+        link.get("name", "")
+        for link in links
+        if link.find("inertial") is None and any(link.find(kind) is not None for kind in ("collision", "visual"))
+    ]
     if bare:
         notes.append(f"links with a shape but without <inertial> weigh nothing here: {_listed(bare)}")
 
@@ -159,9 +162,10 @@ def _found(name: str, path: Path) -> Path | None:
         return None
     plain = name.removeprefix("file://")
     parts = Path(name.split("://", 1)[1]).parts if name.startswith(("package://", "model://")) else None
-    places = [path.parent / plain] if parts is None else []
-    for above in (path.parent, *path.absolute().parents)[:6] if parts else ():
-        places += [above.joinpath(*parts), above.joinpath(*parts[1:])]
+    places = [path.parent / plain]
+    if parts is not None:
+        above = path.absolute().parents[:6]
+        places = [folder.joinpath(*rest) for folder in above for rest in (parts, parts[1:])]
     for place in places:
         try:
             if place.is_file() and 0 < place.stat().st_size <= MAX_BYTES:
