@@ -5,8 +5,21 @@ the chest, with a waist of two joints below it, legs that begin with the pitch o
 of four joints that hang down, forearms ahead, and one neck joint.
 """
 
+import random
+import re
 from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 from xml.sax.saxutils import quoteattr
+
+from retarget.body_file import compile_body, compile_body_text
+from retarget.catalogue import shipped_folder
+from retarget.importing.frames_found import find_frames
+from retarget.importing.limbs import Anatomy, find_anatomy
+from retarget.importing.posed import Posed
+from retarget.importing.tree import Tree, read_tree
+
+SHIPPED = ("op3", "poppy", "toddlerbot", "wolfgang")
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -98,3 +111,42 @@ def _link(name: str, size: Vector, middle: Vector, mass: float) -> str:
 
 def _text(values: Vector) -> str:
     return " ".join(f"{value:g}" for value in values)
+
+
+def shipped_body(robot: str) -> Path:
+    """The body file of a shipped robot."""
+    return shipped_folder() / "robots" / robot / "body.xml"
+
+
+def scrambled(robot: str, seed: int = 7) -> str:
+    """The body of a shipped robot, whose links, joints and geoms are called anything, and which says nothing else."""
+    text = re.sub(r"<!--.*?-->", "", shipped_body(robot).read_text(encoding="utf-8"), flags=re.DOTALL)
+    wanted = r'( (?:name|joint|body1|body2)=")([^"]+)"'
+    names = sorted({match[1] for match in re.findall(wanted, text)})
+    numbers = random.Random(seed).sample(range(1000), len(names))
+    new = {name: f"x{number:03d}" for name, number in zip(names, numbers, strict=True)}
+    return re.sub(wanted, lambda match: f'{match[1]}{new[match[2]]}"', text).replace(f'model="{robot}"', "")
+
+
+@cache
+def shipped_tree(robot: str) -> Tree:
+    """What moves in a shipped robot."""
+    return read_tree(compile_body(shipped_body(robot)).model)
+
+
+@cache
+def shipped_anatomy(robot: str) -> Anatomy:
+    """Its limbs."""
+    return find_anatomy(shipped_tree(robot))
+
+
+def text_tree(text: str) -> Tree:
+    """What moves in MJCF or URDF."""
+    return read_tree(compile_body_text(text, source="test").model)
+
+
+def shipped_posed(robot: str) -> Posed:
+    """Kinematics of a shipped robot within the limits of its body."""
+    tree, anatomy = shipped_tree(robot), shipped_anatomy(robot)
+    limits = {node.joint: (node.lower, node.upper) for node in tree.nodes[1:]}
+    return Posed(compile_body(shipped_body(robot)).model, tree, anatomy, find_frames(tree, anatomy), limits)

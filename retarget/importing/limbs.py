@@ -87,15 +87,20 @@ def _sides(pair: tuple[Limb, Limb] | None, turned: bool) -> tuple[Limb, ...]:
 
 def _limb(tree: Tree, first: int) -> Limb:
     """From its first node outwards, to where it ends in fingers or in nothing."""
-    nodes = [first]
+    nodes, length = [first], 0.0
     while branches := tree.children(nodes[-1]):
-        here = tree.nodes[nodes[-1]].anchor
-        spans = [float(np.linalg.norm(tree.points(tree.below(branch)) - here, axis=1).max()) for branch in branches]
-        length = float(np.linalg.norm(here - tree.nodes[first].anchor)) + max(spans)
-        if len(branches) > 1 and max(spans) < FINGERS * length:
+        spans = [_span(tree, branch) for branch in branches]
+        onward = branches[int(np.argmax(spans))]
+        length += float(np.linalg.norm(tree.nodes[onward].anchor - tree.nodes[nodes[-1]].anchor))
+        if len(branches) > 1 and max(spans) < FINGERS * (length + max(spans)):
             break
-        nodes.append(branches[int(np.argmax(spans))])
+        nodes.append(onward)
     return Limb(tuple(nodes), tree.nodes[first].parent, tuple(tree.below(nodes[-1])))
+
+
+def _span(tree: Tree, branch: int) -> float:
+    """How far (m) a branch reaches from its first axis."""
+    return float(np.linalg.norm(tree.points(tree.below(branch)) - tree.nodes[branch].anchor, axis=1).max())
 
 
 def _deepest(tree: Tree, node: int) -> int:
