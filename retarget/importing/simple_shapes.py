@@ -20,9 +20,7 @@ def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) 
     meshes = [geom for geom in range(model.ngeom) if model.geom_type[geom] == mesh]
     links = {model.body(int(model.geom_bodyid[geom])).name for geom in meshes}
     count = 0
-    for proposal in propose(geometries, ZONES):
-        if proposal.link_name not in links:
-            continue
+    for proposal in propose(tuple(one for one in geometries if one.name in links), ZONES):
         body = spec.body(proposal.link_name)
         for geom in list(body.geoms):
             spec.delete(geom)
