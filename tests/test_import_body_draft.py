@@ -5,12 +5,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from unknown_robots import SHIPPED, humanoid, shipped_body
 
 from retarget.errors import InputError
 from retarget.importing.body_draft import BodyDraft, draft_body, facing_x
 from retarget.importing.source import read_source
 from retarget.importing.urdf_source import Relaxed
+from unknown_robots import SHIPPED, humanoid, shipped_body
 
 TWO = """<mujoco><asset>{asset}</asset><worldbody><geom type="plane" size="1 1 1"/><light pos="0 0 1"/>
   <body name="base link"><geom size="0.05"/>
@@ -84,7 +84,7 @@ def test_a_mesh_that_is_missing(tmp_path: Path) -> None:
 )
 def test_joints_that_no_servo_of_their_own_turns(kind: str, more: str, tmp_path: Path) -> None:
     text = two(kind=kind, more=more).replace("<joint axis", '<joint name="first" axis')
-    with pytest.raises(InputError, match="no servo of their own turns.*j/2.*--freeze"):
+    with pytest.raises(InputError, match=r"no servo of their own turns.*j/2.*--freeze"):
         drafted(text, tmp_path)
     body = drafted(text, tmp_path, freeze=True)
     assert body.model.njnt == 1 and body.model.joint(0).name == "first" and "made rigid" in body.notes[0]

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from unknown_robots import SHIPPED, humanoid, shipped_anatomy, shipped_tree, table_arm, text_tree
 
 from retarget.importing.frames_found import find_frames
 from retarget.importing.limbs import find_anatomy
 from retarget.importing.sole_shape import MAX_CORNERS, flat_underside, outline
 from retarget.profile_checks import is_convex
 from retarget.robot_body import load_robot
+from unknown_robots import SHIPPED, humanoid, shipped_anatomy, shipped_tree, table_arm, text_tree
 
 LOOSE = {"head": 0.01, "l_hand": 0.03, "r_hand": 0.03}  # [m]; drawn by eye in the shipped profiles
 EXACT = 0.002

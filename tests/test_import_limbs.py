@@ -1,6 +1,10 @@
 """Legs, arms, head and front of robots that nobody described."""
 
 import pytest
+
+from retarget.importing.limb_roles import arm_roles, leg_roles
+from retarget.importing.limbs import Anatomy, find_anatomy
+from retarget.importing.tree import Tree
 from unknown_robots import (
     HUMANOID,
     SHIPPED,
@@ -13,10 +17,6 @@ from unknown_robots import (
     table_arm,
     text_tree,
 )
-
-from retarget.importing.limb_roles import arm_roles, leg_roles
-from retarget.importing.limbs import Anatomy, find_anatomy
-from retarget.importing.tree import Tree
 
 ROLES = {
     "op3": ("l_hip_pitch", "l_knee", "l_ank_pitch", "l_sho_pitch", "l_el", None),
@@ -94,7 +94,7 @@ def test_without_legs_arms_or_a_second_side() -> None:
     alone = find_anatomy(text_tree(table_arm()))
     assert len(alone.arms) == 1 and len(alone.arms[0].nodes) == 4 and alone.mirror is None
     trunk = find_anatomy(text_tree(humanoid(TRUNK)))
-    assert not trunk.legs and not trunk.head or trunk.mirror is None
+    assert (not trunk.legs and not trunk.head) or trunk.mirror is None
 
 
 def test_names_tell_where_shapes_do_not() -> None:

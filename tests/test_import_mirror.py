@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from unknown_robots import SHIPPED, humanoid, scrambled, shipped_posed, shipped_tree, table_arm, text_tree
 
 from retarget.importing.mirror import find_mirror
+from unknown_robots import SHIPPED, humanoid, scrambled, shipped_posed, shipped_tree, table_arm, text_tree
 
 NAMES = {
     "op3": ("l_", "r_"),

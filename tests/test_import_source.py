@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from unknown_robots import humanoid
 
 from retarget.errors import InputError
 from retarget.importing.source import MAX_DEPTH, read_source
+from unknown_robots import humanoid
 
 LAUGHS = '<!DOCTYPE a [<!ENTITY x "ha"><!ENTITY y "&x;&x;&x;">]><robot name="&y;"/>'
 BAD = {
@@ -49,7 +49,7 @@ def test_what_is_no_file(name: str, tmp_path: Path) -> None:
 
 def test_includes_that_include(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text('<mujoco><include file="b.xml"/></mujoco>')
-    (tmp_path / "b.xml").write_text(f'<mujoco><worldbody><body/></worldbody>{"<!-- -->" * 3}</mujoco>')
+    (tmp_path / "b.xml").write_text(f"<mujoco><worldbody><body/></worldbody>{'<!-- -->' * 3}</mujoco>")
     assert read_source(tmp_path / "a.xml").included
     (tmp_path / "b.xml").write_text(LAUGHS)
     with pytest.raises(InputError, match=r"b\.xml:1: not a usable body"):

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from unknown_robots import ARM, HUMANOID, SHIPPED, humanoid, shipped_tree, table_arm, text_tree
 
 from retarget.body import load_body
 from retarget.catalogue import shipped_folder
 from retarget.errors import InputError
 from retarget.importing.tree import BASE
+from unknown_robots import ARM, HUMANOID, SHIPPED, humanoid, shipped_tree, table_arm, text_tree
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
@@ -43,6 +43,8 @@ def test_ways_and_branches() -> None:
 
 
 def test_what_slides_is_refused() -> None:
-    slide = '<mujoco><worldbody><body name="a"><joint name="s" type="slide"/><geom size="1"/></body></worldbody></mujoco>'
-    with pytest.raises(InputError, match="no servo turns.*sliding or ball joints: s"):
+    slide = (
+        '<mujoco><worldbody><body name="a"><joint name="s" type="slide"/><geom size="1"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(InputError, match=r"no servo turns.*sliding or ball joints: s"):
         text_tree(slide)

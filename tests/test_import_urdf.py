@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unknown_robots import HUMANOID, ZERO, Part, humanoid
 
 from retarget.errors import InputError
 from retarget.importing.body_draft import BodyDraft, draft_body
 from retarget.importing.source import read_source
 from retarget.importing.urdf_source import Relaxed, stated_speeds
+from unknown_robots import HUMANOID, Part, humanoid
 
 FOOT = '<box size="0.07 0.14 0.02"/>'
 
@@ -29,7 +29,18 @@ def drafted(text: str, folder: Path, *, freeze: bool = False, no_meshes: bool = 
 def stl(size: tuple[float, float, float]) -> bytes:
     """A box as a binary STL."""
     corners = np.array(np.meshgrid(*[[-0.5 * side, 0.5 * side] for side in size])).reshape(3, -1).T
-    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4)]
+    faces = [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+    ]
     faces += [(1, 5, 7), (1, 7, 3)]
     triangles = [struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel().tolist(), 0) for face in faces]
     return b"\0" * 80 + struct.pack("<I", len(faces)) + b"".join(triangles)
@@ -47,7 +58,7 @@ def test_joints_that_no_servo_drives(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_joint_of_no_known_type(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such type of joint.*j_finger: 'rubber'"):
+    with pytest.raises(InputError, match=r"no such type of joint.*j_finger: 'rubber'"):
         drafted(humanoid([*HUMANOID, finger(kind="rubber")]), tmp_path)
 
 
@@ -58,7 +69,7 @@ def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
 
 
 def test_without_any_mass(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no link has a mass.*22 links"):
+    with pytest.raises(InputError, match=r"no link has a mass.*22 links"):
         drafted(re.sub("<inertial>.*?</inertial>", "", humanoid()), tmp_path)
 
 
@@ -104,7 +115,8 @@ def test_a_picture_that_is_missing_is_no_loss(tmp_path: Path) -> None:
 
 def test_speeds_that_are_stated(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
-    path.write_text(humanoid().replace('velocity="5.0"', 'velocity="fast"', 1).replace('velocity="5.0"', 'velocity="0"', 1))
+    path.write_text(
+        humanoid().replace('velocity="5.0"', 'velocity="fast"', 1).replace('velocity="5.0"', 'velocity="0"', 1)
+    )
     speeds = stated_speeds(read_source(path))
     assert len(speeds) == len(HUMANOID) - 2 and set(speeds.values()) == {5.0}
-    assert ZERO == (0.0, 0.0, 0.0)

@@ -94,6 +94,19 @@ def humanoid(parts: list[Part] | None = None) -> str:
     return urdf(HUMANOID if parts is None else parts, base="chest", size=(0.12, 0.08, 0.2))
 
 
+def small_bust() -> str:
+    """A chest with two arms of two joints, and nothing else."""
+    arms = [
+        Part(f"{side}{part}", parent, at, (1, 0, 0), (-1.5, 1.5), size, middle)
+        for side, x in (("p", -1.0), ("q", 1.0))
+        for part, parent, at, size, middle in (
+            ("1", "chest", (0.09 * x, 0.0, 0.08), (0.03, 0.03, 0.1), (0.02 * x, 0.0, -0.03)),
+            ("2", f"{side}1", (0.02 * x, 0.0, -0.09), (0.03, 0.1, 0.03), (0.0, 0.06, 0.0)),
+        )
+    ]
+    return humanoid(arms)
+
+
 def table_arm() -> str:
     """The fixed arm."""
     return urdf(ARM, base="base", size=(0.1, 0.1, 0.06))

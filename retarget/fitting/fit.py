@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -74,12 +75,14 @@ def fit(
     *,
     samples: int = DEFAULT_SAMPLES,
     seed: int = 0,
+    thickest: float = inf,
     tight: frozenset[str] = frozenset(),
     progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Propose observers and pairs to ignore. The same input gives the same text. tight: links that get no capsule.
+    """Propose observers and pairs to ignore. The same input gives the same text.
 
-    Raises InputError, UsageError.
+    No capsule has more than `thickest` times its link's volume, and none is on a link of `tight`. Raises InputError,
+    UsageError.
     """
     if not 1 <= samples <= MAX_SAMPLES:
         raise UsageError(
@@ -91,7 +94,7 @@ def fit(
     geometries, notes = link_geometries(model)
     observers = tuple(
         flattened(proposal, geometry, "a capsule would stand out too far, or touch another link where the robot stands")
-        if proposal.link_name in tight and isinstance(proposal.shape, Capsule)
+        if isinstance(proposal.shape, Capsule) and (proposal.link_name in tight or (proposal.ratio or 0.0) > thickest)
         else proposal
         for proposal, geometry in zip(propose(geometries, zones), geometries, strict=True)
     )

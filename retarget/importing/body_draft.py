@@ -93,8 +93,7 @@ def _rewritten(spec: Any, model: Any, notes: list[str]) -> bytes:
         body.mass, body.inertia = float(model.body_mass[number]), model.body_inertia[number]
         body.ipos, body.iquat = model.body_ipos[number], model.body_iquat[number]
         body.fullinertia = np.full(6, np.nan)
-    geometries, _ = link_geometries(model)
-    count = replace_meshes(spec, model, geometries)
+    count = replace_meshes(spec, model, link_geometries(model)[0]) if model.nmesh else 0
     if count:
         notes.append(f"meshes of {count} links are capsules and boxes around them in the body that is written")
     for kind in ("sensors", "equalities", "tendons", "textures", "meshes", "hfields", "skins", "lights", "cameras"):

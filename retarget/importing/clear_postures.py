@@ -32,11 +32,11 @@ class Cleared:
     touching: tuple[Links, ...]
 
 
-def clear_postures(profile: RobotProfile, posed: Posed, *, soles: bool) -> Cleared:
-    """Arms as near to the trunk, and the crouch at rest as deep, as nothing touches. profile: with its observers."""
-    bench = _Bench(profile)
-    postures = find_postures(posed, spread=SPREADS[0], soles=soles)
-    best, spread = Cleared(postures, bench.touching(postures.angles)), SPREADS[0]
+def clear_postures(profile: RobotProfile, posed: Posed, first: Postures) -> Cleared:
+    """Arms as near to the trunk, and the crouch at rest as deep, as nothing touches. profile: with its observers.
+    first: the postures with the arms nearest to the trunk."""
+    bench, soles = _Bench(profile), bool(profile.feet)
+    best, spread = Cleared(first, bench.touching(first.angles)), SPREADS[0]
     for further in SPREADS[1:] if posed.anatomy.arms else ():
         if not best.touching:
             break

@@ -142,11 +142,12 @@ def _landmarks(draft: Draft) -> str:
     lines = [*_comment(about), "landmarks:"]
     for mark in draft.landmarks:
         offset = "" if mark.offset is None else f", offset: {_list(mark.offset, 4)}"
-        lines += [
+        lines += _wrapped(
             f"  {mark.name}: {{frame: {mark.name}, follows: {mark.follows}, from: {mark.measured_from}, "
-            f"anchor: {mark.anchor}, robot_length: {_number(mark.length, 4)},",
-            f"    human_length: {mark.human_length}{offset}}}",
-        ]
+            f"anchor: {mark.anchor}, robot_length: {_number(mark.length, 4)}, "
+            f"human_length: {mark.human_length}{offset}}}",
+            4,
+        )
     return "\n".join(lines) + "\n"
 
 

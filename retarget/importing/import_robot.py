@@ -12,8 +12,7 @@ import numpy as np
 from retarget.body_file import Root, compile_body
 from retarget.errors import ConfigError, InputError, UsageError
 from retarget.fitting.fit import Subject, fit
-from retarget.fitting.geometry import link_geometries
-from retarget.fitting.proposals import Zones, propose
+from retarget.fitting.proposals import Zones
 from retarget.importing.body_draft import BodyDraft, draft_body, facing_x
 from retarget.importing.clear_postures import Cleared, clear_postures
 from retarget.importing.draft import Draft, FootDraft, FrameDraft
@@ -25,7 +24,7 @@ from retarget.importing.limbs import UP, Anatomy, find_anatomy
 from retarget.importing.mark import marked_lines
 from retarget.importing.observer_text import observer_text
 from retarget.importing.posed import Posed
-from retarget.importing.postures_found import SPREADS, find_postures
+from retarget.importing.postures_found import SPREADS, Postures, find_postures
 from retarget.importing.servo_guess import guess_servos
 from retarget.importing.source import read_source
 from retarget.importing.tree import read_tree
@@ -45,6 +44,7 @@ FACING = 0.999
 """Least x of the direction in which a body faces that is written as it is."""
 THICK = 1.6
 """A capsule of so many times the volume of its link gives way to a box: a draft had better not be in its own way."""
+SHAPELESS = "no link has a shape, so there are no observers, and nothing keeps the robot off itself"
 ROUNDS = 2
 """Links that touch in a posture are looked at again, without capsules."""
 
@@ -149,6 +149,7 @@ def _drafted(
     (folder / body.file).write_bytes(body.content)
     root, notes = _root(folder / body.file, anatomy, found)
     soles = root == "free"
+    postures = find_postures(posed, spread=SPREADS[0], soles=soles)
     draft = Draft(
         name=name,
         source=source,
@@ -157,35 +158,43 @@ def _drafted(
         frames=_frames(body, posed, found),
         servos=servos,
         feet=_feet(found) if soles else (),
-        postures=find_postures(posed, spread=SPREADS[0], soles=soles).angles,
+        postures=postures.angles,
         landmarks=(),
         facing=anatomy.facing,
         missing=found.missing,
-        notes=(*body.notes, *notes, *_odd(anatomy)),
+        notes=(*body.notes, *notes, *_odd(anatomy), *(() if body.model.ngeom else (SHAPELESS,))),
     )
     draft = replace(draft, landmarks=_landmarks(posed, draft))
     profile = _written(folder, draft)
-    subject = Subject(name, compile_body(folder / body.file, root=root), profile)
-    tight = _thick(subject)
-    for _ in range(ROUNDS):
-        fitted = fit(subject, ZONES, samples=samples, tight=tight, progress=progress)
-        cleared = clear_postures(
-            _written(folder, replace(draft, observers=observer_text(fitted.text, ()))), posed, soles=soles
-        )
-        touching = frozenset(link for pair in cleared.touching for link in pair)
-        if touching <= tight:
-            break
-        tight |= touching
-    draft = _settled(draft, cleared, observer_text(fitted.text, cleared.touching))
+    if body.model.ngeom:
+        subject = Subject(name, compile_body(folder / body.file, root=root), profile)
+        draft = _observed(folder, draft, subject, posed, postures, samples=samples, progress=progress)
     draft = replace(draft, landmarks=_landmarks(posed, draft))
     _written(folder, draft)
     return draft
 
 
-def _thick(subject: Subject) -> frozenset[str]:
-    """Links that a capsule encloses badly."""
-    geometries, _ = link_geometries(subject.file.model)
-    return frozenset(one.link_name for one in propose(geometries, ZONES) if one.ratio is None or one.ratio > THICK)
+def _observed(
+    folder: Path,
+    draft: Draft,
+    subject: Subject,
+    posed: Posed,
+    first: Postures,
+    *,
+    samples: int,
+    progress: Callable[[float], None],
+) -> Draft:
+    """With observers, and with postures in which these do not touch."""
+    tight: frozenset[str] = frozenset()
+    for _ in range(ROUNDS):
+        fitted = fit(subject, ZONES, samples=samples, thickest=THICK, tight=tight, progress=progress)
+        profile = _written(folder, replace(draft, observers=observer_text(fitted.text, ())))
+        cleared = clear_postures(profile, posed, first)
+        touching = frozenset(link for pair in cleared.touching for link in pair)
+        if touching <= tight:
+            break
+        tight |= touching
+    return _settled(draft, cleared, observer_text(fitted.text, cleared.touching))
 
 
 def _settled(draft: Draft, cleared: Cleared, observers: str) -> Draft:

@@ -13,6 +13,8 @@ from retarget.rotations import FloatArray
 __all__ = ["Anatomy", "Limb", "find_anatomy"]
 
 UP = np.array([0.0, 0.0, 1.0])
+HIPS = 0.6
+"""Of the trunk's height: legs begin no higher."""
 LOW = 0.1
 """Of the robot's height: feet end so near to its lowest point."""
 FINGERS = 0.3
@@ -59,7 +61,7 @@ def find_anatomy(tree: Tree) -> Anatomy:
         alone = (arm,) if len(arm.nodes) >= LEAST_ARM else ()
         return Anatomy(forward, left, None, (), alone, BASE, BASE, (), "assumed: x is forward", ())
     pairs = [(_limb(tree, a), _limb(tree, b)) for a, b in mirror.pairs(tree)]
-    legs = _legs(tree, pairs)
+    legs = _legs(tree, pairs, [node for node, other in mirror.partner.items() if node == other])
     rest = [pair for pair in pairs if pair != legs and len(pair[0].nodes) >= LEAST_ARM]
     arms = max(rest, key=lambda pair: _reach(tree, pair[0]), default=None)
     forward, facing = _forward(tree, mirror, legs, arms)
@@ -108,17 +110,18 @@ def _deepest(tree: Tree, node: int) -> int:
     return max(tree.children(node), key=lambda child: len(tree.below(child)))
 
 
-def _legs(tree: Tree, pairs: list[tuple[Limb, Limb]]) -> tuple[Limb, Limb] | None:
-    """The pair that ends at the bottom of the robot, on flat soles where several do."""
+def _legs(tree: Tree, pairs: list[tuple[Limb, Limb]], trunk: list[int]) -> tuple[Limb, Limb] | None:
+    """The pair that ends at the bottom of the robot and begins low on its trunk; arms that hang begin high up."""
     heights = tree.points(range(len(tree.nodes)))[:, 2]
     floor, height = float(heights.min()), float(np.ptp(heights))
-    standing = [
-        pair
-        for pair in pairs
-        if len(pair[0].nodes) >= LEAST_LEG
-        and _lowest(tree, pair[0]) <= floor + LOW * height
-        and tree.nodes[pair[0].nodes[0]].anchor[2] >= _lowest(tree, pair[0]) + LOW * height
-    ]
+    middle = tree.points(trunk)[:, 2]
+    highest = float(middle.min()) + HIPS * float(np.ptp(middle))
+    standing = []
+    for pair in pairs:
+        root = float(tree.nodes[pair[0].nodes[0]].anchor[2])
+        low = _lowest(tree, pair[0])
+        if len(pair[0].nodes) >= LEAST_LEG and low <= floor + LOW * height < root + 1e-9 and root <= highest + 1e-9:
+            standing.append(pair)
     return min(standing, key=lambda pair: tree.nodes[pair[0].nodes[0]].anchor[2], default=None)
 
 
