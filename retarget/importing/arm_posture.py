@@ -14,6 +14,8 @@ REST = 0.02
 """Weight of staying near the middle of 0: joints that do not matter stay there."""
 STARTS = 6
 """Guesses that the search starts from; an elbow may bend either way."""
+GOOD = 2e-3
+"""Cost of a posture that is near enough: elbow and hand within a few hundredths of the arm's length."""
 SIGNIFICANT = 1e-3
 """[rad] Less is 0."""
 
@@ -36,6 +38,7 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
     outward = anatomy.left if side == "l" else -anatomy.left
     upper = float(np.linalg.norm(zero.positions[elbow] - shoulder)) if elbow else 0.0
     lower = float(np.linalg.norm(zero.positions[hand] - (zero.positions[elbow] if elbow else shoulder)))
+    length = max(upper + lower, 1e-6)
     at_elbow = shoulder + upper * _down(anatomy.forward, outward, ahead, spread)
     at_hand = at_elbow + lower * _down(anatomy.forward, outward, ahead + bend, spread)
     low, high = np.array([posed.limits[joint] for joint in joints]).T
@@ -44,12 +47,16 @@ def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> di
     def off(angles: FloatArray) -> FloatArray:
         there = posed.place(dict(zip(joints, angles.tolist(), strict=True))).positions
         parts = [there[hand] - at_hand] + ([there[elbow] - at_elbow] if elbow else [])
-        return np.concatenate([*(part / (upper + lower) for part in parts), REST * (angles - middle)])
+        return np.concatenate([*(part / length for part in parts), REST * (angles - middle)])
 
-    rng = np.random.default_rng(0)
-    starts = [middle, *(rng.uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high) for _ in range(STARTS))]
-    found = [least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=60) for start in starts]
-    best = min(found, key=lambda result: float(result.cost))
+    rng, best = np.random.default_rng(0), None
+    for number in range(1 + STARTS):
+        start = middle if number == 0 else rng.uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
+        found = least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=60)
+        best = found if best is None or found.cost < best.cost else best
+        if best.cost < GOOD:
+            break
+    assert best is not None
     angles = {
         joint: posed.inside(joint, round(float(angle), 3))
         for joint, angle in zip(joints, best.x, strict=True)
