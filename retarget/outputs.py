@@ -8,7 +8,7 @@ from typing import IO
 
 from retarget.errors import UsageError
 
-__all__ = ["check_folder", "check_path", "check_place", "make_folder", "write_atomic", "write_stream"]
+__all__ = ["check_folder", "check_path", "check_place", "make_folder", "umask", "write_atomic", "write_stream"]
 
 
 def check_place(path: Path, *, option: str) -> None:
@@ -55,7 +55,7 @@ def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: st
         try:
             with os.fdopen(descriptor, "wb") as stream:
                 write(stream)
-            Path(name).chmod(0o666 & ~_umask())
+            Path(name).chmod(0o666 & ~umask())
             Path(name).replace(path)
         except BaseException:
             Path(name).unlink(missing_ok=True)
@@ -91,7 +91,7 @@ def _unwritable(path: Path, option: str, error: OSError) -> UsageError:
     )
 
 
-def _umask() -> int:
+def umask() -> int:
     """The process's mask for new files; there is no way to read it but to set it."""
     mask = os.umask(0)
     os.umask(mask)

@@ -26,10 +26,14 @@ COMMANDS = {
     "emulate": "Answer as a robot's servos would, on a serial port.",
     "servo": "Work with servos: find, set up, watch, rest, reboot, home.",
     "faults": "Hurt a live run in every way of the fault table, and see what the robot does.",
+    "import": "Draft a robot profile from a URDF or MJCF file.",
     "fit-observers": "Propose collision observers from a robot's body.",
     "experiments": "Repeat the paper's experiments and figures.",
 }
 """Every command and its line in the list of commands."""
+
+FILES = {"import": "import_body"}
+"""Commands whose word cannot be the name of a function, and the name of theirs."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -34,11 +34,12 @@ def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None,
         rich_markup_mode="rich" if panels else None,
         epilog=epilog,
     )
-    for name, summary in importlib.import_module(package).COMMANDS.items():
+    listing = importlib.import_module(package)
+    for name, summary in listing.COMMANDS.items():
         if name not in chosen[:1]:
             group.command(name, help=summary)(_not_chosen)
             continue
-        word = name.replace("-", "_")
+        word = getattr(listing, "FILES", {}).get(name, name.replace("-", "_"))
         module = importlib.import_module(f"{package}.{word}")
         function: Callable[..., Any] = getattr(module, word)
         if hasattr(module, "COMMANDS"):

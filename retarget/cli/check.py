@@ -10,6 +10,8 @@ import typer
 from hardware.bus_spec import BusSpec
 from retarget.catalogue import Kind, calibration_path, entries, find, kind_of
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
+from retarget.importing.mark import DRAFT, marked_lines
+from retarget.observer_pairs import NEVER_NEAR, DroppedPair
 from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
@@ -137,10 +139,7 @@ def _robot(path: Path) -> str:
             "frames": f"{len(profile.frames)}",
             "landmarks": ", ".join(profile.landmarks),
             "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them looked at",
-            "not looked at": "; ".join(
-                f"{pair.first} and {pair.second}: {pair.reason}" for pair in observers.dropped if not pair.neighbours
-            )
-            or "only neighbours along the body",
+            "not looked at": _not_looked_at(observers.dropped),
             "feet": ", ".join(profile.feet) or "none",
             **(
                 {}
@@ -150,8 +149,27 @@ def _robot(path: Path) -> str:
             "tick": f"{profile.safety.rate_hz:g} Hz",
             **safety_facts(profile.safety),
             "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}",
+            **_drafts(path),
         },
     )
+
+
+def _not_looked_at(dropped: tuple[DroppedPair, ...]) -> str:
+    """Pairs that are dropped, and why; of those that are never near only how many."""
+    telling = [pair for pair in dropped if not pair.neighbours]
+    far = [pair for pair in telling if pair.reason.startswith(NEVER_NEAR)]
+    texts = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in telling if pair not in far]
+    texts += [f"{len(far)} pairs that are {NEVER_NEAR}"] if far else []
+    return "; ".join(texts) or "only neighbours along the body"
+
+
+def _drafts(path: Path) -> dict[str, str]:
+    """Lines that `retarget import` marked, and nobody has taken the mark from yet."""
+    marked = marked_lines(read_text(path))
+    if not marked:
+        return {}
+    shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
+    return {"still a draft": f"{len(marked)} lines marked {DRAFT} to be looked at by who knows the robot: {shown}"}
 
 
 def _calibration(robot: RobotBody) -> str:

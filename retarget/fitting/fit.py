@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,15 @@ def fit(
     *,
     samples: int = DEFAULT_SAMPLES,
     seed: int = 0,
+    thickest: float = inf,
+    tight: frozenset[str] = frozenset(),
     progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Propose observers and pairs to ignore. The same input gives the same text. Raises InputError, UsageError."""
+    """Propose observers and pairs to ignore. The same input gives the same text.
+
+    No capsule has more than `thickest` times its link's volume, and none is on a link of `tight`. Raises InputError,
+    UsageError.
+    """
     if not 1 <= samples <= MAX_SAMPLES:
         raise UsageError(
             "no usable number of samples", where="--samples", found=str(samples), allowed=f"1 to {MAX_SAMPLES}"
@@ -85,7 +92,12 @@ def fit(
         raise UsageError("no usable seed", where="--seed", found=str(seed), allowed="0 or more")
     model, body = subject.file.model, body_from_file(subject.file)
     geometries, notes = link_geometries(model)
-    observers = propose(geometries, zones)
+    observers = tuple(
+        flattened(proposal, geometry, "a capsule would stand out too far, or touch another link where the robot stands")
+        if isinstance(proposal.shape, Capsule) and (proposal.link_name in tight or (proposal.ratio or 0.0) > thickest)
+        else proposal
+        for proposal, geometry in zip(propose(geometries, zones), geometries, strict=True)
+    )
     ranges = joint_ranges(body, _limits(subject.profile))
     near = SAFETY_FACTOR * zones.influence
     neutral = ranges.clipped(_neutral(subject.profile, body))

@@ -9,6 +9,7 @@ from retarget.fitting.own_geoms import OwnDistances
 from retarget.fitting.proposals import Proposal
 from retarget.fitting.shape_model import Pair
 from retarget.fitting.survey import PairRecord
+from retarget.observer_pairs import NEVER_NEAR
 
 __all__ = ["Verdict", "always_overlapping", "verdicts"]
 
@@ -56,7 +57,7 @@ def verdicts(
             reason = f"neighbours along the tree with no volume between them, {_closest(record)}"
             found.append(Verdict("neighbours", names, reason))
         elif record.smallest > near:
-            reason = f"never near, {_closest(record)}"
+            reason = f"{NEVER_NEAR}, {_closest(record)}"
             found.append(Verdict("never", names, reason))
     order: tuple[Kind, ...] = ("always", "excluded", "neighbours", "never")
     return tuple(sorted(found, key=lambda verdict: order.index(verdict.kind)))

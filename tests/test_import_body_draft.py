@@ -1,0 +1,107 @@
+"""The body beside a drafted profile: a copy, or MJCF that stands by itself and moves the same."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from retarget.errors import InputError
+from retarget.importing.body_draft import BodyDraft, draft_body, facing_x
+from retarget.importing.source import read_source
+from retarget.importing.urdf_source import Relaxed
+from unknown_robots import SHIPPED, humanoid, shipped_body
+
+TWO = """<mujoco><asset>{asset}</asset><worldbody><geom type="plane" size="1 1 1"/><light pos="0 0 1"/>
+  <body name="base link"><geom size="0.05"/>
+  <body pos="0 0 0.1"><joint axis="0 1 0" range="-90 90"/>{geom}
+  <body name="last" pos="0 0 0.1"><joint name="j/2" axis="0 1 0" {kind}/><geom type="capsule" size="0.02 0.05"/>
+  </body></body></body></worldbody>{more}</mujoco>"""
+BALL = '<geom size="0.02"/>'
+
+
+def two(*, asset: str = "", geom: str = BALL, kind: str = "", more: str = "") -> str:
+    return TWO.format(asset=asset, geom=geom, kind=kind, more=more)
+
+
+def drafted(text: str, folder: Path, *, freeze: bool = False, no_meshes: bool = False) -> BodyDraft:
+    path = folder / "body.xml"
+    path.write_text(text, encoding="utf-8")
+    return draft_body(read_source(path), Relaxed(freeze=freeze, no_meshes=no_meshes))
+
+
+def alike(first: mujoco.MjModel, second: mujoco.MjModel) -> None:
+    """The same masses, and the same places in a posture."""
+    assert second.body_mass == pytest.approx(first.body_mass) and second.nq == first.nq
+    data = [mujoco.MjData(first), mujoco.MjData(second)]
+    for model, state in zip((first, second), data, strict=True):
+        state.qpos[:] = model.qpos0 + 0.3 * np.sin(np.arange(model.nq))
+        mujoco.mj_forward(model, state)
+    assert data[1].xpos == pytest.approx(data[0].xpos, abs=1e-5)
+    assert data[1].subtree_com == pytest.approx(data[0].subtree_com, abs=1e-5)
+
+
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_what_stands_by_itself_is_copied(robot: str) -> None:
+    body = draft_body(read_source(shipped_body(robot)), Relaxed())
+    assert body.content == shipped_body(robot).read_bytes() and body.file == "body.xml" and not body.notes
+
+
+def test_names_that_no_profile_can_hold(tmp_path: Path) -> None:
+    body = drafted(two(), tmp_path)
+    written = mujoco.MjModel.from_xml_string(body.content.decode())
+    assert [written.body(i).name for i in range(1, 4)] == ["base_link", "link_2", "last"]
+    assert [written.joint(i).name for i in range(2)] == ["joint_1", "j_2"]
+    assert "'base link' is now base_link" in body.notes[0]
+    assert written.nlight == 0 and b"plane" not in body.content
+    alike(body.model, written)
+
+
+def test_a_mesh_becomes_a_shape(tmp_path: Path) -> None:
+    points = "0 0 0  0.1 0 0  0 0.1 0  0 0 0.1  0.1 0.1 0.1"
+    body = drafted(two(asset=f'<mesh name="m" vertex="{points}"/>', geom='<geom type="mesh" mesh="m"/>'), tmp_path)
+    written = mujoco.MjModel.from_xml_string(body.content.decode())
+    assert body.model.nmesh == 1 and written.nmesh == 0 and written.ngeom == 3
+    alike(body.model, written)
+
+
+def test_a_mesh_that_is_missing(tmp_path: Path) -> None:
+    text = two(asset='<mesh name="m" file="gone.stl"/>', geom='<geom type="mesh" mesh="m"/>' + BALL)
+    with pytest.raises(InputError, match=r"meshes that cannot be read.*gone\.stl.*--no-meshes"):
+        drafted(text, tmp_path)
+    body = drafted(text, tmp_path, no_meshes=True)
+    assert body.model.nmesh == 0 and "gone.stl" in body.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "more"),
+    [
+        ('type="slide"', ""),
+        ('type="ball"', ""),
+        ("", '<actuator><position joint="first"/></actuator>'),
+        ("", '<equality><joint joint1="j/2" joint2="first"/></equality>'),
+    ],
+)
+def test_joints_that_no_servo_of_their_own_turns(kind: str, more: str, tmp_path: Path) -> None:
+    text = two(kind=kind, more=more).replace("<joint axis", '<joint name="first" axis')
+    with pytest.raises(InputError, match=r"no servo of their own turns.*j/2.*--freeze"):
+        drafted(text, tmp_path)
+    body = drafted(text, tmp_path, freeze=True)
+    assert body.model.njnt == 1 and body.model.joint(0).name == "first" and "made rigid" in body.notes[0]
+
+
+def test_what_mujoco_refuses_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"body\.xml: not a usable body; found .*nonsense"):
+        drafted(two(geom="<nonsense/>"), tmp_path)
+
+
+def test_a_body_that_faces_y_is_turned(tmp_path: Path) -> None:
+    path = tmp_path / "body.urdf"
+    path.write_text(humanoid())
+    body = draft_body(read_source(path), Relaxed())
+    turned = facing_x(body, np.array([0.0, 1.0, 0.0]))
+    written = mujoco.MjModel.from_xml_string(turned.content.decode())
+    data = mujoco.MjData(written)
+    mujoco.mj_kinematics(written, data)
+    assert data.body("p1").xpos[1] == pytest.approx(0.05)  # its left is y now
+    alike(turned.model, written)

@@ -1,0 +1,64 @@
+"""`retarget import` as a user meets it."""
+
+from pathlib import Path
+
+import pytest
+
+from retarget.cli import main
+from unknown_robots import small_bust, table_arm
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as left:
+        main([*map(str, words)])
+    out, err = capsys.readouterr()
+    return int(left.value.code or 0), out, err
+
+
+@pytest.fixture
+def bust(tmp_path: Path) -> Path:
+    path = tmp_path / "bust.urdf"
+    path.write_text(small_bust())
+    return path
+
+
+def test_it_is_listed_and_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "--help")
+    assert code == 0 and "Draft a robot profile from a URDF or MJCF file" in out
+    code, out, _ = run(capsys, "import", "--help")
+    assert code == 0 and "--freeze" in out and "--no-meshes" in out
+
+
+def test_import_then_check(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "new"
+    code, out, err = run(capsys, "import", bust, "--out", folder, "--samples", "20", "--name", "bust")
+    assert code == 0 and not err
+    assert f"{folder}: profile of bust, drafted from bust.urdf" in out and "4 x MX-28" in out
+    assert "missing: legs: no two limbs reach the ground" in out
+    assert f"Next: retarget demo --robot {folder / 'robot.yaml'} --bus mock" in out
+    code, out, _ = run(capsys, "check", folder)
+    assert code == 0 and "9 lines marked # DRAFT" in out
+    text = (folder / "robot.yaml").read_text()
+    (folder / "robot.yaml").write_text(text.replace("# DRAFT", "#"))
+    code, out, _ = run(capsys, "check", folder)
+    assert code == 0 and "DRAFT" not in out
+
+
+def test_import_again(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = run(capsys, "import", bust, "--out", tmp_path)
+    assert code == 2 and err.count("error:") == 1 and "nothing is overwritten" in err
+
+
+def test_what_is_not_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(table_arm())
+    code, out, _ = run(capsys, "import", path, "--out", tmp_path / "arm", "--samples", "20")
+    assert code == 0 and "not complete yet, says retarget check" in out and "Add l_hand" in out
+    code, _, err = run(capsys, "check", tmp_path / "arm")
+    assert code == 2 and "Add l_hand" in err
+
+
+@pytest.mark.parametrize("samples", ["0", "-1", "99999999"])
+def test_samples(samples: str, bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = run(capsys, "import", bust, "--out", tmp_path / "new", "--samples", samples)
+    assert code == 2 and "--samples" in err and not (tmp_path / "new").exists()
