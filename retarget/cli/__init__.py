@@ -18,6 +18,7 @@ COMMANDS = {
     "run": "Let a robot follow a recorded performer.",
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",
+    "export": "Hand a recorded run on: CSV, NPZ, Parquet, BVH, LeRobot.",
     "check": "Validate profiles, priorities, performers and scenes.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",
     "robots": "List the robots known by name.",
