@@ -7,7 +7,7 @@ from pathlib import Path
 
 from retarget.errors import RefusedError
 from retarget.outputs import check_folder, make_folder
-from retarget.report import Report, report_path, write_report
+from retarget.report import Report, page_path, report_path, write_report
 from retarget.run_result import RunResult
 from retarget.save import save_path, write_npz
 
@@ -16,16 +16,22 @@ __all__ = ["Outputs", "Written"]
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where report, recording and pictures of a run go; None: nowhere."""
+    """Where report, its page, recording and pictures of a run go; None: nowhere."""
 
     report: Path | None = None
+    page: Path | None = None
     save: Path | None = None
     plots: Path | None = None
 
     @classmethod
     def checked(cls, *, report: Path | None, save: Path | None, plots: Path | None) -> "Outputs":
         """Raise UsageError for the first place at which nothing can be written."""
-        places = cls(None if report is None else report_path(report), None if save is None else save_path(save), plots)
+        places = cls(
+            report=None if report is None else report_path(report),
+            page=None if report is None else page_path(report),
+            save=None if save is None else save_path(save),
+            plots=plots,
+        )
         if plots is not None:
             check_folder(plots, option="--plots")
         return places
@@ -34,18 +40,19 @@ class Outputs:
     def in_folder(cls, folder: Path) -> "Outputs":
         """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
         check_folder(folder, option="folder")
-        return cls(report=folder / "report.json", save=folder / "run.npz", plots=folder)
+        return cls(report=folder / "report.json", page=folder / "report.html", save=folder / "run.npz", plots=folder)
 
     def write(self, run: RunResult, report: Report) -> "Written":
         """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
         tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
             ("report", self.report, lambda path: write_report(report, path)),
+            ("page", self.page, lambda path: _write_page(run, report, path)),
             ("run", self.save, lambda path: write_npz(run, path)),
             ("picture", self.plots, lambda path: _write_plots(run, path)),
         ]
         lines: list[str] = []
         problems: list[str] = []
-        with _folder(self.plots, problems):
+        with _folder(self.plots, problems), _folder(None if self.page is None else self.page.parent, problems):
             for what, path, write in tries:
                 if path is None:
                     continue
@@ -70,6 +77,12 @@ def _write_plots(run: RunResult, folder: Path) -> list[Path]:
     from retarget.plots import write_plots
 
     return write_plots(run, folder)
+
+
+def _write_page(run: RunResult, report: Report, path: Path) -> None:
+    from retarget.report_page import write_page
+
+    write_page(run, report, path)
 
 
 @contextmanager

@@ -1,0 +1,58 @@
+"""Our own pictures as drawings inside a page: they follow its light and dark, and stay sharp in print."""
+
+import io
+import re
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from retarget.plots import PICTURES
+from retarget.plots.style import ASKED, LEFT, LIMIT, MIDDLE, REACHED, SERVOS
+from retarget.report_page.markup import Markup
+from retarget.run_result import RunResult
+
+__all__ = ["drawn", "pictures"]
+
+COLOURS = {
+    "#000000": "--ink",
+    "#ffffff": "--paper",
+    MIDDLE: "--ink",
+    "#262626": "--ink",
+    "#555555": "--soft",
+    "#999999": "--line",
+    "#a0a0a0": "--line",
+    "#c9c9c9": "--trunk",
+    "#d5d5d5": "--grid",
+    "#dddddd": "--grid",
+    "#e6e6e6": "--grid",
+    "#eeeeee": "--grid",
+    ASKED: "--asked",
+    REACHED: "--right",
+    SERVOS: "--servos",
+    LEFT: "--left",
+    LIMIT: "--limit",
+}
+"""Colours of the pictures, and the page's own that stand for them."""
+_COLOUR = re.compile("|".join(COLOURS), re.IGNORECASE)
+_NUMBER = re.compile(r"(-?\d+\.\d{2})\d+")
+_NAME = re.compile(r'(\bid="|xlink:href="#|url\(#)')
+_OPENING = re.compile(r"<svg\b[^>]*?viewBox=\"([^\"]+)\"[^>]*>", re.DOTALL)
+_LEFT_OUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<\?xml.*?\?>|<!DOCTYPE.*?>", re.DOTALL)
+
+
+def pictures(run: RunResult) -> dict[str, Markup]:
+    """Every picture that has something to show, by its name."""
+    figures = {name: draw(run) for name, draw in PICTURES.items()}
+    return {name: drawn(figure, name) for name, figure in figures.items() if figure is not None}
+
+
+def drawn(figure: Figure, name: str) -> Markup:
+    """A figure as an SVG element. name: makes its ids its own. Matplotlib escapes what a figure says."""
+    stream = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify_threshold": 0.3}):
+        figure.savefig(stream, format="svg", transparent=True)
+    text = _LEFT_OUT.sub("", stream.getvalue())
+    text = _OPENING.sub(rf'<svg viewBox="\1" role="img" aria-label="{name}" class="picture">', text, count=1)
+    text = _NUMBER.sub(r"\1", text)  # a hundredth of a point is seen by nobody
+    text = _COLOUR.sub(lambda found: f"var({COLOURS[found.group().lower()]})", text)
+    return Markup(_NAME.sub(rf"\g<1>{name}-", text).strip())
