@@ -1,4 +1,4 @@
-"""The report of a run as one HTML page that opens from disk: what was asked, what was measured, and the motion itself."""
+"""The report of a run as one HTML page that opens from disk: what was asked, what was measured, the motion."""
 
 from retarget.report_page.page import page_html, write_page
 

@@ -6,14 +6,15 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from retarget.body import IntArray
+from retarget.frames import BoolArray
 from retarget.human_dimensions import PARENTS, POINTS
 from retarget.metrics import standing
 from retarget.plots.poses import ROBOT_BONES, performer_facing
 from retarget.plots.skeleton import turned
 from retarget.record import Phase
+from retarget.report_page.moments import moments
 from retarget.report_page.packing import Packed, packed
-from retarget.report_page.stop_moment import stop_moment
-from retarget.body import IntArray
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
@@ -29,8 +30,8 @@ PARENT = {name: POINTS[parent] for name, parent in zip(POINTS, PARENTS, strict=T
 
 @dataclass(frozen=True)
 class Figure:
-    """A body. points (T, k, 3) of names; bones: pairs of points. marks (T, m, 3): what was measured of a performer, what
-    was asked of a robot. centre (T, 2): where the view looks. height, reach m: what it must show."""
+    """A body. points (T, k, 3) of names; bones: pairs of points. marks (T, m, 3): what was measured of a performer, or
+    asked of a robot. centre (T, 2): where the view looks. height, reach m: what it must show."""
 
     label: str
     names: tuple[str, ...]
@@ -45,17 +46,19 @@ class Figure:
 
 @dataclass(frozen=True)
 class Ground:
-    """corners (T, c, 3) of all soles, `sizes` of them each; com (T, 3). contact: m above the ground that still carry."""
+    """corners (T, c, 3) of all soles, `sizes` of them each; com (T, 3). contact: m above the ground that still carry.
+    outside: a letter a row, 1 where the centre of mass was beyond the edge in any of its ticks."""
 
     corners: Packed
     sizes: tuple[int, ...]
     com: Packed
     contact: float
+    outside: str
 
 
 @dataclass(frozen=True)
 class Animation:
-    """time: ms. phase, gated: a letter a row. every: ticks to a row. stop: ms, None without one."""
+    """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong."""
 
     time: tuple[int, ...]
     phase: str
@@ -64,7 +67,8 @@ class Animation:
     performer: Figure
     robot: Figure | None
     ground: Ground | None
-    stop: int | None
+    moments: tuple[int, ...]
+    simulated: bool
 
     def as_json(self) -> str:
         """Compact, and safe inside a script element: no character there can end it."""
@@ -79,17 +83,17 @@ def animation_of(run: RunResult) -> Animation | None:
         return None
     every = max(1, math.ceil(1.0 / (run.clip.dt * FPS) - 1e-9), math.ceil(len(record) / MOST_ROWS))
     rows = np.arange(0, len(record), every)
-    sent, stop = record.robot, stop_moment(run)
-    gated = np.zeros(len(rows), bool) if sent is None else np.maximum.reduceat(sent.gated, rows)
+    sent = record.robot
     return Animation(
-        time=tuple(int(round(1e3 * time)) for time in record.time[rows]),
+        time=tuple(round(1e3 * time) for time in record.time[rows]),
         phase="".join(Phase(value).name[0].lower() for value in record.phase[rows]),
-        gated="".join("1" if value else "0" for value in gated),
+        gated="0" * len(rows) if sent is None else _letters(sent.gated, rows),
         every=every,
         performer=_performer(run, rows),
         robot=_robot(run, rows),
         ground=_ground(run, rows),
-        stop=None if stop is None else int(round(1e3 * stop.time)),
+        moments=tuple(round(1e3 * moment.time) for moment in moments(run)),
+        simulated=run.physics is not None,
     )
 
 
@@ -147,8 +151,14 @@ def _ground(run: RunResult, rows: IntArray) -> Ground | None:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.stands:
         return None
-    q = np.ascontiguousarray(sent.q[rows])
-    corners = [standing.sole_corners(sole) for sole in standing.soles_of(robot, q)]
-    com = robot.body.solver_body().centre_of_mass(q)
+    corners = [standing.sole_corners(sole) for sole in standing.soles_of(robot, sent.q)]
+    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
+    every = np.concatenate(corners, axis=1)
+    outside = ~(standing.support_margin(com, every) >= -standing.OUTSIDE_M)
     sizes = tuple(sole.shape[1] for sole in corners)
-    return Ground(packed(np.concatenate(corners, axis=1)), sizes, packed(com), standing.CONTACT_M)
+    return Ground(packed(every[rows]), sizes, packed(com[rows]), standing.CONTACT_M, _letters(outside, rows))
+
+
+def _letters(flags: BoolArray, rows: IntArray) -> str:
+    """1 for a row in any tick of which the flag (T,) is up, else 0."""
+    return "".join("1" if value else "0" for value in np.maximum.reduceat(flags, rows))

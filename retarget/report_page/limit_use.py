@@ -61,6 +61,8 @@ def _joints(run: RunResult) -> tuple[tuple[str, ...], FloatArray, JointLimits, f
     body, whole = run.human.body, run.human_limits
     single, address = body.scalar_joints()
     shown = single & ~run.human.locked
-    limits = JointLimits(*(field[shown] for field in (whole.lower, whole.upper, whole.max_velocity, whole.max_acceleration)))
+    limits = JointLimits(
+        *(field[shown] for field in (whole.lower, whole.upper, whole.max_velocity, whole.max_acceleration))
+    )
     names = tuple(name for name, kept in zip(body.dof_names, shown, strict=True) if kept)
     return names, run.record.human.q[:, address[shown]], limits, run.clip.motion_dt

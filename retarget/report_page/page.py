@@ -9,17 +9,17 @@ from retarget.outputs import write_atomic
 from retarget.report import Report
 from retarget.report_page.animation import animation_of
 from retarget.report_page.markup import Markup, element, joined, safe
+from retarget.report_page.moments import moments
 from retarget.report_page.pictures import pictures
 from retarget.report_page.player_section import player_section
 from retarget.report_page.sections import (
     head_section,
+    moment_section,
     notes_section,
     numbers_section,
-    stop_section,
     tracking_section,
     verdict_section,
 )
-from retarget.report_page.stop_moment import stop_moment
 from retarget.report_page.verdicts import verdicts
 from retarget.run_result import RunResult
 
@@ -27,6 +27,7 @@ __all__ = ["page_html", "write_page"]
 
 ORDER = ("poses", "tracking", "balance", "pressure", "angles")
 """Of the pictures."""
+SCRIPTS = ("motion.js", "bodies.js", "ground.js", "player.js")
 HEADINGS = {
     "poses": "Poses",
     "tracking": "Asked and reached",
@@ -47,7 +48,7 @@ def page_html(run: RunResult, report: Report) -> str:
     body = element(
         "main",
         head_section(report, found),
-        stop_section(stop_moment(run)),
+        *(moment_section(moment) for moment in moments(run)),
         verdict_section(found),
         player_section(animation_of(run)),
         *(_picture(name, drawings[name]) for name in ORDER[:1] if name in drawings),
@@ -56,7 +57,7 @@ def page_html(run: RunResult, report: Report) -> str:
         notes_section(report.notes),
         numbers_section(report),
     )
-    script, style = _own("player.js"), _own("page.css")
+    script, style = _script(), _own("page.css")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{digest}'"
     head = element(
@@ -75,6 +76,11 @@ def page_html(run: RunResult, report: Report) -> str:
 def _picture(name: str, drawing: Markup) -> Markup:
     # Wide pictures scroll on a narrow screen: what is shrunk cannot be read.
     return element("section", element("h2", safe(HEADINGS[name])), element("div", drawing, class_=f"drawing {name}"))
+
+
+def _script() -> Markup:
+    """The player, whose parts share one scope that nobody else sees."""
+    return Markup("\n".join(['"use strict";', "(() => {", *(_own(name) for name in SCRIPTS), "})();"]))
 
 
 def _own(name: str) -> Markup:

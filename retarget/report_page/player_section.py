@@ -5,7 +5,8 @@ from retarget.report_page.markup import Markup, element, joined, safe
 
 __all__ = ["player_section"]
 
-SPEEDS = (("0.25", "¼ ×"), ("0.5", "½ ×"), ("1", "1 ×"), ("2", "2 ×"))
+TIMES = "\N{MULTIPLICATION SIGN}"
+SPEEDS = (("0.25", f"¼ {TIMES}"), ("0.5", f"½ {TIMES}"), ("1", f"1 {TIMES}"), ("2", f"2 {TIMES}"))
 
 
 def player_section(animation: Animation | None) -> Markup:
@@ -14,7 +15,8 @@ def player_section(animation: Animation | None) -> Markup:
         return Markup("")
     views = [_view("performer", "Performer", "dots: sensors as measured; lines: reconstructed")]
     if animation.robot is not None:
-        views.append(_view("robot", animation.robot.label, "circles: landmarks asked; lines: as sent"))
+        sent = "as sent, not as simulated" if animation.simulated else "as sent"
+        views.append(_view("robot", animation.robot.label, f"circles: landmarks asked; lines: {sent}"))
     if animation.ground is not None:
         views.append(_view("above", "Balance, from above", "centre of mass over the support polygon; forward is up"))
     every = "every tick is shown" if animation.every == 1 else f"one tick in {animation.every} is shown"
@@ -56,8 +58,8 @@ def _legend(animation: Animation) -> Markup:
     shown = [(name, words) for name, words in keys if name[0] in animation.phase]
     if "1" in animation.gated:
         shown.append(("gated", "the gate changed a goal"))
-    if animation.ground is not None:
+    if animation.ground is not None and "1" in animation.ground.outside:
         shown.append(("outside", "centre of mass outside"))
-    if animation.stop is not None:
-        shown.append(("stopped", "stop"))
+    if animation.moments:
+        shown.append(("event", "stop or fall"))
     return element("ul", joined(element("li", safe(words), class_=name) for name, words in shown), class_="legend")

@@ -2,12 +2,14 @@
 
 from retarget.report import Report, Spread
 from retarget.report_page.markup import Markup, element, joined, safe
-from retarget.report_page.stop_moment import StopMoment
+from retarget.report_page.moments import Moment
 from retarget.report_page.verdicts import Outcome, Verdict
 
-__all__ = ["head_section", "notes_section", "numbers_section", "stop_section", "tracking_section", "verdict_section"]
+__all__ = ["head_section", "moment_section", "notes_section", "numbers_section", "tracking_section", "verdict_section"]
 
-SIGNS = {Outcome.PASS: "✓", Outcome.FAIL: "✗", Outcome.UNKNOWN: "–"}
+SIGNS = {Outcome.PASS: "✓", Outcome.FAIL: "✗"}
+LEAST_BAR = 1.0
+"""mm of a full bar at least: nobody sees what is less."""
 
 
 def head_section(report: Report, found: tuple[Verdict, ...]) -> Markup:
@@ -15,7 +17,9 @@ def head_section(report: Report, found: tuple[Verdict, ...]) -> Markup:
     failed = sum(verdict.outcome is Outcome.FAIL for verdict in found)
     kept = sum(verdict.outcome is Outcome.PASS for verdict in found)
     words = f"all {kept} limits kept" if not failed else f"{failed} of {failed + kept} limits not kept"
-    badge = element("p", safe(f"{SIGNS[Outcome.FAIL if failed else Outcome.PASS]} {words}"), class_=f"badge {_tone(failed)}")
+    badge = element(
+        "p", safe(f"{SIGNS[Outcome.FAIL if failed else Outcome.PASS]} {words}"), class_=f"badge {_tone(failed)}"
+    )
     what = "A performer, reconstructed" if report.robot == "human" else f"{report.robot} follows a performer"
     facts = [
         ("source", report.source),
@@ -26,7 +30,8 @@ def head_section(report: Report, found: tuple[Verdict, ...]) -> Markup:
     ]
     about = joined(joined([element("dt", safe(name)), element("dd", safe(value))]) for name, value in facts)
     tiles = joined(
-        element("div", element("b", safe(value)), element("span", safe(name)), class_="tile") for name, value in _tiles(report)
+        element("div", element("b", safe(value)), element("span", safe(name)), class_="tile")
+        for name, value in _tiles(report)
     )
     return element(
         "header",
@@ -47,12 +52,15 @@ def _tiles(report: Report) -> list[tuple[str, str]]:
     own = report.min_clearance_mm.self
     tiles = [
         ("hands, where within reach, are off by", None if hands is None else f"{hands:.1f} mm"),
-        ("sensors are met to", f"{max(sensors):.2f} mm" if sensors else None),
+        ("sensors are met to", f"{max(sensors):.2f} mm" if sensors and report.robot == "human" else None),
         ("lag", None if report.lag_s is None else f"{1e3 * report.lag_s:.0f} ms"),
         ("of the hands' way was gone", None if report.hand_path_ratio is None else f"{report.hand_path_ratio:.0%}"),
         ("nearest of its own links", None if own is None else f"{own:.1f} mm"),
         ("from the edge of balance", None if report.com_margin_mm is None else f"{report.com_margin_mm:.1f} mm"),
-        ("goals changed by the gate", None if report.gated_frames is None else f"{report.gated_frames} of {report.ticks}"),
+        (
+            "goals changed by the gate",
+            None if report.gated_frames is None else f"{report.gated_frames} of {report.ticks}",
+        ),
         ("joints without sensor are off by", _off(report)),
     ]
     return [(name, value) for name, value in tiles if value is not None]
@@ -63,17 +71,16 @@ def _off(report: Report) -> str | None:
     return None if mean is None else f"{mean:.0f} mm"
 
 
-def stop_section(stop: StopMoment | None) -> Markup:
-    """What ended the run, and when; nothing for one that went on to its end."""
-    if stop is None:
-        return Markup("")
-    lines = [element("h2", safe(f"Stopped at {stop.time:.2f} s")), element("p", safe(stop.reason))]
-    if stop.cause is not None:
-        lines.append(element("p", safe(f"Cause, as the guard latched it: {stop.cause}."), class_="soft"))
-    if stop.powered:
-        lines.append(element("p", safe("Not every servo confirmed that its torque is off."), class_="soft"))
-    button = element("button", safe("Show this moment"), type="button", data_time=str(round(1e3 * stop.time)), class_="goto")
-    return element("section", *lines, button, class_="stop")
+def moment_section(moment: Moment) -> Markup:
+    """One moment at which a run went wrong."""
+    return element(
+        "section",
+        element("h2", safe(f"{moment.what} at {moment.time:.2f} s")),
+        element("p", safe(moment.text)),
+        *(element("p", safe(line), class_="soft") for line in moment.more),
+        element("button", safe("Show this moment"), type="button", data_time=f"{1e3 * moment.time:.0f}", class_="goto"),
+        class_="moment",
+    )
 
 
 def verdict_section(found: tuple[Verdict, ...]) -> Markup:
@@ -86,7 +93,9 @@ def verdict_section(found: tuple[Verdict, ...]) -> Markup:
             element("td", safe(verdict.measured), data_label="measured"),
             element(
                 "td",
-                element("span", safe(f"{SIGNS[verdict.outcome]} {verdict.outcome.value}"), class_=_class(verdict)),
+                element(
+                    "span", safe(f"{SIGNS[verdict.outcome]} {verdict.outcome.value}"), class_=verdict.outcome.value
+                ),
                 data_label="verdict",
             ),
         )
@@ -95,10 +104,6 @@ def verdict_section(found: tuple[Verdict, ...]) -> Markup:
     head = joined(element("th", safe(name), scope="col") for name in ("limit", "allowed", "measured", "verdict"))
     table = element("table", element("thead", element("tr", head)), element("tbody", rows), class_="verdicts")
     return element("section", element("h2", safe("Limits")), table)
-
-
-def _class(verdict: Verdict) -> str:
-    return {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNKNOWN: "unknown"}[verdict.outcome]
 
 
 def tracking_section(report: Report) -> Markup:
@@ -110,6 +115,7 @@ def tracking_section(report: Report) -> Markup:
     if not human:
         blocks.append(("sensors of the human", report.sensors_mm))
     most = max((spread.p95 for _, block in blocks for spread in block.values()), default=0.0)
+    most = max(most, LEAST_BAR)
     tables = joined(_spreads(title, block, most) for title, block in blocks if block)
     said = "Distance from asked to reached at the same tick, lag included, in mm; the bar is the 95th percentile."
     return element("section", element("h2", safe("Tracking")), element("p", safe(said), class_="soft"), tables)
@@ -122,7 +128,7 @@ def _spreads(title: str, block: dict[str, Spread], most: float) -> Markup:
             "tr",
             element("th", safe(name.replace("_", " ")), scope="row"),
             *(element("td", safe(f"{value:.1f}"), class_="number") for value in (spread.mean, spread.p95, spread.max)),
-            element("td", _bar(spread.p95 / most if most > 0.0 else 0.0), class_="bar"),
+            element("td", _bar(spread.p95 / most), class_="bar"),
         )
         for name, spread in block.items()
     )
@@ -152,5 +158,7 @@ def numbers_section(report: Report) -> Markup:
     """The report itself, as its JSON file has it."""
     return element(
         "section",
-        element("details", element("summary", safe("All numbers (report.json)")), element("pre", safe(report.as_json()))),
+        element(
+            "details", element("summary", safe("All numbers (report.json)")), element("pre", safe(report.as_json()))
+        ),
     )
