@@ -12,21 +12,19 @@ from retarget.exporting import export_motion, export_place, format_named, read_r
 from retarget.options import RunOptions
 from retarget.prepare import prepare
 from retarget.save import write_npz
-from sim.emulated_bus import emulated_bus
+from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 
 
-def emulated(robot, clock):
-    """Servos that answer byte for byte, standing."""
-    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    return emulated_bus(robot, clock, start=robot.joint_map.to_ticks(stand))
+def mock(robot, clock):
+    """Servos in this process, all at zero."""
+    return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(0.0 * robot.joint_map.lower))
 
 
 def main(run: Path, out: Path) -> None:
-    """Export what followed, at 50 frames a second, and compare what was done with what was seen."""
-    whole = read_run(run)
+    """Export what followed, 50 frames a second; compare what was done with what was seen."""
+    whole, form = read_run(run), format_named("lerobot")
     motion = resampled(whole.rows(whole.phase == "follow"), 50.0)
-    form = format_named("lerobot")
     export_motion(motion, form, export_place(form, run, out), task="Reach.")
     frames = pyarrow.parquet.read_table(out / "data/chunk-000/file-000.parquet")
     done, seen = (np.array(frames[key].to_pylist()) for key in ("action", "observation.state"))
@@ -34,11 +32,10 @@ def main(run: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as place:
+        run, out = map(Path, sys.argv[1:3] or (f"{place}/run.npz", f"{place}/dataset"))
         if not sys.argv[1:]:
             clip = synthetic_performer().cut(0.0, 3.0)
-            with prepare(
-                lambda: clip, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=emulated_bus
-            ) as prepared:
-                write_npz(prepared.run(), Path(folder, "run.npz"))
-        main(*map(Path, sys.argv[1:3] or (Path(folder, "run.npz"), Path(folder, "dataset"))))
+            with prepare(lambda: clip, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock) as prepared:
+                write_npz(prepared.run(), run)
+        main(run, out)
