@@ -53,9 +53,7 @@ def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = 
     and where something is."""
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")
-    if place.is_symlink() or place.exists():
-        step = "Give another --out, or remove it"
-        raise UsageError("something is there already", where="--out", found=str(place)[:200], next_step=step)
+    _refuse_existing(place)
     if form.write is None:
         check_folder(place, option="--out")
     else:
@@ -66,8 +64,9 @@ def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = 
 def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFAULT_TASK) -> None:
     """Write a motion to a place of `export_place`. task: what is done in it, in words, for a LeRobot dataset.
 
-    Raises UsageError and InputError where the format cannot hold it; then nothing is written.
+    Raises UsageError and InputError where the format cannot hold it, or something is there; then nothing is written.
     """
+    _refuse_existing(place)
     write = form.write
     if write is not None:
         write_stream(place, lambda stream: write(motion, stream), option="--out")
@@ -82,3 +81,9 @@ def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFA
     except OSError as error:
         found = f"{str(place)[:200]}: {error.strerror or error}"
         raise UsageError("cannot write here", where="--out", found=found, next_step="Choose another place") from error
+
+
+def _refuse_existing(place: Path) -> None:
+    if place.is_symlink() or place.exists():
+        step = "Give another --out, or remove it"
+        raise UsageError("something is there already", where="--out", found=str(place)[:200], next_step=step)
