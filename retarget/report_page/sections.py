@@ -1,5 +1,6 @@
 """The parts of the page that are words and numbers: head, verdicts, tables."""
 
+from retarget.live.account import LiveReport
 from retarget.report import Report, Spread
 from retarget.report_page.markup import Markup, element, joined, safe
 from retarget.report_page.moments import Moment
@@ -27,6 +28,7 @@ def head_section(report: Report, found: tuple[Verdict, ...]) -> Markup:
         ("performer", report.performer),
         ("priorities", ", ".join(report.priorities)),
         *([("speed", f"{report.speed:g}")] if report.speed != 1.0 else []),
+        *([("stream", _stream(report.live))] if report.live is not None else []),
     ]
     about = joined(joined([element("dt", safe(name)), element("dd", safe(value))]) for name, value in facts)
     tiles = joined(
@@ -44,6 +46,13 @@ def head_section(report: Report, found: tuple[Verdict, ...]) -> Markup:
 
 def _tone(failed: int) -> str:
     return "fail" if failed else "pass"
+
+
+def _stream(live: LiveReport) -> str:
+    """What came of a live stream."""
+    unused = sum(live.dropped.values())
+    held = f"; held {live.holds.count} times, {live.holds.s:.1f} s in all" if live.holds.count else ""
+    return f"{live.frames} frames in {live.datagrams} datagrams, {unused} things in them not used{held}"
 
 
 def _tiles(report: Report) -> list[tuple[str, str]]:
@@ -118,6 +127,8 @@ def tracking_section(report: Report) -> Markup:
     most = max(most, LEAST_BAR)
     tables = joined(_spreads(title, block, most) for title, block in blocks if block)
     said = "Distance from asked to reached at the same tick, lag included, in mm; the bar is the 95th percentile."
+    if not any(block for _, block in blocks):
+        said = "Nothing was followed."
     return element("section", element("h2", safe("Tracking")), element("p", safe(said), class_="soft"), tables)
 
 
