@@ -14,6 +14,7 @@ from retarget.plots.poses import ROBOT_BONES, performer_facing
 from retarget.plots.skeleton import turned
 from retarget.record import Phase
 from retarget.report_page.moments import moments
+from retarget.report_page.obstacles import wires_of
 from retarget.report_page.packing import Packed, packed
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
@@ -57,6 +58,15 @@ class Ground:
 
 
 @dataclass(frozen=True)
+class Obstacles:
+    """points (rows, p, 3): a row for each of the animation's, or one where nothing moves; edges: pairs of points."""
+
+    points: Packed
+    rows: int
+    edges: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
 class Animation:
     """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong."""
 
@@ -67,6 +77,7 @@ class Animation:
     performer: Figure
     robot: Figure | None
     ground: Ground | None
+    obstacles: Obstacles | None
     moments: tuple[int, ...]
     simulated: bool
 
@@ -92,6 +103,7 @@ def animation_of(run: RunResult) -> Animation | None:
         performer=_performer(run, rows),
         robot=_robot(run, rows),
         ground=_ground(run, rows),
+        obstacles=_obstacles(run, rows),
         moments=tuple(round(1e3 * moment.time) for moment in moments(run)),
         simulated=run.physics is not None,
     )
@@ -157,6 +169,17 @@ def _ground(run: RunResult, rows: IntArray) -> Ground | None:
     outside = ~(standing.support_margin(com, every) >= -standing.OUTSIDE_M)
     sizes = tuple(sole.shape[1] for sole in corners)
     return Ground(packed(every[rows]), sizes, packed(com[rows]), standing.CONTACT_M, _letters(outside, rows))
+
+
+def _obstacles(run: RunResult, rows: IntArray) -> Obstacles | None:
+    """What is around the last stage's body, in the world that its figure is drawn in."""
+    wires = None if run.scene is None else wires_of(run.scene, np.maximum(run.record.time[rows], 0.0))
+    if wires is None:
+        return None
+    points = wires.points
+    if run.robot is None:
+        points = turned(points, np.repeat(performer_facing(run)[:1], len(points), axis=0))
+    return Obstacles(packed(points), len(points), wires.edges)
 
 
 def _letters(flags: BoolArray, rows: IntArray) -> str:

@@ -67,6 +67,7 @@ function drawBody(canvas, figure, isRobot) {
   const { pen, width, height } = prepare(canvas);
   const project = camera(figure, width, height);
   const step = drawFloor(pen, figure, project);
+  if (obstacles && (isRobot || !bodies.robot)) drawObstacles(pen, project);
   if (isRobot && ground) drawSoles(pen, project);
   const count = figure.names.length;
   const at = (i) => {
@@ -101,6 +102,21 @@ function drawBody(canvas, figure, isRobot) {
   pen.font = "12px system-ui, sans-serif";
   pen.textAlign = "left";
   pen.fillText("grid " + length(step), 8, 18);
+}
+
+function drawObstacles(pen, project) {
+  const count = obstacles.points.length / 3 / obstacles.rows;
+  const from = 3 * count * Math.min(row, obstacles.rows - 1);
+  const at = (i) => project(...obstacles.points.subarray(from + 3 * i, from + 3 * i + 3));
+  pen.strokeStyle = colour.gated;
+  pen.lineWidth = 1.2;
+  pen.beginPath();
+  for (const [a, b] of obstacles.edges) {
+    const p = at(a), q = at(b);
+    pen.moveTo(p[0], p[1]);
+    pen.lineTo(q[0], q[1]);
+  }
+  pen.stroke();
 }
 
 function dot(pen, place, radius, shade, filled) {

@@ -28,6 +28,7 @@ function body(figure) {
   return { ...figure, points: unpack(figure.points), marks: unpack(figure.marks), centre: unpack(figure.centre) };
 }
 
+const obstacles = data.obstacles && { ...data.obstacles, points: unpack(data.obstacles.points) };
 const bodies = { performer: body(data.performer), robot: body(data.robot) };
 const ground = data.ground && { ...data.ground, corners: unpack(data.ground.corners), com: unpack(data.ground.com) };
 

@@ -16,7 +16,9 @@ def player_section(animation: Animation | None) -> Markup:
     views = [_view("performer", "Performer", "dots: sensors as measured; lines: reconstructed")]
     if animation.robot is not None:
         sent = "as sent, not as simulated" if animation.simulated else "as sent"
-        views.append(_view("robot", animation.robot.label, f"circles: landmarks asked; lines: {sent}"))
+        views.append(
+            _view("robot", animation.robot.label, f"circles: landmarks asked; lines: {sent}{_around(animation)}")
+        )
     if animation.ground is not None:
         views.append(_view("above", "Balance, from above", "centre of mass over the support polygon; forward is up"))
     every = "every tick is shown" if animation.every == 1 else f"one tick in {animation.every} is shown"
@@ -31,6 +33,10 @@ def player_section(animation: Animation | None) -> Markup:
         element("script", Markup(animation.as_json()), type="application/json", id="motion"),
         id="player",
     )
+
+
+def _around(animation: Animation) -> str:
+    return "" if animation.obstacles is None else "; thin: obstacles"
 
 
 def _view(name: str, title: str, caption: str) -> Markup:
