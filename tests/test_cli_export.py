@@ -89,6 +89,13 @@ def test_without_pyarrow(
     assert sorted(path.name for path in run.parent.iterdir()) == before
 
 
+@pytest.mark.parametrize("file", [".", "/", "", "nothing.npz", "x" * 5000 + ".npz", "run.txt"])
+def test_what_is_no_run(file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(file, "--to", "csv", "--out", tmp_path / "out.csv") == 2
+    assert capsys.readouterr().err.startswith("error: ") and not (tmp_path / "out.csv").exists()
+    assert code_of(file, "--to", "csv") == 2
+
+
 def test_nothing_followed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "slider.xml").write_text(SLIDER)
     run = saved(moved(slider()), tmp_path / "run.npz", tmp_path / "slider.xml", phase=np.full(40, "approach"))

@@ -56,10 +56,23 @@ def test_what_run_saves_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(followed.q, run.record.human.q, atol=1e-9)
 
 
+def test_a_run_of_the_human_alone_needs_no_body_file(tmp_path: Path) -> None:
+    human, clip = person(), short_clip(rate_hz=None)
+    run = result(Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run(), clip, human, None)
+    write_npz(run, tmp_path / "run.npz")
+    (tmp_path / "run_human.xml").unlink()
+    found = read_run(tmp_path / "run.npz")
+    assert found.robot == "human" and found.goal_ticks is None
+    assert found.asked is not None and found.asked.names == clip.frames.names
+    np.testing.assert_allclose(found.q, run.record.human.q, atol=1e-9)
+
+
 def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> None:
     run = saved(motion, tmp_path / "run.npz", tmp_path / "gone" / "elsewhere.xml")
     with pytest.raises(InputError, match=r"body is not there.*--body"):
         read_run(run)
+    with pytest.raises(InputError, match=r"body is not there"):
+        read_run(saved(motion, tmp_path / "long.npz", Path("x" * 5000)))
     assert read_run(run, body=body).joint_names == motion.joint_names
     body.rename(tmp_path / "elsewhere.xml")  # beside the run is where a colleague would have put it
     assert read_run(run).joint_names == motion.joint_names

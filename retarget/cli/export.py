@@ -51,8 +51,8 @@ def export(
     for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):
         if value not in allowed:
             raise UsageError("unknown choice", where=option, found=value[:80], allowed=", ".join(allowed))
-    place = export_place(form, file, out, of_human=of == HUMAN)
     whole = read_run(file, of_human=of == HUMAN, body=body)
+    place = export_place(form, file, out, of_human=of == HUMAN)
     motion = _chosen(whole, phase)
     if fps is not None:
         motion = resampled(motion, fps)

@@ -22,24 +22,19 @@ UNIT = 0.01
 
 
 def read_npz_run(path: Path, *, body: Path | None = None) -> Motion:
-    """What a run sent. body: MJCF or URDF of the robot instead of the one that the file names.
+    """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot instead of the one
+    that the file names.
 
     Raises InputError for anything that is not such a run, and where its body is not found.
     """
-    file = read_arrays(path, needed=ROBOT, used=USED)
+    file = read_arrays(path, needed=ROBOT, used=USED | HUMAN)
     time = _time(file)
     rows, names = len(time), tuple(str(name) for name in file.texts("joint_names", None))
-    joints = file.floats("joint_positions", rows, len(names))
-    turn = _unit(file, file.floats("root_quaternion", rows, 4))
-    root = np.hstack([file.floats("root_position", rows, 3), turn])
+    human = _human(file, time) if all(key in file for key in HUMAN) else None
+    if human is not None and human.joint_names == names:
+        return replace(human, asked=_asked(file, rows))
     model = _robot_body(file, path, body)
-    try:
-        q = posture(model, names, joints, root)
-    except ConfigError as error:
-        step = "Give the body that was moved: --body FILE.xml"
-        raise InputError("joints and body do not belong together", where=str(path), found=error, next_step=step) from (
-            error
-        )
+    q = _posture(file, model, names, rows)
     motion = Motion(str(path), _robot_name(model), model, time, _phase(file, rows), q, asked=_asked(file, rows))
     order = [names.index(name) if name in names else -1 for name in motion.joint_names]
     return replace(motion, servos=_servos(file, len(names), order), goal_ticks=_goals(file, len(names), order))
@@ -48,12 +43,28 @@ def read_npz_run(path: Path, *, body: Path | None = None) -> Motion:
 def read_npz_human(path: Path) -> Motion:
     """The virtual human of a run, as it was reconstructed. Raises InputError for anything that is not such a run."""
     file = read_arrays(path, needed=HUMAN, used=USED)
-    time = _time(file)
+    return _human(file, _time(file))
+
+
+def _human(file: ArrayFile, time: FloatArray) -> Motion:
     text = str(file.texts("human_mjcf"))
-    model = load_body_text(text, source=f"{path}: human_mjcf", root="free")
+    model = load_body_text(text, source=f"{file.source}: human_mjcf", root="free")
     q = file.floats("human_q", len(time), model.nq)
     q[:, 3:7] = _unit(file, q[:, 3:7])
-    return Motion(str(path), "human", model, time, _phase(file, len(time)), q)
+    return Motion(file.source, "human", model, time, _phase(file, len(time)), q)
+
+
+def _posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
+    """Postures (T, nq) from what the file has of root and joints."""
+    joints = file.floats("joint_positions", rows, len(names))
+    turn = _unit(file, file.floats("root_quaternion", rows, 4))
+    root = np.hstack([file.floats("root_position", rows, 3), turn])
+    try:
+        return posture(model, names, joints, root)
+    except ConfigError as error:
+        step = "Give the body that was moved: --body FILE.xml"
+        what = "joints and body do not belong together"
+        raise InputError(what, where=file.source, found=error, next_step=step) from error
 
 
 def _robot_name(model: BodyModel) -> str:
@@ -102,7 +113,7 @@ def _robot_body(file: ArrayFile, path: Path, given: Path | None) -> BodyModel:
     if given is not None:
         return load_body(given, root="free")
     named = Path(str(file.texts("body")))
-    places = [place for place in (named, path.parent / named.name) if place.name and place.is_file()]
+    places = [place for place in (named, path.parent / named.name) if _is_there(place)]
     if not places:
         raise InputError(
             "the robot's body is not there",
@@ -111,6 +122,13 @@ def _robot_body(file: ArrayFile, path: Path, given: Path | None) -> BodyModel:
             next_step="Say where its MJCF or URDF is now: --body FILE.xml",
         )
     return load_body(places[0], root="free")
+
+
+def _is_there(place: Path) -> bool:
+    try:
+        return bool(place.name) and place.is_file()
+    except OSError:
+        return False
 
 
 def _servos(file: ArrayFile, joints: int, order: list[int]) -> FloatArray | None:
