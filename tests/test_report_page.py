@@ -34,7 +34,7 @@ EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & </title>"
 def few_pictures() -> Iterator[None]:
     """Big drawings take seconds; all of them are drawn by the test of the demo."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("retarget.report_page.pictures.PICTURES", {name: PICTURES[name] for name in ("balance", "poses")})
+        patch.setattr("retarget.plots.PICTURES", {name: PICTURES[name] for name in ("balance", "poses")})
         yield
 
 

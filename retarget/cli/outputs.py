@@ -3,13 +3,20 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from retarget.errors import RefusedError
 from retarget.outputs import check_folder, make_folder
 from retarget.report import Report, page_path, report_path, write_report
 from retarget.run_result import RunResult
 from retarget.save import save_path, write_npz
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    Figures = dict[str, Figure]
 
 __all__ = ["Outputs", "Written"]
 
@@ -44,11 +51,12 @@ class Outputs:
 
     def write(self, run: RunResult, report: Report) -> "Written":
         """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
+        figures = cache(lambda: _figures(run))  # page and pictures show the same
         tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
             ("report", self.report, lambda path: write_report(report, path)),
-            ("page", self.page, lambda path: _write_page(run, report, path)),
             ("run", self.save, lambda path: write_npz(run, path)),
-            ("picture", self.plots, lambda path: _write_plots(run, path)),
+            ("page", self.page, lambda path: _write_page(run, report, path, figures())),
+            ("picture", self.plots, lambda path: _write_plots(run, path, figures())),
         ]
         lines: list[str] = []
         problems: list[str] = []
@@ -73,16 +81,22 @@ class Written:
     problems: tuple[str, ...]
 
 
-def _write_plots(run: RunResult, folder: Path) -> list[Path]:
+def _figures(run: RunResult) -> "Figures":
+    from retarget.plots import figures_of
+
+    return figures_of(run)
+
+
+def _write_plots(run: RunResult, folder: Path, figures: "Figures") -> list[Path]:
     from retarget.plots import write_plots
 
-    return write_plots(run, folder)
+    return write_plots(run, folder, figures=figures)
 
 
-def _write_page(run: RunResult, report: Report, path: Path) -> None:
+def _write_page(run: RunResult, report: Report, path: Path, figures: "Figures") -> None:
     from retarget.report_page import write_page
 
-    write_page(run, report, path)
+    write_page(run, report, path, figures=figures)
 
 
 @contextmanager

@@ -2,15 +2,19 @@
 
 import base64
 import hashlib
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from retarget.outputs import write_atomic
+from retarget.plots import figures_of
 from retarget.report import Report
 from retarget.report_page.animation import animation_of
 from retarget.report_page.markup import Markup, element, joined, safe
 from retarget.report_page.moments import moments
-from retarget.report_page.pictures import pictures
+from retarget.report_page.pictures import drawn
 from retarget.report_page.player_section import player_section
 from retarget.report_page.sections import (
     head_section,
@@ -37,14 +41,15 @@ HEADINGS = {
 }
 
 
-def write_page(run: RunResult, report: Report, path: Path) -> None:
+def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[str, Figure] | None = None) -> None:
     """Write the page of a run, whole or not at all. Raises UsageError if the file cannot be written."""
-    write_atomic(path, page_html(run, report).encode(), option="--report")
+    write_atomic(path, page_html(run, report, figures=figures).encode(), option="--report")
 
 
-def page_html(run: RunResult, report: Report) -> str:
-    """The page of a run. Every text of the run in it is escaped."""
-    found, drawings = verdicts(run, report), pictures(run)
+def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] | None = None) -> str:
+    """The page of a run. Every text of the run in it is escaped. figures: of the run, where they are drawn already."""
+    shown = figures_of(run) if figures is None else figures
+    found, drawings = verdicts(run, report), {name: drawn(figure, name) for name, figure in shown.items()}
     body = element(
         "main",
         head_section(report, found),

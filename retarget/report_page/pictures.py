@@ -6,12 +6,10 @@ import re
 import matplotlib
 from matplotlib.figure import Figure
 
-from retarget.plots import PICTURES
 from retarget.plots.style import ASKED, LEFT, LIMIT, MIDDLE, REACHED, SERVOS
 from retarget.report_page.markup import Markup
-from retarget.run_result import RunResult
 
-__all__ = ["drawn", "pictures"]
+__all__ = ["drawn"]
 
 COLOURS = {
     "#000000": "--ink",
@@ -40,17 +38,15 @@ _OPENING = re.compile(r"<svg\b[^>]*?viewBox=\"([^\"]+)\"[^>]*>", re.DOTALL)
 _LEFT_OUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<\?xml.*?\?>|<!DOCTYPE.*?>", re.DOTALL)
 
 
-def pictures(run: RunResult) -> dict[str, Markup]:
-    """Every picture that has something to show, by its name."""
-    figures = {name: draw(run) for name, draw in PICTURES.items()}
-    return {name: drawn(figure, name) for name, figure in figures.items() if figure is not None}
-
-
 def drawn(figure: Figure, name: str) -> Markup:
-    """A figure as an SVG element. name: makes its ids its own. Matplotlib escapes what a figure says."""
+    """A figure as an SVG element. name: makes its ids its own. Matplotlib escapes what a figure says.
+
+    The figure keeps the layout that it gets here: finding it is most of the work.
+    """
     stream = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify_threshold": 0.3}):
         figure.savefig(stream, format="svg", transparent=True)
+    figure.set_layout_engine("none")
     text = _LEFT_OUT.sub("", stream.getvalue())
     text = _OPENING.sub(rf'<svg viewBox="\1" role="img" aria-label="{name}" class="picture">', text, count=1)
     text = _NUMBER.sub(r"\1", text)  # a hundredth of a point is seen by nobody
