@@ -19,15 +19,17 @@ from retarget.metrics.measure import measure
 from retarget.physics_run import Fallen, PhysicsRun
 from retarget.pipeline import Pipeline
 from retarget.plots import PICTURES
+from retarget.plots.style import new_figure
 from retarget.report import Report, page_path, report_path
 from retarget.report_page import page_html, write_page
 from retarget.report_page.animation import animation_of
 from retarget.report_page.moments import moments
 from retarget.report_page.packing import UNKNOWN, packed
+from retarget.report_page.pictures import drawn
 from retarget.run_result import RunResult
 from rig import Rig, StubReconstructor, person, result, short_clip
 
-EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & </title>"
+EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & $\\frac$ </title>"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -163,6 +165,19 @@ def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> 
     ids = re.findall(r'\bid="([^"]+)"', html)
     assert len(ids) == len(set(ids))
     assert "#000000" not in "".join(drawings) and "var(--ink)" in "".join(drawings)
+
+
+def test_a_drawing_says_what_the_figure_says() -> None:
+    figure = new_figure(4.0, 3.0, "#000000 of 12.3456 mm")
+    axes = figure.subplots()
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#000000")
+    axes.set_yticks([0.325, 0.12345], ["0.325", "0.12345"])
+    axes.set_xlabel('<b> & "id=" d="1.23456"')
+    drawing = ElementTree.fromstring(drawn(figure, "mine").replace("<svg ", '<svg xmlns:xlink="x" ', 1))
+    texts = {"".join(element.itertext()).strip() for element in drawing.iter("text")}
+    assert {"0.325", "0.12345", "#000000 of 12.3456 mm", '<b> & "id=" d="1.23456"'} <= texts
+    lines = [element for element in drawing.iter("path") if "var(--ink)" in element.get("style", "")]
+    assert lines and not re.search(r"\.\d{3}", " ".join(element.get("d", "") for element in lines))
 
 
 def test_the_numbers_are_the_reports(html: str, report: Report) -> None:

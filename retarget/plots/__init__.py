@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import matplotlib
 from matplotlib.figure import Figure
 
 from retarget.errors import UsageError
@@ -29,7 +30,8 @@ PICTURES = {
 
 def figures_of(run: RunResult) -> dict[str, Figure]:
     """Every picture that has something to show, by its name."""
-    drawn = {name: draw(run) for name, draw in PICTURES.items()}
+    with matplotlib.rc_context({"text.parse_math": False}):  # a name with dollar signs is a name, not a formula
+        drawn = {name: draw(run) for name, draw in PICTURES.items()}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 

@@ -32,6 +32,8 @@ COLOURS = {
 }
 """Colours of the pictures, and the page's own that stand for them."""
 _COLOUR = re.compile("|".join(COLOURS), re.IGNORECASE)
+_TAG = re.compile(r"<[^<>]*>")
+_PLACES = re.compile(r'\b(?:d|x|y)="[^"]*"')
 _NUMBER = re.compile(r"(-?\d+\.\d{2})\d+")
 _NAME = re.compile(r'(\bid="|xlink:href="#|url\(#)')
 _OPENING = re.compile(r"<svg\b[^>]*?viewBox=\"([^\"]+)\"[^>]*>", re.DOTALL)
@@ -49,6 +51,12 @@ def drawn(figure: Figure, name: str) -> Markup:
     figure.set_layout_engine("none")
     text = _LEFT_OUT.sub("", stream.getvalue())
     text = _OPENING.sub(rf'<svg viewBox="\1" role="img" aria-label="{name}" class="picture">', text, count=1)
-    text = _NUMBER.sub(r"\1", text)  # a hundredth of a point is seen by nobody
-    text = _COLOUR.sub(lambda found: f"var({COLOURS[found.group().lower()]})", text)
-    return Markup(_NAME.sub(rf"\g<1>{name}-", text).strip())
+    # Only what stands in tags: the texts of a figure stay as they are.
+    return Markup(_TAG.sub(lambda tag: _own(tag.group(), name), text).strip())
+
+
+def _own(tag: str, name: str) -> str:
+    """A tag with the page's colours, with ids of its own, and no more digits than can be seen."""
+    tag = _PLACES.sub(lambda places: _NUMBER.sub(r"\1", places.group()), tag)
+    tag = _COLOUR.sub(lambda found: f"var({COLOURS[found.group().lower()]})", tag)
+    return _NAME.sub(rf"\g<1>{name}-", tag)
