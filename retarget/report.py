@@ -11,7 +11,7 @@ from retarget.live.account import LiveReport
 from retarget.metrics.motion import LimitViolations
 from retarget.metrics.observer_activity import ModeSwitches
 from retarget.metrics.physics import PhysicsReport
-from retarget.outputs import check_path, check_place, write_atomic
+from retarget.outputs import check_folder, check_path, check_place, write_atomic
 
 __all__ = [
     "BusReport",
@@ -23,13 +23,14 @@ __all__ = [
     "Soles",
     "Spread",
     "StopReport",
+    "page_path",
     "report_path",
     "write_report",
 ]
 
 DIGITS = 6
 """Significant digits of every number."""
-FILE_NAME = "report.json"
+FILE_NAME, PAGE_NAME = "report.json", "report.html"
 
 
 @dataclass(frozen=True)
@@ -194,21 +195,35 @@ class Report:
 
 
 def report_path(text: str | Path) -> Path:
-    """Where a report goes: FILE.json, or `report.json` in a folder that exists. Raises UsageError if it cannot."""
+    """Where a report goes: FILE.json, or `report.json` in a folder, which need not be there yet.
+
+    Raises UsageError if it cannot be written there.
+    """
     path = Path(text)
     check_path(path, option="--report")
-    if path.is_dir():
-        path = path / FILE_NAME
-    elif path.suffix.lower() != ".json":
+    page = page_path(path)
+    if page is not None:
+        check_folder(page.parent, option="--report")
+        return page.with_name(FILE_NAME)
+    if path.suffix.lower() != ".json":
         raise UsageError(
-            "a report is a JSON file",
+            "a report is a JSON file, or a folder with that and a page",
             where="--report",
             found=str(path),
-            allowed="FILE.json, or a folder that exists",
-            next_step=f"Give {path.with_suffix('.json').name}",
+            allowed="FILE.json, or a folder",
+            next_step=f"Give {path.with_suffix('.json').name}, or {path.stem} for both",
         )
     check_place(path, option="--report")
     return path
+
+
+def page_path(text: str | Path) -> Path | None:
+    """Where the page of a report goes: `report.html` in the folder that is given; None where a file is meant.
+
+    A name that is not there yet is a folder's, unless it ends like a file's.
+    """
+    path = Path(text)
+    return path / PAGE_NAME if path.is_dir() or not path.suffix[1:].isalpha() else None
 
 
 def write_report(report: Report, path: Path) -> None:

@@ -1,6 +1,7 @@
 """`retarget demo`: works on its own, and leaves a report, a recording and pictures."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,10 @@ def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert demo() == DONE
     folder = tmp_path / "out" / "demo"
     names = {path.name for path in folder.iterdir()}
-    assert names == {"report.json", "run.npz", "tracking.png", "angles.png", "balance.png", "poses.png"}
+    assert names == {"report.json", "report.html", "run.npz", "tracking.png", "angles.png", "balance.png", "poses.png"}
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    headings = {"Limits", "Motion", "Poses", "Tracking", "Asked and reached", "Balance", "Joint angles"}
+    assert headings <= set(re.findall(r"<h2>(.*?)</h2>", page)) and "✗" not in page
     report = json.loads((folder / "report.json").read_text())
     assert report["frames"] == 2232 and report["stop"]["reason"] is None
     assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}

@@ -61,9 +61,10 @@ def test_a_report_is_written_whole(report: Report, tmp_path: Path) -> None:
 
 def test_a_folder_gets_a_report_of_our_name(tmp_path: Path) -> None:
     assert report_path(tmp_path) == tmp_path / "report.json"
+    assert report_path(tmp_path / "new") == tmp_path / "new" / "report.json" and not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("name", ["r.txt", "r", "r.json.gz", "nowhere/r.json", "a" * 300 + ".json", "r\0.json"])
+@pytest.mark.parametrize("name", ["r.txt", "r.html", "r.json.gz", "nowhere/r.json", "a" * 300 + ".json", "r\0.json"])
 def test_places_that_cannot_hold_a_report(name: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="--report"):
         report_path(tmp_path / name)

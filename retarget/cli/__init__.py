@@ -19,6 +19,7 @@ COMMANDS = {
     "replay": "Run a recording again and compare, or send its goals to a bus.",
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",
+    "export": "Hand a recorded run on: CSV, NPZ, Parquet, BVH, LeRobot.",
     "check": "Validate profiles, priorities, performers and scenes.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",
     "view": "Look at a recorded run on a web page.",

@@ -23,7 +23,7 @@ def demo(
 ) -> None:
     """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
 
-    Writes a report, every tick and pictures into a folder; needs no data and no hardware.
+    Writes a report, its page, every tick and pictures into a folder; needs no data and no hardware.
     """
     options = RunOptions(robot=robot, bus=bus)
     if not options.simulated:

@@ -3,23 +3,31 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from retarget.errors import RefusedError
 from retarget.outputs import check_folder, make_folder
-from retarget.report import Report, report_path, write_report
+from retarget.report import Report, page_path, report_path, write_report
 from retarget.run_result import RunResult
 from retarget.save import save_path, write_npz
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    Figures = dict[str, Figure]
 
 __all__ = ["Outputs", "Written"]
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where report, recording and pictures of a run go; None: nowhere. While it goes on: record is written, and the run
-    shown on a page at port view."""
+    """Where report, its page, recording and pictures of a run go; None: nowhere. While it goes on: record is written, and
+    the run is shown on a page at port view."""
 
     report: Path | None = None
+    page: Path | None = None
     save: Path | None = None
     plots: Path | None = None
     record: Path | None = None
@@ -31,7 +39,11 @@ class Outputs:
     ) -> "Outputs":
         """Raise UsageError for the first place at which nothing can be written."""
         places = cls(
-            None if report is None else report_path(report), None if save is None else save_path(save), plots, record
+            report=None if report is None else report_path(report),
+            page=None if report is None else page_path(report),
+            save=None if save is None else save_path(save),
+            plots=plots,
+            record=record,
         )
         if plots is not None:
             check_folder(plots, option="--plots")
@@ -41,18 +53,20 @@ class Outputs:
     def in_folder(cls, folder: Path) -> "Outputs":
         """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
         check_folder(folder, option="folder")
-        return cls(report=folder / "report.json", save=folder / "run.npz", plots=folder)
+        return cls(report=folder / "report.json", page=folder / "report.html", save=folder / "run.npz", plots=folder)
 
     def write(self, run: RunResult, report: Report) -> "Written":
         """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
+        figures = cache(lambda: _figures(run))  # page and pictures show the same
         tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
             ("report", self.report, lambda path: write_report(report, path)),
             ("run", self.save, lambda path: write_npz(run, path)),
-            ("picture", self.plots, lambda path: _write_plots(run, path)),
+            ("page", self.page, lambda path: _write_page(run, report, path, figures())),
+            ("picture", self.plots, lambda path: _write_plots(run, path, figures())),
         ]
         lines: list[str] = []
         problems: list[str] = []
-        with _folder(self.plots, problems):
+        with _folder(self.plots, problems), _folder(None if self.page is None else self.page.parent, problems):
             for what, path, write in tries:
                 if path is None:
                     continue
@@ -73,10 +87,22 @@ class Written:
     problems: tuple[str, ...]
 
 
-def _write_plots(run: RunResult, folder: Path) -> list[Path]:
+def _figures(run: RunResult) -> "Figures":
+    from retarget.plots import figures_of
+
+    return figures_of(run)
+
+
+def _write_plots(run: RunResult, folder: Path, figures: "Figures") -> list[Path]:
     from retarget.plots import write_plots
 
-    return write_plots(run, folder)
+    return write_plots(run, folder, figures=figures)
+
+
+def _write_page(run: RunResult, report: Report, path: Path, figures: "Figures") -> None:
+    from retarget.report_page import write_page
+
+    write_page(run, report, path, figures=figures)
 
 
 @contextmanager

@@ -192,7 +192,10 @@ def run(
     core: Annotated[
         int | None, typer.Option(help="The only core on which the ticks run.", metavar="N", rich_help_panel=LIVE)
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Write the numbers of the run.", metavar="FILE.json|DIR")] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Write the numbers of the run; into a folder, with a page.", metavar="FILE.json|DIR"),
+    ] = None,
     save: Annotated[Path | None, typer.Option(help="Write every tick, for other tools.", metavar="FILE.npz")] = None,
     plots: Annotated[Path | None, typer.Option(help="Write pictures.", metavar="DIR")] = None,
     view: Annotated[

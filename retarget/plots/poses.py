@@ -13,7 +13,7 @@ from retarget.plots.style import new_figure
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
-__all__ = ["performer_facing", "plot_poses", "telling_ticks"]
+__all__ = ["ROBOT_BONES", "performer_facing", "plot_poses", "telling_ticks"]
 
 POSES = 9
 WIDTH, MOST_PER_HEIGHT, TITLE = 13.5, 1.7, 0.45
@@ -22,7 +22,7 @@ GAP, ROOM = 0.07, 0.12
 """Between poses and above each line of them, in heights of the head."""
 _PARENT = {name: POINTS[parent] for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0}
 _LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
-_ROBOT_BONES: tuple[Bone, ...] = (
+ROBOT_BONES: tuple[Bone, ...] = (
     *(("pelvis", "neck"), ("neck", "head")),
     *((f"{side}_{a}", f"{side}_{b}") for side in "lr" for a, b in _LIMBS),
     *(("l_shoulder", "neck"), ("r_shoulder", "neck"), ("l_hip", "pelvis"), ("r_hip", "pelvis")),
@@ -125,7 +125,7 @@ def _robot(run: RunResult, ticks: list[int]) -> Skeleton:
         link, outline = robot.frame(foot.frame), np.array(foot.polygon)
         local = link.position + np.column_stack([outline, np.zeros(len(outline))])
         soles.append((robot.body.solver_body().points(q, [link.body] * len(local), local) - feet) / size)
-    bones = tuple((a, b) for a, b in _ROBOT_BONES if a in names and b in names)
+    bones = tuple((a, b) for a, b in ROBOT_BONES if a in names and b in names)
     return Skeleton(names, bones, (points - feet) / size, soles=tuple(soles))
 
 

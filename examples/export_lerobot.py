@@ -1,0 +1,38 @@
+"""A recorded run as a LeRobot dataset (v3.0): give FILE.npz of `run --save` and a new folder, or nothing to try it."""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+
+from hardware.clock import VirtualClock
+from retarget.exporting import export_motion, format_named, read_run, resampled
+from retarget.options import RunOptions
+from retarget.prepare import prepare
+from retarget.robot_body import load_robot
+from retarget.save import write_npz
+from sim.mock_bus import MockBus
+from sim.performer import synthetic_performer
+
+
+def main(run: Path, out: Path) -> None:
+    """Export what followed, 50 frames a second; compare what was done with what was seen."""
+    whole = read_run(run)
+    motion = resampled(whole.rows(whole.phase == "follow"), 50.0)
+    export_motion(motion, format_named("lerobot"), out, task="Reach and crouch.")
+    frames = pyarrow.parquet.read_table(out / "data/chunk-000/file-000.parquet")
+    done, seen = (np.array(frames[key].to_pylist()) for key in ("action", "observation.state"))
+    print(f"{len(frames)} frames; servos {np.abs(done - seen).mean():.4f} rad off")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        run, out = map(Path, sys.argv[1:3] or (f"{place}/run.npz", f"{place}/dataset"))
+        if not sys.argv[1:]:
+            clip, servos = synthetic_performer().cut(0.0, 3.0), load_robot("op3").joint_map.servos
+            bus = MockBus(servos, clock := VirtualClock())
+            with prepare(lambda: clip, RunOptions(robot="op3"), clock=clock, make_bus=lambda *_: bus) as prepared:
+                write_npz(prepared.run(), run)
+        main(run, out)

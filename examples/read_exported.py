@@ -1,0 +1,37 @@
+"""Read an exported CSV with numpy alone: give FILE.csv of `retarget export`, or nothing for a short run of our own."""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from hardware.clock import VirtualClock
+from retarget.exporting import export_motion, format_named, read_run
+from retarget.options import RunOptions
+from retarget.prepare import prepare
+from retarget.save import write_npz
+from sim.mock_bus import MockBus
+from sim.performer import synthetic_performer
+
+
+def exported(folder: Path) -> Path:
+    """What `retarget run --save` and `retarget export --to csv` leave."""
+
+    def mock(robot, clock):
+        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
+
+    clip = synthetic_performer().cut(0.0, 3.0)
+    with prepare(lambda: clip, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock) as prepared:
+        write_npz(prepared.run(), folder / "run.npz")
+    export_motion(read_run(folder / "run.npz"), format_named("csv"), folder / "run.csv")
+    return folder / "run.csv"
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        table = np.genfromtxt(sys.argv[1] if sys.argv[1:] else exported(Path(place)), delimiter=",", names=True)
+    for name in (name for name in table.dtype.names if name.startswith("servo_")):
+        error = np.nanmean(np.abs(table[name] - table[name.removeprefix("servo_")]))
+        print(f"{name:24s} {error:.4f} rad off what was sent, on average")

@@ -1,0 +1,85 @@
+"""`retarget export FILE --to FORMAT`: a recorded run for other tools."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from retarget.errors import InputError, UsageError
+from retarget.exporting import FORMATS, Motion, export_motion, export_place, format_named, read_run, resampled
+from retarget.exporting.lerobot import DEFAULT_TASK
+from retarget.exporting.motion import PHASE_NAMES
+from retarget.record import Phase
+
+FOLLOW, ALL = "follow", "all"
+ROBOT, HUMAN = "robot", "human"
+
+
+def export(
+    file: Annotated[Path, typer.Argument(help="A run that `run --save` wrote.", metavar="FILE.npz")],
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            help="Tables; arrays for trainers of motion tracking; an animated skeleton; a LeRobot dataset (v3.0).",
+            metavar="|".join(FORMATS),
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Where it goes, usually beside FILE. Nothing is overwritten.", metavar="PATH")
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option(help="Resample to so many rows per second; else rows are the ticks.", metavar="N")
+    ] = None,
+    phase: Annotated[
+        str, typer.Option(help="What of the run: 'all' has the way there and the braking, too.", metavar="follow|all")
+    ] = FOLLOW,
+    of: Annotated[
+        str, typer.Option(help="Whose motion: the robot's, or that of the human it followed.", metavar="robot|human")
+    ] = ROBOT,
+    body: Annotated[
+        Path | None, typer.Option(help="The robot's MJCF or URDF, where FILE names none that is there.", metavar="FILE")
+    ] = None,
+    task: Annotated[str, typer.Option(help="What is done, in words, for a LeRobot dataset.")] = DEFAULT_TASK,
+) -> None:
+    """Hand a recorded run on: joint positions with names and units, in a format that others read.
+
+    csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/export.md.
+    """
+    form = format_named(to)
+    for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):
+        if value not in allowed:
+            raise UsageError("unknown choice", where=option, found=value[:80], allowed=", ".join(allowed))
+    whole = read_run(file, of_human=of == HUMAN, body=body)
+    place = export_place(form, file, out, of_human=of == HUMAN)
+    motion = _chosen(whole, phase)
+    if fps is not None:
+        motion = resampled(motion, fps)
+    export_motion(motion, form, place, task=task)
+    typer.echo(f"{to}: {place}")
+    typer.echo(_told(whole, motion, phase, fps))
+
+
+def _chosen(motion: Motion, phase: str) -> Motion:
+    """What was asked for of a run. Raises InputError where there is nothing of it."""
+    if phase == ALL:
+        return motion
+    following = motion.phase == PHASE_NAMES[Phase.FOLLOW]
+    if not following.any():
+        step = "Export all of it: --phase all"
+        raise InputError("nothing was followed in this run", where=motion.source, found="no such tick", next_step=step)
+    return motion.rows(following)
+
+
+def _told(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
+    """How much was written, and what of the run was not."""
+    text = f"{len(motion)} rows"
+    text += f" at {fps:g} Hz, resampled" if fps is not None else ", one for each tick"
+    text += f", {motion.time[-1] - motion.time[0]:.2f} s"
+    if phase == ALL:
+        return text
+    other = [name for name in PHASE_NAMES if name != PHASE_NAMES[Phase.FOLLOW]]
+    counts = {name: int(np.count_nonzero(whole.phase == name)) for name in other}
+    left = " and ".join(f"{count} of {name}" for name, count in counts.items() if count)
+    return f"{text}; left out: {left} ticks (--phase all has them)" if left else text

@@ -1,0 +1,123 @@
+"""BVH: a body's tree as a skeleton, y up, z forward, centimetres.
+
+With all rotations zero the skeleton stands as the body does with all joints at zero, facing z. A joint whose link
+slides, or turns about a point that is not its origin, has position channels too.
+"""
+
+from dataclasses import dataclass, replace
+from typing import IO
+
+import numpy as np
+
+from retarget import rotations
+from retarget.body import JointType
+from retarget.exporting.bvh_nodes import Node, nodes_of
+from retarget.exporting.links import Links, links_of
+from retarget.exporting.motion import Motion
+from retarget.rotations import FloatArray
+
+__all__ = ["write_bvh"]
+
+CM = 100.0
+ORDER = "zxy"
+"""Of the rotation channels."""
+AXES = [1, 2, 0]
+"""World axes of x, y and z of the file: left, up, forward. A turn of the axes, no mirror image."""
+STILL = 1e-6
+"""A joint that moves less than this, m, in its parent's frame has a constant offset."""
+DIGITS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class _Skeleton:
+    """Joints (b) as `nodes`, file axes and cm. offsets (b, 3): at rest. places (T, b, 3) and turns (T, b, 4): in the
+    parent joint's frame. ends (b, 3): bone ends."""
+
+    nodes: tuple[Node, ...]
+    offsets: FloatArray
+    places: FloatArray
+    turns: FloatArray
+    ends: FloatArray
+
+    def moves(self, joint: int) -> bool:
+        """Whether a joint has position channels."""
+        off = np.abs(self.places[:, joint] - self.offsets[joint])
+        return self.nodes[joint].parent < 0 or bool(off.max() > CM * STILL)
+
+
+def write_bvh(motion: Motion, stream: IO[bytes]) -> None:
+    """Write a motion. Raises InputError where rows are not evenly spaced."""
+    rate = motion.rate_hz
+    skeleton = _skeleton(motion)
+    lines = ["HIERARCHY", *_block(skeleton, 0, 0)]
+    lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1.0 / rate:.9f}"]
+    stream.write(("\n".join(lines) + "\n").encode())
+    np.savetxt(stream, _channels(skeleton), fmt=f"%.{DIGITS}f")
+
+
+def _skeleton(motion: Motion) -> _Skeleton:
+    nodes, links, rest = nodes_of(motion), links_of(motion), _rest(motion)
+    position, stand = _points(nodes, links), _points(nodes, rest)[0]
+    rows = [node.link - 1 for node in nodes]
+    # A joint's frame is the link's turn from where it is at rest, so that all frames are parallel then.
+    turn = rotations.multiply(links.orientation[:, rows], rotations.conjugate(rest.orientation[0, rows]))
+    turn = turn[..., [0, *(1 + axis for axis in AXES)]]
+    offsets, places, turns = np.zeros_like(stand), position.copy(), turn.copy()
+    for joint, node in enumerate(nodes):
+        if node.parent >= 0:
+            back = rotations.conjugate(turn[:, node.parent])
+            offsets[joint] = stand[joint] - stand[node.parent]
+            places[:, joint] = rotations.rotate(back, position[:, joint] - position[:, node.parent])
+            turns[:, joint] = rotations.multiply(back, turn[:, joint])
+    ends = rotations.rotate(rest.orientation[0, rows], np.array([node.end for node in nodes]))
+    return _Skeleton(nodes, offsets, places, turns, CM * ends[:, AXES])
+
+
+def _points(nodes: tuple[Node, ...], links: Links) -> FloatArray:
+    """Positions (T, b, 3) of all joints, file axes, cm."""
+    rows = [node.link - 1 for node in nodes]
+    local = rotations.rotate(links.orientation[:, rows], np.array([node.local for node in nodes]))
+    return np.asarray(CM * (links.position[:, rows] + local)[..., AXES])
+
+
+def _rest(motion: Motion) -> Links:
+    """The body with every joint at zero, its root at the origin and upright."""
+    q = np.zeros((1, motion.body.nq))
+    for address, kind in zip(motion.body.joint_qpos, motion.body.joint_type.tolist(), strict=True):
+        if kind in (JointType.FREE, JointType.BALL):
+            q[0, address + (3 if kind == JointType.FREE else 0)] = 1.0
+    return links_of(replace(motion, time=np.zeros(1), phase=motion.phase[:1], q=q))
+
+
+def _block(skeleton: _Skeleton, joint: int, depth: int) -> list[str]:
+    """The lines of a joint and all below it."""
+    tab = "\t" * depth
+    turns = [f"{axis.upper()}rotation" for axis in ORDER]
+    channels = ["Xposition", "Yposition", "Zposition", *turns] if skeleton.moves(joint) else turns
+    lines = [
+        f"{tab}{'JOINT' if depth else 'ROOT'} {skeleton.nodes[joint].name}",
+        f"{tab}{{",
+        f"{tab}\tOFFSET {_numbers(skeleton.offsets[joint])}",
+        f"{tab}\tCHANNELS {len(channels)} {' '.join(channels)}",
+    ]
+    children = [child for child, node in enumerate(skeleton.nodes) if node.parent == joint]
+    for child in children:
+        lines += _block(skeleton, child, depth + 1)
+    if not children:
+        lines += [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {_numbers(skeleton.ends[joint])}", f"{tab}\t}}"]
+    return [*lines, f"{tab}}}"]
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(f"{value:.{DIGITS}f}" for value in values)
+
+
+def _channels(skeleton: _Skeleton) -> FloatArray:
+    """All channels (T, d): nodes are in the order of the file."""
+    parts = []
+    for joint in range(len(skeleton.nodes)):
+        if skeleton.moves(joint):
+            parts.append(skeleton.places[:, joint])
+        angles = rotations.to_euler(skeleton.turns[:, joint], ORDER)
+        parts.append(np.rad2deg(np.unwrap(angles, axis=0)))  # no leap from 180 to -180 degrees between two frames
+    return np.hstack(parts)

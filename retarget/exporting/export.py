@@ -1,0 +1,89 @@
+"""Write a motion in one of the formats that others read: whole or not at all, and never over something."""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from retarget.errors import UsageError, suggest
+from retarget.exporting.bvh_file import write_bvh
+from retarget.exporting.csv_file import write_csv
+from retarget.exporting.lerobot import DEFAULT_TASK, write_lerobot
+from retarget.exporting.motion import Motion
+from retarget.exporting.parquet_file import write_parquet
+from retarget.exporting.trainer_npz import write_trainer_npz
+from retarget.outputs import check_folder, check_path, check_place, write_stream
+
+__all__ = ["FORMATS", "Format", "export_motion", "export_place", "format_named"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format. ending: what its files end in, after the name of the run. write: into a stream; None: a folder."""
+
+    name: str
+    ending: str
+    write: Callable[[Motion, IO[bytes]], None] | None
+
+
+FORMATS = {
+    found.name: found
+    for found in (
+        Format("csv", ".csv", write_csv),
+        Format("npz", "_motion.npz", write_trainer_npz),
+        Format("parquet", ".parquet", write_parquet),
+        Format("bvh", ".bvh", write_bvh),
+        Format("lerobot", "_lerobot", None),
+    )
+}
+"""By the name that `--to` takes."""
+
+
+def format_named(name: str) -> Format:
+    """A format. Raises UsageError with the nearest names."""
+    if name not in FORMATS:
+        step = suggest(name, FORMATS)
+        raise UsageError("unknown format", where="--to", found=name[:80], allowed=", ".join(FORMATS), next_step=step)
+    return FORMATS[name]
+
+
+def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False) -> Path:
+    """Where an export goes: `out`, or beside the run under its name. Raises UsageError where nothing can be written,
+    and where something is."""
+    place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
+    check_path(place, option="--out")
+    _refuse_existing(place)
+    if form.write is None:
+        check_folder(place, option="--out")
+    else:
+        check_place(place, option="--out")
+    return place
+
+
+def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFAULT_TASK) -> None:
+    """Write a motion to a place of `export_place`. task: what is done in it, in words, for a LeRobot dataset.
+
+    Raises UsageError and InputError where the format cannot hold it, or something is there; then nothing is written.
+    """
+    _refuse_existing(place)
+    write = form.write
+    if write is not None:
+        write_stream(place, lambda stream: write(motion, stream), option="--out")
+        return
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=place.parent, prefix=".retarget.") as draft:
+            content = Path(draft) / "content"
+            content.mkdir()
+            write_lerobot(motion, content, task=task)
+            content.rename(place)
+    except OSError as error:
+        found = f"{str(place)[:200]}: {error.strerror or error}"
+        raise UsageError("cannot write here", where="--out", found=found, next_step="Choose another place") from error
+
+
+def _refuse_existing(place: Path) -> None:
+    if place.is_symlink() or place.exists():
+        step = "Give another --out, or remove it"
+        raise UsageError("something is there already", where="--out", found=str(place)[:200], next_step=step)

@@ -1,0 +1,157 @@
+"""Every limit of a run: what was allowed beside what was measured, and whether it was kept, in words."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from hardware.guard_state import StopCause
+from retarget.report import Report
+from retarget.report_page.limit_use import LimitUse, Nearest, limit_use
+from retarget.run_result import RunResult
+
+__all__ = ["Outcome", "Verdict", "verdicts"]
+
+
+TIPS_MM = 0.05
+"""Nearer to the edge of the soles than this, a robot begins to tip."""
+ROUND_OFF = 1e-4
+"""Nearer to its limit than this, rad, a joint is at it."""
+
+
+class Outcome(Enum):
+    """Whether a limit was kept."""
+
+    PASS = "pass"
+    FAIL = "fail"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One limit. allowed, measured: in words, with units."""
+
+    limit: str
+    allowed: str
+    measured: str
+    outcome: Outcome
+
+
+def verdicts(run: RunResult, report: Report) -> tuple[Verdict, ...]:
+    """Of everything that this run could break; what it could not (no feet, no scene, no bus) is left out."""
+    use = limit_use(run)
+    found = [*_joints(report, use), *_body(report), *_servos(run, report), *_physics(report)]
+    reason = report.stop.reason
+    ended = "to its end" if reason is None else f"stopped: {reason}"
+    return (*found, Verdict("The run", "to its end", ended, _kept(reason is None)))
+
+
+def _kept(kept: bool) -> Outcome:
+    return Outcome.PASS if kept else Outcome.FAIL
+
+
+def _joints(report: Report, use: LimitUse) -> Iterator[Verdict]:
+    broken = report.limit_violations
+    measured = "no limit came near"
+    if use.room is not None:
+        joint, room = use.room
+        measured = f"{joint} reached its limit"
+        if abs(room) > ROUND_OFF:
+            measured = f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
+    yield Verdict(
+        "Joint positions", "within their limits", _count(measured, broken.position), _kept(not broken.position)
+    )
+    if use.velocity is not None:
+        yield _of_joint("Joint speeds", use.velocity, "rad/s", broken.velocity)
+    if use.acceleration is not None:
+        yield _of_joint("Joint accelerations", use.acceleration, "rad/s²", broken.acceleration)
+
+
+def _of_joint(limit: str, nearest: Nearest, unit: str, broken: int) -> Verdict:
+    allowed = f"{nearest.joint}: {nearest.limit:.3g} {unit}"
+    share = nearest.value / nearest.limit
+    measured = f"{nearest.value:.3g} {unit}, {share:.0%} of it; no other joint came nearer"
+    return Verdict(limit, allowed, _count(measured, broken), _kept(not broken))
+
+
+def _count(text: str, broken: int) -> str:
+    counted = f"{broken} values beyond" if broken else ""
+    return "; ".join(part for part in (text, counted) if part) or "nothing beyond"
+
+
+def _body(report: Report) -> Iterator[Verdict]:
+    outside, margin = report.com_outside_support_frames, report.com_margin_mm
+    if outside is not None:
+        measured = "nothing touched the ground" if margin is None else f"never nearer to its edge than {margin:.1f} mm"
+        if outside:
+            measured = f"outside in {outside} ticks" + (
+                "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
+            )
+        yield Verdict("Centre of mass", "over the support polygon", measured, _kept(outside == 0))
+    deep = (report.penetrating_frames or 0) > 0
+    own, scene = report.min_clearance_mm.self, report.min_clearance_mm.scene
+    if own is not None:
+        pair = f" ({' and '.join(report.closest_links)})" if report.closest_links else ""
+        yield Verdict("Its own links", "do not meet", f"{_gap(own)}{pair}", _kept(not deep or own >= 0.0))
+    if scene is not None:
+        pair = f" ({' and '.join(report.deep.obstacle)})" if report.deep.obstacle else ""
+        yield Verdict("What is around it", "is not touched", f"{_gap(scene)}{pair}", _kept(not deep or scene >= 0.0))
+
+
+def _gap(mm: float) -> str:
+    return f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside each other"
+
+
+def _servos(run: RunResult, report: Report) -> Iterator[Verdict]:
+    bus = report.bus
+    if bus is None or run.robot is None:
+        return
+    safety = run.robot.profile.safety
+    yield Verdict(
+        "Servos", "all answer, none is alarmed", _told(bus.faults, "fault", "none failed"), _kept(bus.faults == 0)
+    )
+    if bus.missed_ticks is not None:
+        allowed = f"{1e3 * run.clip.dt:.3g} ms each, none missed"
+        longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
+        measured = _told(bus.missed_ticks, "tick missed", "none missed") + longest
+        yield Verdict("Ticks", allowed, measured, _kept(bus.missed_ticks == 0))
+    errors = report.servo_error_deg or {}
+    if errors:
+        worst = max(errors, key=lambda name: errors[name].max)
+        allowed = f"{np.rad2deg(safety.following_error):.3g}° from the way to its goal"
+        measured = f"{errors[worst].max:.1f}° at most from its goal ({worst})"
+        stopped = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
+        yield Verdict("Servo against goal", allowed, measured, _kept(not stopped))
+    if bus.hottest is not None:
+        measured = f"{bus.hottest.value:.0f} °C ({bus.hottest.joint})"
+        yield Verdict(
+            "Temperature",
+            f"below {safety.temperature_c:g} °C",
+            measured,
+            _kept(bus.hottest.value < safety.temperature_c),
+        )
+    if bus.lowest_voltage is not None:
+        low, high = safety.voltage
+        measured = f"lowest {bus.lowest_voltage.value:.1f} V ({bus.lowest_voltage.joint})"
+        yield Verdict("Voltage", f"{low:g} to {high:g} V", measured, _kept(bus.lowest_voltage.value >= low))
+
+
+def _told(count: int, what: str, none: str) -> str:
+    return f"{count} {what}{'s' if count > 1 and what == 'fault' else ''}" if count else none
+
+
+def _physics(report: Report) -> Iterator[Verdict]:
+    seen = report.physics
+    if seen is None:
+        return
+    at = "" if seen.fallen_at_s is None else f" at {seen.fallen_at_s:.2f} s"
+    yield Verdict(
+        "Balance", "it does not fall", f"fell{at}: {seen.how}" if seen.fallen else "it stood", _kept(not seen.fallen)
+    )
+    if seen.min_zmp_margin_mm is not None:
+        margin = seen.min_zmp_margin_mm
+        measured = f"never nearer to their edge than {margin:.1f} mm" if margin > TIPS_MM else "reached their edge"
+        yield Verdict("Centre of pressure", "within the soles", measured, _kept(margin > TIPS_MM))
+    contacts = seen.self_contacts + seen.fixture_contacts
+    measured = f"{seen.self_contacts} ticks with itself, {seen.fixture_contacts} with fixtures" if contacts else "none"
+    yield Verdict("Contacts", "none but the soles", measured, _kept(contacts == 0))
