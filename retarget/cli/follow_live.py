@@ -109,10 +109,7 @@ def follow_live(
             controls = LiveControls(
                 keys, stop, performer, clutch, tell=_tell, clock=clock, guard=guard, stop_file=file, socket=socket
             )
-            if keys.listens:
-                _tell(HELP)
-            if dead_man is not None:
-                _tell(f"hold {dead_man.told}: the robot moves only while it is held")
+            _tell_how(keys, dead_man)
             words = _words(prepared, controls)
             page = stack.enter_context(viewing(outputs.view, prepared, options, words, tell=tell))
             _wait_until_wanted(clutch, controls, performer, clock)
@@ -139,6 +136,14 @@ def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | Non
         dead_man = open_dead_man(oversight.dead_man, terminal=has_terminal())
         stack.callback(dead_man.close)
     return socket, dead_man
+
+
+def _tell_how(keys: Keys, dead_man: DeadMan | None) -> None:
+    """Which keys do what."""
+    if keys.listens:
+        _tell(HELP)
+    if dead_man is not None:
+        _tell(f"hold {dead_man.told}: the robot moves only while it is held")
 
 
 def _wait_until_wanted(clutch: Clutch, controls: LiveControls, performer: LivePerformer, clock: Clock) -> None:

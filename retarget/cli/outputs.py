@@ -23,8 +23,8 @@ __all__ = ["Outputs", "Written"]
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where report, its page, recording and pictures of a run go; None: nowhere. record: written while it goes on; view:
-    port of the page that shows it meanwhile."""
+    """Where report, its page, recording and pictures of a run go; None: nowhere. While it goes on record is written,
+    and the page at port view shows it."""
 
     report: Path | None = None
     page: Path | None = None
