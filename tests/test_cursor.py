@@ -1,0 +1,71 @@
+"""Which recorded cycle is which now, and what time it is then."""
+
+import numpy as np
+import pytest
+
+from retarget.recording.cursor import Cursor
+from retarget.recording.cycles import Asked, Cycles, Done, Shape
+
+DT = 0.008
+SHAPE = Shape(sensors=2, servos=3, rest=7, human=5, joints=4, landmarks=2, observers=1, human_observers=0)
+
+
+def recorded(index: list[int], follow: int) -> Cycles:
+    """Cycles, of which those from `follow` on follow."""
+    cycles = Cycles.empty(len(index), SHAPE)
+    cycles.index[:] = index
+    cycles.clock[:] = DT * np.array(index)[:, None]
+    cycles.sampled[0] = Done.WELL
+    cycles.sampled[cycles.index >= follow] = Done.WELL
+    return cycles
+
+
+def played(cursor: Cursor, count: int, *, follow: int) -> list[int]:
+    """Rows of so many cycles of a run that begins to follow in its cycle `follow`."""
+    rows = []
+    for cycle in range(count):
+        cursor.look()
+        if cycle >= follow:
+            cursor.follow()
+        rows.append(cursor.row)
+        cursor.before()
+    return rows
+
+
+def test_the_same_run_is_the_same_cycle_for_cycle() -> None:
+    cursor = Cursor(recorded(list(range(10)), 4), has_robot=True, dt=DT)
+    assert played(cursor, 10, follow=4) == list(range(10)) and cursor.ahead == pytest.approx(0.0, abs=DT)
+
+
+@pytest.mark.parametrize(("follow", "ahead"), [(2, 2 * DT), (6, -2 * DT)])
+def test_following_begins_in_the_same_cycle(follow: int, ahead: float) -> None:
+    """Time goes on tick by tick: the recorded clock is ahead where cycles are left out, and behind where more come."""
+    cursor = Cursor(recorded(list(range(10)), 4), has_robot=True, dt=DT)
+    rows = played(cursor, follow + 3, follow=follow)
+    assert rows[follow:] == [4, 5, 6] and max(rows[:follow]) <= 4
+    assert cursor.ahead == pytest.approx(ahead)
+
+
+def test_lost_cycles_are_not_those_before_them() -> None:
+    cursor = Cursor(recorded([0, 1, 2, 5, 6], 1), has_robot=True, dt=DT)
+    rows, known = [], []
+    for _ in range(7):
+        cursor.look()
+        if cursor.cycle:
+            cursor.follow()
+        rows.append(cursor.row)
+        known.append(cursor.recorded)
+        cursor.before()
+    assert rows == [0, 1, 2, 2, 2, 3, 4] and known == [True, True, True, False, False, True, True]
+
+
+def test_what_was_asked_is_asked_in_its_cycle() -> None:
+    cycles = recorded(list(range(4)), 1)
+    cycles.asked[2] = Asked.STOP | Asked.PAUSED
+    cursor = Cursor(cycles, has_robot=False, dt=DT)
+    seen = []
+    for _ in range(4):
+        seen.append((cursor.asked(Asked.STOP), cursor.asked(Asked.PAUSED), cursor.asked(Asked.OVER)))
+        cursor.look()
+        cursor.before()
+    assert seen == [(False,) * 3, (False,) * 3, (True, True, False), (False,) * 3]
