@@ -59,7 +59,7 @@ def test_a_process_of_its_own_makes_haste_and_one_that_is_shared_is_left_alone()
 
 @pytest.mark.parametrize("name", list(cli.COMMANDS))
 def test_every_command_is_documented(name: str) -> None:
-    word = name.replace("-", "_")
+    word = cli.FILES.get(name, name.replace("-", "_"))
     function = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
     assert inspect.getdoc(function)
 

@@ -97,6 +97,18 @@ def test_without_legs_arms_or_a_second_side() -> None:
     assert (not trunk.legs and not trunk.head) or trunk.mirror is None
 
 
+def test_arms_that_hang_below_the_trunk_are_no_legs() -> None:
+    """They end at the lowest point of the robot, but begin high on its trunk."""
+    size, middle = (0.03, 0.03, 0.2), (0.0, 0.0, -0.1)
+    arms = [
+        Part(f"{side}{number}", parent, at, (1, 0, 0), (-1.5, 1.5), size, middle)
+        for side, x in (("p", -0.09), ("q", 0.09))
+        for number, parent, at in ((1, "chest", (x, 0.0, 0.08)), (2, f"{side}1", (0.0, 0.0, -0.2)))
+    ]
+    anatomy = find_anatomy(text_tree(humanoid(arms)))
+    assert len(anatomy.arms) == 2 and not anatomy.legs
+
+
 def test_names_tell_where_shapes_do_not() -> None:
     """Feet and knees of a symmetric body say nothing; a name does."""
     two = "".join(

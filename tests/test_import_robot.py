@@ -34,6 +34,7 @@ def test_a_bust(tmp_path: Path) -> None:
     assert set(profile.servos) == {"j_p1", "j_p2", "j_q1", "j_q2"} and not profile.feet
 
 
+@pytest.mark.long
 def test_the_same_body_gives_the_same_profile(tmp_path: Path) -> None:
     folders = [tmp_path / "a", tmp_path / "b"]
     for folder in folders:
@@ -43,7 +44,10 @@ def test_the_same_body_gives_the_same_profile(tmp_path: Path) -> None:
 
 
 def test_an_arm_is_told_what_it_lacks(tmp_path: Path) -> None:
-    done = imported(table_arm(), tmp_path)
+    path = tmp_path / "body.urdf"
+    path.write_text(table_arm())
+    done = import_robot(path, tmp_path / "new", relaxed=Relaxed(), name="op3", samples=10)
+    assert done.draft.notes[0].startswith("a robot op3 is known already")
     assert [text.split(":")[0] for text in done.draft.missing] == ["head", "legs", "l_hand"]
     assert len(done.problems) == 1 and "Add l_hand" in done.problems[0] and str(tmp_path) not in done.problems[0]
     assert "# Not found: l_hand: no such arm." in (done.folder / "robot.yaml").read_text()
@@ -93,7 +97,7 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
         import_robot(path, tmp_path / "file" / "new", relaxed=Relaxed(), samples=10)
 
 
-@pytest.mark.parametrize("name", ["a b/c", "..", "  "])
+@pytest.mark.parametrize("name", ["a b/c", *(pytest.param(name, marks=pytest.mark.long) for name in ("..", "  "))])
 def test_names_are_made_fit(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "body.urdf"

@@ -79,3 +79,9 @@ def test_limits_are_drawn_into_the_servo() -> None:
 
 def test_a_stated_speed_is_kept() -> None:
     assert guessed(arm(2.5), {"j_turn": 1.25})[0].max_velocity == 1.25
+
+
+def test_gains_are_the_makers_defaults() -> None:
+    """e-Manual, register 84: 800, of the MX series 850, of the XL430-W250 640."""
+    gains = {draft.model.name: draft.position_p for torque in (4.1, 2.5, 1.5) for draft in guessed(arm(torque))}
+    assert gains == {"XM430-W350": 800, "MX-28": 850, "XL430-W250": 640}

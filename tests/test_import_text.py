@@ -44,8 +44,9 @@ def read(text: str, folder: Path) -> RobotProfile:
 def test_everything_comes_back(tmp_path: Path) -> None:
     text = profile_text(DRAFTED)
     profile = read(text, tmp_path)
-    assert profile.name == "on" and profile.frames["head"].link == "Yes" and profile.frames["head"].pos == (0.1, 0, 0)
-    assert profile.frames["neck"].quat == (0.707107, 0, 0, 0.707107)
+    head, neck = profile.frames["head"], profile.frames["neck"]
+    assert (profile.name, head.link, list(head.pos)) == ("on", "Yes", [0.1, 0.0, 0.0])
+    assert list(neck.quat) == [0.707107, 0.0, 0.0, 0.707107]
     assert list(profile.servos) == ["no", 'a"b:c#'] and profile.servos["no"].limits == (-1.5, 1.25)
     assert profile.postures.rest == {"no": 0.5, 'a"b:c#': -0.25} and profile.feet["left"].polygon[0] == (0.1, 0.1)
     assert profile.landmarks["l_hand"].human_length == (("l_shoulder",), ("l_elbow", "l_wrist"))

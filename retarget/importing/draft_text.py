@@ -83,6 +83,7 @@ def _servos(draft: Draft) -> str:
     lines += _comment(
         "max_acceleration: half the stall torque on what hangs on the joint; at most 30 in legs and trunk."
     )
+    lines += _comment("gains: the maker's default of the model; a run with physics needs what the servo really has.")
     lines.append("servos:")
     width = max(len(_name(servo.joint)) for servo in draft.servos) + 1
     lines += [_servo(servo, width) for servo in draft.servos]
@@ -94,7 +95,8 @@ def _servo(servo: ServoDraft, width: int) -> str:
     return (
         f"  {_name(servo.joint) + ':':<{width}} {{id: {servo.number}, model: {servo.model.name}, bus: main, "
         f"direction: 1, zero_tick: {servo.model.centre_tick}, limits: {_list(servo.limits, 6)},\n"
-        f"  {'':<{width}}  max_velocity: {servo.max_velocity:g}, max_acceleration: {servo.max_acceleration:.1f}}}"
+        f"  {'':<{width}}  max_velocity: {servo.max_velocity:g}, max_acceleration: {servo.max_acceleration:.1f}, "
+        f"gains: {{p: {servo.position_p}}}}}"
         f"  {DRAFT} {why}"
     )
 

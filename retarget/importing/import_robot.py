@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from retarget.body_file import Root, compile_body
+from retarget.catalogue import Kind, entries
 from retarget.errors import ConfigError, InputError, UsageError
 from retarget.fitting.fit import Subject, fit
 from retarget.fitting.proposals import Zones
@@ -85,6 +86,7 @@ def import_robot(
         out = Path(robot)
         _check_out(out)
     body = draft_body(source, relaxed)
+    body = replace(body, notes=(*_taken(robot), *body.notes))
     speeds = stated_speeds(source) if source.kind == "urdf" else {}
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -107,6 +109,14 @@ def import_robot(
 def _plain(name: str) -> str:
     """A name that a profile and a folder can bear."""
     return re.sub(r"[\s/\\]+", "_", name.strip())[:80].strip(".") or "robot"
+
+
+def _taken(name: str) -> tuple[str, ...]:
+    """A note where a robot of that name is known already: calibrations go by names."""
+    if name not in {entry.name for entry in entries(Kind.ROBOT)}:
+        return ()
+    told = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
+    return (f"{told}; give this one another --name",)
 
 
 def _checked(folder: Path) -> tuple[tuple[str, ...], float | None]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hardware.dynamixel.control_table import find_table
 from hardware.servo import SERVO_MODELS, ServoModel
 from retarget.importing.limbs import Anatomy
 from retarget.importing.tree import Tree
@@ -41,6 +42,11 @@ class ServoDraft:
     max_velocity: float
     max_acceleration: float
     note: str = ""
+
+    @property
+    def position_p(self) -> int | None:
+        """The maker's default of the register Position P Gain."""
+        return find_table(self.model.name, 2)["position_p_gain"].initial
 
 
 def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, float]) -> tuple[ServoDraft, ...]:
