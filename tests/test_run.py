@@ -142,7 +142,7 @@ def short(amc: Path, *words: str | Path) -> tuple[str | Path, ...]:
     return ("--robot", "human", "--source", amc, "--end", "0.1", *words)
 
 
-def fail_to_write(*_: object) -> None:
+def fail_to_write(*_: object, **_named: object) -> None:
     raise UsageError("cannot write here", where="--report", found="No space left on device")
 
 

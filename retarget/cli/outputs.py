@@ -66,7 +66,8 @@ class Outputs:
         ]
         lines: list[str] = []
         problems: list[str] = []
-        with _folder(self.plots, problems), _folder(None if self.page is None else self.page.parent, problems):
+        reports = None if self.page is None else self.page.parent
+        with _folder(reports, "--report", problems), _folder(self.plots, "--plots", problems):
             for what, path, write in tries:
                 if path is None:
                     continue
@@ -106,14 +107,14 @@ def _write_page(run: RunResult, report: Report, path: Path, figures: "Figures") 
 
 
 @contextmanager
-def _folder(path: Path | None, problems: list[str]) -> Iterator[None]:
+def _folder(path: Path | None, option: str, problems: list[str]) -> Iterator[None]:
     """Make a folder if need be; in the end what was made of it goes again if it is empty."""
     if path is None:
         yield
         return
     new = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
-        make_folder(path, option="--plots")
+        make_folder(path, option=option)
     except RefusedError as error:
         problems.append(str(error))
     yield
