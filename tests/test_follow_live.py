@@ -139,18 +139,32 @@ def test_without_a_robot_ticks_come_in_time_too() -> None:
     assert looked == pytest.approx([0.01, 0.02, 0.03, 0.055, 0.065])
 
 
-def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path) -> None:
-    """Done, and not stopped for want of data: even of a robot, and with time to spare."""
-    writer, sender = RawWriter(tmp_path / "six.raw", url="json://:14150"), FakeSender()
-    for tick in range(600):
+def raw(path: Path, *, seconds: float) -> str:
+    """Address of so much of a stream."""
+    writer, sender = RawWriter(path, url="json://:14150"), FakeSender()
+    for tick in range(round(100 * seconds)):
         for datagram in sender.poll(0.01 * tick):
             address, port = datagram.source
             writer.append(datagram.payload, time_ns=round(1e9 * datagram.arrival), address=address, port=port)
         writer.flush()
     writer.close()
+    return f"replay://{path}"
+
+
+def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Done, and not stopped for want of data: even of a robot, and with time to spare."""
+    source, report = raw(tmp_path / "six.raw", seconds=6.0), tmp_path / "report.json"
     with pytest.raises(SystemExit) as ended:
-        words = ("--source", f"replay://{tmp_path / 'six.raw'}", "--report", str(tmp_path / "report.json"))
-        main(["run", "--robot", "op3", "--countdown", "0", *words])
-    report = json.loads((tmp_path / "report.json").read_text())
-    assert ended.value.code == 0 and report["stop"]["reason"] is None
-    assert 3.0 < report["duration_s"] < 6.0
+        main(["run", "--robot", "op3", "--countdown", "0", "--source", source, "--report", str(report)])
+    told = json.loads(report.read_text())
+    assert ended.value.code == 0 and told["stop"]["reason"] is None
+    assert 3.0 < told["duration_s"] < 6.0
+    assert "nobody was followed" not in capsys.readouterr().err
+
+
+def test_a_stream_that_is_over_before_following_begins_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--robot", "op3", "--countdown", "0", "--source", raw(tmp_path / "short.raw", seconds=1.2)])
+    assert ended.value.code == 0 and "nobody was followed" in capsys.readouterr().err

@@ -119,6 +119,8 @@ def follow_live(
                 with live_state(options.robot, words), scheduled(oversight.scheduling):
                     watch = _watch(recorded, look, controls, bench, clock)
                     run = recorded.run(page.watch(recorder.watch(watch, recorded)))
+        if not run.ticks_followed and run.reason is None:
+            tell("nobody was followed: the stream was over before following began")
         told = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
