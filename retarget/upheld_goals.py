@@ -5,6 +5,9 @@ servos a standing robot sways 1.4 times as far as planned, and its soles press e
 posture needs are known (`CarriedLoad`), so each goal is set beside the posture by just what its servo gives way. All
 that looks at postures - limits of the plan, collisions, the record - looks at where the robot is held; what is sent
 passes the gate, and keeps its limits.
+
+Servos of different gains follow at different lags, and a leg whose knee leads its ankle is not where it was planned. So
+joints that carry the robot wait for the slowest of them.
 """
 
 from dataclasses import dataclass
@@ -12,10 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.arrays import FloatArray
+from hardware.servo_lag import loop_lag
 from retarget.carried_load import CarriedLoad
 from retarget.gate import Gate, PathCheck
 from retarget.planted_root import plant_root
 from retarget.robot_body import RobotBody
+from retarget.robot_reader import standing_dofs
 from retarget.servo_give import servo_give
 from retarget.stance import Stance
 
@@ -49,11 +54,13 @@ class HeldPath:
 
 @dataclass(frozen=True, eq=False)
 class _Thought:
-    """What a posture (n,) is sent as: `goal` (n,), beside (n,) rad, and centre of mass with velocity, smoothed."""
+    """What a posture (n,) is sent as: `goal` (n,), beside it by what holds against the load, `upheld` (n,) rad, and by
+    what it waits for slower joints, `behind` (n,) rad; and centre of mass with velocity, smoothed."""
 
     posture: FloatArray
     goal: FloatArray
-    beside: FloatArray
+    upheld: FloatArray
+    behind: FloatArray
     com: FloatArray
     velocity: FloatArray
 
@@ -83,7 +90,8 @@ class UpheldGoals:
         self._give = servo_give(robot)
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
         self._rate = 1.0 / settle
-        self._position, self._beside, self._moved = gate.position, gate.position, gate.position
+        self._catch_up = dt / (dt + _waits(robot))  # (n,) share of its lead that a joint loses in a tick
+        self._position, self._upheld, self._behind, self._moved = (gate.position for _ in range(4))
         self._com: FloatArray | None = None
         self._velocity = np.zeros(3)
         self._thought: _Thought | None = None
@@ -102,7 +110,7 @@ class UpheldGoals:
     @property
     def beside(self) -> FloatArray:
         """How far goals are beside postures, rad (n,); a copy."""
-        return self._beside.copy()
+        return self._upheld + self._behind
 
     def seed(self, position: FloatArray) -> None:
         """Start at rest at `position`, rad (n,), with goals that hold nothing yet. Raises HardwareError if not
@@ -126,8 +134,8 @@ class UpheldGoals:
         if not np.array_equal(sent, thought.goal):
             self._stopped(sent)
             return sent
-        self._moved = thought.beside - self._beside
-        self._beside, self._position = thought.beside, thought.posture
+        self._moved = thought.upheld - self._upheld
+        self._upheld, self._behind, self._position = thought.upheld, thought.behind, thought.posture
         self._com, self._velocity = thought.com, thought.velocity
         self._thought = None
         return sent
@@ -139,13 +147,13 @@ class UpheldGoals:
         return sent
 
     def _start(self, position: FloatArray) -> None:
-        self._beside, self._moved = np.zeros_like(position), np.zeros_like(position)
+        self._upheld, self._behind, self._moved = (np.zeros_like(position) for _ in range(3))
         self._position = position
         self._forget()
 
     def _stopped(self, sent: FloatArray) -> None:
         """Something else was sent: goals stay as far beside postures as they are."""
-        self._position = sent - self._beside
+        self._position = sent - self.beside
         self._moved = np.zeros_like(self._moved)
         self._forget()
 
@@ -159,7 +167,7 @@ class UpheldGoals:
         if thought is None or not np.array_equal(thought.posture, posture):
             self._thought = thought = self._thought_of(np.array(posture, dtype=np.float64))
         if self._held is not None:
-            self._held.expect(self._beside, thought.beside)
+            self._held.expect(self.beside, thought.upheld + thought.behind)
         return thought
 
     def _thought_of(self, posture: FloatArray) -> _Thought:
@@ -172,22 +180,32 @@ class UpheldGoals:
         acceleration = np.clip((then - velocity) / self._dt, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration)[self._dofs]
         wanted = np.clip(self._give @ torque, -MOST_RAD, MOST_RAD)
-        speed = self._settled(self._beside, self._moved / self._dt, wanted)
-        beside = self._beside + np.clip(self._dt * speed, -self._most, self._most)
-        goal, beside = self._within(posture, beside)
-        return _Thought(posture, goal, beside, com + self._dt * then, then)
+        speed = self._settled(self._upheld, self._moved / self._dt, wanted)
+        upheld = self._upheld + np.clip(self._dt * speed, -self._most, self._most)
+        behind = (1.0 - self._catch_up) * (self._position + self._behind - posture)
+        goal, upheld = self._within(posture + behind, upheld)
+        return _Thought(posture, goal, upheld, behind, com + self._dt * then, then)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of what settles at `wanted` without overshoot, implicit in time."""
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
 
-    def _within(self, posture: FloatArray, beside: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The goal for a posture (n,), and how far beside it is: within the gate's limits, if it need not be pushed
-        away from the posture for that. Else it is for the gate to refuse."""
-        goal = self._gate.nearest(posture + beside)
-        kept = goal - posture
-        lowest, highest = np.minimum(self._beside, 0.0) - self._most, np.maximum(self._beside, 0.0) + self._most
+    def _within(self, target: FloatArray, upheld: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The goal that is beside a target (n,) by `upheld` (n,) rad, and by how much it is: within the gate's limits,
+        if it need not be pushed away from the target for that. Else it is for the gate to refuse."""
+        goal = self._gate.nearest(target + upheld)
+        kept = goal - target
+        lowest, highest = np.minimum(self._upheld, 0.0) - self._most, np.maximum(self._upheld, 0.0) + self._most
         if ((kept < lowest) | (kept > highest)).any():
-            return posture + beside, beside
+            return target + upheld, upheld
         return goal, kept
+
+
+def _waits(robot: RobotBody) -> FloatArray:
+    """How long (n,) s each joint that carries the robot waits for the slowest servo among them; 0 for all others."""
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    lags = np.array([loop_lag(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos])
+    dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
+    carrying = standing_dofs(robot)[dofs]
+    return np.where(carrying, lags.max(where=carrying, initial=0.0) - lags, 0.0)

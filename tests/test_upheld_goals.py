@@ -8,9 +8,11 @@ from followers import DT, op3
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
 from hardware.goal_filter import GoalFilter
+from hardware.servo_lag import loop_lag
 from physics_rig import PhysicsRig, ticks
 from retarget.carried_load import CarriedLoad
 from retarget.gate import Gate
+from retarget.robot_body import load_robot
 from retarget.servo_give import servo_give
 from retarget.stance import plant
 from retarget.upheld_goals import MOST_RAD, HeldPath, UpheldGoals
@@ -153,3 +155,24 @@ def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
         off.append(float(np.abs(JOINTS.to_radians(states.position) - plan)[knees].max()))
         rig.bus.write(ServoGoals(states.position))
     assert off[0] > 0.04 > 0.012 > off[1]
+
+
+def test_legs_wait_for_their_slowest_servo() -> None:
+    """Wolfgang's stiff knees, at an even speed, are sent as far behind as its ankles lag more; arms wait for nobody."""
+    robot = load_robot("wolfgang")
+    stance = plant(robot, robot.profile.postures.stand)
+    joints = robot.joint_map
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    lag = {servo.joint: loop_lag(servo, protocol=protocols[servo.bus]) for servo in joints.servos}
+    upheld = UpheldGoals(Gate.for_servos(joints, dt=DT), robot, stance, dt=DT, settle=0.02)
+    posture, speed = stance.q[robot.servo_columns].copy(), np.zeros(len(joints))
+    upheld.seed(posture)
+    knee, ankle, elbow = (joints.joints.index(name) for name in ("LKnee", "LAnklePitch", "LElbow"))
+    for _ in range(40):
+        speed[[knee, ankle, elbow]] = np.minimum(speed[[knee, ankle, elbow]] + 20.0 * DT, 0.5)
+        posture = posture + speed * DT
+        upheld.admit(posture)
+        np.testing.assert_array_equal(upheld.position, posture)
+    assert lag["LAnklePitch"] > 2.0 * lag["LKnee"]
+    behind = upheld._behind[[knee, ankle, elbow]]
+    np.testing.assert_allclose(behind, [-0.5 * (lag["LAnklePitch"] - lag["LKnee"]), 0.0, 0.0], atol=1e-4)
