@@ -30,6 +30,9 @@ MOST_RAD = 0.2
 """Farthest that a goal is beside its posture; a servo that gives way by more is overloaded."""
 SPEED_SHARE = 0.4
 """Share of a joint's speed at which its goal may move away from its posture. Back to it, it goes at any."""
+STILL_RAD = 1e-4
+"""What is nearer to where it settles, and moves less in a tick, stands: a fifteenth of a tick of the encoder. Else a
+robot that stops would not be at rest for long."""
 MOST_ACCELERATION = 5.0
 """m/s^2 of the centre of mass that are believed: half of what would lift the soles off the ground."""
 
@@ -181,8 +184,11 @@ class UpheldGoals:
         torque = self._load.torques(q, acceleration)[self._dofs]
         wanted = np.clip(self._give @ torque, -MOST_RAD, MOST_RAD)
         speed = self._settled(self._upheld, self._moved / self._dt, wanted)
-        upheld = self._upheld + np.clip(self._dt * speed, -self._most, self._most)
+        moved = np.clip(self._dt * speed, -self._most, self._most)
+        still = np.maximum(np.abs(moved), np.abs(wanted - self._upheld)) < STILL_RAD
+        upheld = np.where(still, self._upheld, self._upheld + moved)
         behind = (1.0 - self._catch_up) * (self._position + self._behind - posture)
+        behind[np.abs(behind) < STILL_RAD] = 0.0
         goal, upheld = self._within(posture + behind, upheld)
         return _Thought(posture, goal, upheld, behind, com + self._dt * then, then)
 
