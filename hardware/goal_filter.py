@@ -14,7 +14,8 @@ class GoalFilter(Protocol):
 
     @property
     def position(self) -> FloatArray:
-        """The posture returned last, rad; a copy."""
+        """The posture returned last, rad; a copy. A filter that sets goals beside postures, for servos that give way
+        under a load, tells the posture."""
         ...
 
     @property

@@ -206,7 +206,7 @@ class Guard:
     def _read(self) -> None:
         self._step = StopCause.BUS
         self._states = states = self._bus.read()
-        complaint = self.health.complaint(states, self._sent)
+        complaint = self.health.complaint(states, self._sent, self._filter.position)
         if complaint is not None:
             cause, reason = complaint
             if self._state is GuardState.STOPPING:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from hardware.arrays import BoolArray, TickArray
+from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoStates
-from hardware.errors import BusError, GuardError, describe
+from hardware.errors import BusError, GuardError, HardwareError, describe
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
 from hardware.line_health import LineHealth
@@ -41,15 +41,18 @@ class ServoHealth:
         """Share of all speeds, to 1, at which the robot spares servos that are too warm or draw too much."""
         return self.warnings.slow
 
-    def complaint(self, states: ServoStates, sent: TickArray | None) -> tuple[StopCause, str] | None:
-        """Why the robot must stop, or None. sent (n,): goal ticks of the last tick.
+    def complaint(
+        self, states: ServoStates, sent: TickArray | None, held: FloatArray | None = None
+    ) -> tuple[StopCause, str] | None:
+        """Why the robot must stop, or None. sent (n,): goal ticks of the last tick. held (n,): rad, where these goals
+        hold the joints under their load, if not there.
 
         Raises BusError where a bus is deaf: there is no way to brake on it.
         """
         lost = self._lines.lost(states)
         if lost is not None:
             raise BusError(lost)
-        self._look(states, sent)
+        self._look(states, sent if sent is None or held is None else self._aimed(sent, held))
         rough = self._lines.rough(states)
         if rough is not None:
             return StopCause.BUS, rough
@@ -81,6 +84,15 @@ class ServoHealth:
                     then="It was not armed",
                 )
             )
+
+    def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
+        """Ticks (n,) where shafts are to be held: those that were sent, where nothing is held beside its goal."""
+        if (np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad).all():
+            return sent
+        try:
+            return self._joint_map.to_ticks(held)
+        except HardwareError:  # beyond the servos' travel
+            return sent
 
     def _look(self, states: ServoStates, sent: TickArray | None) -> None:
         """Take down what is watched."""

@@ -6,7 +6,16 @@ import numpy as np
 from hardware.arrays import FloatArray, TickArray
 from hardware.servo import ServoModel, ServoSpec
 
-__all__ = ["DEFAULT_P_GAIN", "FULL_PWM", "GAIN_UNIT", "ExpectedWay", "full_drive_error", "lag_of_gain", "loop_lag"]
+__all__ = [
+    "DEFAULT_P_GAIN",
+    "FULL_PWM",
+    "GAIN_UNIT",
+    "ExpectedWay",
+    "full_drive_error",
+    "lag_of_gain",
+    "loop_lag",
+    "loop_stiffness",
+]
 
 FULL_PWM = 885.0  # register value of full drive
 GAIN_UNIT = 128.0  # position P gain register per unit of gain
@@ -21,8 +30,19 @@ def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:
 
     Source: e-Manual, Position PID Gain (84, unit 1/128; protocol 1: 28) and Goal PWM (100, full at 885).
     """
+    return lag_of_gain(servo.model, _gain(servo, protocol))
+
+
+def loop_stiffness(servo: ServoSpec, *, protocol: int = 2) -> float:
+    """Torque by which the servo's shaft holds against being turned off its goal, N m/rad: stalled at full drive, from
+    its P gain, at its model's voltage."""
+    return servo.model.stall_torque / full_drive_error(servo.model, _gain(servo, protocol))
+
+
+def _gain(servo: ServoSpec, protocol: int) -> float:
+    """The servo's P gain, or its default, in register counts of the X series."""
     usual = DEFAULT_P_GAIN if protocol == 2 else DEFAULT_P_GAIN_1
-    return lag_of_gain(servo.model, DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual)
+    return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
 
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:

@@ -14,6 +14,7 @@ from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
 from retarget.joint_limits import JointLimits
 from retarget.landmarks import AskedLandmarks, LandmarkMap
+from retarget.loaded_speed import loaded_speed
 from retarget.observers import robot_observers
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
@@ -88,6 +89,8 @@ class Follower:
         self._robot, self._body = robot, robot.body.solver_body()
         self.stance = plant(robot, robot.profile.postures.stand)
         self._limits = following_limits(robot, self.stance)
+        if priorities.uphold is not None:
+            self._limits = loaded_speed(robot, self._limits, reserve=priorities.uphold.reserve)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])

@@ -120,6 +120,11 @@ class Gate:
         self._looked_at = np.array(goal, dtype=np.float64), self._admitted(np.asarray(goal, dtype=np.float64))
         return self._looked_at[1] is not None
 
+    def nearest(self, goal: FloatArray) -> FloatArray:
+        """The posture nearest to a finite `goal` that keeps the limits, rad (n,), clear or not; joint by joint."""
+        lo, hi = self._bounds(self._braked(self._displacement))
+        return np.minimum(np.maximum(goal, self._position + lo), self._position + hi)
+
     def admit(self, goal: FloatArray) -> FloatArray:
         """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking
         trajectory."""

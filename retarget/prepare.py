@@ -8,7 +8,6 @@ import numpy as np
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock
-from hardware.goal_filter import GoalFilter
 from hardware.guard import Guard
 from hardware.servo_lag import loop_lag
 from retarget.calibration import calibrate
@@ -17,13 +16,11 @@ from retarget.contact_at_start import contacts, refuse_contact, refuse_floor
 from retarget.errors import UsageError
 from retarget.follow import Follower
 from retarget.frames import SensorFrames
-from retarget.gate import Gate
 from retarget.human import Human, build_human
 from retarget.human_speeds import human_limits
+from retarget.last_word import LastWord, last_word
 from retarget.observers import Observers
-from retarget.open_gate import OpenGate
 from retarget.options import RunOptions
-from retarget.path_clearance import PathClearance
 from retarget.performer import Performer, load_performer
 from retarget.pipeline import Pipeline, Watch
 from retarget.priorities import Priorities, load_priorities
@@ -175,7 +172,8 @@ def prepare_for(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None and robot.stands:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    side = _robot_side(robot, follower, options, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
+    last = last_word(robot, follower, for_robot, gate=options.gate, dt=samples.dt)
+    side = _robot_side(robot, follower, last, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
     bus.open()
     failed = True
     try:
@@ -240,7 +238,7 @@ def _follower(
 def _robot_side(
     robot: RobotBody,
     follower: Follower,
-    options: RunOptions,
+    last: LastWord,
     *,
     lead: Lead,
     bus: ServoBus,
@@ -249,31 +247,22 @@ def _robot_side(
     parks: bool,
     tell: Tell,
 ) -> RobotSide:
-    servos, caps = robot.joint_map, robot.profile.safety.speed_caps
-    clearance = _clearance(robot, follower, dt) if options.gate else None
-    gate = Gate.for_servos(servos, dt=dt, speed=max(caps.follow, caps.approach), path_is_clear=clearance)
-    goals: GoalFilter = gate if options.gate else OpenGate(servos.max_acceleration, dt=dt)
+    servos = robot.joint_map
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in servos.servos)
     limits = replace(robot.profile.guard_limits(), lag=lag)
     if parks:
         limits = replace(limits, max_hold=LONGEST_HOLD_S, max_home_ticks=round(HOME_S / dt), period=dt)
-    guard = Guard(bus=bus, joint_map=servos, goal_filter=goals, clock=clock, limits=limits)
+    guard = Guard(bus=bus, joint_map=servos, goal_filter=last.goals, clock=clock, limits=limits)
     return RobotSide(
         robot=robot,
         follower=lead(follower),
-        goals=goals,
+        goals=last.goals,
         guard=guard,
         clock=clock,
         dt=dt,
-        clearance=clearance,
-        passes=gate.passes if options.gate else None,
+        clearance=last.clearance,
+        passes=last.passes,
         parks=parks,
         tell=tell,
     )
-
-
-def _clearance(robot: RobotBody, follower: Follower, dt: float) -> PathClearance | None:
-    """The gate's look at collision; None for a robot without observers."""
-    observers = follower.hierarchy.observers
-    return None if observers is None else PathClearance(robot, observers, follower.surroundings, dt=dt)

@@ -44,6 +44,7 @@ __all__ = [
     "Priorities",
     "ReactiveTask",
     "Task",
+    "UpholdSettings",
     "load_priorities",
 ]
 
@@ -217,6 +218,17 @@ class ObserverSettings(Schema):
     obstacle_margin: NotNegative | None = None
 
 
+class UpholdSettings(Schema):
+    """Goals that hold a robot on its soles up where its servos give way (see `retarget.upheld_goals`).
+
+    settle: s, time constant with which goals follow the load. reserve: share by which the load of a crouch is exceeded
+    in motion; what carries it is planned no faster than its motors turn under that.
+    """
+
+    settle: Annotated[Positive, Field(le=1.0)] = 0.02
+    reserve: NotNegative = 0.25
+
+
 class Level(Schema):
     """Tasks of equal rank. A level without tasks keeps its place and asks nothing."""
 
@@ -229,7 +241,8 @@ class Priorities(Schema):
 
     activation: which preventive observers put up their row: the closest per obstacle (paper), one after the other by
     distance, or all (a damper throughout influence). observers: which they are. heading: how the heading of a
-    performer is told from the sensors.
+    performer is told from the sensors. uphold: for a robot with mass on its own soles; absent: its goals are its
+    postures.
     """
 
     name: Name
@@ -238,6 +251,7 @@ class Priorities(Schema):
     activation: Literal["closest", "ranked", "all"] = "closest"
     observers: ObserverSettings = ObserverSettings()
     heading: HeadingSettings = HeadingSettings()
+    uphold: UpholdSettings | None = None
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
 
     def tasks(self) -> Iterator[tuple[int, int, Task]]:

@@ -250,3 +250,16 @@ def test_a_verdict_does_not_outlive_the_posture_that_it_was_given_from() -> None
     gate.admit(0.9 * CHANGE)
     gate.admit(1.8 * CHANGE)
     assert not np.array_equal(gate.admit(goal), goal)  # back at once: beyond the acceleration
+
+
+@given(st.integers(0, 2**31))
+def test_the_nearest_to_any_goal_passes_and_one_that_passes_is_nearest_to_itself(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    gate = make(rng.uniform(0.5 * MAP.lower, 0.5 * MAP.upper))
+    for _ in range(60):
+        goal = rng.uniform(-3.0, 3.0, 4) if rng.integers(2) else gate.position + 2.0 * CHANGE * rng.normal(size=4)
+        nearest = gate.nearest(goal)
+        assert gate.passes(nearest)
+        if gate.passes(goal):
+            np.testing.assert_allclose(nearest, goal, atol=TINY)
+        gate.admit(nearest)

@@ -142,3 +142,25 @@ def test_wrong_tasks_do_not_make_their_list_wrong_too(tmp_path: Path) -> None:
 def test_unknown_name_is_refused() -> None:
     with pytest.raises(UsageError, match="unknown priority file"):
         load_priorities("no_such_priorities")
+
+
+@pytest.mark.parametrize(
+    ("settings", "part"),
+    [({"settle": 0.0}, "settle"), ({"settle": 2.0}, "settle"), ({"reserve": -0.1}, "reserve"), ({"share": 1}, "share")],
+)
+def test_what_cannot_uphold_is_refused(settings: dict[str, float], part: str) -> None:
+    levels = [{"name": "b", "tasks": [{"type": "posture", "towards": "stand"}]}]
+    sound = {"name": "t", "description": "t", "levels": levels}
+    assert Priorities.model_validate(sound).uphold is None
+    uphold = Priorities.model_validate({**sound, "uphold": {}}).uphold
+    assert uphold is not None and uphold.settle > 0.0 and uphold.reserve > 0.0
+    with pytest.raises(ValueError, match=part):
+        Priorities.model_validate({**sound, "uphold": settings})
+
+
+def test_only_steady_upholds_and_it_puts_soles_and_balance_before_limbs() -> None:
+    for name in ("servo", "paper", "human"):
+        assert load_priorities(name).uphold is None
+    steady = load_priorities("steady")
+    assert steady.uphold is not None
+    assert [level.name for level in steady.levels][:3] == ["soles", "balance", "self collision"]

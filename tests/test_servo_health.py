@@ -247,6 +247,21 @@ def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
     assert health.complaint(silent, states.position - off) is None
 
 
+def test_what_a_load_explains_is_no_fault() -> None:
+    """A servo that is held beside its goal is where it is to be; one that is not held there, is off."""
+    joint_map = JointMap(waist_servos())
+    bus = MockBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
+    bus.open()
+    states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
+    at = joint_map.to_radians(states.position)
+    goal = at + np.array([0.5, 0.0, 0.0, 0.0])
+    sent = joint_map.to_ticks(goal)
+    assert ServoHealth(joint_map, LIMITS).complaint(states, sent, at) is None
+    for held in (None, goal, np.full(4, 1e3)):  # the last is beyond any travel, and explains nothing
+        complaint = ServoHealth(joint_map, LIMITS).complaint(states, sent, held)
+        assert complaint is not None and "0.50 rad" in complaint[1]
+
+
 def test_a_bus_that_tells_nothing_of_some_costs_nobody_else_a_warning() -> None:
     """Unknown values go along with known ones that are watched as ever."""
     rig = Rig(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hardware.servo import ServoGains
-from hardware.servo_lag import ExpectedWay, full_drive_error, loop_lag
+from hardware.servo_lag import DEFAULT_P_GAIN, ExpectedWay, full_drive_error, loop_lag, loop_stiffness
 from servos import four_servos
 
 DT, LAG = 0.008, 0.045
@@ -69,3 +69,13 @@ def test_a_stiffer_loop_lags_less() -> None:
     soft, stiff = (loop_lag(replace(servo, gains=ServoGains(position_p=gain))) for gain in (800, 1600))
     assert soft == pytest.approx(2.0 * stiff)
     assert soft == pytest.approx(full_drive_error(servo.model, 800) / servo.model.no_load_speed)
+
+
+def test_a_shaft_is_as_stiff_as_its_gain() -> None:
+    servo = four_servos()[0]
+    usual = replace(servo, gains=ServoGains(position_p=DEFAULT_P_GAIN))
+    twice = replace(servo, gains=ServoGains(position_p=2 * DEFAULT_P_GAIN))
+    model = servo.model
+    assert loop_stiffness(usual) == pytest.approx(model.stall_torque / full_drive_error(model, DEFAULT_P_GAIN))
+    assert loop_stiffness(twice) == pytest.approx(2.0 * loop_stiffness(usual))
+    assert loop_stiffness(replace(servo, gains=ServoGains())) == loop_stiffness(usual)
