@@ -107,7 +107,6 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
             pass_fds=(theirs.fileno(),),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for the run
         )
     assert process.stdin is not None
     try:

@@ -27,7 +27,7 @@ from retarget.viewer.server import open_server
 from retarget.viewer.solids import shape_mesh
 from retarget.viewer.wire import RowSizes, unpack
 
-NICENESS = 10
+NICENESS = 15
 """The run comes first."""
 LAST_SHOWN_S = 2.0
 """So long the end stays on the page: whoever looks sees why."""
@@ -36,8 +36,10 @@ LONGEST_ROW = 1 << 16
 
 def main(arguments: list[str]) -> int:
     """Serve until the run ends."""
+    # It stays in the session of the run, in which alone its niceness counts (autogroups); signals are for the run.
     os.nice(NICENESS)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     link = socket.socket(fileno=int(arguments[0]))
     try:
         setup = _setup(sys.stdin.read())
