@@ -3,25 +3,18 @@
 import sys
 
 from hardware.clock import VirtualClock
-from retarget.metrics.measure import measure
-from retarget.options import RunOptions
-from retarget.prepare import prepare
-from retarget.sources.open import open_source
-from sim.mock_bus import MockBus
+from retarget import RunOptions, measure, open_source, prepare
+from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 
 def main(path: str | None = None) -> None:
     """Run and print what the hands did."""
 
-    def mock(robot, clock):
-        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
-
     def read():
         return open_source(path) if path else synthetic_performer().cut(0.0, 4.0)
 
-    with prepare(read, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock) as prepared:
+    with prepare(read, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock_bus) as prepared:
         report = measure(prepared.run())
     for name, tracking in report.tracking_mm.items():
         print(f"{name:10s} {tracking.mean:6.1f} mm off on average")

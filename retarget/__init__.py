@@ -8,14 +8,16 @@ from retarget import siblings
 __version__ = "0.1.0"
 
 _HOMES = {
-    "BodyModel": "retarget.body",
     "Gate": "retarget.gate",
-    "InputError": "retarget.errors",
     "RetargetError": "hardware.errors",
+    "RunOptions": "retarget.options",
     "SensorFrames": "retarget.frames",
-    "load_body": "retarget.body",
-    "load_profile": "retarget.profile",
+    "import_robot": "retarget.importing.import_robot",
+    "load_robot": "retarget.robot_body",
+    "measure": "retarget.metrics.measure",
     "open_source": "retarget.sources.open",
+    "prepare": "retarget.prepare",
+    "read_run": "retarget.exporting",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

@@ -11,12 +11,20 @@ from hardware.clock import Clock
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec
 from hardware.servo_lag import loop_lag
+from retarget.robot_body import RobotBody
 from sim.mock_faults import FaultKind, MockFault
 from sim.servo_load import ServoLoad
 from sim.servo_motion import saturated_lag
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
 ALERT_BIT = np.uint8(0x80)  # of the error byte
+
+
+def mock_bus(robot: RobotBody, clock: Clock) -> "MockBus":
+    """The bus of a robot whose servos begin in its posture `stand`."""
+    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
+    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+    return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), protocols=protocols)
 
 
 class MockBus:

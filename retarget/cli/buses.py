@@ -25,10 +25,9 @@ def make_bus(name: str, robot: RobotBody, clock: Clock, *, faults: Path | None =
 
         return NoBus(clock, start=standing_ticks(robot))
     if name == "mock":
-        from sim.mock_bus import MockBus
+        from sim.mock_bus import mock_bus
 
-        protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
-        return MockBus(robot.joint_map.servos, clock, start=standing_ticks(robot), protocols=protocols)
+        return mock_bus(robot, clock)
     if name == "emulator":
         from sim.emulated_bus import emulated_bus
 

@@ -69,14 +69,14 @@ def import_robot(
     path: Path,
     out: Path | None = None,
     *,
-    relaxed: Relaxed,
+    relaxed: Relaxed | None = None,
     name: str | None = None,
     samples: int = DEFAULT_SAMPLES,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Imported:
     """Draft a profile of a body file into the new folder `out`; None: named for the robot, here.
 
-    Raises InputError, UsageError, and leaves nothing behind.
+    relaxed: what the user lets go; None: nothing. Raises InputError, UsageError, and leaves nothing behind.
     """
     if out is not None:
         _check_out(out)
@@ -85,7 +85,7 @@ def import_robot(
     if out is None:
         out = Path(robot)
         _check_out(out)
-    body = draft_body(source, relaxed)
+    body = draft_body(source, relaxed or Relaxed())
     body = replace(body, notes=(*_taken(robot), *body.notes))
     speeds = stated_speeds(source) if source.kind == "urdf" else {}
     try:
