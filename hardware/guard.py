@@ -117,7 +117,7 @@ class Guard:
                     describe(what="the filter moved the present posture", then="Seed the filter with what it is given")
                 )
             self._write(goals)
-            self._pending = None
+            self._pending, self._unled = None, Unled()
             self._pace.restart()
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)

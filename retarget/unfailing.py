@@ -1,8 +1,26 @@
-"""A question that must not fail while a robot brakes."""
+"""What must not fail while a robot moves: a question, and whoever looks on."""
 
 from collections.abc import Callable
 
-__all__ = ["Unfailing"]
+from retarget.record import Record
+
+__all__ = ["Onlooker", "Unfailing"]
+
+
+class Onlooker:
+    """Shows every row of a record to `look`; from its first exception on to nobody. failure: that one, in words."""
+
+    def __init__(self, look: Callable[[Record, int], object]) -> None:
+        self._look = look
+        self.failure = ""
+
+    def __call__(self, record: Record, row: int) -> None:
+        """A row was filled."""
+        if not self.failure:
+            try:
+                self._look(record, row)
+            except Exception as error:  # noqa: BLE001 - a robot goes on, whoever looks on
+                self.failure = f"{type(error).__name__}: {error}"
 
 
 class Unfailing:

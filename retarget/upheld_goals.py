@@ -30,6 +30,8 @@ MOST_RAD = 0.2
 """Farthest that a goal is beside its posture; a servo that gives way by more is overloaded."""
 SPEED_SHARE = 0.4
 """Share of a joint's speed at which its goal may move away from its posture. Back to it, it goes at any."""
+RISE_S = 2.0
+"""So long after torque came on that share is reached, in line: nothing moves fast then."""
 STILL_RAD = 1e-4
 """What is nearer to where it settles, and moves less in a tick, stands: a fifteenth of a tick of the encoder. Else a
 robot that stops would not be at rest for long."""
@@ -98,6 +100,7 @@ class UpheldGoals:
         self._com: FloatArray | None = None
         self._velocity = np.zeros(3)
         self._thought: _Thought | None = None
+        self._ticks = 0  # since torque came on
         self._start(gate.position)
 
     @property
@@ -141,6 +144,7 @@ class UpheldGoals:
         self._upheld, self._behind, self._position = thought.upheld, thought.behind, thought.posture
         self._com, self._velocity = thought.com, thought.velocity
         self._thought = None
+        self._ticks += 1
         return sent
 
     def brake(self) -> FloatArray:
@@ -152,6 +156,7 @@ class UpheldGoals:
     def _start(self, position: FloatArray) -> None:
         self._upheld, self._behind, self._moved = (np.zeros_like(position) for _ in range(3))
         self._position = position
+        self._ticks = 0
         self._forget()
 
     def _stopped(self, sent: FloatArray) -> None:
@@ -184,7 +189,8 @@ class UpheldGoals:
         torque = self._load.torques(q, acceleration)[self._dofs]
         wanted = np.clip(self._give @ torque, -MOST_RAD, MOST_RAD)
         speed = self._settled(self._upheld, self._moved / self._dt, wanted)
-        moved = np.clip(self._dt * speed, -self._most, self._most)
+        most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most
+        moved = np.clip(self._dt * speed, -most, most)
         still = np.maximum(np.abs(moved), np.abs(wanted - self._upheld)) < STILL_RAD
         upheld = np.where(still, self._upheld, self._upheld + moved)
         behind = (1.0 - self._catch_up) * (self._position + self._behind - posture)

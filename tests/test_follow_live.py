@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from hardware.clock import VirtualClock
 from live_rig import LiveRig
 from retarget.cli import main
 from retarget.cli.clutch import Clutch
-from retarget.cli.follow_live import _in_time, _wait_until_wanted, refuse_for_file, sides_are_checked
+from retarget.cli.follow_live import _wait_until_wanted, refuse_for_file, sides_are_checked
 from retarget.cli.interrupt import StopRequest
 from retarget.cli.keys import Keys
 from retarget.cli.live_controls import LiveControls
@@ -122,21 +121,6 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         with pytest.raises(KeyboardInterrupt):
             _wait_until_wanted(clutch, controls, performer, rig.clock)
         assert not rig.bus.torque_on
-
-
-def test_without_a_robot_ticks_come_in_time_too() -> None:
-    clock, looked = VirtualClock(), list[float]()
-
-    def look() -> bool:
-        looked.append(clock.now())
-        if len(looked) == 3:
-            clock.advance(0.025)
-        return False
-
-    timed = _in_time(look, 0.01, clock)
-    for _ in range(5):
-        timed()
-    assert looked == pytest.approx([0.01, 0.02, 0.03, 0.055, 0.065])
 
 
 def raw(path: Path, *, seconds: float) -> str:

@@ -102,7 +102,7 @@ REFUSALS = {
     "report without folder": (("--report", "nowhere/r.json"), r"--report.*no such folder|no such folder.*--report"),
     "report of another kind": (("--report", "r.txt"), "--report"),
     "save of another kind": (("--save", "r.csv"), "--save"),
-    "an option of a later day": (("--view",), "No such option"),
+    "an option of a later day": (("--sing",), "No such option"),
     "no such scene": (("--scene", "s.yaml"), "s.yaml: there is no such scene"),
     "not a number": (("--speed", "fast"), "--speed"),
 }

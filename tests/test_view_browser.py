@@ -19,7 +19,7 @@ from saved_runs import saved_run
 
 pytestmark = pytest.mark.long
 
-ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+/\?key=\S+")
+ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+/\S+/")
 STOPPED_WITHIN_S = 0.1
 
 
@@ -119,7 +119,7 @@ def test_the_button_stops_the_robot_and_another_page_cannot(browser: Any, shared
         other.goto("data:text/html,<p>another page</p>")
         opened = other.evaluate(
             """address => new Promise(done => {
-                const link = new WebSocket(address.replace('http', 'ws').split('?')[0], ['viser-v1.1.1']);
+                const link = new WebSocket(address.replace('http', 'ws'), ['viser-v1.1.1']);
                 link.onopen = () => done('open'); link.onerror = () => done('refused');
             })""",
             address,

@@ -1,6 +1,7 @@
 """What a run tells its page: never waiting for it, and hearing nothing from it but that it is to stop."""
 
 import socket
+import subprocess
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,7 +13,7 @@ from retarget.errors import ConfigError
 from retarget.human import build_human
 from retarget.record import HumanRecord, Record, RobotRecord, Timing
 from retarget.viewer.feed import STOP, PageSetup, ViewFeed, open_feed
-from retarget.viewer.live_process import announced
+from retarget.viewer.live_process import _serve, announced
 from retarget.viewer.wire import RowSizes, unpack
 
 TICKS = 50
@@ -28,11 +29,26 @@ def record() -> Record:
     return Record(np.zeros(TICKS), np.zeros(TICKS, dtype=np.int8), human, robot, Timing.empty(TICKS))
 
 
-def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:
+class FakeProcess:
+    """The process of a page, which ends or does not."""
+
+    def __init__(self, *, hangs: bool = False) -> None:
+        self.hangs, self.killed = hangs, False
+
+    def wait(self, timeout: float | None = None) -> int:
+        if self.hangs and not self.killed:
+            raise subprocess.TimeoutExpired("page", timeout or 0.0)
+        return 0
+
+    def kill(self) -> None:
+        self.killed = True
+
+
+def feed(*, every: int = 5, process: FakeProcess | None = None) -> tuple[ViewFeed, socket.socket]:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.setblocking(False)
     theirs.setblocking(False)
-    return ViewFeed(ours, cast(Any, SimpleNamespace()), address="", every=every), theirs
+    return ViewFeed(ours, cast(Any, process or FakeProcess()), address="", rate_hz=25.0 * every), theirs
 
 
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
@@ -61,6 +77,38 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
     page.close()
     run.on_row(whole, 0)
     assert not run.stop_asked(), "a page that is gone does not stop the robot"
+
+
+def test_the_end_is_shown_also_where_no_row_was_sent_for_it() -> None:
+    run, page = feed()
+    with run:
+        run.words = lambda: ("following", "")
+        run.on_row(record(), 3)
+        run.words = lambda: ("stopped", "the bus is dead")
+    announced(page.recv(4096))
+    row = unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21))
+    assert row is not None and (row.state, row.why) == ("stopped", "the bus is dead")
+    assert page.recv(1) == b""
+
+
+def test_a_page_that_hangs_is_ended_with_the_run() -> None:
+    process = FakeProcess(hangs=True)
+    with feed(process=process)[0]:
+        pass
+    assert process.killed
+
+
+def test_whatever_is_shown_last_is_not_lost_with_the_link() -> None:
+    run, page = feed(every=1)
+    whole, shown = record(), list[float]()
+    for row in range(3):
+        run.on_row(whole, row)
+    page.recv(4096)
+    run._link.close()
+    sizes = RowSizes(27, 60, 20, 2, 21)
+    page.setblocking(True)
+    _serve(page, cast(Any, SimpleNamespace(show=lambda row: shown.append(row.time))), sizes)
+    assert shown == [pytest.approx(2 / 125.0)]
 
 
 def test_it_can_only_stop_and_stays_so() -> None:

@@ -9,6 +9,7 @@ from rich.console import Console
 from hardware.clock import MonotonicClock, VirtualClock
 from retarget.cli.boundary import DONE, STOPPED
 from retarget.cli.detached import detached_screens
+from retarget.cli.in_time import in_time
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.outputs import Outputs, Written
 from retarget.cli.physics_bench import PhysicsBench
@@ -49,11 +50,14 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with (
-                recorder.recording(prepared, source=source) as recorded,
                 viewing(outputs.view, prepared, options, tell=_note) as page,
+                recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
             ):
-                watch = Watch(show, page.heard(bench.watching(stop, prepared), stop), stop.insisted, stop.why)
+                asked = page.heard(bench.watching(stop, prepared), stop)
+                if prepared.side is None and outputs.view is not None:
+                    asked = in_time(asked, prepared.samples.dt, clock)
+                watch = Watch(show, asked, stop.insisted, stop.why)
                 run = recorded.run(page.watch(recorder.watch(watch, prepared)))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
         return recorder.code(finished(bench.seen(run), outputs))

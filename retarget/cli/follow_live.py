@@ -14,6 +14,7 @@ from retarget.cli.control_socket import ControlSocket, socket_path
 from retarget.cli.dead_man import DeadMan, open_dead_man
 from retarget.cli.detached import detached_screens
 from retarget.cli.follow_clip import finished
+from retarget.cli.in_time import in_time
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.keys import Keys
 from retarget.cli.live_controls import HELP, LiveControls
@@ -171,22 +172,9 @@ def _watch(
 ) -> Watch:
     """Who stops it; in time, also where there is no robot whose side keeps it."""
     if prepared.side is None:
-        look = _in_time(look, prepared.samples.dt, clock)
+        look = in_time(look, prepared.samples.dt, clock)
     asked = bench.watching(look, prepared, live=True)
     return Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why)
-
-
-def _in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:
-    """`look`, every `dt` s."""
-    deadline = clock.now()
-
-    def waited() -> bool:
-        nonlocal deadline
-        deadline = max(deadline + dt, clock.now())
-        clock.sleep_until(deadline)
-        return look()
-
-    return waited
 
 
 def _refuse_played(options: RunOptions) -> None:

@@ -28,6 +28,8 @@ def view(
     Open the address that is printed; its key keeps other pages and users out.
     """
     run = open_viewed(file)
+    for note in run.notes:
+        typer.echo(f"note: {file}: {note}", err=True)
     server, address = open_server(port, title=f"retarget: {file.name}")
     page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
     typer.echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")

@@ -8,13 +8,14 @@ from retarget.cli.interrupt import StopRequest
 from retarget.options import RunOptions
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared
-from retarget.record import Phase, Record
+from retarget.record import Record
+from retarget.unfailing import Onlooker
 from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
+from retarget.viewer.moment import PHASE_WORDS
 
 __all__ = ["ON_THE_PAGE", "Viewing", "viewing"]
 
 ON_THE_PAGE = "stopped on the web page"
-PHASES = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
 
 
 class Viewing:
@@ -22,6 +23,7 @@ class Viewing:
 
     def __init__(self, feed: ViewFeed | None, tell: Callable[[str], object] = lambda text: None) -> None:
         self._feed, self._tell = feed, tell
+        self._shows = Onlooker(lambda record, row: None if feed is None else feed.on_row(record, row))
 
     def heard(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
         """What is to be asked before every tick instead: the button of the page is `stop`, too."""
@@ -42,13 +44,18 @@ class Viewing:
         feed = self._feed
         if feed is None:
             return watch
-        on_row, show = watch.on_row, feed.on_row
+        on_row, show = watch.on_row, self._shows
 
         def both(record: Record, row: int) -> None:
             on_row(record, row)
             show(record, row)
 
         return replace(watch, on_row=both)
+
+    def settle(self) -> None:
+        """Say why nothing was shown any more, if so."""
+        if self._shows.failure:
+            self._tell(f"warning: the page showed nothing any more: {self._shows.failure}")
 
 
 @contextmanager
@@ -68,7 +75,11 @@ def viewing(
     with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
         feed.words = _words(prepared, words)
         tell(f"Look at it: {feed.address}")
-        yield Viewing(feed, tell)
+        view = Viewing(feed, tell)
+        try:
+            yield view
+        finally:
+            view.settle()
 
 
 def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
@@ -90,7 +101,9 @@ def _words(prepared: Prepared, words: Callable[[], str] | None) -> Callable[[], 
 
     def now() -> tuple[str, str]:
         stop = side.guard.stop_reason
-        state = PHASES[side.phase] if words is None else words()
-        return (state, "") if stop is None else ("stopping" if side.guard.active else "stopped", stop.reason)
+        state = PHASE_WORDS[side.phase] if words is None else words()
+        if stop is not None:
+            return "stopping" if side.guard.active else "stopped", stop.reason
+        return (state, "") if side.guard.active else ("ended", "")
 
     return now

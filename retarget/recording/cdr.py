@@ -54,7 +54,7 @@ class CdrBuilder:
 
     def text(self, value: str) -> "CdrBuilder":
         """A string that is the same in every message."""
-        data = value.encode() + b"\0"
+        data = value.encode(errors="replace") + b"\0"
         self._constant(len(data))
         self._bytes += data
         return self

@@ -22,6 +22,7 @@ from retarget.recording.taps import TappedBus, TappedClock, TappedSamples
 from retarget.recording.topics import Topic, topics
 from retarget.recording.writing import WritingThread
 from retarget.robot_body import RobotBody
+from retarget.unfailing import Onlooker
 
 __all__ = ["Recorder"]
 
@@ -46,6 +47,7 @@ class Recorder:
         self._note = Note()
         self._clock = clock
         self._thread: WritingThread | None = None
+        self._keeps = Onlooker(self._note.kept)
         self._told = False
         self.clock: Clock = clock if path is None else TappedClock(clock, self._note)
         """Of the guard and the robot's side."""
@@ -53,7 +55,7 @@ class Recorder:
     @property
     def trouble(self) -> str:
         """Why the recording is not whole; "" while it is."""
-        return "" if self._thread is None else self._thread.trouble or self._missing()
+        return "" if self._thread is None else self._thread.trouble or self._keeps.failure or self._missing()
 
     @property
     def cpu_s(self) -> float:
@@ -100,7 +102,7 @@ class Recorder:
                 note.cut_asked()
             return answer
 
-        return replace(watch, stop_asked=stop_asked, cut_asked=cut_asked, on_row=note.kept)
+        return replace(watch, stop_asked=stop_asked, cut_asked=cut_asked, on_row=self._keeps)
 
     def code(self, code: int) -> int:
         """The exit code of a run that ended with `code`: a recording that is not whole is a file not written."""

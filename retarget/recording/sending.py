@@ -69,6 +69,11 @@ class RecordedGoals:
         limits, caps = robot.limits, robot.profile.safety.speed_caps
         self._limits = replace(limits, max_velocity=max(caps.follow, caps.approach) * limits.max_velocity)
         self._change = limits.max_acceleration * dt**2  # (n,) [rad]
+        fastest = 2.0 * robot.joint_map.max_velocity * dt
+        if not np.isfinite(joints).all() or (np.abs(np.diff(joints[-2:], axis=0)) > fastest).any():
+            raise InputError(
+                "the goals of this recording were never a robot's", where=str(played.recording.path), found="no way on"
+            )
         self._joints = np.vstack([joints, *_to_rest(joints, self._change)])
         self._refused, self._refused_at = 0, 0.0
         body = robot.body

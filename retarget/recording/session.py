@@ -121,7 +121,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, parks: b
         version=retarget.__version__,
         numpy=np.__version__,
         machine=platform.machine(),
-        source=source,
+        source=source.encode(errors="replace").decode(),  # of a file whose name is not UTF-8
         robot=options.robot,
         bus=options.bus,
         performer=options.performer,

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from types import TracebackType
 from typing import Self
@@ -26,6 +27,8 @@ STOP = b"stop"
 READY, REFUSED = b"ready ", b"refused "
 START_S = 30.0
 """A page that is not there by then is not coming."""
+LAST_ROW_S, ENDING_S = 0.2, 4.0
+"""The end is told within this, and the process of the page has ended within that, s."""
 BUFFER_BYTES = 1 << 17
 LONGEST_MESSAGE = 4096
 
@@ -52,30 +55,39 @@ class Announced:
 
 
 class ViewFeed:
-    """link: to the process of the page, never waiting. every: ticks from one moment that is shown to the next."""
+    """link: to the process of the page, never waiting. rate_hz: of the ticks."""
 
-    def __init__(self, link: socket.socket, process: "subprocess.Popen[bytes]", *, address: str, every: int) -> None:
+    def __init__(
+        self, link: socket.socket, process: "subprocess.Popen[bytes]", *, address: str, rate_hz: float
+    ) -> None:
         self.address = address
         self.words: Callable[[], tuple[str, str]] = lambda: ("", "")
         """What the robot does now, and why; asked when a moment is shown."""
-        self._link, self._process, self._every = link, process, every
+        self._link, self._process, self._rate_hz = link, process, rate_hz
+        self._every = max(round(rate_hz / SHOWN_HZ), 1)
         self._ticks = 0
         self.dropped = 0
         """Moments that nobody took."""
         self._stop = self._announced = False
+        self._last: tuple[Record, int] | None = None
 
     def on_row(self, record: Record, row: int) -> None:
         """A tick was kept in a row of the record; some times a second it is shown."""
         self._ticks += 1
+        self._last = record, row
         if self._ticks % self._every:
             return
         try:
-            if not self._announced:
-                self._link.send(json.dumps(asdict(_announced(record))).encode())
-                self._announced = True
-            self._link.send(pack(_row(record, row, self.words())))
+            self._show(record, row)
         except OSError:  # full, or gone
             self.dropped += 1
+
+    def _show(self, record: Record, row: int) -> None:
+        """Raises OSError where nobody takes it at once."""
+        if not self._announced:
+            self._link.send(json.dumps(asdict(_announced(record))).encode())
+            self._announced = True
+        self._link.send(pack(_row(record, row, self.words(), time=self._ticks / self._rate_hz)))
 
     def stop_asked(self) -> bool:
         """Whether somebody pressed the button of the page, ever."""
@@ -92,8 +104,17 @@ class ViewFeed:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """The page ends by itself when its link does."""
+        """Show how it ended; then the page ends by itself, or is ended."""
+        if self._last is not None:
+            with suppress(OSError):
+                self._link.settimeout(LAST_ROW_S)
+                self._show(*self._last)
         self._link.close()
+        try:
+            self._process.wait(ENDING_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
 
 def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
@@ -103,7 +124,7 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-m", "retarget.viewer.live_process", str(theirs.fileno())],
+            [sys.executable, "-P", "-m", "retarget.viewer.live_process", str(theirs.fileno())],
             pass_fds=(theirs.fileno(),),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
@@ -119,11 +140,12 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
     if not answer.startswith(READY):
         ours.close()
         process.kill()
+        process.wait()
         why = answer.removeprefix(REFUSED).decode(errors="replace")
         raise ConfigError(why.removesuffix(".") or "the page did not open")
     ours.setblocking(False)
     address = answer.removeprefix(READY).decode()
-    return ViewFeed(ours, process, address=address, every=max(round(rate_hz / SHOWN_HZ), 1))
+    return ViewFeed(ours, process, address=address, rate_hz=rate_hz)
 
 
 def _announced(record: Record) -> Announced:
@@ -131,11 +153,11 @@ def _announced(record: Record) -> Announced:
     return Announced((), 0) if robot is None else Announced(robot.landmark_names, robot.observer_modes.shape[1])
 
 
-def _row(record: Record, row: int, words: tuple[str, str]) -> LiveRow:
+def _row(record: Record, row: int, words: tuple[str, str], *, time: float) -> LiveRow:
     (state, why), human, robot = words, record.human.q[row], record.robot
     if robot is None:
         none = np.zeros(0)
-        return LiveRow(0.0, state, why, none, human, none, none, np.zeros((0, 3)), np.zeros(0, dtype=np.uint8))
+        return LiveRow(time, state, why, none, human, none, none, np.zeros((0, 3)), np.zeros(0, dtype=np.uint8))
     return LiveRow(
         float(robot.bus_time[row]),
         state,

@@ -17,12 +17,11 @@ from retarget.recording.replay import refuse_other_robot
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK
 from retarget.robot_body import load_robot
 from retarget.rotations import FloatArray
-from retarget.viewer.moment import Cast, Moment, Viewed, actor
+from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, Viewed, actor
 from retarget.viewer.recorded import open_recorded
 
 __all__ = ["RecordedCycles", "open_viewed"]
 
-PHASES = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
 SAID = {STATES[state]: state.value for state in (GuardState.HOLDING, GuardState.STOPPING, GuardState.STOPPED)}
 """States of the guard that say more than the phase of a tick."""
 
@@ -39,7 +38,7 @@ class RecordedCycles:
             raise InputError("nothing was sent in this recording", where=str(recording.path))
         self._human = _spread(recording.topic(HUMAN_POSTURE), self._cycles.index, "q")
         human = actor(compile_body_text(build_human(session.size).mjcf, source="human", root="free"))
-        self.notes = (recording.damage,) if recording.damage else ()
+        self.notes: tuple[str, ...] = (recording.damage,) if recording.damage else ()
         follows = np.flatnonzero(self._cycles.phase[self._rows] == Phase.FOLLOW)
         index = self._cycles.index[self._rows]
         self.times: FloatArray = (index - index[follows[0] if follows.size else 0]) * session.dt
@@ -66,7 +65,7 @@ class RecordedCycles:
         """The tick of a row."""
         at, robot = int(self._rows[row]), self.cast.profile
         human = self._human[at]
-        state = SAID.get(int(self._cycles.state[at]), PHASES[Phase(int(self._cycles.phase[at]))])
+        state = SAID.get(int(self._cycles.state[at]), PHASE_WORDS[Phase(int(self._cycles.phase[at]))])
         if robot is None:
             none, com = np.zeros(0), self.cast.human.body.solver_body().centre_of_mass(human[None])[0]
             return Moment(float(self.times[row]), state, none, none, human, none, none, _NO_POINTS, _NO_POINTS, com)

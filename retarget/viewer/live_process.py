@@ -29,7 +29,7 @@ from retarget.viewer.wire import RowSizes, unpack
 
 NICENESS = 15
 """The run comes first."""
-LAST_SHOWN_S = 2.0
+LAST_SHOWN_S = 1.5
 """So long the end stays on the page: whoever looks sees why."""
 LONGEST_ROW = 1 << 16
 
@@ -84,14 +84,16 @@ def _sizes(cast: Cast, told: Announced) -> RowSizes:
 
 def _serve(link: socket.socket, page: LivePage, sizes: RowSizes) -> None:
     """Show the newest row, again and again, until the run has ended."""
-    while newest := link.recv(LONGEST_ROW):
+    ended = False
+    while not ended:
+        newest = link.recv(LONGEST_ROW)
         while newest and select.select([link], [], [], 0.0)[0]:  # what is older is not shown any more
-            newest = link.recv(LONGEST_ROW)
+            later = link.recv(LONGEST_ROW)
+            ended, newest = not later, later or newest
         row = unpack(newest, sizes)
         if row is not None:
             page.show(row)
-        if not newest:
-            return
+        ended = ended or not newest
 
 
 def _setup(text: str) -> PageSetup:

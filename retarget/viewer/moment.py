@@ -7,13 +7,15 @@ import numpy as np
 
 from retarget.body import BodyModel, body_from_file
 from retarget.body_file import BodyFile
-from retarget.record import ModeArray
+from retarget.record import ModeArray, Phase
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.viewer.solids import LinkMesh, Mesh, link_meshes
 
-__all__ = ["Actor", "Cast", "Moment", "Standing", "Viewed", "actor"]
+__all__ = ["PHASE_WORDS", "Actor", "Cast", "Moment", "Standing", "Viewed", "actor"]
 
+PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
+"""What a robot does in a tick of that phase."""
 LEAST_M = 0.05
 """Height of a body that has none: something to scale by."""
 
@@ -96,6 +98,8 @@ class Viewed(Protocol):
     cast: Cast
     times: FloatArray
     """Of its T moments, s."""
+    notes: tuple[str, ...]
+    """What is missing of it."""
 
     def moment(self, row: int) -> Moment:
         """One of them."""

@@ -11,7 +11,7 @@ from retarget.body_file import compile_body, compile_body_text
 from retarget.errors import InputError, RefusedError
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import FloatArray
-from retarget.viewer.moment import Cast, Moment, actor
+from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, actor
 
 __all__ = ["RecordedRun", "open_recorded"]
 
@@ -32,7 +32,7 @@ KEYS = {
 }
 """What a saved run must have, and how many axes each has."""
 PER_TICK = ("phase", "joint_positions", "root_position", "root_quaternion", "goal_ticks", "landmarks_asked", "human_q")
-STATES = {"approach": "approaching", "follow": "following", "brake": "stopping"}
+STATES = {phase.name.lower(): word for phase, word in PHASE_WORDS.items()}
 MOST_BYTES = 4 << 30
 
 Arrays = dict[str, NDArray[Any]]
@@ -43,6 +43,7 @@ class RecordedRun:
 
     def __init__(self, arrays: Arrays, *, title: str) -> None:
         self.times: FloatArray = arrays["time"]
+        self.notes: tuple[str, ...] = ()
         body = compile_body(Path(str(arrays["body"])), root="free")
         human = compile_body_text(str(arrays["human_mjcf"]), source="human of the run", root="free")
         robot = actor(body)

@@ -3,6 +3,7 @@
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
@@ -81,10 +82,7 @@ def _guarded(door: Door) -> Iterator[None]:
                 body = f"{judged.why}\n".encode()
                 kind = {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))}
                 return Response(judged.status.value, judged.status.phrase, Headers(**kind), body)
-            if judged.cookie is not None:
-                there = {"Location": "/", "Set-Cookie": judged.cookie, "Content-Length": "0"}
-                return Response(303, "See Other", Headers(**there), b"")
-            response: Response | None = process_request(connection, request)
+            response: Response | None = process_request(connection, replace(request, path=judged))
             if response is not None:
                 response.headers["X-Frame-Options"] = "DENY"
                 response.headers["Referrer-Policy"] = "no-referrer"

@@ -49,7 +49,7 @@ class LiveRow:
 def pack(row: LiveRow) -> bytes:
     """Bytes of a row, as 32-bit numbers: a tenth of a micrometre of a robot."""
     parts = (row.robot, row.human, row.present, row.temperature, row.asked.reshape(-1), row.modes)
-    head = _HEAD.pack(row.time, row.state.encode()[:48], row.why.encode()[:256])
+    head = _HEAD.pack(row.time, row.state.encode(errors="replace")[:48], row.why.encode(errors="replace")[:256])
     return head + np.concatenate(parts).astype(np.float32).tobytes()
 
 
