@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ("retarget", "hardware", "sim", "tests", "benchmarks", "examples")
 MAX_LINES = 300
 MAX_FUNCTION = 50
+LARGEST = 600_000
 FORBIDDEN_CALLS = {"eval", "exec", "pickle.load", "pickle.loads", "yaml.load", "yaml.unsafe_load", "yaml.full_load"}
 
 
@@ -21,6 +22,11 @@ def python_files() -> list[Path]:
 
 def rust_files() -> list[Path]:
     return sorted((ROOT / "retarget/solver/src").rglob("*.rs"))
+
+
+def test_nothing_large_is_kept() -> None:
+    large = [name for name in tracked() if (ROOT / name).is_file() and (ROOT / name).stat().st_size > LARGEST]
+    assert not large
 
 
 def tracked() -> list[str]:

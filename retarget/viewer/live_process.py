@@ -87,7 +87,7 @@ def _serve(link: socket.socket, page: LivePage, sizes: RowSizes) -> None:
     ended = False
     while not ended:
         newest = link.recv(LONGEST_ROW)
-        while newest and select.select([link], [], [], 0.0)[0]:  # what is older is not shown any more
+        while newest and not ended and select.select([link], [], [], 0.0)[0]:  # what is older is not shown any more
             later = link.recv(LONGEST_ROW)
             ended, newest = not later, later or newest
         row = unpack(newest, sizes)
