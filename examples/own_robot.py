@@ -5,7 +5,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hardware.clock import VirtualClock
-from retarget import RunOptions, import_robot, load_robot, measure, prepare
+from retarget import RunOptions, import_robot, load_robot, measure
+from retarget.prepare import prepare
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 

@@ -5,8 +5,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hardware.clock import VirtualClock
-from retarget import RunOptions, measure, prepare
+from retarget import RunOptions, measure
 from retarget.plots import figures_of
+from retarget.prepare import prepare
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 

@@ -13,10 +13,10 @@ _HOMES = {
     "RunOptions": "retarget.options",
     "SensorFrames": "retarget.frames",
     "import_robot": "retarget.importing.import_robot",
+    "load_body": "retarget.body",
     "load_robot": "retarget.robot_body",
     "measure": "retarget.metrics.measure",
     "open_source": "retarget.sources.open",
-    "prepare": "retarget.prepare",
     "read_run": "retarget.exporting",
 }
 

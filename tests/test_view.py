@@ -26,7 +26,7 @@ def test_what_is_no_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture
     assert leave("view", other) == REFUSED
     assert leave("view", tmp_path / "none.npz") == REFUSED
     told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2 and all("not a run that was saved" in line for line in told)
+    assert len(told) == 2 and "not a run that was saved" in told[0] and "No such file" in told[1]
 
 
 def test_a_page_is_where_view_says() -> None:

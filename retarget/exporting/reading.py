@@ -35,6 +35,7 @@ def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) ->
             where=str(path)[:200],
             found=path.suffix or "no suffix",
             allowed=", ".join(READERS),
-            next_step="Give a file that `retarget run --save FILE.npz` wrote",
+            next_step="Give a file that `retarget run --save FILE.npz` wrote. Of a recording: "
+            "`retarget replay RUN.mcap --save FILE.npz` makes one",
         )
     return reader.human(path) if of_human else reader.robot(path, body)

@@ -12,7 +12,7 @@ from retarget.human import build_human
 from retarget.record import Phase
 from retarget.recording.note import STATES
 from retarget.recording.played import played
-from retarget.recording.reading import Recording, TopicRows, read_recording
+from retarget.recording.reading import MAGIC, Recording, TopicRows, read_recording
 from retarget.recording.replay import refuse_other_robot
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK
 from retarget.robot_body import load_robot
@@ -22,6 +22,8 @@ from retarget.viewer.recorded import open_recorded
 
 __all__ = ["RecordedCycles", "open_viewed"]
 
+ZIP = b"PK"
+"""Begins an NPZ file."""
 SAID = {STATES[state]: state.value for state in (GuardState.HOLDING, GuardState.STOPPING, GuardState.STOPPED)}
 """States of the guard that say more than the phase of a tick."""
 
@@ -103,8 +105,22 @@ class RecordedCycles:
 
 
 def open_viewed(path: Path) -> Viewed:
-    """Of a saved or a recorded run. Raises InputError for anything else."""
-    return RecordedCycles(read_recording(path)) if path.suffix.lower() == ".mcap" else open_recorded(path)
+    """Of a saved or a recorded run, by what is in the file. Raises InputError for anything else."""
+    try:
+        with path.open("rb") as file:
+            begins = file.read(len(MAGIC))
+    except OSError as error:
+        raise InputError("cannot read the run", where=str(path), found=error.strerror or str(error)) from error
+    if begins == MAGIC:
+        return RecordedCycles(read_recording(path))
+    if begins.startswith(ZIP):
+        return open_recorded(path)
+    raise InputError(
+        "not a run that was saved",
+        where=str(path),
+        found="neither NPZ nor MCAP",
+        allowed="a file of retarget run --save FILE.npz, or --record FILE.mcap",
+    )
 
 
 def _tells_why(who: str, text: str) -> bool:
