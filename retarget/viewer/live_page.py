@@ -10,7 +10,7 @@ import numpy as np
 from retarget.rotations import FloatArray
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.moment import Cast, Moment
-from retarget.viewer.page import add_parts, headline
+from retarget.viewer.page import add_curves, add_parts, headline
 from retarget.viewer.wire import LiveRow
 
 if TYPE_CHECKING:
@@ -70,23 +70,11 @@ class LivePage:
         self._button.label = "STOPPING"
 
     def _add_plot(self) -> None:
-        from viser import uplot
-
         gui = self._server.gui
         with gui.add_folder("joint"):
             self._chosen = gui.add_dropdown("joint", self._cast.joints)
             self._chosen.on_update(lambda _: self._draw_plot())
-            self._plot = gui.add_uplot(
-                (np.zeros(2), np.zeros(2), np.zeros(2)),
-                (
-                    uplot.Series(label="s"),
-                    uplot.Series(label="sent", stroke="#f29e2e", width=2),
-                    uplot.Series(label="servo", stroke="#4a6284", width=1),
-                ),
-                scales={"x": uplot.Scale(time=False)},
-                title="degrees",
-                aspect=1.3,
-            )
+            self._plot = add_curves(self._server, (np.zeros(2), np.zeros(2), np.zeros(2)))
 
     def _draw_plot(self) -> None:
         if self._plot is None or self._chosen is None or len(self._kept) < 2:

@@ -14,7 +14,7 @@ from retarget.viewer.timeline import Timeline
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["RecordedPage", "add_parts", "headline"]
+__all__ = ["RecordedPage", "add_curves", "add_parts", "headline"]
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
 PLOTTED = 1500
@@ -86,22 +86,10 @@ class RecordedPage:
             self._timeline.play(self._clock.now())
 
     def _add_plot(self, server: "viser.ViserServer") -> None:
-        from viser import uplot
-
         joints = self._viewed.cast.joints
         with server.gui.add_folder("joint"):
             chosen = server.gui.add_dropdown("joint", joints)
-            plot = server.gui.add_uplot(
-                self._curves(0),
-                (
-                    uplot.Series(label="s"),
-                    uplot.Series(label="sent", stroke="#f29e2e", width=2),
-                    uplot.Series(label="servo", stroke="#4a6284", width=1),
-                ),
-                scales={"x": uplot.Scale(time=False)},
-                title="degrees",
-                aspect=1.3,
-            )
+            plot = add_curves(server, self._curves(0))
             chosen.on_update(lambda _: setattr(plot, "data", self._curves(joints.index(chosen.value))))
 
     def _curves(self, joint: int) -> tuple[FloatArray, ...]:
@@ -119,6 +107,23 @@ def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
             box.on_update(
                 lambda _, part=part, box=box: drawing.see(part, visible=bool(box.value))  # type: ignore[misc]
             )
+
+
+def add_curves(server: "viser.ViserServer", curves: tuple[FloatArray, ...]) -> "viser.GuiUplotHandle":
+    """A plot of one joint. curves (T,) each: s; degrees sent, and of the servo."""
+    from viser import uplot
+
+    return server.gui.add_uplot(
+        curves,
+        (
+            uplot.Series(label="s"),
+            uplot.Series(label="sent", stroke="#f29e2e", width=2),
+            uplot.Series(label="servo", stroke="#4a6284", width=1),
+        ),
+        scales={"x": uplot.Scale(time=False)},
+        title="degrees",
+        aspect=1.3,
+    )
 
 
 def headline(moment: Moment) -> str:
