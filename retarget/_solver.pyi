@@ -256,11 +256,11 @@ class Solver:
     def target_slice(self, level: int, task: int) -> tuple[int, int]:
         """(start, stop) of a task in the target vector, its leading weight included."""
     def reset(self, q: Floats, velocity: Floats | None = None) -> None:
-        """Start from posture q (nq,), moving at velocity (nv,) per second."""
+        """Start from posture q (nq,), moving at velocity (nv,) per second; the active set stays, as a guess."""
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
     def clip(self, targets: Floats, dt: float) -> Floats:
-        """Many frames: targets (T, target_size) -> postures (T, nq)."""
+        """Many frames: targets (T, target_size) -> postures (T, nq). Begins with the guess with which the clip before began."""
     def set_obstacles(
         self,
         position: Floats,

@@ -68,8 +68,9 @@ pub struct FrameSolver {
     pub(crate) q_address: Vec<Option<usize>>,
     pub(crate) problem: Problem,
     pub(crate) work: Workspace,
-    /// Active set after the first iteration of the last frame.
+    /// Active set after the first iteration of the last frame, and of the first frame of the last clip.
     pub(crate) first_sides: (Vec<Side>, Vec<Side>),
+    pub(crate) clip_sides: (Vec<Side>, Vec<Side>),
     pub(crate) pose: Pose,
     pub(crate) frame_box: Vec<FrameBox>,
     pub(crate) done: Vec<f64>,
@@ -117,6 +118,7 @@ impl FrameSolver {
             progress,
             watch,
             soft_share: 1.0,
+            clip_sides: first_sides.clone(),
             damping_length: settings.damping * body.size(),
             columns,
             q_address,
@@ -144,14 +146,10 @@ impl FrameSolver {
         self.placed.iter().map(|p| (p.level, p.target.clone()))
     }
 
-    /// Start from posture `q`, moving at `velocity`; forgets the active set.
+    /// Start from posture `q`, moving at `velocity`. The active set stays, as a guess.
     pub fn reset(&mut self, q: &[f64], velocity: &[f64]) {
         self.q.copy_from_slice(q);
         self.velocity.copy_from_slice(velocity);
-        self.problem.variable_side.fill(Default::default());
-        self.problem.row_side.fill(Default::default());
-        self.first_sides.0.fill(Side::Free);
-        self.first_sides.1.fill(Side::Free);
         self.problem.z.fill(0.0);
         self.progress.reset();
         if let Some(watch) = &mut self.watch {

@@ -5,6 +5,7 @@ mod assemble;
 mod avoid;
 pub mod body;
 pub mod bounds;
+mod clip;
 pub mod frame;
 pub mod geometry;
 pub mod hierarchy;

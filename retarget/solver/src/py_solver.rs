@@ -137,15 +137,12 @@ impl PySolver {
         dt: f64,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.check_targets(targets.shape()[1], dt)?;
-        let (frames, size, nq) = (targets.shape()[0], self.solver.target_size, self.solver.body.nq);
+        let (frames, nq) = (targets.shape()[0], self.solver.body.nq);
         let all = targets.as_slice()?;
         let solver = &mut self.solver;
         let out = py.detach(|| {
             let mut out = vec![0.0; frames * nq];
-            for (t, row) in out.chunks_exact_mut(nq).enumerate() {
-                solver.frame(&all[t * size..(t + 1) * size], dt);
-                row.copy_from_slice(&solver.q);
-            }
+            solver.clip(all, dt, &mut out);
             out
         });
         PyArray1::from_vec(py, out).reshape([frames, nq])

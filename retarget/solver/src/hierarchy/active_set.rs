@@ -12,7 +12,7 @@ use super::{cascade, reduced, Workspace};
 /// Factorizations before the level-by-level method takes over.
 const MOST_CHANGES: u32 = 30;
 /// Factorizations in which the whole active set is guessed.
-const MOST_GUESSES: u32 = 2;
+const MOST_GUESSES: u32 = 5;
 /// A step of less than this share of its way is none.
 const STILL: f64 = 1e-9;
 

@@ -56,20 +56,13 @@ fn lower_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outco
     start_from_path(problem, work);
 }
 
-/// The end of the path meets the lowered targets; what holds it there joins what the solve before held.
+/// The end of the path meets the lowered targets. What holds it there is mostly not what holds the answer, which is what the solve
+/// before held.
 fn start_from_path(problem: &mut Problem, work: &Workspace) {
+    problem.variable_side.clone_from(&work.warm_variables);
     problem.row_side.clone_from(&work.warm_rows);
     let path = work.factor.path();
     for i in 0..problem.n {
-        let side = &mut problem.variable_side[i];
-        if *side == Side::Free {
-            *side = work.warm_variables[i];
-        }
-        if *side == Side::Free && path[i] > problem.hi[i] {
-            *side = Side::Upper;
-        } else if *side == Side::Free && path[i] < problem.lo[i] {
-            *side = Side::Lower;
-        }
         problem.z[i] = path[i].max(problem.lo[i]).min(problem.hi[i]);
     }
 }
