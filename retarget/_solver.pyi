@@ -63,6 +63,24 @@ class Body:
         """dq (nv,) with q_from (+) dq = q_to."""
 
 @final
+class Probe:
+    """What is read of one posture tick by tick: places of points `local` (k, 3) m of `links`, orientations of the links
+    `oriented` (j of them), the centre of mass."""
+
+    def __init__(self, body: Body, links: list[int], local: Floats, oriented: list[int]) -> None: ...
+    def read(self, q: Floats) -> tuple[Floats, Floats, Floats]:
+        """Posture q (nq,) -> points (k, 3) m, orientations (j, 4) wxyz, centre of mass (3,) m; world."""
+
+@final
+class Footing:
+    """Soles with corners `local` (k, 3) m of `links`, whose places are `planted` (k, 3) m, world, and the edges (e, 3)
+    of their support polygon: nx x + ny y <= d inside, normals of length 1."""
+
+    def __init__(self, body: Body, links: list[int], local: Floats, planted: Floats, edges: Floats) -> None: ...
+    def losses(self, way: Floats) -> tuple[float, float]:
+        """Of postures (T, nq): most that a corner is off its place, and least that the centre of mass is inside; m."""
+
+@final
 class Task:
     """One thing asked of a body. It owns a slice of the target vector: a leading weight (0 or NaN: absent this
     frame), then its target.
@@ -260,7 +278,7 @@ class Solver:
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
     def clip(self, targets: Floats, dt: float) -> Floats:
-        """Many frames: targets (T, target_size) -> postures (T, nq). Begins with the guess with which the clip before began."""
+        """Many frames: targets (T, target_size) -> postures (T, nq). Its first guess is that of the clip before."""
     def set_obstacles(
         self,
         position: Floats,
@@ -335,6 +353,24 @@ def frame_bounds(
 ) -> tuple[Floats, Floats]:
     """Displacement box (lo, hi), each (n,), of one frame of dt seconds: velocity, acceleration, and a braking
     distance that stays inside lower and upper. A start beyond a limit may only come back. Always lo <= hi."""
+
+@final
+class Braking:
+    """Joints that each brake by themselves, within limits (n,): what may be asked of them in a tick of dt seconds, and
+    how they come to rest. position, displacement, goal (n,): where they are, their last step, where to."""
+
+    def __init__(
+        self, lower: Floats, upper: Floats, max_velocity: Floats, max_acceleration: Floats, *, dt: float
+    ) -> None: ...
+    def bounds(self, position: Floats, displacement: Floats) -> tuple[Floats, Floats]:
+        """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
+    def braked(self, displacement: Floats) -> Floats:
+        """The next displacement (n,) under full deceleration."""
+    def admitted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
+        """Displacement (n,) to a goal that misses no bound by more than `tolerance`, laid within them; else None."""
+    def paths(self, position: Floats, before: Floats, displacement: Floats) -> tuple[Floats, Floats]:
+        """Postures (k, n) from the present one, tick by tick, through `displacement` to rest, and those of braking from
+        `before`; the last rows may repeat."""
 
 def along_arc(a: Floats, b: Floats, share: Floats) -> Floats:
     """Orientations (k, 4) wxyz on the short arcs from unit quaternions a (k, 4) through b (k, 4), at shares (k,) of the

@@ -8,7 +8,7 @@ import numpy as np
 from hardware.arrays import FloatArray
 from hardware.errors import HardwareError, describe
 from hardware.joint_map import JointMap
-from retarget._solver import frame_bounds
+from retarget._solver import Braking
 
 PathCheck = Callable[[FloatArray, FloatArray], bool]
 """From two paths of postures, rad (k, n), a tick from row to row, first row present, last row at rest: that of the goal
@@ -41,16 +41,10 @@ class Gate:
         dt: float,
         path_is_clear: PathCheck | None = None,
     ) -> None:
-        self._lower = np.array(lower, dtype=np.float64)  # (n,) [rad]
-        self._upper = np.array(upper, dtype=np.float64)
-        self._max_velocity = np.array(max_velocity, dtype=np.float64)  # (n,) [rad/s]
-        self._max_acceleration = np.array(max_acceleration, dtype=np.float64)  # (n,) [rad/s^2]
+        limits = np.array([lower, upper, max_velocity, max_acceleration], dtype=np.float64)
         self._dt = float(dt)
-        self._step = self._max_velocity * dt  # (n,) largest displacement of one tick [rad]
-        self._change = self._max_acceleration * dt**2  # (n,) largest change of displacement between ticks [rad]
         self._path_is_clear = path_is_clear
-        limits = np.stack([self._lower, self._upper, self._step, self._change])
-        if not (np.isfinite(limits).all() and (self._lower < self._upper).all() and (limits[2:] > 0.0).all()):
+        if not (np.isfinite(limits).all() and (limits[0] < limits[1]).all() and (limits[2:] > 0.0).all()):
             raise HardwareError(
                 describe(
                     what="needs finite limits in ascending order and positive rates",
@@ -58,11 +52,9 @@ class Gate:
                     then="Correct the profile",
                 )
             )
-        # Ticks that the fastest joint needs to stand, and one for the goal itself.
-        rows = 2 + int(np.ceil((self._step / self._change).max()))
-        self._slowing = np.arange(rows)[:, None] * self._change  # (rows, n) what braking takes off a displacement
-        self._position = np.zeros_like(self._lower)
-        self._displacement = np.zeros_like(self._lower)
+        self._braking = Braking(*limits, dt=self._dt)
+        self._position: FloatArray = np.zeros_like(limits[0])
+        self._displacement: FloatArray = np.zeros_like(limits[0])
         self._looked_at: tuple[FloatArray, FloatArray | None] | None = None  # goal and verdict, from here
 
     @classmethod
@@ -101,13 +93,13 @@ class Gate:
         """Start at rest at `position`, rad (n,); beyond a limit a joint may stand or walk back in. Raises HardwareError
         if not finite."""
         start = np.array(position, dtype=np.float64)
-        if start.shape != self._lower.shape or not np.isfinite(start).all():
+        if start.shape != self._position.shape or not np.isfinite(start).all():
             raise HardwareError(
                 describe(
                     what="cannot start from this posture",
                     where="gate",
                     found=start,
-                    allowed=f"{self._lower.size} finite joint angles",
+                    allowed=f"{self._position.size} finite joint angles",
                     then="Check that every servo answers",
                 )
             )
@@ -117,77 +109,44 @@ class Gate:
 
     def passes(self, goal: FloatArray) -> bool:
         """Whether `admit` would send just this goal, rad (n,), now."""
-        self._looked_at = np.array(goal, dtype=np.float64), self._admitted(np.asarray(goal, dtype=np.float64))
+        goal = np.array(goal, dtype=np.float64, order="C")
+        self._looked_at = goal, self._admitted(goal)
         return self._looked_at[1] is not None
 
     def nearest(self, goal: FloatArray) -> FloatArray:
         """The posture nearest to a finite `goal` that keeps the limits, rad (n,), clear or not; joint by joint."""
-        lo, hi = self._bounds(self._braked(self._displacement))
+        lo, hi = self._braking.bounds(self._position, self._displacement)
         return np.minimum(np.maximum(goal, self._position + lo), self._position + hi)
 
     def admit(self, goal: FloatArray) -> FloatArray:
         """Return the posture to send for `goal`, rad (n,): the goal itself or, refused, the next one of the braking
         trajectory."""
+        goal = np.array(goal, dtype=np.float64, order="C")
         known, self._looked_at = self._looked_at, None
-        if known is not None and np.array_equal(known[0], goal):
-            displacement = known[1]
-        else:
-            displacement = self._admitted(np.asarray(goal, dtype=np.float64))
+        same = known is not None and known[0].tobytes() == goal.tobytes()
+        displacement = known[1] if known is not None and same else self._admitted(goal)
         if displacement is None:
             return self.brake()
-        self._advance(displacement)
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
-        self._position = np.array(goal, dtype=np.float64)
-        return self._position.copy()
+        self._position, self._displacement = goal, displacement
+        return goal.copy()
 
     def brake(self) -> FloatArray:
         """Return the next posture of the last verified braking trajectory, rad (n,)."""
-        return self._advance(self._braked(self._displacement))
+        return self._advance(self._braking.braked(self._displacement))
 
     def _admitted(self, goal: FloatArray) -> FloatArray | None:
         """Displacement to a goal that passes, (n,); None for one that is refused."""
-        if goal.shape != self._position.shape or not np.isfinite(goal).all():
+        if goal.shape != self._position.shape:
             return None
-        lo, hi = self._bounds(self._braked(self._displacement))
-        asked = goal - self._position
-        if np.maximum(lo - asked, asked - hi).max() > ROUND_OFF:
-            return None
-        admitted = np.minimum(np.maximum(asked, lo), hi)
-        if self._path_is_clear is not None:
-            instead = self._path(self._braked(self._displacement))
-            if not self._path_is_clear(self._path(admitted), instead):
-                return None
-        return admitted
-
-    def _bounds(self, braked: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Displacements that leave a braking trajectory, (n,) each. To go on braking is always among them, beyond a
-        limit too."""
-        lo, hi = frame_bounds(
-            self._position,
-            self._displacement,
-            self._lower,
-            self._upper,
-            self._max_velocity,
-            self._max_acceleration,
-            self._dt,
-        )
-        return np.minimum(lo, braked), np.maximum(hi, braked)
-
-    def _braked(self, displacement: FloatArray) -> FloatArray:
-        """The next displacement under full deceleration, (n,)."""
-        slower: FloatArray = np.maximum(np.abs(displacement) - self._change, 0.0)
-        return np.copysign(slower, displacement)
+        admitted = self._braking.admitted(self._position, self._displacement, goal, tolerance=ROUND_OFF)
+        if admitted is None or self._path_is_clear is None:
+            return admitted
+        paths = self._braking.paths(self._position, self._displacement, admitted)
+        return admitted if self._path_is_clear(*paths) else None
 
     def _advance(self, displacement: FloatArray) -> FloatArray:
         self._looked_at = None
         self._position = self._position + displacement
         self._displacement = displacement
         return self._position.copy()
-
-    def _path(self, displacement: FloatArray) -> FloatArray:
-        """Postures from the present one through `displacement` to rest, (rows, n); the last rows may repeat."""
-        slower = np.maximum(np.abs(displacement) - self._slowing, 0.0)
-        path = np.zeros((len(self._slowing) + 1, self._position.size))
-        np.cumsum(np.copysign(slower, displacement), axis=0, out=path[1:])
-        path += self._position
-        return path

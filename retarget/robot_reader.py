@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from retarget._solver import Probe
 from retarget.body import Frame
 from retarget.chase import HEAD, TRUNK, Reached
 from retarget.frames import BoolArray
@@ -20,12 +21,11 @@ class RobotReader:
     """Reads postures of one robot that stands in one stance."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
-        self._body = robot.body.solver_body()
         places = [robot.frame(landmark.frame) for landmark in robot.profile.landmarks.values()]
-        self._links = [place.body for place in places]
-        self._local = np.array([place.position for place in places])
+        local = np.array([place.position for place in places]).reshape(-1, 3)
         trunk, head = robot.frame(TRUNK), robot.frame(HEAD)
-        self._oriented = [trunk.body, head.body]
+        body = robot.body.solver_body()
+        self._probe = Probe(body, [place.body for place in places], local, [trunk.body, head.body])
         self._head = _quat(head.quat.tolist())
         self.trunk_at_stance = _quat(robot.orientations(stance.q[None], (TRUNK,))[0, 0].tolist())
         """Orientation wxyz of the trunk's frame in the stance: where the performer's trunk is upright."""
@@ -33,15 +33,14 @@ class RobotReader:
 
     def read(self, q: FloatArray) -> Reached:
         """What posture q (nq,) reaches."""
-        row = q[None]
-        points = self._body.points(row, self._links, self._local)[0]
-        trunk, head = self._body.orientations(row, self._oriented)[0].tolist()
+        points, oriented, centre_of_mass = self._probe.read(q)
+        trunk, head = oriented.tolist()
         return Reached(
             points,
             points.tolist(),
             product(_quat(trunk), self._trunk),
             rotated(product(_quat(head), self._head), FORWARD),
-            self._body.centre_of_mass(row)[0],
+            centre_of_mass,
         )
 
 

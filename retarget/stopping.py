@@ -11,13 +11,13 @@ from math import ceil, hypot
 
 import numpy as np
 
-from retarget._solver import Solver, Task
+from retarget._solver import Footing, Solver, Task
 from retarget.body import BodyModel
 from retarget.frames import BoolArray
 from retarget.joint_limits import JointLimits
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
-from retarget.support import half_spaces, support_distance
+from retarget.support import half_spaces
 
 __all__ = ["Stopping"]
 
@@ -64,13 +64,13 @@ class Stopping:
         self._free = np.flatnonzero(single & ~carrying)
         self._columns = address[self._free]
         soles = [(sole, _spread(sole.outline)) for sole in stance.soles]
-        self._links = [sole.frame.body for sole, few in soles for _ in few]
-        self._local = np.concatenate([sole.corners[few] for sole, few in soles])
+        links = [sole.frame.body for sole, few in soles for _ in few]
+        local = np.concatenate([sole.corners[few] for sole, few in soles])
         planted = np.concatenate([sole.outline[few] for sole, few in soles])
-        self._planted = np.column_stack([planted, np.zeros(len(planted))])
-        self._outline = stance.edges(0.0)
-        self._solver = _solver(body, limits, stance, len(self._outline), ~carrying)
-        self._targets = np.tile(_targets(self._solver, stance, self._outline), (LONGEST + SPARE_TICKS, 1))
+        outline = stance.edges(0.0)
+        self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), outline)
+        self._solver = _solver(body, limits, stance, len(outline), ~carrying)
+        self._targets = np.tile(_targets(self._solver, stance, outline), (LONGEST + SPARE_TICKS, 1))
         self.begin(stance.q)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
@@ -177,10 +177,8 @@ class Stopping:
 
     def _losses(self, way: FloatArray) -> tuple[float, float]:
         """Most that a corner of a sole is off (m), and that the centre of mass falls short of its margin (m)."""
-        corners = self._body.points(way, self._links, self._local)
-        corners -= self._planted
-        off = float((corners * corners).sum(axis=2).max()) ** 0.5
-        return off, BALANCE_M - float(support_distance(self._body.centre_of_mass(way), self._outline).min())
+        off, inside = self._footing.losses(way)
+        return off, BALANCE_M - inside
 
 
 def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int, locked: BoolArray) -> Solver:

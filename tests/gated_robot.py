@@ -62,6 +62,14 @@ class GatedRobot:
         self.clearance.sent(sent, q)
         return bool(np.array_equal(sent, goal))
 
+    def way_through(self, goal: FloatArray) -> FloatArray:
+        """Servo angles (k, n), tick by tick, to a goal (n,) and on to rest at full deceleration."""
+        limits = self.robot.joint_map
+        step, change = goal - self.sent, limits.max_acceleration * DT**2
+        slower = np.maximum(np.abs(step) - np.arange(60)[:, None] * change, 0.0)
+        assert not slower[-1].any()
+        return np.asarray(self.sent + np.cumsum(np.copysign(slower, step), axis=0))
+
     def standing(self, rows: FloatArray) -> FloatArray:
         """Postures (T, nq) with these servo angles (T, n), on the sole that is planted now."""
         q = np.repeat(self.q[None], len(rows), axis=0)

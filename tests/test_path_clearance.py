@@ -93,7 +93,7 @@ def test_a_goal_is_refused_in_the_last_tick_that_can_stop() -> None:
     rng = np.random.default_rng(0)
     goal = push(robot, rng, turn)
     for _ in range(200):
-        reached = robot.distances(robot.gate._path(goal - robot.gate.position))[-1].min()
+        reached = robot.distances(robot.way_through(goal))[-1].min()
         if not robot.ask(goal):
             break
         goal = push(robot, rng, turn)

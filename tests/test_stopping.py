@@ -1,13 +1,15 @@
 """A robot on its soles that can always stop: what is refused, and that the way to a stop keeps everything."""
 
 import numpy as np
+import pytest
 
 from followers import DT, follow, follower, op3, performer, postures
+from retarget import stopping as stopping_module
 from retarget.following_limits import following_limits
 from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
 from retarget.stance import Stance, plant
-from retarget.stopping import PLANTED_M, SHORT_RAD, SOLE_M, Stopping
+from retarget.stopping import BALANCE_M, PLANTED_M, SHORT_RAD, SOLE_M, Stopping
 
 
 def stance() -> Stance:
@@ -118,10 +120,11 @@ def test_a_stop_at_a_limit_or_off_the_ground_is_not_taken_for_granted() -> None:
     assert not guard._stops_short(where.q, np.zeros(op3().body.nv))
 
 
-def test_a_stop_towards_the_edge_is_not_taken_for_granted() -> None:
+def test_a_stop_towards_the_edge_is_not_taken_for_granted(monkeypatch: pytest.MonkeyPatch) -> None:
     guard, where = stopping(), stance()
     inside = -guard._losses(where.q[None])[1]
-    guard._outline = where.edges(inside - 0.001)  # the centre of mass is 1 mm within its margin
+    # The centre of mass is 1 mm within its margin.
+    monkeypatch.setattr(stopping_module, "BALANCE_M", BALANCE_M + inside - 0.001)
     sway = moving(where.q, np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
     assert guard._stops_short(where.q, 0.1 * sway)
     assert not guard._stops_short(where.q, sway)
