@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
 
+import sim.faults.bench
 from hardware.dynamixel.protocol2 import sync_write
 from hardware.guard_state import GuardState
 from sim.faults.always import violations
@@ -146,3 +148,12 @@ def test_servos_of_a_host_that_is_gone_must_stand(bench: Bench) -> None:
 
 def test_without_a_robot_nothing_was_wrong() -> None:
     assert violations(Bench(FakeSender(), duration=1.0), Trace()) == []
+
+
+def test_a_run_that_does_not_end_is_ended_and_found() -> None:
+    with patch.object(sim.faults.bench, "ENDLESS_S", -0.7):
+        one = Bench(FakeSender(), duration=1.6)
+        trace = one.run()
+    assert trace.endless
+    assert len(trace.ticks) == 1  # of a run of seconds
+    assert "the run did not end" in violations(one, trace)
