@@ -65,6 +65,14 @@ def test_a_mesh_becomes_a_shape(tmp_path: Path) -> None:
     alike(body.model, written)
 
 
+def test_a_mesh_without_volume_is_a_shell(tmp_path: Path) -> None:
+    mesh = '<mesh name="m" vertex="0 0 0  0.1 0 0  0 0.1 0  0 0 0.1" face="0 1 2  0 2 1  0 1 3  0 3 1"/>'
+    text = two(asset=mesh, geom='<geom type="mesh" mesh="m"/>' + BALL)
+    with pytest.raises(ValueError, match="volume is too small"):
+        mujoco.MjModel.from_xml_string(text)
+    assert drafted(text, tmp_path).model.nmesh == 1
+
+
 def test_a_mesh_that_is_missing(tmp_path: Path) -> None:
     text = two(asset='<mesh name="m" file="gone.stl"/>', geom='<geom type="mesh" mesh="m"/>' + BALL)
     with pytest.raises(InputError, match=r"meshes that cannot be read.*gone\.stl.*--no-meshes"):

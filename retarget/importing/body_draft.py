@@ -19,6 +19,7 @@ from retarget.rotations import FloatArray
 __all__ = ["BodyDraft", "draft_body", "facing_x"]
 
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
+_THIN = re.compile(r"mesh volume is too small: (\S+)")
 HELP = "Mend the file, or give one that MuJoCo can compile"
 
 
@@ -80,9 +81,19 @@ def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
 
 
 def _compiled(spec: Any) -> Any:
+    """The model, without keys of the file's own size, and with meshes of no volume as shells."""
     for key in list(spec.keys):  # of the size of the file's own root
         spec.delete(key)
-    return spec.compile()
+    shell = engine().mjtMeshInertia.mjMESH_INERTIA_SHELL
+    while True:
+        try:
+            return spec.compile()
+        except ValueError as error:
+            thin = _THIN.search(str(error))
+            mesh = None if thin is None else spec.mesh(thin.group(1))
+            if mesh is None or mesh.inertia == shell:
+                raise
+            mesh.inertia = shell  # a plate or an open surface has no volume
 
 
 def _rewritten(spec: Any, model: Any, notes: list[str]) -> bytes:

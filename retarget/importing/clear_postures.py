@@ -15,6 +15,7 @@ from retarget.observers import Observers, robot_observers
 from retarget.profile import RobotProfile
 from retarget.profile_parts import IgnorePair
 from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
 
 __all__ = ["Cleared", "clear_postures"]
 
@@ -86,25 +87,29 @@ class _Bench:
 
     def touching(self, postures: dict[str, dict[str, float]]) -> tuple[Links, ...]:
         """Pairs of links that keep a run from beginning: they touch, farther apart along the body than neighbours."""
-        neutral = self._near(postures["neutral"])
-        found = neutral & (self._steps > NEAR_LINKS)
+        neighbours = self._steps <= NEAR_LINKS
+        neutral = self._distances(postures["neutral"])
+        found = (neutral <= NEAREST_M) & ~neighbours
         for name in ("stand", "attractor"):
-            found |= self._near(postures[name]) & ~neutral
+            distance = self._distances(postures[name])
+            # Neighbours that touch in the neutral posture are never looked at, and others may well be near.
+            found |= np.where(neighbours, (distance <= 0.0) & (neutral > 0.0), distance <= NEAREST_M)
         return self._named(found)
 
     def touches_at_rest(self, postures: dict[str, dict[str, float]]) -> bool:
         """Whether the posture at rest touches where the neutral one does not."""
-        return bool((self._near(postures["rest"]) & ~self._near(postures["neutral"])).any())
+        rest, neutral = self._distances(postures["rest"]), self._distances(postures["neutral"])
+        return bool(((rest <= NEAREST_M) & (neutral > NEAREST_M)).any())
 
-    def _near(self, angles: dict[str, float]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def _distances(self, angles: dict[str, float]) -> FloatArray:
+        """Signed distance (p,) m of each pair in a posture."""
         observers = self._observers
         position, quat = placed(self._robot.body, observers, self._robot.posture(angles))
         a, b = (np.ascontiguousarray(column) for column in self._pairs.T)
         kinds, sizes = observers.kinds, observers.sizes
-        distances = _solver.shape_distances(
+        return _solver.shape_distances(
             kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
         )[0]
-        return np.asarray(distances <= NEAREST_M)
 
     def _named(self, found: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[Links, ...]:
         pairs = ((self._of[int(a)], self._of[int(b)]) for a, b in self._pairs[found])

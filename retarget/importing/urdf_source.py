@@ -195,5 +195,5 @@ def _drop(root: ElementTree.Element, missing: list[str]) -> None:
 
 
 def _listed(names: list[str]) -> str:
-    shown = ", ".join(name[:80] for name in names[:8])
+    shown = ", ".join(name if len(name) <= 60 else f"...{name[-57:]}" for name in names[:8])
     return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
