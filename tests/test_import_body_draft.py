@@ -66,7 +66,7 @@ def test_a_mesh_becomes_a_shape(tmp_path: Path) -> None:
 
 
 def test_a_mesh_without_volume_is_a_shell(tmp_path: Path) -> None:
-    mesh = '<mesh name="m" vertex="0 0 0  0.1 0 0  0 0.1 0  0 0 0.1" face="0 1 2  0 2 1  0 1 3  0 3 1"/>'
+    mesh = '<mesh name="m" vertex="0 0 0  0.1 0 0  0.1 0.1 0  0 0.1 0  0.05 0.05 1e-3" face="0 1 2  0 2 3"/>'
     text = two(asset=mesh, geom='<geom type="mesh" mesh="m"/>' + BALL)
     with pytest.raises(ValueError, match="volume is too small"):
         mujoco.MjModel.from_xml_string(text)
