@@ -9,6 +9,9 @@ import pytest
 REAL_TIME = {"send_poses"}
 """Examples that go on in real time: each has a test of its own."""
 
+NEEDS = {"read_into_pandas": ("pandas",)}
+"""What an example needs beyond what every test needs."""
+
 EXAMPLES = sorted(
     path for path in (Path(__file__).resolve().parent.parent / "examples").glob("*.py") if path.stem not in REAL_TIME
 )
@@ -16,6 +19,8 @@ EXAMPLES = sorted(
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs(path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    for library in NEEDS.get(path.stem, ()):
+        pytest.importorskip(library, reason=f"{path.name} needs {library} (make test installs it)")
     monkeypatch.setattr("sys.argv", [str(path)])
     runpy.run_path(str(path), run_name="__main__")
     assert re.search(r"\d (mm|rad) off", capsys.readouterr().out)

@@ -25,7 +25,7 @@ from retarget.cli.physics_bench import PhysicsBench
 from retarget.cli.viewing import viewing
 from retarget.errors import UsageError
 from retarget.live.address import parse_address
-from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
 from retarget.live.raw_tap import RawTap
@@ -40,9 +40,6 @@ from retarget.samples import Performance
 from retarget.sources.raw_record import RawWriter
 
 __all__ = ["follow_live", "refuse_for_file", "refuse_for_live", "sides_are_checked"]
-
-HUMAN_RATE_HZ = 100.0
-"""Ticks per second where there is no robot whose profile says it."""
 
 
 def refuse_for_live(given: Mapping[str, object]) -> None:
@@ -97,8 +94,7 @@ def follow_live(
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
             stack.callback(stream.receiver.close)
-            rate = HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
-            return begin_live(stream, live, clock=clock, rate_hz=rate, where=address.text, tell=tell)
+            return begin_live(stream, live, clock=clock, rate_hz=live_rate_hz(robot), where=address.text, tell=tell)
 
         make_bus = recorder.make_bus(bench.make_bus)
         with prepare_for(perform, options, clock=recorder.clock, make_bus=make_bus, parks=True, tell=tell) as prepared:

@@ -16,13 +16,21 @@ from retarget.live.rest_capture import Calibrated
 from retarget.live.side_check import check_sides
 from retarget.live.stream import LiveStream
 from retarget.live.stream_trouble import refuse_version, unusable
+from retarget.robot_body import RobotBody
 from retarget.samples import Performance
 
-__all__ = ["LiveOptions", "begin_live"]
+__all__ = ["LiveOptions", "begin_live", "live_rate_hz"]
 
 KEPT_S = 600.0
 """So long a run is remembered for its report; a longer one goes on without."""
 FOR_EVER = 10**9
+HUMAN_RATE_HZ = 100.0
+"""Ticks per second where there is no robot whose profile says it."""
+
+
+def live_rate_hz(robot: RobotBody | None) -> float:
+    """Ticks per second of a live run of this robot; None: of the human alone."""
+    return HUMAN_RATE_HZ if robot is None else robot.profile.safety.rate_hz
 
 
 def begin_live(

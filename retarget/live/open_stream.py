@@ -1,4 +1,4 @@
-"""From an address and a performer to a stream that can be listened to."""
+"""From an address, or from a receiver of one's own, and a performer to a stream that can be listened to."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,17 +6,20 @@ from dataclasses import dataclass, replace
 from hardware.clock import Clock, VirtualClock
 from retarget.errors import InputError, UsageError
 from retarget.live.address import StreamAddress
-from retarget.live.admission import admission_for
+from retarget.live.admission import Admission, admission_for
 from retarget.live.clock_map import ClockMap
+from retarget.live.datagram import Receiver
 from retarget.live.open_receiver import open_receiver
 from retarget.live.playout import Playout
 from retarget.live.playout_delay import PlayoutDelay
+from retarget.live.pose_filter import PoseFilter
 from retarget.live.raw_tap import RawTap
 from retarget.live.replay import recorded_kind
-from retarget.live.roles import roles_of
+from retarget.live.roles import Roles, roles_of
 from retarget.live.smoothing import LIGHT, pose_filter
 from retarget.live.stream import LiveStream
 from retarget.live.trust import Trust
+from retarget.live.window_filter import WindowFilter
 from retarget.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.mvn import MvnDecoder
@@ -26,7 +29,7 @@ from retarget.sources.vmc import VmcDecoder
 from retarget.sources.vmc_body import VmcBodyDecoder
 from retarget.sources.vrchat import VrchatDecoder
 
-__all__ = ["StreamKind", "open_stream", "stream_kinds"]
+__all__ = ["StreamKind", "open_stream", "stream_kinds", "stream_of"]
 BONES = "unity_bones"
 """The convention whose poses are relative to each other on the wire."""
 
@@ -80,11 +83,48 @@ def open_stream(
     if address.kind != "replay" and isinstance(clock, VirtualClock):
         raise InputError("a live stream runs on real time", where=address.text)
     decoder = how.decoder()
+    receiver = open_receiver(
+        address, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing
+    )
+    how = replace(how, decoder=lambda: decoder)
+    return _stream(receiver, how, roles, admission=admission_for(address), tap=tap, smooth=smooth, latest=latest)
+
+
+def stream_of(
+    receiver: Receiver,
+    performer: Performer,
+    *,
+    kind: StreamKind | None = None,
+    tap: RawTap | None = None,
+    smoothing: str = LIGHT,
+    latest: bool = False,
+) -> LiveStream:
+    """A stream of what a receiver of one's own hears. kind: how its datagrams are read; None: as poses in JSON, which
+    is what `retarget.live.own_source.OwnSource` says. The rest as in `open_stream`.
+
+    Raises UsageError: sensors that the sender cannot tell.
+    """
+    how = kind or stream_kinds()["json"]
+    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
+    smooth = pose_filter(smoothing, len(performer.sensors))
+    return _stream(receiver, how, roles, admission=Admission(), tap=tap, smooth=smooth, latest=latest)
+
+
+def _stream(
+    receiver: Receiver,
+    how: StreamKind,
+    roles: Roles,
+    *,
+    admission: Admission,
+    tap: RawTap | None,
+    smooth: PoseFilter | WindowFilter | None,
+    latest: bool,
+) -> LiveStream:
     return LiveStream(
-        open_receiver(address, names_missing=lambda: isinstance(decoder, NatnetDecoder) and decoder.names_missing),
-        decoder,
+        receiver,
+        how.decoder(),
         roles,
-        admission=admission_for(address),
+        admission=admission,
         clock_map=how.clock(),
         trust=Trust(roles.sensors),
         playout=Playout(len(roles.sensors), delay=None if latest else PlayoutDelay()),
