@@ -16,20 +16,21 @@ def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 class HeadingSettings(Schema):
-    """Each hint is a vector on the ground; their weighted sum points to the left, or forward, of the body.
-
-    pairs: by part with a left and a right sensor: weight of the line between the two (1/m). hands: weight of how far
-    ahead of the ankles the hands are (1/m). velocity: weight of the way the head moves (s/m), from none at the first
-    to all at the second speed of `walking` (m/s). facing: by sensor with an orientation: weight of its forward axis.
-    settle: time constant of the low-pass, s; velocity_settle: of the velocity.
-    """
+    """Each hint is a vector on the ground; their weighted sum points to the left, or forward, of the body."""
 
     pairs: dict[Name, NotNegative] = Field(default_factory=lambda: {"ankle": 0.5, "wrist": 1.0}, max_length=16)
+    """[1/m] By part with a left and a right sensor: weight of the line between the two."""
     hands: NotNegative = 1.0
+    """[1/m] Weight of how far ahead of the ankles the hands are."""
     velocity: NotNegative = 0.5
+    """[s/m] Weight of the way the head moves."""
     walking: Annotated[Interval, AfterValidator(_not_negative)] = (0.5, 1.0)
+    """[m/s] Speeds of the head at which that begins to count, and counts wholly."""
     facing: dict[Name, NotNegative] = Field(
         default_factory=lambda: {"head": 1.0, "chest": 2.0, "pelvis": 2.0}, max_length=16
     )
+    """By sensor with an orientation: weight of its forward axis."""
     settle: Positive = 0.2
+    """[s] Time constant of the low-pass."""
     velocity_settle: Positive = 0.05
+    """[s] Of that of the velocity."""

@@ -20,30 +20,32 @@ HELD = ("head", "l_wrist", "r_wrist")
 
 
 class WornSensor(Schema):
-    """A sensor and the joint of the human that it sits on. orientation: used where the source knows it.
-
-    role: what a live sender calls it, where the sender's convention does not say so already. beside: it sits some
-    centimetres beside its joint, and where is to be found out while a live performer stands still.
-    """
+    """A sensor and the joint of the human that it sits on."""
 
     joint: Name
+    """Human joint that it sits on."""
     orientation: Switch = False
+    """Whether it is used how the sensor turns, where the source knows it."""
     role: Text | None = None
+    """What a live sender calls it, where its convention does not say so already."""
     beside: Switch = False
+    """It sits some centimetres beside its joint; where is found out while a live performer stands still (head and
+    wrists)."""
 
 
 class Performer(Schema):
-    """A performer. `sensors`: canonical sensor name -> where it is worn, in the order of the sample's rows.
-
-    roles: convention of a live sender's names (see `retarget.live.roles`), where the stream does not say so by its
-    kind. partial: what a live stream lacks takes no part, instead of being waited for.
-    """
+    """A performer: who wears what, in the order of the sample's rows."""
 
     name: Name
+    """By which it is chosen."""
     description: Text
+    """For whoever chooses."""
     roles: Name | None = None
+    """Convention of a live sender's names (docs/live.md), where the kind of stream does not say so."""
     partial: Switch = False
+    """What a live stream lacks takes no part, instead of being waited for."""
     sensors: Annotated[dict[Name, WornSensor], Field(min_length=1, max_length=64)]
+    """Sensors that are worn, by canonical name."""
 
     @property
     def oriented(self) -> tuple[str, ...]:

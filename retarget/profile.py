@@ -21,10 +21,9 @@ from retarget.profile_parts import (
     Landmark,
     Observer,
     Postures,
-    Safety,
     Servo,
 )
-from retarget.profile_safety import guard_limits
+from retarget.profile_safety import Safety, guard_limits
 from retarget.profile_specs import bus_specs, servo_specs
 from retarget.schema import Name, Schema, Text, read_model
 from retarget.strict_yaml import Document
@@ -35,25 +34,39 @@ __all__ = ["RobotProfile", "load_profile", "read_profile"]
 class RobotProfile(Schema):
     """A robot. Names: links, joints and geoms are those of the body file; frames are the profile's own.
 
-    The order of `servos` is the order of every array of the servo side. `retarget` and `reconstruct` name the priority
-    file of each stage. `load_profile` makes one.
+    `load_profile` makes one.
     """
 
     name: Name
+    """By which it is chosen and called; of a shipped robot that of its folder."""
     body: Text
+    """Body file, MJCF or URDF, relative to the profile's folder."""
     root: Literal["free", "fixed", "suspended"]
+    """Whether the robot stands on its soles (free), is bolted down at its first link (fixed), or hangs (suspended)."""
     frames: Annotated[dict[Name, Frame], Field(max_length=200)]
+    """Named points on links: hands, soles, head and whatever else landmarks and tasks are about."""
     servos: Annotated[dict[Name, Servo], Field(min_length=1, max_length=250)]
+    """One per joint that moves, by the joint's name. The order is that of every array of the servo side."""
     couplings: Annotated[tuple[Coupling, ...], Field(max_length=16)] = ()
+    """Pairs of joints that two servos turn together."""
     buses: Annotated[dict[Name, Bus], Field(min_length=1, max_length=16)]
+    """Lines of servos, by name."""
     observers: Annotated[dict[Name, Observer], Field(max_length=200)]
+    """What looks out for collisions, by name."""
     ignore_pairs: Annotated[tuple[IgnorePair, ...], Field(max_length=500)]
+    """Links that are never checked against each other."""
     feet: Annotated[dict[Name, Foot], Field(max_length=4)]
+    """Soles by side (left, right); none of a robot that does not stand."""
     postures: Postures
+    """What the robot's own postures are."""
     landmarks: Annotated[dict[Name, Landmark], Field(max_length=50)]
+    """Which robot frame follows which part of the human, by name."""
     safety: Safety
+    """Bounds of operation."""
     reconstruct: Name
+    """Priority file of the first stage: sensors to human posture."""
     retarget: Name
+    """Priority file of the second stage: human posture to robot posture."""
 
     _path: Path = PrivateAttr(default=Path())
 

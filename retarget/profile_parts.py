@@ -17,7 +17,6 @@ from retarget.schema import (
     Positive,
     Quaternion,
     Schema,
-    Share,
     Text,
     Vector3,
 )
@@ -50,11 +49,14 @@ Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_len
 
 
 class Frame(Schema):
-    """A named point on a link. pos (3,) m and quat wxyz in the link's frame; sole frames have z up, x to the toes."""
+    """A named point on a link. Sole frames have z up, x to the toes."""
 
     link: Name
+    """Link of the body file that carries it."""
     pos: Vector3 = (0.0, 0.0, 0.0)
+    """[m] Where it is in the link's frame."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """How it is turned in the link's frame, wxyz."""
 
 
 class Gains(Schema):
@@ -62,35 +64,50 @@ class Gains(Schema):
     Gain); absent: the servo keeps its own."""
 
     p: Register | None = None
+    """Proportional, as the register holds it."""
     i: Register | None = None
+    """Integral."""
     d: Register | None = None
+    """Derivative."""
     feedforward_1: Register | None = None
+    """Of velocity."""
     feedforward_2: Register | None = None
+    """Of acceleration."""
 
 
 class Servo(Schema):
     """The servo of one joint.
 
-    shaft tick = zero_tick + direction * gear * q / (angle of one tick); gear: shaft turns per joint turn. limits rad,
-    max_velocity rad/s and max_acceleration rad/s^2 of the joint. current: most it may draw, A. mode: position (within
-    one turn), extended_position (many turns), current_based_position (many turns, with its current bounded).
-    homing_offset: what the servo's own register holds, ticks; zero_tick is what it reports, so this is part of it.
-    Of a joint in one of the `couplings` the servo is one of the two that turn it; limits and speeds are the joint's.
+    shaft tick = zero_tick + direction * gear * q / (angle of one tick). Of a joint in one of the `couplings` the servo
+    is one of the two that turn it; limits and speeds are the joint's.
     """
 
     id: ServoId
+    """On its bus."""
     model: Name
+    """Model by name (docs/dynamixel.md lists them)."""
     bus: Name
+    """Name of its bus."""
     direction: Literal[1, -1]
+    """1: ticks rise with the joint's angle, -1: they fall."""
     zero_tick: Tick
+    """[tick] What the servo reports where the joint's angle is 0. A calibration replaces it."""
     gear: Positive = 1.0
+    """Turns of the shaft per turn of the joint."""
     limits: Interval
+    """[rad] Lowest and highest angle of the joint."""
     max_velocity: Positive
+    """[rad/s] Of the joint."""
     max_acceleration: Positive
+    """[rad/s^2] Of the joint."""
     gains: Gains = Gains()
+    """Of its position loop."""
     current: Positive | None = None
+    """[A] Most that it may draw; absent: its own limit."""
     mode: Literal["position", "extended_position", "current_based_position"] = "position"
+    """Within one turn; many turns; many turns with the current bounded, which needs `current`."""
     homing_offset: Annotated[Integer, Field(ge=-MAX_HOMING_OFFSET, le=MAX_HOMING_OFFSET)] = 0
+    """[tick] What the servo's own register holds; it is part of zero_tick."""
 
 
 class Coupling(Schema):
@@ -102,39 +119,49 @@ class Coupling(Schema):
     """
 
     joints: tuple[Name, Name]
+    """The two joints; each has an entry in `servos`."""
     matrix: tuple[Row, Row]
+    """Rows: the two joints; columns: their servos, in the same order."""
 
 
 class Power(Schema):
-    """A switch for the servos' power: device `id` of the bus gets `value` at address `register` (one byte) before
-    anything else, and the servos have wait_s, s, to start."""
+    """A switch for the servos' power: device `id` of the bus gets `value` at `register` before anything else."""
 
     id: ServoId
+    """Of the device on this bus that switches."""
     register_: Annotated[Integer, Field(ge=0, le=65535, alias="register")]
+    """Address of one byte."""
     value: Annotated[Integer, Field(ge=0, le=255)]
+    """What is written there."""
     wait_s: Annotated[NotNegative, Field(le=10)] = 0.5
+    """[s] That servos take to start."""
 
 
 class Bus(Schema):
-    """A line of servos. ids: every device expected to answer on it, servos and others.
-
-    watchdog_s: longest silence after which the servos stop by themselves, a multiple of 0.02 s, 0: never; absent: 0.1,
-    and 0 with Protocol 1.0, whose servos have none. return_delay_us: pause before an answer, even.
-    """
+    """A line of servos."""
 
     port: Text
+    """Path of the serial port."""
     baud: Integer
+    """[bit/s] One of those of the protocol."""
     protocol: Literal[1, 2]
+    """Dynamixel protocol of all servos on it."""
     ids: Annotated[tuple[ServoId, ...], Field(min_length=1, max_length=253)]
+    """Every device that is expected to answer, servos and others."""
     watchdog_s: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_WATCHDOG)] | None = None
+    """[s] Silence after which servos stop by themselves, a multiple of 0.02, 0: never. Absent: 0.1; 0 with protocol 1,
+    which has none."""
     return_delay_us: Annotated[Integer, Field(ge=0, le=508, multiple_of=2)] = 0
+    """[us] Pause before an answer, even."""
     power: Power | None = None
+    """Switch for the servos' power; absent: there is none."""
 
 
 class Shape(SolidShape):
     """Exactly one of the shapes; `geom` takes over the named geom of the body file."""
 
     geom: Name | None = None
+    """Takes over the geom of this name from the body file."""
 
 
 def _one_shape(shape: Shape) -> Shape:
@@ -149,26 +176,34 @@ AnyShape = Annotated[Shape, AfterValidator(_one_shape)]
 
 
 class Observer(Schema):
-    """A collision observer on a link. influence: distance at which it acts; margin: distance it keeps. Both m."""
+    """A collision observer on a link."""
 
     link: Name
+    """Link that carries it."""
     shape: AnyShape
+    """In the frame of the link."""
     influence: Positive
+    """[m] Distance at which it acts."""
     margin: NotNegative
+    """[m] Distance that it keeps."""
 
 
 class IgnorePair(Schema):
     """Two links that are never checked against each other, and why."""
 
     pair: tuple[Name, Name]
+    """Two links."""
     reason: Text
+    """Why, for whoever reads the file."""
 
 
 class Foot(Schema):
-    """A sole. polygon: its outline in the x-y plane of `frame`, m, convex, counter-clockwise seen from above."""
+    """A sole."""
 
     frame: Name
+    """Its frame, z up and x to the toes."""
     polygon: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=16)]
+    """[m] Outline in the x-y plane of the frame, convex, counter-clockwise seen from above."""
 
 
 Posture = dict[Name, Number]
@@ -176,66 +211,36 @@ Posture = dict[Name, Number]
 
 
 class Postures(Schema):
-    """neutral: pairs touching here are dropped; stand: start; rest: parked; attractor: the paper's predefined pose."""
+    """The robot's own postures: angle by joint, rad; joints that are not named are 0."""
 
     neutral: Posture
+    """[rad] In which servos are homed; pairs of links that touch here are dropped."""
     stand: Posture
+    """[rad] From which a run begins."""
     rest: Posture
+    """[rad] In which it is parked."""
     attractor: Posture
+    """[rad] To which free joints are drawn."""
 
 
 class Landmark(Schema):
     """How one robot frame follows the human, limb by limb.
 
     asked = mean of `anchor` + (mean of `follows` - mean of `from`) * robot_length / (human length) + offset,
-    all in the heading frame. `follows` and `from` are human joints, `anchor` robot frames. The human length is the sum
-    of the rest-pose distances along the chain `human_length`, whose points are joints or means of joints.
-    robot_length, m: how far `frame` gets from `anchor` when the human's limb is stretched. offset, m: from the robot's
-    counterpart of the human point to `frame`.
+    all in the heading frame. The human length is the sum of the rest-pose distances along the chain `human_length`.
     """
 
     frame: Name
+    """Robot frame that follows."""
     follows: Names
+    """Human joints whose mean is followed."""
     measured_from: Names = Field(alias="from")
+    """Human joints from whose mean the human limb is measured."""
     anchor: Names
+    """Robot frames from whose mean the robot's limb begins."""
     robot_length: Positive
+    """[m] How far `frame` gets from `anchor` when the human's limb is stretched."""
     human_length: Annotated[tuple[Names, ...], BeforeValidator(_chain), Field(min_length=2, max_length=10)]
+    """Chain of human joints, or of means of joints, whose rest-pose distances add up to the human's limb."""
     offset: Vector3 = (0.0, 0.0, 0.0)
-
-
-class SpeedCaps(Schema):
-    """Shares (0, 1] of each servo's max_velocity: while following, and while approaching a posture (start, rest).
-    warm: share of the speed of following that is left while a servo is too warm or draws too much."""
-
-    follow: Share = 1.0
-    approach: Share = 0.2
-    warm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.25, le=1)] = 0.5
-
-
-class Safety(Schema):
-    """Bounds of operation; beyond one of them the guard stops the robot. rate_hz: the tick of the robot, Hz.
-
-    freshness: oldest state of a servo that is acted on, and most that a goal may take from the start of its tick, s.
-    speed_caps: what the stages and the gate keep. temperature_c: hottest servo, degrees Celsius. voltage: lowest and
-    highest supply, V. following_error: largest distance between goal and present position, rad;
-    following_error_lasting: a smaller one that stops only if it lasts following_error_s, s. current_a: most that a
-    servo may draw for current_s, s. The keys that end in _warn are levels at which somebody is told, each
-    within that of its stop; temperature_warn_c, by default 5 degrees less than temperature_c, and current_warn_a slow
-    the robot too. What is left out is not watched.
-    """
-
-    rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]
-    freshness: Positive
-    freshness_warn: Positive | None = None
-    speed_caps: SpeedCaps = SpeedCaps()
-    temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
-    temperature_warn_c: Positive | None = None
-    voltage: Interval
-    voltage_warn: Interval | None = None
-    following_error: Positive
-    following_error_lasting: Positive | None = None
-    following_error_s: Annotated[Positive, Field(le=10)] = 0.2
-    following_error_warn: Positive | None = None
-    current_a: Positive | None = None
-    current_warn_a: Positive | None = None
-    current_s: Annotated[Positive, Field(le=60)] = 1.0
+    """[m] From the robot's counterpart of the human point to `frame`, in the heading frame."""

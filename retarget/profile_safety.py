@@ -1,18 +1,20 @@
-"""A profile's `safety`, for the guard: its levels in the guard's own terms, and warnings that come before stops."""
+"""A profile's `safety`: its keys, its levels in the guard's own terms, and warnings that come before stops."""
 
 from collections.abc import Iterable
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
 
 from hardware.guard_state import GuardLimits
 from retarget.errors import Problem
-from retarget.profile_parts import Safety
+from retarget.schema import Interval, Positive, Schema, Share
 from retarget.strict_yaml import Document
 
 if TYPE_CHECKING:
     from retarget.profile import RobotProfile
 
-__all__ = ["check_safety", "guard_limits", "safety_facts"]
+__all__ = ["Safety", "SpeedCaps", "check_safety", "guard_limits", "safety_facts"]
 
 WARN_BEFORE_C = 5.0
 """[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""
@@ -25,6 +27,53 @@ WITHIN = (
     ("current_warn_a", "current_a", "A"),
 )
 """Keys whose value must be below that of another, and their unit."""
+
+
+class SpeedCaps(Schema):
+    """Shares (0, 1] of each servo's max_velocity."""
+
+    follow: Share = 1.0
+    """While following."""
+    approach: Share = 0.2
+    """On the way to a posture (start, rest) and to the performer."""
+    warm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.25, le=1)] = 0.5
+    """Of the speed of following, left while a servo is too warm or draws too much."""
+
+
+class Safety(Schema):
+    """Bounds of operation; beyond one of them the guard stops the robot. What is left out is not watched."""
+
+    rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]
+    """[Hz] Ticks of the robot."""
+    freshness: Positive
+    """[s] Oldest state of a servo that is acted on, and most that a goal may take from the start of its tick. Beyond
+    it: stop."""
+    freshness_warn: Positive | None = None
+    """[s] From here on it is told."""
+    speed_caps: SpeedCaps = SpeedCaps()
+    """Shares of each servo's max_velocity, kept by stages and gate."""
+    temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
+    """[degrees Celsius] Hottest servo; beyond it: stop."""
+    temperature_warn_c: Positive | None = None
+    """[degrees Celsius] From here on it is told and the robot goes slower. Absent: 5 below temperature_c."""
+    voltage: Interval
+    """[V] Lowest and highest supply; outside: stop."""
+    voltage_warn: Interval | None = None
+    """[V] Outside it is told."""
+    following_error: Positive
+    """[rad] Largest distance between goal and present position; beyond it: stop."""
+    following_error_lasting: Positive | None = None
+    """[rad] A smaller one that stops only if it lasts."""
+    following_error_s: Annotated[Positive, Field(le=10)] = 0.2
+    """[s] So long."""
+    following_error_warn: Positive | None = None
+    """[rad] One that lasts and is told."""
+    current_a: Positive | None = None
+    """[A] Most that a servo may draw for long; beyond it: stop."""
+    current_warn_a: Positive | None = None
+    """[A] From here on it is told and the robot goes slower."""
+    current_s: Annotated[Positive, Field(le=60)] = 1.0
+    """[s] What is long."""
 
 
 def guard_limits(safety: Safety) -> GuardLimits:

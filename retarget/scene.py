@@ -20,8 +20,11 @@ class Scene(Schema):
     """Obstacles, by name."""
 
     name: Name
+    """By which it is chosen."""
     description: Text
+    """For whoever chooses."""
     obstacles: Obstacles
+    """What is there, by name."""
 
 
 def load_scene(name_or_path: str | Path) -> Scene:

@@ -58,16 +58,19 @@ Direction = Annotated[Point, AfterValidator(_direction)]
 
 
 class HalfSpace(Schema):
-    """All that is behind a plane: a point of it, m, and the normal that points out of the solid, of any length."""
+    """All that is behind a plane."""
 
     point: Point = (0.0, 0.0, 0.0)
+    """[m] Of its plane."""
     normal: Direction
+    """Points out of the solid; its length does not matter."""
 
 
 class ObstacleShape(SolidShape):
     """Exactly one of the shapes: those of a profile's observers, and the half-space."""
 
     half_space: Annotated[HalfSpace, Keys] | None = None
+    """All that is behind a plane."""
 
 
 def _one_shape(shape: ObstacleShape) -> ObstacleShape:
@@ -78,40 +81,52 @@ def _one_shape(shape: ObstacleShape) -> ObstacleShape:
 
 
 class Place(Schema):
-    """Where an obstacle's own frame is: position (3,) m and quat wxyz, in the frame that the obstacle names."""
+    """Where an obstacle's own frame is, in the frame that the obstacle names."""
 
     pos: Point = (0.0, 0.0, 0.0)
+    """[m] Of the obstacle's origin."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Of its axes, wxyz."""
 
 
 class PathPoint(Schema):
-    """Where an obstacle's own frame is at a time, s from the start."""
+    """Where an obstacle's own frame is at a time."""
 
     time: Annotated[Instant, BeforeValidator(_timed)] = Field(default=None, validate_default=True)
+    """[s] From the start, rising from point to point."""
     pos: Point
+    """[m] Of the obstacle's origin."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Of its axes, wxyz."""
 
 
 class Obstacle(Schema):
-    """Something that the robot must not touch.
-
-    frame: what `at`, `path`, `velocity` and live updates are written in: the world, or the robot's stand. influence:
-    distance at which observers begin to yield; margin: distance that they keep. Both m.
-    velocity (3,) m/s of the obstacle's origin and angular_velocity (3,) rad/s, along the axes of `frame`, between the
-    times `from` and `until`, s; path: poses at times instead, again and again with `loop`.
+    """Something that the robot must not touch. Velocities hold between `from` and `until`; a `path` takes the place of
+    both.
     """
 
     shape: Annotated[ObstacleShape, BeforeValidator(_shape_mapping), AfterValidator(_one_shape)]
+    """Exactly one, in the obstacle's own frame."""
     frame: Literal["world", "stand"] = "world"
+    """What `at`, `path`, `velocity` and live updates are written in: the world, or the robot's stand."""
     at: Annotated[Place, Keys] = Place()
+    """Where the obstacle's own frame is at the start."""
     influence: Size = 0.1
+    """[m] Distance at which observers begin to yield."""
     margin: Distance = 0.01
+    """[m] Distance that they keep."""
     velocity: tuple[Speed, Speed, Speed] | None = None
+    """[m/s] Of the obstacle's origin, along the axes of `frame`."""
     angular_velocity: tuple[Turn, Turn, Turn] | None = None
+    """[rad/s] About those axes."""
     start: Instant = Field(default=0.0, alias="from")
+    """[s] When it begins to move."""
     until: Instant | None = None
+    """[s] When it stops; absent: never."""
     path: Annotated[tuple[Annotated[PathPoint, Keys], ...], Field(max_length=10_000)] | None = None
+    """Poses at times, instead of `at` and velocities."""
     loop: Switch = False
+    """The path again and again."""
 
 
 Obstacles = Annotated[dict[Name, Annotated[Obstacle, Keys]], Field(max_length=256)]

@@ -40,41 +40,54 @@ Keys = BeforeValidator(_mapping)
 
 
 class Line(Schema):
-    """A line without thickness between two points, m."""
+    """A line without thickness between two points."""
 
     start: Point = Field(alias="from")
+    """[m] One end."""
     end: Point = Field(alias="to")
+    """[m] The other."""
 
 
 class Rod(Line):
-    """A line with a radius, m: a capsule (round ends) or a cylinder (flat ends)."""
+    """A line with a radius: a capsule (round ends) or a cylinder (flat ends)."""
 
     radius: Size
+    """[m] Around the line."""
 
 
 class Ball(Schema):
-    """A ball: centre and radius, m."""
+    """A ball."""
 
     at: Point = (0.0, 0.0, 0.0)
+    """[m] Its centre."""
     radius: Size
+    """[m] Of the ball."""
 
 
 class Box(Schema):
-    """A box: centre (3,) m, quat wxyz, half sizes (3,) m along its own x, y, z."""
+    """A box, by half of its sizes."""
 
     pos: Point = (0.0, 0.0, 0.0)
+    """[m] Its centre."""
     quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """How it is turned, wxyz."""
     size: tuple[Size, Size, Size]
+    """[m] Half of its sizes along its own x, y, z."""
 
 
 class SolidShape(Schema):
     """Exactly one of the shapes, which whoever takes it checks."""
 
     segment: Annotated[Line, Keys] | None = None
+    """A line without thickness."""
     capsule: Annotated[Rod, Keys] | None = None
+    """A line with a radius and round ends."""
     cylinder: Annotated[Rod, Keys] | None = None
+    """The same with flat ends."""
     sphere: Annotated[Ball, Keys] | None = None
+    """A ball."""
     box: Annotated[Box, Keys] | None = None
+    """A box."""
 
     @property
     def label(self) -> str:

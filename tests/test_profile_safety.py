@@ -7,8 +7,7 @@ import pytest
 
 from retarget.errors import ConfigError
 from retarget.profile import load_profile
-from retarget.profile_parts import Safety
-from retarget.profile_safety import guard_limits, safety_facts
+from retarget.profile_safety import Safety, guard_limits, safety_facts
 
 LEAST = {"rate_hz": 100.0, "freshness": 0.1, "temperature_c": 65.0, "voltage": [10.0, 14.8], "following_error": 0.35}
 ALL = {
