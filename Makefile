@@ -19,7 +19,7 @@ RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test lint bench bench-bus bench-tick bench-lateness bench-physics robustness long wheels clean machine
+.PHONY: help demo test lint bench bench-bus bench-tick bench-lateness bench-physics robustness long docs wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -32,6 +32,7 @@ help:
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make robustness  in how many runs under trouble it stands; takes half an hour'
 	@echo 'make long    tests that take minutes'
+	@echo 'make docs    the documentation site in out/site; it opens from disk'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
 	@echo 'make clean   remove .venv and everything built'
 
@@ -53,6 +54,10 @@ lint: $(VENV)/.with-test $(VENV)/.with-lint
 	$(BIN)/mypy
 	cargo fmt --check --manifest-path $(MANIFEST)
 	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --release --locked --all-targets --quiet --manifest-path $(MANIFEST) -- -D warnings
+
+docs: $(VENV)/.with-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo 'open out/site/index.html'
 
 bench: $(VENV)/.with-bench
 	$(BIN)/python -m benchmarks $(BENCH)
@@ -87,7 +92,7 @@ wheels: $(VENV)/.pip
 clean:
 	rm -rf $(VENV) $(CRATE)/target wheels out .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	rm -f retarget/_solver*.so
-	find retarget hardware sim tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	find retarget hardware sim tests benchmarks examples docs -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 # One stamp per set of dependencies. A change of the crate or of pyproject.toml builds the extension (release) and installs again.
 $(VENV)/.with-%: pyproject.toml $(RUST) | $(VENV)/.pip

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ("retarget", "hardware", "sim", "tests", "benchmarks", "examples")
+SOURCES = ("retarget", "hardware", "sim", "tests", "benchmarks", "examples", "docs")
 MAX_LINES = 300
 MAX_FUNCTION = 50
 LARGEST = 600_000

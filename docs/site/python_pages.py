@@ -1,0 +1,132 @@
+"""Pages of the Python reference: which modules, in which order. mkdocstrings fills them from the docstrings."""
+
+import inspect
+from dataclasses import dataclass
+
+import retarget
+
+__all__ = ["PAGES", "Page", "python_page"]
+
+
+HOMES: dict[str, str] = retarget._HOMES
+OPTIONS = "{show_root_heading: false, show_root_toc_entry: false, heading_level: 3}"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page of modules. text: what they are for."""
+
+    title: str
+    text: str
+    modules: tuple[str, ...]
+
+
+PAGES = {
+    "reference/run.md": Page(
+        "Python: a run",
+        "From a performer to a finished run: prepared, played, measured, saved.",
+        (
+            "retarget.options",
+            "retarget.clip",
+            "retarget.prepare",
+            "retarget.pipeline",
+            "retarget.run_result",
+            "retarget.record",
+            "retarget.metrics.measure",
+            "retarget.report",
+            "retarget.save",
+            "retarget.plots",
+            "retarget.exporting",
+            "retarget.recording.reading",
+            "retarget.errors",
+        ),
+    ),
+    "reference/performers.md": Page(
+        "Python: performers",
+        "Sensors, from files and from live streams, and the human that they are made into.",
+        (
+            "retarget.frames",
+            "retarget.sources.open",
+            "retarget.sources.stream_frame",
+            "retarget.live.begin",
+            "retarget.live.live_options",
+            "retarget.live.own_source",
+            "retarget.live.open_stream",
+            "retarget.live.stream",
+            "retarget.live.datagram",
+            "retarget.performer",
+            "retarget.calibration",
+            "retarget.human_dimensions",
+            "retarget.human",
+            "retarget.reconstruct",
+            "retarget.human_posture",
+            "sim.performer",
+        ),
+    ),
+    "reference/robots.md": Page(
+        "Python: robots",
+        "Profiles, bodies, priorities, scenes, and who follows.",
+        (
+            "retarget.profile",
+            "retarget.robot_body",
+            "retarget.body",
+            "retarget.importing.import_robot",
+            "retarget.priorities",
+            "retarget.hierarchy",
+            "retarget.landmarks",
+            "retarget.follow",
+            "retarget.gate",
+            "retarget.observers",
+            "retarget.scene",
+            "retarget.scene_motion",
+            "retarget._solver",
+        ),
+    ),
+    "reference/servos.md": Page(
+        "Python: servos",
+        "The bus, the guard who alone writes to it, and what stands in for servos.",
+        (
+            "hardware.bus",
+            "hardware.guard",
+            "hardware.guard_state",
+            "hardware.goal_filter",
+            "hardware.clock",
+            "hardware.servo",
+            "hardware.joint_map",
+            "hardware.bus_spec",
+            "hardware.errors",
+            "hardware.dynamixel.bus",
+            "sim.mock_bus",
+            "sim.mock_faults",
+            "sim.emulated_bus",
+            "sim.physics_bus",
+        ),
+    ),
+}
+"""By the place of the page."""
+PUBLIC = "reference/python.md"
+PAGES = {
+    PUBLIC: Page(
+        "Python: the public names",
+        "`from retarget import RunOptions, measure, ...`; everything else is imported from where it lives.",
+        (),
+    ),
+    **PAGES,
+}
+
+
+def python_page(place: str) -> str:
+    """The Markdown of a page, for mkdocstrings to fill."""
+    page = PAGES[place]
+    lines = [f"# {page.title}", "", page.text, ""]
+    if place == PUBLIC:
+        lines += ["| name | |", "|---|---|"]
+        lines += [f"| [`{name}`][{home}.{name}] | {_summary(name)} |" for name, home in sorted(HOMES.items())]
+    for module in page.modules:
+        lines += [f"## {module}", "", f"::: {module}", f"    options: {OPTIONS}", ""]
+    return "\n".join(lines)
+
+
+def _summary(name: str) -> str:
+    """The first line of a public name's docstring."""
+    return (inspect.getdoc(getattr(retarget, name)) or "").split("\n")[0].replace("|", "\\|")
