@@ -128,5 +128,6 @@ def python_page(place: str) -> str:
 
 
 def _summary(name: str) -> str:
-    """The first line of a public name's docstring."""
-    return (inspect.getdoc(getattr(retarget, name)) or "").split("\n")[0].replace("|", "\\|")
+    """The first paragraph of a public name's docstring."""
+    first = (inspect.getdoc(getattr(retarget, name)) or "").split("\n\n")[0]
+    return " ".join(first.split()).replace("|", "\\|")

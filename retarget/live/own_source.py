@@ -7,9 +7,8 @@ in JSON (docs/json-input.md) in between, so that a tap keeps it and `replay://` 
 import json
 from collections import deque
 from collections.abc import Callable, Sequence
+from math import inf, isfinite
 from typing import Any
-
-import numpy as np
 
 from hardware.clock import Clock
 from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
@@ -43,7 +42,7 @@ class OwnSource:
     def __init__(self, read: Read) -> None:
         self.dropped = Dropped()
         self._read: Read | None = read
-        self._last = -np.inf
+        self._last = -inf
         self._waiting: deque[Datagram] = deque()
 
     @property
@@ -105,9 +104,7 @@ def written(frame: StreamFrame) -> bytes:
     poses: dict[str, dict[str, Any]] = {}
     rows = zip(frame.names, frame.position.tolist(), frame.orientation.tolist(), frame.tracked.tolist(), strict=True)
     for name, position, orientation, tracked in rows:
-        told = {
-            key: value for key, value in (("p", position), ("q", orientation)) if np.isfinite(np.array(value)).all()
-        }
+        told = {key: value for key, value in (("p", position), ("q", orientation)) if all(map(isfinite, value))}
         if told:
             poses[name] = told if tracked else {**told, "tracked": False}
     message: dict[str, Any] = {"axes": "rep103", "quaternion": "wxyz", "poses": poses}

@@ -36,8 +36,9 @@ class StreamFrame:
 
     def __post_init__(self) -> None:
         count = len(self.names)
-        assert self.position.shape == (count, 3) and self.orientation.shape == (count, 4)
-        assert self.tracked.shape == (count,) and self.tracked.dtype == np.bool_
+        shapes = self.position.shape, self.orientation.shape, self.tracked.shape
+        assert shapes == ((count, 3), (count, 4), (count,)), f"{count} names, and arrays of shape {shapes}"
+        assert self.tracked.dtype == np.bool_, f"tracked is of {self.tracked.dtype}, not of bool"
 
 
 @dataclass(eq=False)
