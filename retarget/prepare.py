@@ -137,15 +137,17 @@ def prepare_for(
     parks: bool = False,
     tell: Tell = _to_nobody,
     lead: Lead = _by_itself,
+    robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
     parks: the end of a run, and a stop, is in the robot's rest posture. tell: hears of servos that are not well. lead:
-    who leads the robot instead of its follower.
+    who leads the robot instead of its follower. robot: instead of the one that the options name.
     Raises RetargetError for whatever cannot be used.
     """
     performer = load_performer(options.performer)
-    robot = None if options.is_human else load_robot(options.robot, root=options.root)
+    if robot is None and not options.is_human:
+        robot = load_robot(options.robot, root=options.root)
     for_human, for_robot = _priorities(robot, options)
     performance = perform(performer, robot)
     samples, human = performance.samples, build_human(performance.dimensions)

@@ -14,7 +14,7 @@ from retarget.profile import RobotProfile, load_profile
 from retarget.rotations import FloatArray, multiply
 from retarget.servo_calibration import ServoCalibration, calibrated, read_calibration
 
-__all__ = ["RobotBody", "load_robot", "load_uncalibrated"]
+__all__ = ["RobotBody", "load_robot", "load_uncalibrated", "robot_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +74,20 @@ def load_robot(name_or_path: str | Path, *, root: Root | None = None) -> RobotBo
     Raises UsageError, ConfigError, InputError, HardwareError.
     """
     profile = load_profile(name_or_path)
-    calibration = read_calibration(profile)
-    return _robot(profile if root is None else profile.model_copy(update={"root": root}), calibration)
+    return robot_of(profile, read_calibration(profile), root=root)
 
 
 def load_uncalibrated(name_or_path: str | Path) -> RobotBody:
     """As `load_robot`, with the zero ticks of the profile, whatever calibration there is."""
-    return _robot(load_profile(name_or_path), None)
+    return robot_of(load_profile(name_or_path), None)
 
 
-def _robot(profile: RobotProfile, calibration: ServoCalibration | None) -> RobotBody:
+def robot_of(profile: RobotProfile, calibration: ServoCalibration | None, *, root: Root | None = None) -> RobotBody:
+    """The robot of a profile that is read, with this calibration. root: instead of the profile's.
+
+    Raises InputError, HardwareError.
+    """
+    profile = profile if root is None else profile.model_copy(update={"root": root})
     body = load_body(profile.body_path, root=profile.root)
     specs = profile.servo_specs()
     joint_map = JointMap(specs if calibration is None else calibrated(specs, calibration))

@@ -69,9 +69,12 @@ class ServoCalibration(Schema):
     servos: Annotated[dict[Name, HomedServo], Field(min_length=1, max_length=250)]
 
 
-def read_calibration(profile: "RobotProfile") -> ServoCalibration | None:
-    """The calibration of this robot; None where the user has none. Raises ConfigError: unsound, or of another robot."""
-    path = calibration_path(profile.name)
+def read_calibration(profile: "RobotProfile", path: Path | None = None) -> ServoCalibration | None:
+    """The calibration of this robot; None where the user has none. path: this file instead of the user's.
+
+    Raises ConfigError: unsound, or of another robot.
+    """
+    path = calibration_path(profile.name) if path is None else path
     if not os.path.lexists(path):
         return None
     calibration, _ = read_model(ServoCalibration, path, check=lambda read, document: _problems(profile, read, document))

@@ -40,7 +40,7 @@ def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.Captu
     assert code_of(run, "--to", to) == 0
     assert {path.name for path in run.parent.iterdir()} - before == {ENDINGS[to]}
     told = capsys.readouterr().out
-    assert "27 rows, one for each tick" in told and "10 of approach and 3 of brake" in told
+    assert "27 rows, one for each tick" in told and "10 rows of approach and 3 rows of brake" in told
     place = run.parent / ENDINGS[to]
     stamp = place.stat().st_mtime_ns
     assert code_of(run, "--to", to) == 2

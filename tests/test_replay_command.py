@@ -1,13 +1,17 @@
 """`retarget replay`: what a person reads, the exit codes, and what is refused."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from recordings import Recorded, record
+from retarget.catalogue import shipped_folder
 from retarget.cli import main
 from retarget.cli.boundary import DONE, REFUSED, STOPPED
+from retarget.exporting import read_run
+from retarget.options import RunOptions
 from retarget.recording.played import Played
 
 
@@ -46,14 +50,42 @@ def test_other_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], monkey
     assert "by 0.264 degrees (3 ticks) at most" in out
 
 
-def test_a_recording_that_was_cut_off(plain: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cut = tmp_path / "cut.mcap"
-    content = plain.path.read_bytes()
-    cut.write_bytes(content[: len(content) - 3000])
-    assert run(cut) == DONE
+@pytest.mark.parametrize("share", [0.5, 0.75])
+def test_a_recording_that_was_cut_off(
+    share: float, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is there is compared, and said to be not all."""
+    monkeypatch.setattr("retarget.recording.writing.FLUSH_S", 0.01)  # many chunks of a short run
+    cut, whole = tmp_path / "cut.mcap", record(tmp_path / "run.mcap")
+    content = whole.path.read_bytes()
+    cut.write_bytes(content[: round(share * len(content))])
+    assert run(cut) == STOPPED
     shown = capsys.readouterr()
-    assert "it ends early" in shown.err and "ticks before that are read" in shown.err
-    assert "goals are as recorded" in shown.out
+    assert "it ends early" in shown.err and " s are read, up to cycle " in shown.err
+    compared = int(shown.out.split("all ")[1].split()[0])
+    assert 0 < compared < len(whole.result.record)
+    assert f"only {compared} goals are in it and were compared: it is not whole" in shown.err
+    assert f"all {compared} goals that it holds are as recorded, to the tick" in shown.out
+
+
+def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its files are in the recording; the body goes beside the run that is saved, where others find it."""
+    own = tmp_path / "op3"
+    shutil.copytree(shipped_folder() / "robots" / "op3", own)
+    recorded = record(tmp_path / "run.mcap", options=RunOptions(robot=str(own)), seconds=0.1)
+    own.rename(tmp_path / "away")
+    assert run(recorded.path, "--save", tmp_path / "again.npz", "--report", tmp_path / "again.json") == DONE
+    shown = capsys.readouterr()
+    assert "robot.yaml is not there any more: the one of then is used" in shown.err
+    assert (tmp_path / "again_body.xml").read_bytes() == (tmp_path / "away" / "body.xml").read_bytes()
+    assert read_run(tmp_path / "again.npz").joint_names == read_run(recorded.path).joint_names
+    assert run(recorded.path, "--robot", tmp_path / "away") == DONE
+    assert capsys.readouterr().err == ""
+    assert run(recorded.path, "--robot", "toddlerbot") == REFUSED
+    assert "other servos than when it was recorded" in capsys.readouterr().err
+    assert run(recorded.path, "--goals", "--bus", "mock") == DONE
+    assert run(recorded.path, "--goals", "--bus", tmp_path / "tty") == REFUSED
+    assert "no goal goes to real servos by an old one" in capsys.readouterr().err
 
 
 def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) -> None:

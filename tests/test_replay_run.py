@@ -17,10 +17,11 @@ from retarget.live.begin import LiveOptions
 from retarget.options import RunOptions
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared
+from retarget.recording.configs import as_now
 from retarget.recording.played import Played, played
 from retarget.recording.reading import read_recording
 from retarget.recording.recorder import Recorder
-from retarget.recording.replay import Replayed, replay, what_changed
+from retarget.recording.replay import Replayed, replay, what_computes
 from retarget.recording.topics import SENSORS
 from retarget.run_result import RunResult
 from retarget.samples import Samples
@@ -214,14 +215,11 @@ def test_a_recording_that_was_cut_off_is_played_as_far_as_it_goes(plain: Recorde
     assert again.result.state == "idle"
 
 
-def test_what_is_another_file_now_is_told(plain: Recorded) -> None:
+def test_another_version_is_told(plain: Recorded) -> None:
     session = plain.played().recording.session
-    assert what_changed(session, plain.result.robot) == ()
-    files = tuple(one.model_copy(update={"sha256": "0"}) if one.name == "robot.yaml" else one for one in session.files)
-    other = session.model_copy(update={"files": files[:-1], "version": "0.0.1"})
-    told = what_changed(other, plain.result.robot)
-    assert len(told) == 3 and "recorded by retarget 0.0.1" in told[0]
-    assert told[1] == "body.xml: there was none then" or "robot.yaml has changed" in told[1] + told[2]
+    assert what_computes(session) == ()
+    told = what_computes(session.model_copy(update={"version": "0.0.1", "machine": "pdp11"}))
+    assert len(told) == 2 and "recorded by retarget 0.0.1" in told[0] and "recorded on pdp11" in told[1]
 
 
 def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
@@ -231,8 +229,9 @@ def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
         ({"performer": "three"}, "the performer wears other sensors"),
     ):
         session = found.recording.session.model_copy(update=update)
-        with pytest.raises(InputError, match=message):
-            replay(replace(found, recording=replace(found.recording, session=session)))
+        other = replace(found, recording=replace(found.recording, session=session))
+        with pytest.raises(InputError, match=message), as_now(other.recording, session.options) as configs:
+            replay(other, configs)
 
 
 def test_sensors_come_back_bit_by_bit(plain: Recorded) -> None:

@@ -17,7 +17,10 @@ ROBOT, HUMAN = "robot", "human"
 
 
 def export(
-    file: Annotated[Path, typer.Argument(help="A run that `run --save` wrote.", metavar="FILE.npz")],
+    file: Annotated[
+        Path,
+        typer.Argument(help="A run that was saved or recorded: FILE.npz, FILE.mcap.", metavar="FILE"),
+    ],
     to: Annotated[
         str,
         typer.Option(
@@ -52,6 +55,8 @@ def export(
         if value not in allowed:
             raise UsageError("unknown choice", where=option, found=value[:80], allowed=", ".join(allowed))
     whole = read_run(file, of_human=of == HUMAN, body=body)
+    for note in whole.notes:
+        typer.echo(f"note: {note}", err=True)
     place = export_place(form, file, out, of_human=of == HUMAN)
     motion = _chosen(whole, phase)
     if fps is not None:
@@ -74,12 +79,12 @@ def _chosen(motion: Motion, phase: str) -> Motion:
 
 def _told(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
     """How much was written, and what of the run was not."""
-    text = f"{len(motion)} rows"
-    text += f" at {fps:g} Hz, resampled" if fps is not None else ", one for each tick"
+    text = f"{len(motion)} rows" if len(motion) > 1 else "1 row"
+    text += f" at {fps:g} Hz, resampled" if fps is not None else f", one for each {motion.row}"
     text += f", {motion.time[-1] - motion.time[0]:.2f} s"
     if phase == ALL:
         return text
     other = [name for name in PHASE_NAMES if name != PHASE_NAMES[Phase.FOLLOW]]
     counts = {name: int(np.count_nonzero(whole.phase == name)) for name in other}
-    left = " and ".join(f"{count} of {name}" for name, count in counts.items() if count)
-    return f"{text}; left out: {left} ticks (--phase all has them)" if left else text
+    left = " and ".join(f"{count} rows of {name}" for name, count in counts.items() if count)
+    return f"{text}; left out: {left} (--phase all has them)" if left else text

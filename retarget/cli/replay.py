@@ -14,7 +14,11 @@ from retarget.pipeline import Watch
 
 if TYPE_CHECKING:
     from retarget.cli.outputs import Outputs
+    from retarget.recording.configs import Configs
     from retarget.recording.played import Played
+    from retarget.recording.replay import Replayed
+    from retarget.robot_body import RobotBody
+    from retarget.run_result import RunResult
 
 __all__ = ["replay"]
 
@@ -36,6 +40,12 @@ def replay(
     speed: Annotated[
         float | None, typer.Option(help="Of --goals; 1 is as fast as they were recorded.", metavar="X")
     ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Use this robot, and all config files as they are now, instead of those of then.", metavar="NAME|PATH"
+        ),
+    ] = None,
     report: Annotated[
         Path | None, typer.Option(help="Write the numbers of the run as it is now.", metavar="FILE.json|DIR")
     ] = None,
@@ -46,8 +56,8 @@ def replay(
     """Run a recording again: what its sensors, servos and clock said, through this version; and say which goals differ.
 
     With --goals nothing is computed: the robot is led slowly to the first of the recorded goals, then along them, and
-    parked; gate and guard have the last word. Exit code 0: all goals are the same, or were sent; 1: they differ, or
-    the guard stopped; 2: a file that is no such recording.
+    parked; gate and guard have the last word. Exit code 0: all goals are the same, or were sent; 1: they differ, the
+    recording is not whole, or the guard stopped; 2: a file that is no such recording.
     """
     from retarget.cli.outputs import Outputs
     from retarget.recording.played import played
@@ -63,46 +73,94 @@ def replay(
     found = played(read_recording(file))
     _tell_of_damage(found)
     if bus is not None:
-        raise typer.Exit(_send(found, bus, 1.0 if speed is None else speed))
-    raise typer.Exit(_again(found, outputs))
+        raise typer.Exit(_send(found, bus, 1.0 if speed is None else speed, robot))
+    raise typer.Exit(_again(found, outputs, robot))
 
 
 def _tell_of_damage(found: "Played") -> None:
     """What there is of it, if that is not all."""
     recording, cycles = found.recording, found.cycles
     if recording.damage:
-        _note(f"{recording.path}: {recording.damage}; {len(cycles)} ticks before that are read")
+        until = f"its first {float(cycles.time[-1] - cycles.time[0]):.2f} s are read, up to cycle {cycles.index[-1]}"
+        _note(f"{recording.path}: {recording.damage}; {until}")
     if found.missing:
         _note(f"{recording.path}: {found.missing} ticks were never written: from there on goals may differ")
 
 
-def _again(found: "Played", outputs: "Outputs") -> int:
-    from retarget.cli.progress import progress_bar
+def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
     from retarget.metrics.measure import measure
+    from retarget.recording.configs import as_now, as_then
+
+    recording = found.recording
+    with as_then(recording) if robot is None else as_now(recording, recording.session.options, robot=robot) as configs:
+        again = _run(found, configs)
+        if again.result.reason:
+            typer.echo(f"it stops again: {again.result.reason}")
+        problems: tuple[str, ...] = ()
+        if outputs.report or outputs.save:
+            result = again.result if outputs.save is None else _with_its_body(again.result, configs, outputs.save)
+            written = outputs.write(result, measure(result))
+            problems = written.problems
+            for line in written.lines:
+                typer.echo(line)
+    compared = again.difference.compared
+    if not found.whole:
+        problems = (f"{recording.path}: only {compared} goals are in it and were compared: it is not whole", *problems)
+    for problem in problems:
+        typer.echo(f"error: {problem}", err=True)
+    return DONE if again.difference.none and not problems else STOPPED
+
+
+def _run(found: "Played", configs: "Configs") -> "Replayed":
+    """Run it again, and say what differs."""
+    from retarget.cli.progress import progress_bar
     from retarget.recording.replay import replay as run_again
 
     session = found.recording.session
     with progress_bar(session.robot, found.last_tick + 1) as show:
-        again = run_again(found, watch=Watch(show))
+        again = run_again(found, configs, watch=Watch(show))
     for changed in again.changed:
         _note(changed)
-    typer.echo(f"{found.recording.path}: {session.source or 'a run'} on {session.robot}, --bus {session.bus}")
+    typer.echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
     for line in again.difference.told():
         typer.echo(line)
-    if again.result.reason:
-        typer.echo(f"it stops again: {again.result.reason}")
-    problems: tuple[str, ...] = ()
-    if outputs.report or outputs.save:
-        written = outputs.write(again.result, measure(again.result))
-        problems = written.problems
-        for line in written.lines:
-            typer.echo(line)
-        for problem in problems:
-            typer.echo(f"error: {problem}", err=True)
-    return DONE if again.difference.none and not problems else STOPPED
+    return again
 
 
-def _send(found: "Played", bus: str, speed: float) -> int:
+def _with_its_body(run: "RunResult", configs: "Configs", save: Path) -> "RunResult":
+    """The run, with a body file beside the one that is saved where the recording alone has it."""
+    from retarget.outputs import write_atomic
+
+    if run.robot is None or not configs.body_attached:
+        return run
+    profile = run.robot.profile
+    body = save.with_name(f"{save.stem}_body{profile.body_path.suffix}")
+    write_atomic(body, profile.body_path.read_bytes(), option="--save")
+    profile = profile.model_copy(update={"body": str(body.resolve())})
+    return replace(run, robot=replace(run.robot, profile=profile))
+
+
+def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
+    from retarget.recording.configs import PROFILE, as_now
+
+    low, high = SPEEDS
+    if not low <= speed <= high:
+        raise UsageError("impossible speed", where="--speed", found=f"{speed:g}", allowed=f"{low:g} to {high:g}")
+    options = _on_bus(found.recording.session.options, bus)
+    with as_now(found.recording, options, robot=robot) as configs:
+        if PROFILE in configs.attached and not options.simulated:
+            raise UsageError(
+                "the profile of this robot is not there any more, and no goal goes to real servos by an old one",
+                where="--robot",
+                found=options.robot[:80],
+                next_step="Say which robot is on the bus: --robot NAME|FILE",
+            )
+        for told in configs.told:
+            _note(told)
+        return _sent(found, configs.options, configs.robot, speed)
+
+
+def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed: float) -> int:
     from contextlib import ExitStack
 
     from hardware.clock import Clock, MonotonicClock, VirtualClock
@@ -111,21 +169,20 @@ def _send(found: "Played", bus: str, speed: float) -> int:
     from retarget.cli.progress import progress_bar
     from retarget.recording.sending import sending
 
-    low, high = SPEEDS
-    if not low <= speed <= high:
-        raise UsageError("impossible speed", where="--speed", found=f"{speed:g}", allowed=f"{low:g} to {high:g}")
-    options = _on_bus(found.recording.session.options, bus)
     clock: Clock = VirtualClock() if options.simulated else MonotonicClock()
     bench = PhysicsBench(options, _note)
     with ExitStack() as signals:
-        with sending(found, options, speed=speed, clock=clock, make_bus=bench.make_bus, tell=_note) as prepared:
+        with sending(
+            found, options, speed=speed, clock=clock, make_bus=bench.make_bus, tell=_note, robot=robot
+        ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with progress_bar(options.robot, prepared.samples.kept // 2) as show:
                 run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why))
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"
         gated = int(sent.gated.sum())
-        typer.echo(f"{run.ticks_followed} goals sent to --bus {bus}; the gate changed {gated} of {len(run.record)}")
+        changed = f"the gate changed {gated} of {len(run.record)}"
+        typer.echo(f"{run.ticks_followed} goals sent to --bus {options.bus}; {changed}")
         typer.echo(f"end: {run.state}" + (f": {run.reason}" if run.reason else ""))
         return DONE if run.reason is None else STOPPED
 

@@ -10,7 +10,7 @@ from retarget.errors import InputError
 from retarget.record import Phase
 from retarget.rotations import FloatArray
 
-__all__ = ["PHASE_NAMES", "Motion", "Tracks", "posture"]
+__all__ = ["PHASE_NAMES", "Motion", "Tracks", "posture", "quaternion_columns"]
 
 PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 UNEVEN = 0.01
@@ -37,7 +37,7 @@ class Motion:
     phase (T,): names of `Phase` in lower case. q (T, nq): what was sent, root xyz m and wxyz in the world (REP-103),
     then joints, rad or m. servos (T, n): where the servos were, as `joint_names`, NaN for a joint without servo; None
     where no servo answered. goal_ticks (T, n): servo goals, -1 without; None where rows are no ticks. asked: landmarks
-    (of a human: its sensors) that were asked for.
+    (of a human: its sensors) that were asked for. row: what a row is. notes: for the user, of what the file lacks.
     """
 
     source: str
@@ -49,6 +49,8 @@ class Motion:
     servos: FloatArray | None = None
     goal_ticks: IntArray | None = None
     asked: Tracks | None = None
+    row: str = "tick"
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)
@@ -126,3 +128,13 @@ def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, r
     q[:, :7] = root
     q[:, [body.joint_qpos[body.joint_index(name)] for name in joint_names]] = joints
     return q
+
+
+def quaternion_columns(body: BodyModel) -> list[int]:
+    """Where in q each quaternion begins."""
+    offset = {int(JointType.FREE): 3, int(JointType.BALL): 0}
+    return [
+        int(address) + offset[kind]
+        for address, kind in zip(body.joint_qpos, body.joint_type.tolist(), strict=True)
+        if kind in offset
+    ]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from retarget.errors import InputError
+from retarget.exporting.mcap_reader import read_mcap_human, read_mcap_run
 from retarget.exporting.motion import Motion
 from retarget.exporting.npz_reader import read_npz_human, read_npz_run
 
@@ -19,7 +20,10 @@ class Reader:
     human: Callable[[Path], Motion]
 
 
-READERS = {".npz": Reader(lambda path, body: read_npz_run(path, body=body), read_npz_human)}
+READERS = {
+    ".npz": Reader(lambda path, body: read_npz_run(path, body=body), read_npz_human),
+    ".mcap": Reader(lambda path, body: read_mcap_run(path, body=body), read_mcap_human),
+}
 """Suffix -> reader. Whoever adds a format adds a line here."""
 
 
@@ -35,7 +39,6 @@ def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) ->
             where=str(path)[:200],
             found=path.suffix or "no suffix",
             allowed=", ".join(READERS),
-            next_step="Give a file that `retarget run --save FILE.npz` wrote. Of a recording: "
-            "`retarget replay RUN.mcap --save FILE.npz` makes one",
+            next_step="Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap",
         )
     return reader.human(path) if of_human else reader.robot(path, body)

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from retarget.body import JointType
 from retarget.errors import UsageError
-from retarget.exporting.motion import Motion, Tracks
+from retarget.exporting.motion import Motion, Tracks, quaternion_columns
 from retarget.rotations import FloatArray, slerp
 
 __all__ = ["MAX_FPS", "resampled"]
@@ -28,6 +27,13 @@ def resampled(motion: Motion, fps: float) -> Motion:
     if not 0.0 < fps <= MAX_FPS:
         raise UsageError("impossible rate", where="--fps", found=f"{fps:g}", allowed=f"above 0, up to {MAX_FPS:g}")
     begin, end = float(motion.time[0]), float(motion.time[-1])
+    if len(motion) > 1 and (end - begin) * fps * (1.0 + EXACT) < 1.0:
+        raise UsageError(
+            "so few rows a second that only one is left",
+            where="--fps",
+            found=f"{fps:g} in {end - begin:.3g} s",
+            allowed=f"{1.0 / (end - begin):.3g} and more, up to {MAX_FPS:g}",
+        )
     time = begin + np.arange(int((end - begin) * fps * (1.0 + EXACT)) + 1) / fps
     if len(time) == len(motion) and np.abs(time - motion.time).max() < EXACT:
         return motion
@@ -41,7 +47,7 @@ def resampled(motion: Motion, fps: float) -> Motion:
         return np.asarray((1.0 - weight) * values[before] + weight * values[after])
 
     q = between(motion.q)
-    for start in _quaternions(motion):
+    for start in quaternion_columns(motion.body):
         q[:, start : start + 4] = slerp(motion.q[before, start : start + 4], motion.q[after, start : start + 4], share)
     asked = motion.asked
     return replace(
@@ -53,14 +59,3 @@ def resampled(motion: Motion, fps: float) -> Motion:
         goal_ticks=None,
         asked=None if asked is None else Tracks(asked.names, between(asked.position)),
     )
-
-
-def _quaternions(motion: Motion) -> list[int]:
-    """Where in q each quaternion begins."""
-    body = motion.body
-    offset = {int(JointType.FREE): 3, int(JointType.BALL): 0}
-    return [
-        int(address) + offset[kind]
-        for address, kind in zip(body.joint_qpos, body.joint_type.tolist(), strict=True)
-        if kind in offset
-    ]

@@ -17,7 +17,7 @@ __all__ = ["Difference", "goal_difference", "posture_difference"]
 class Difference:
     """compared: goals (of a human alone: postures) that were recorded. differ: of those, other ones now. first: cycle
     of the first, and time_s since the recording began; None: none. most: by how much at most, in `unit`, and where.
-    absent: recorded and not sent now; extra: sent now and not recorded."""
+    absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording holds all of its run."""
 
     compared: int
     differ: int
@@ -29,6 +29,7 @@ class Difference:
     unit: str
     absent: int = 0
     extra: int = 0
+    whole: bool = True
 
     @property
     def none(self) -> bool:
@@ -39,7 +40,8 @@ class Difference:
         """For a person, line by line."""
         what = "goals" if self.unit == "degrees" else "postures"
         if self.none:
-            return [f"all {self.compared} {what} are as recorded, to the {'tick' if what == 'goals' else 'bit'}"]
+            all_of_them = f"all {self.compared} {what}{'' if self.whole else ' that it holds'}"
+            return [f"{all_of_them} are as recorded, to the {'tick' if what == 'goals' else 'bit'}"]
         lines = []
         if self.differ:
             at = f"from cycle {self.first}, {self.time_s:.3f} s after the recording began"
@@ -53,8 +55,8 @@ class Difference:
         return lines
 
 
-def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody, *, whole: bool) -> Difference:
-    """Of goals, in ticks. whole: the recording has an end, so that what comes after it is more than was recorded."""
+def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Difference:
+    """Of goals, in ticks. Of a recording without an end, what comes after it is not more than was recorded."""
     cycles = played.cycles
     wrote = np.flatnonzero(cycles.written != Done.NOT)
     now = np.full((len(cycles), cycles.goal.shape[1]), np.iinfo(np.int64).min)
@@ -67,9 +69,9 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody, *, whole
     sent = wrote[now[wrote, 0] != np.iinfo(np.int64).min]
     off = now[sent] - cycles.goal[sent]
     wrong = np.flatnonzero(off.any(axis=1))
-    absent, extra = len(wrote) - len(sent), extra if whole else 0
+    absent, extra = len(wrote) - len(sent), extra if played.whole else 0
     if not wrong.size:
-        return Difference(len(wrote), 0, None, None, 0.0, 0, "", "degrees", absent, extra)
+        return Difference(len(wrote), 0, None, None, 0.0, 0, "", "degrees", absent, extra, played.whole)
     degrees = np.degrees(np.abs(robot.joint_map.to_radians(now[sent]) - robot.joint_map.to_radians(cycles.goal[sent])))
     first = int(sent[wrong[0]])
     at, joint = np.unravel_index(int(degrees.argmax()), degrees.shape)
@@ -84,6 +86,7 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody, *, whole
         unit="degrees",
         absent=absent,
         extra=extra,
+        whole=played.whole,
     )
 
 
@@ -106,6 +109,7 @@ def posture_difference(played: Played, q: FloatArray) -> Difference:
         unit="m or rad",
         absent=len(recorded) - both,
         extra=0,
+        whole=played.whole,
     )
 
 

@@ -30,6 +30,11 @@ class Played:
     posture_cycles: NDArray[np.int64]
 
     @property
+    def whole(self) -> bool:
+        """Whether nothing of the run is missing."""
+        return not (self.recording.damage or self.missing)
+
+    @property
     def last_tick(self) -> int:
         """The last tick of the performance in it; -1: none."""
         asked = self.cycles.sampled != Done.NOT

@@ -32,13 +32,15 @@ class TopicRows:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a file holds. damage: how it ended early, "" if it is whole. texts: failures and stops by (cycle, who)."""
+    """What a file holds. damage: how it ended early, "" if it is whole. texts: failures and stops by (cycle, who).
+    attachments: content of the config files by name, of those that are as the session says."""
 
     path: Path
     session: Session
     damage: str
     topics: dict[str, TopicRows]
     texts: dict[tuple[int, str], str]
+    attachments: dict[str, bytes] = field(default_factory=dict)
 
     def topic(self, name: str) -> TopicRows:
         """The messages of a topic. Raises InputError where it has none."""
@@ -57,6 +59,7 @@ class _Found:
     """While it is read."""
 
     metadata: dict[str, str] | None = None
+    attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, Any] = field(default_factory=dict)
     data: dict[int, list[bytes]] = field(default_factory=dict)
     cycles: dict[int, list[int]] = field(default_factory=dict)
@@ -83,14 +86,16 @@ def read_recording(path: Path) -> Recording:
         raise InputError("cannot read the recording", where=where, found=reason) from None
     session = _session(found.metadata, where, damage)
     topics = {name: rows for name, rows in _topics(found, where) if len(rows.rows)}
-    return Recording(path, session, damage, topics, _texts(found))
+    said = {file.name: file.sha256 for file in session.files}
+    attached = {name: data for name, data in found.attachments.items() if sha256(data).hexdigest() == said.get(name)}
+    return Recording(path, session, damage, topics, _texts(found), attached)
 
 
 def _read(stream: Any, found: _Found) -> str:
     """Read record by record. Returns how it ended early."""
     import zstandard
     from mcap.exceptions import EndOfFile, McapError
-    from mcap.records import Channel, Message, Metadata
+    from mcap.records import Attachment, Channel, Message, Metadata
     from mcap.stream_reader import StreamReader
 
     reader = StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST)
@@ -103,6 +108,8 @@ def _read(stream: Any, found: _Found) -> str:
                 found.channels[record.id] = record
             elif isinstance(record, Metadata) and record.name == METADATA:
                 found.metadata = record.metadata
+            elif isinstance(record, Attachment):
+                found.attachments[record.name] = record.data
     except EndOfFile:
         return "it ends early: the run was cut off, or the file is not whole"
     except (McapError, ValueError, struct.error, zstandard.ZstdError, RuntimeError, MemoryError) as error:

@@ -16,17 +16,18 @@ from retarget.performer import Performer
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared, prepare_for
 from retarget.record import Record
+from retarget.recording.configs import Configs, as_then
 from retarget.recording.cursor import Cursor
 from retarget.recording.cycles import Asked
 from retarget.recording.difference import Difference, goal_difference, posture_difference
 from retarget.recording.played import Played
-from retarget.recording.session import Session, config_files
+from retarget.recording.session import Session
 from retarget.recording.stand_ins import ReplayedBus, ReplayedClock, ReplayedSamples
 from retarget.robot_body import RobotBody
 from retarget.run_result import RunResult
 from retarget.samples import Performance
 
-__all__ = ["Replayed", "refuse_other_robot", "replay", "what_changed"]
+__all__ = ["Replayed", "refuse_other_robot", "replay", "what_computes"]
 
 Tell = Callable[[str], object]
 
@@ -40,11 +41,16 @@ class Replayed:
     changed: tuple[str, ...]
 
 
-def replay(played: Played, *, watch: Watch | None = None, tell: Tell = lambda text: None) -> Replayed:
-    """Run it again. watch: `on_tick` of it is told. tell: as of `prepare_for`.
+def replay(
+    played: Played, configs: Configs | None = None, *, watch: Watch | None = None, tell: Tell = lambda text: None
+) -> Replayed:
+    """Run it again. configs: None: those of then. watch: `on_tick` of it is told. tell: as of `prepare_for`.
 
     Raises RetargetError for what cannot be run any more; InputError where robot or performer are others now.
     """
+    if configs is None:
+        with as_then(played.recording) as then:
+            return replay(played, then, watch=watch, tell=tell)
     session, has_robot = played.recording.session, bool(played.recording.session.joints)
     cursor = Cursor(played.cycles, has_robot=has_robot, dt=session.dt)
     samples, bus, clock = ReplayedSamples(played, cursor), ReplayedBus(played, cursor), ReplayedClock(cursor)
@@ -58,21 +64,20 @@ def replay(played: Played, *, watch: Watch | None = None, tell: Tell = lambda te
     def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
         return bus
 
-    options = session.options
-    with prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=session.parks, tell=tell) as prepared:
-        robot = None if prepared.side is None else prepared.side.robot
-        changed = what_changed(session, robot)
+    robot = configs.robot
+    with prepare_for(
+        perform, configs.options, clock=clock, make_bus=make_bus, parks=session.parks, tell=tell, robot=robot
+    ) as prepared:
         result = prepared.run(_watch(played, cursor, prepared, watch or Watch()))
-    whole = not (played.recording.damage or played.missing)
     if robot is None:
         difference = posture_difference(played, result.record.human.q)
     else:
-        difference = goal_difference(played, bus, robot, whole=whole)
-    return Replayed(result, difference, changed)
+        difference = goal_difference(played, bus, robot)
+    return Replayed(result, difference, (*what_computes(session), *configs.told))
 
 
-def what_changed(session: Session, robot: RobotBody | None) -> tuple[str, ...]:
-    """What is another than when it was recorded: version, and files by content; a sentence each."""
+def what_computes(session: Session) -> tuple[str, ...]:
+    """What computes it is another than when it was recorded: version, numpy, kind of machine; a sentence each."""
     changed = []
     if session.version != retarget.__version__:
         changed.append(f"recorded by retarget {session.version}, this is {retarget.__version__}")
@@ -82,13 +87,6 @@ def what_changed(session: Session, robot: RobotBody | None) -> tuple[str, ...]:
     ):
         if was != found:
             changed.append(f"recorded {what} {was}, this is {found}")
-    now = {told.name: told for told, _ in config_files(session.options, robot)}
-    then = {told.name: told for told in session.files}
-    for name in sorted(now.keys() | then.keys()):
-        if name not in now or name not in then:
-            changed.append(f"{name}: {'there is none now' if name not in now else 'there was none then'}")
-        elif now[name].sha256 != then[name].sha256:
-            changed.append(f"{name} has changed: {now[name].path}")
     return tuple(changed)
 
 
@@ -105,7 +103,7 @@ def refuse_other_robot(session: Session, robot: RobotBody) -> None:
             "the robot has other servos than when it was recorded",
             where=robot.profile.name,
             found=found or "another order of them",
-            allowed=f"the profile of then, which is attached to the recording of {session.robot}",
+            allowed=f"the profile of then, of {session.robot}, which is attached to the recording",
         )
 
 

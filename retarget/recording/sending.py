@@ -230,9 +230,17 @@ class StillHuman:
 
 @contextmanager
 def sending(
-    played: Played, options: RunOptions, *, speed: float, clock: Clock, make_bus: MakeBus, tell: Tell
+    played: Played,
+    options: RunOptions,
+    *,
+    speed: float,
+    clock: Clock,
+    make_bus: MakeBus,
+    tell: Tell,
+    robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
     """A run that sends the goals, ready to start; it parks in the end. options: those of the recording, on another bus.
+    robot: as of `prepare_for`.
 
     Raises RetargetError for what cannot be sent to this robot.
     """
@@ -251,7 +259,9 @@ def sending(
     def lead(follower: FollowingStage) -> FollowingStage:
         return stages[0]
 
-    with prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=True, tell=tell, lead=lead) as prepared:
+    with prepare_for(
+        perform, options, clock=clock, make_bus=make_bus, parks=True, tell=tell, lead=lead, robot=robot
+    ) as prepared:
         yield replace(prepared, reconstructor=StillHuman(prepared.reconstructor))
 
 

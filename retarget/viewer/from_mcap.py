@@ -10,12 +10,11 @@ from retarget.body_file import compile_body, compile_body_text
 from retarget.errors import InputError
 from retarget.human import build_human
 from retarget.record import Phase
+from retarget.recording.configs import as_then
 from retarget.recording.note import STATES
 from retarget.recording.played import played
 from retarget.recording.reading import MAGIC, Recording, TopicRows, read_recording
-from retarget.recording.replay import refuse_other_robot
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK
-from retarget.robot_body import load_robot
 from retarget.rotations import FloatArray
 from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, Viewed, actor
 from retarget.viewer.recorded import open_recorded
@@ -50,10 +49,10 @@ class RecordedCycles:
         if not session.joints:
             self.cast = Cast(title, None, human, (), ())
             return
-        root = session.options.physics.root
-        robot = load_robot(session.robot, root=root)
-        refuse_other_robot(session, robot)
-        shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
+        with as_then(recording) as configs:
+            robot, self.notes = configs.robot, (*self.notes, *configs.told)
+            assert robot is not None, "there are joints"
+            shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
         asked = recording.topics.get(LANDMARKS)
         names = tuple(robot.profile.landmarks) if asked is not None else ()
         self.cast = Cast(title, shown, human, robot.joint_map.joints, names, robot)
