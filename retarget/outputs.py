@@ -8,7 +8,17 @@ from typing import IO
 
 from retarget.errors import UsageError
 
-__all__ = ["check_folder", "check_path", "check_place", "make_folder", "umask", "write_atomic", "write_stream"]
+__all__ = [
+    "check_folder",
+    "check_path",
+    "check_place",
+    "make_folder",
+    "refuse_existing",
+    "remove",
+    "umask",
+    "write_atomic",
+    "write_stream",
+]
 
 
 def check_place(path: Path, *, option: str) -> None:
@@ -33,6 +43,22 @@ def check_folder(path: Path, *, option: str) -> None:
     if not existing.is_dir():
         raise UsageError("part of this path is a file", where=option, found=str(existing))
     _try_folder(existing, option)
+
+
+def refuse_existing(path: Path, *, option: str) -> None:
+    """Raise UsageError if something is at `path`: nothing is overwritten unless that is asked for."""
+    check_path(path, option=option)
+    if path.is_symlink() or path.exists():
+        step = "Give another name, or add --overwrite to replace it"
+        raise UsageError("something is there already", where=option, found=str(path)[:200], next_step=step)
+
+
+def remove(path: Path, *, option: str) -> None:
+    """Remove a file that is to be replaced by one that grows. Raises UsageError with the system's reason."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(path, option, error) from error
 
 
 def make_folder(path: Path, *, option: str) -> None:

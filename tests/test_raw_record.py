@@ -185,7 +185,7 @@ def test_a_full_disk_stops_the_recording_only(tmp_path: Path) -> None:
 
 
 def test_where_nothing_can_be_written(tmp_path: Path, recording: Path) -> None:
-    with pytest.raises(UsageError, match=r"--record-raw: this file exists already"):
+    with pytest.raises(UsageError, match=r"--record-raw: something is there already"):
         RawWriter(recording, url=URL)
     with pytest.raises(UsageError, match=r"--record-raw: cannot write this file"):
         RawWriter(tmp_path / "none" / "a", url=URL)

@@ -168,7 +168,7 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
     with pytest.raises(SystemExit) as leaving:
         main(["run", "--robot", "op3", "--source", str(source), "--record", str(path)])
-    assert leaving.value.code == REFUSED and "this file exists already" in capsys.readouterr().err
+    assert leaving.value.code == REFUSED and "something is there already" in capsys.readouterr().err
     assert path.read_bytes() == b"mine"
 
 

@@ -7,6 +7,7 @@ import typer
 
 from retarget.cli.follow_clip import follow_clip
 from retarget.cli.outputs import Outputs
+from retarget.cli.overwrite import Overwrite
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.options import SIMULATED, RunOptions
@@ -20,10 +21,12 @@ def demo(
     bus: Annotated[
         str, typer.Option(help="Where goals go, as of `run`.", metavar="mock|emulator|physics|physics+wire|none")
     ] = "emulator",
+    overwrite: Overwrite = False,
 ) -> None:
     """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
 
-    Writes a report, its page, every tick and pictures into a folder; needs no data and no hardware.
+    Writes a report, its page, every tick and pictures into a folder (out/demo is its own: there they are replaced);
+    needs no data and no hardware.
     """
     options = RunOptions(robot=robot, bus=bus)
     if not options.simulated:
@@ -35,6 +38,8 @@ def demo(
             next_step="See `retarget run`",
         )
     outputs = Outputs.in_folder(folder)
+    if not overwrite and folder != DEFAULT_FOLDER:
+        outputs.refuse_existing("folder")
 
     def read() -> SensorFrames:
         from sim.performer import synthetic_performer

@@ -9,13 +9,14 @@ import typer
 from rich.console import Console
 
 from hardware.clock import MonotonicClock
+from retarget.cli.overwrite import Overwrite
 from retarget.cli.progress import progress_bar
 from retarget.errors import UsageError, suggest
 from retarget.experiments.made_motion import made_jog, made_jump
 from retarget.experiments.run import NAMES, Motions, Results, run_experiments
 from retarget.experiments.table import as_table
 from retarget.experiments.trials import CROUCH, JOG, JUMP, read_trial
-from retarget.outputs import check_folder, make_folder, write_atomic
+from retarget.outputs import check_folder, make_folder, refuse_existing, write_atomic
 
 DEFAULT_FOLDER = Path("out/experiments")
 RUNS = 8
@@ -40,6 +41,7 @@ def experiments(
         int | None,
         typer.Option("--n-ik", min=1, max=100, help="Iterations per frame at most (the paper's: 5).", metavar="N"),
     ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Repeat the paper's experiments: pictures like its figures, and a table beside its numbers.
 
@@ -48,6 +50,9 @@ def experiments(
     """
     names = _chosen(only)
     check_folder(out, option="--out")
+    path = out / "experiments.json"
+    if not overwrite and out != DEFAULT_FOLDER:
+        refuse_existing(path, option="--out")
     motions = _motions(mocap)
     make_folder(out, option="--out")
     total = RUNS * len(motions.crouch)
@@ -60,7 +65,6 @@ def experiments(
             iterations=n_ik,
             progress=_Counter(show, len(motions.crouch)),
         )
-    path = out / "experiments.json"
     write_atomic(path, json.dumps(results.data, indent=2, allow_nan=False).encode(), option="--out")
     _show(results, path)
 

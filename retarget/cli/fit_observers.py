@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
+from retarget.cli.overwrite import Overwrite
 from retarget.cli.progress import progress_bar
 from retarget.errors import UsageError
 from retarget.fitting.fit import DEFAULT_SAMPLES, Fit, Subject, find_subject, fit
 from retarget.fitting.proposals import Zones
-from retarget.outputs import check_place, write_atomic
+from retarget.outputs import check_place, refuse_existing, write_atomic
 
 STEPS = 1000
 
@@ -21,12 +22,15 @@ def fit_observers(
     seed: Annotated[int, typer.Option(help="Of the postures: the same seed, the same proposal.", metavar="S")] = 0,
     influence: Annotated[float, typer.Option(help="Distance at which an observer acts, m.", metavar="M")] = 0.03,
     margin: Annotated[float, typer.Option(help="Distance that it keeps, m.", metavar="M")] = 0.005,
+    overwrite: Overwrite = False,
 ) -> None:
     """Propose observers (the smallest capsule around each link) and pairs to ignore, as a part of a profile in YAML."""
     zones = Zones(influence, margin)
     subject = find_subject(robot)
     if out is not None:
         _check_out(out, subject)
+        if not overwrite:
+            refuse_existing(out, option="--out")
     with progress_bar("looking at postures", STEPS) as show:
         found = fit(subject, zones, samples=samples, seed=seed, progress=lambda share: show(int(STEPS * share)))
     if out is None:
@@ -37,7 +41,7 @@ def fit_observers(
 
 
 def _check_out(out: Path, subject: Subject) -> None:
-    """A file of our own may be written anew, as everywhere; one that the proposal was made from may not."""
+    """The file that the proposal was made from is never written anew."""
     check_place(out, option="--out")
     if any(out.exists() and out.samefile(path) for path in subject.inputs):
         raise UsageError(

@@ -38,7 +38,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     clock = VirtualClock() if options.simulated and outputs.view is None else MonotonicClock()
     bench = PhysicsBench(options, _note)
     parks = options.has_physics  # without torque it would fall from where it stands
-    recorder = Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note)
+    recorder = Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note, overwrite=outputs.overwrite)
     with detached_screens(), ExitStack() as signals:
         with prepare(
             read,

@@ -24,12 +24,13 @@ from retarget.cli.oversight import Oversight, has_terminal, refuse_oversight
 from retarget.cli.physics_bench import PhysicsBench
 from retarget.cli.viewing import viewing
 from retarget.errors import UsageError
-from retarget.live.address import parse_address
+from retarget.live.address import StreamAddress, parse_address
 from retarget.live.begin import LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
 from retarget.live.raw_tap import RawTap
 from retarget.options import RunOptions
+from retarget.outputs import remove
 from retarget.performer import Performer
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared, prepare_for
@@ -85,11 +86,15 @@ def follow_live(
     refuse_oversight(oversight, virtual=virtual)
     clock: Clock = VirtualClock() if virtual else MonotonicClock()
     bench = PhysicsBench(options, _tell)
-    recorder = Recorder(outputs.record, options, clock=clock, parks=True, tell=_tell)
+    recorder = Recorder(outputs.record, options, clock=clock, parks=True, tell=_tell, overwrite=outputs.overwrite)
     tell = recorder.hears(_tell)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
-        tap = None if record_raw is None else stack.enter_context(_raw_tap(record_raw, address.text))
+        tap = (
+            None
+            if record_raw is None
+            else stack.enter_context(_raw_tap(record_raw, address, overwrite=outputs.overwrite))
+        )
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
@@ -122,8 +127,14 @@ def follow_live(
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
 
-def _raw_tap(path: Path, url: str) -> RawTap:
-    return RawTap(RawWriter(path, url=url), tell=_tell)
+def _raw_tap(path: Path, address: StreamAddress, *, overwrite: bool) -> RawTap:
+    if overwrite and path.is_file():
+        if address.path is not None and address.path.is_file() and path.samefile(address.path):
+            raise UsageError(
+                "this file is what is played", where="--record-raw", found=str(path), next_step="Give another name"
+            )
+        remove(path, option="--record-raw")
+    return RawTap(RawWriter(path, url=address.text), tell=_tell)
 
 
 def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:

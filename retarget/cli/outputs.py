@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from retarget.errors import RefusedError
-from retarget.outputs import check_folder, make_folder
+from retarget.outputs import check_folder, make_folder, refuse_existing
 from retarget.report import Report, page_path, report_path, write_report
 from retarget.run_result import RunResult
 from retarget.save import save_path, write_npz
@@ -18,13 +18,16 @@ if TYPE_CHECKING:
 
     Figures = dict[str, Figure]
 
-__all__ = ["Outputs", "Written"]
+__all__ = ["PICTURE_NAMES", "Outputs", "Written"]
+
+PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
+"""Of the files in `--plots DIR`, told without importing what draws them."""
 
 
 @dataclass(frozen=True)
 class Outputs:
     """Where report, its page, recording and pictures of a run go; None: nowhere. While it goes on record is written,
-    and the page at port view shows it."""
+    and the page at port view shows it. overwrite: replace what is there."""
 
     report: Path | None = None
     page: Path | None = None
@@ -32,21 +35,31 @@ class Outputs:
     plots: Path | None = None
     record: Path | None = None
     view: int | None = None
+    overwrite: bool = False
 
     @classmethod
     def checked(
-        cls, *, report: Path | None, save: Path | None, plots: Path | None, record: Path | None = None
+        cls,
+        *,
+        report: Path | None,
+        save: Path | None,
+        plots: Path | None,
+        record: Path | None = None,
+        overwrite: bool = False,
     ) -> "Outputs":
-        """Raise UsageError for the first place at which nothing can be written."""
+        """Raise UsageError for the first place at which nothing can be written, or where something is already."""
         places = cls(
             report=None if report is None else report_path(report),
             page=None if report is None else page_path(report),
             save=None if save is None else save_path(save),
             plots=plots,
             record=record,
+            overwrite=overwrite,
         )
         if plots is not None:
             check_folder(plots, option="--plots")
+        if not overwrite:
+            places.refuse_existing()
         return places
 
     @classmethod
@@ -54,6 +67,15 @@ class Outputs:
         """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
         check_folder(folder, option="folder")
         return cls(report=folder / "report.json", page=folder / "report.html", save=folder / "run.npz", plots=folder)
+
+    def refuse_existing(self, option: str = "") -> None:
+        """Raise UsageError for the first file that is there already. option: by which all of them were asked for."""
+        places = [("--report", self.report), ("--report", self.page), ("--save", self.save)]
+        if self.plots is not None:
+            places += [("--plots", self.plots / f"{name}.png") for name in PICTURE_NAMES]
+        for own, path in places:
+            if path is not None:
+                refuse_existing(path, option=option or own)
 
     def write(self, run: RunResult, report: Report) -> "Written":
         """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""

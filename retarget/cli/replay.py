@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from retarget.cli.boundary import DONE, STOPPED
+from retarget.cli.overwrite import Overwrite
 from retarget.errors import UsageError
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
@@ -52,6 +53,7 @@ def replay(
     save: Annotated[
         Path | None, typer.Option(help="Write every tick of it, for other tools.", metavar="FILE.npz")
     ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Run a recording again: what its sensors, servos and clock said, through this version; and say which goals differ.
 
@@ -69,7 +71,7 @@ def replay(
         raise UsageError("only goals are sent slower", where="--speed", next_step="Leave it out, or add --goals")
     if goals and (report or save):
         raise UsageError("goals alone have no report", where="--report, --save", next_step="Leave them out")
-    outputs = Outputs.checked(report=report, save=save, plots=None)
+    outputs = Outputs.checked(report=report, save=save, plots=None, overwrite=overwrite)
     found = played(read_recording(file))
     _tell_of_damage(found)
     if bus is not None:

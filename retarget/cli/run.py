@@ -11,6 +11,7 @@ from retarget.cli.follow_clip import follow_clip
 from retarget.cli.follow_live import follow_live, refuse_for_file, refuse_for_live, sides_are_checked
 from retarget.cli.outputs import Outputs
 from retarget.cli.oversight import Oversight
+from retarget.cli.overwrite import Overwrite
 from retarget.clip import Parts, Playback
 from retarget.frames import SensorFrames
 from retarget.live.begin import LiveOptions
@@ -206,6 +207,7 @@ def run(
         Path | None,
         typer.Option(help="Keep the run while it goes on, for Foxglove and `retarget replay`.", metavar="FILE.mcap"),
     ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Let a robot follow a performer, recorded or live, and say how well it did.
 
@@ -226,7 +228,8 @@ def run(
         physics=PhysicsOptions(mount=mount, hook=hook, seed=seed, trouble=tuple(trouble or ())),
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
-    outputs = replace(Outputs.checked(report=report, save=save, plots=plots, record=record), view=view)
+    outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)
+    outputs = replace(outputs, view=view)
 
     given: dict[str, object] = {"--person": person, "--recalibrate": recalibrate or None, "--check-sides": check_sides}
     given |= {"--record-raw": record_raw, "--stop-file": stop_file, "--dead-man": dead_man}

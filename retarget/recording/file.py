@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import IO, Any, cast
 
 from retarget.errors import UsageError
+from retarget.outputs import check_place, refuse_existing
 from retarget.recording.schemas import SCHEMAS
 from retarget.recording.session import ConfigFile, Session
 from retarget.recording.topics import EVENTS, Topic
@@ -36,15 +37,11 @@ def require_mcap(where: str) -> None:
 
 
 def check_target(path: Path) -> None:
-    """Raise UsageError unless a new recording can be written at `path`; nothing is left behind."""
-    from retarget.outputs import check_place
-
+    """Raise UsageError unless a recording can be written at `path`; nothing is left behind."""
     require_mcap(OPTION)
     if path.suffix.lower() != ".mcap":
         raise UsageError("a recording is MCAP", where=OPTION, found=str(path)[:200], allowed="FILE.mcap")
     check_place(path, option=OPTION)
-    if path.exists():
-        raise _exists(path)
 
 
 class RecordingFile:
@@ -55,10 +52,9 @@ class RecordingFile:
         from mcap.writer import CompressionType, Writer
 
         self.path = path
+        refuse_existing(path, option=OPTION)
         try:
             self._stream = _Direct(path)
-        except FileExistsError:
-            raise _exists(path) from None
         except OSError as error:
             raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error
         self._writer = Writer(cast(IO[Any], self._stream), chunk_size=CHUNK, compression=CompressionType.ZSTD)
@@ -141,8 +137,3 @@ class _Direct:
 
     def close(self) -> None:
         self._file.close()
-
-
-def _exists(path: Path) -> UsageError:
-    step = "Give another name, or move it away"
-    return UsageError("this file exists already", where=OPTION, found=str(path), next_step=step)

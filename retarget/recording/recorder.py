@@ -10,11 +10,12 @@ from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
 from retarget.human_dimensions import POINTS
 from retarget.options import RunOptions
+from retarget.outputs import refuse_existing, remove
 from retarget.pipeline import Watch
 from retarget.prepare import MakeBus, Prepared
 from retarget.reconstruct import Reconstructor
 from retarget.recording.cycles import Shape
-from retarget.recording.file import RecordingFile, check_target
+from retarget.recording.file import OPTION, RecordingFile, check_target
 from retarget.recording.note import Note
 from retarget.recording.ring import Ring
 from retarget.recording.session import config_files, session_of
@@ -39,10 +40,25 @@ class Recorder:
     is counted and missing. tell: hears what became of the recording.
     """
 
-    def __init__(self, path: Path | None, options: RunOptions, *, clock: Clock, parks: bool, tell: Tell) -> None:
-        """Raises UsageError for a place at which no recording can be, or without the library."""
+    def __init__(
+        self,
+        path: Path | None,
+        options: RunOptions,
+        *,
+        clock: Clock,
+        parks: bool,
+        tell: Tell,
+        overwrite: bool = False,
+    ) -> None:
+        """Raises UsageError for a place at which no recording can be, or where something is, or without the library.
+
+        overwrite: what is there goes as the recording begins.
+        """
         if path is not None:
             check_target(path)
+            if not overwrite:
+                refuse_existing(path, option=OPTION)
+        self._overwrite = overwrite
         self._path, self._options, self._parks, self._tell = path, options, parks, tell
         self._note = Note()
         self._clock = clock
@@ -118,6 +134,8 @@ class Recorder:
         begun_ns = round(MonotonicClock().now() * 1e9) - wall_to_monotonic()
         session = session_of(prepared, self._options, source=source, parks=self._parks, begun_ns=begun_ns)
         robot = None if prepared.side is None else prepared.side.robot
+        if self._overwrite:
+            remove(self._path, option=OPTION)
         file = RecordingFile(self._path, session, config_files(self._options, robot))
         shape, messages = _layout(prepared)
         file.announce(messages)

@@ -20,6 +20,7 @@ from threading import Lock
 from typing import IO, cast
 
 from retarget.errors import InputError, UsageError
+from retarget.outputs import refuse_existing
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
 __all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "is_recording"]
@@ -67,6 +68,7 @@ class RawWriter:
 
     def __init__(self, path: Path, *, url: str, option: str = "--record-raw") -> None:
         """Start a new file. url: the stream's address. Raises UsageError if it exists already or cannot be written."""
+        refuse_existing(path, option=option)
         text = url.encode("utf-8")[:MAX_ADDRESS]
         self.lost = 0
         self.trouble = ""
@@ -75,9 +77,6 @@ class RawWriter:
         self._unwritten = bytearray(_MAGIC + _LENGTH.pack(len(text)) + text)
         try:
             self._file: IO[bytes] = path.open("xb", buffering=0)
-        except FileExistsError:
-            step = "Give another name, or move it away"
-            raise UsageError("this file exists already", where=option, found=str(path), next_step=step) from None
         except (OSError, ValueError) as error:
             raise _unwritable(path, option, getattr(error, "strerror", None) or str(error)) from None
         self.flush()
