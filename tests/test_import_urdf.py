@@ -73,6 +73,27 @@ def test_without_any_mass(tmp_path: Path) -> None:
         drafted(re.sub("<inertial>.*?</inertial>", "", humanoid()), tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "right", "message"),
+    [
+        (r"<inertia [^>]*/>", "", r"no <inertia> of six numbers; found chest.*Mend it"),
+        (r'ixx="[^"]*"', 'ixx="heavy"', r"no <inertia> of six numbers; found chest"),
+        (r'<mass value="[^"]*"', '<mass value="nan"', r"no <mass> of 0 kg or more; found chest"),
+        (r'<mass value="[^"]*"', '<mass value="-1"', r"no <mass> of 0 kg or more; found chest"),
+        (r"<mass [^>]*/>", "", r"no <mass> of 0 kg or more; found chest"),
+    ],
+)
+def test_an_inertia_that_is_none_is_told_by_its_link(wrong: str, right: str, message: str, tmp_path: Path) -> None:
+    """Not in the words of a parser, which knows no links."""
+    with pytest.raises(InputError, match=message):
+        drafted(re.sub(wrong, right, humanoid(), count=1), tmp_path)
+
+
+def test_a_mass_of_nothing_everywhere(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no link has a mass.*22 links without <inertial>, or with a mass of 0"):
+        drafted(re.sub(r'<mass value="[^"]*"', '<mass value="0"', humanoid()), tmp_path)
+
+
 def test_one_link_without_mass_is_told(tmp_path: Path) -> None:
     body = drafted(re.sub("<inertial>.*?</inertial>", "", humanoid(), count=1), tmp_path)
     assert body.notes == ("links with a shape but without <inertial> weigh nothing here: chest",)
@@ -110,6 +131,20 @@ def test_meshes_that_are_found_become_simple_shapes(name: str, tmp_path: Path) -
 def test_a_picture_that_is_missing_is_no_loss(tmp_path: Path) -> None:
     shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
     body = drafted(humanoid().replace("</link>", shown), tmp_path)
+    assert body.model.ngeom == len(HUMANOID) + 1
+
+
+@pytest.mark.parametrize("first", [True, False], ids=["before the other shape", "after it"])
+def test_a_collision_mesh_that_is_dropped_is_told_by_its_link(first: bool, tmp_path: Path) -> None:
+    """Of a link that has another shape; the picture of another link goes without a word."""
+    mesh = '<collision><geometry><mesh filename="gone/foot.stl"/></geometry></collision>'
+    shape = re.search(r"<collision>(?:(?!</collision>).)*" + re.escape(FOOT) + ".*?</collision>", humanoid(), re.DOTALL)
+    assert shape is not None
+    text = humanoid().replace(shape[0], mesh + shape[0] if first else shape[0] + mesh, 1)
+    shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
+    body = drafted(text.replace("</link>", shown), tmp_path)
+    left_out = "collision meshes that cannot be read are left out, these links have other shapes: "
+    assert body.notes == (f"{left_out}p5 (gone/foot.stl)",)
     assert body.model.ngeom == len(HUMANOID) + 1
 
 

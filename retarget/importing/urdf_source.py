@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,6 +15,7 @@ __all__ = ["ReadyUrdf", "Relaxed", "ready_urdf", "stated_speeds"]
 
 TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
+INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 READABLE = (".stl", ".obj", ".msh")
 """Meshes that MuJoCo reads."""
 
@@ -44,12 +46,16 @@ def ready_urdf(source: Source, relaxed: Relaxed) -> ReadyUrdf:
     notes: list[str] = []
     problems += _joints(root, source, relaxed, notes)
     problems += _masses(root, source, notes)
-    meshes, missing = _meshes(root, source.path)
+    meshes, missing, dropped = _meshes(root, source.path)
     if missing and not relaxed.no_meshes:
         problems.append(_missing_meshes(source, missing))
     elif missing:
         _drop(root, missing)
         notes.append(f"{len(missing)} meshes that cannot be read are left out: {_listed(missing)}")
+    if dropped:
+        notes.append(
+            f"collision meshes that cannot be read are left out, these links have other shapes: {_listed(dropped)}"
+        )
     if problems:
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
     text = ElementTree.tostring(root, encoding="unicode")
@@ -102,12 +108,13 @@ def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: 
 def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
     """A robot without any mass cannot be balanced; a link without one is told, if it has a shape."""
     links = root.findall("link")
+    yield from _unsound_inertias(links, source)
     masses = {link.get("name", ""): link.find("inertial/mass") for link in links}
     if links and not any(mass is not None and _positive(mass.get("value")) for mass in masses.values()):
         yield Problem(
             "no link has a mass, so nothing tells whether the robot stands",
             str(source.path),
-            f"{len(links)} links without <inertial>",
+            f"{len(links)} links without <inertial>, or with a mass of 0",
             next_step="Add <inertial> with mass, origin and inertia to every link that weighs something",
         )
         return
@@ -120,6 +127,30 @@ def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
         notes.append(f"links with a shape but without <inertial> weigh nothing here: {_listed(bare)}")
 
 
+def _unsound_inertias(links: list[ElementTree.Element], source: Source) -> Iterator[Problem]:
+    """Parts of <inertial> that are missing or no numbers, each told once with its links."""
+    found: dict[str, list[str]] = {}
+    for link in links:
+        inertial, name = link.find("inertial"), link.get("name", "without a name")
+        if inertial is None:
+            continue
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
+        if mass is None or not 0.0 <= _number(mass.get("value")) < float("inf"):
+            found.setdefault("no <mass> of 0 kg or more", []).append(name)
+        if inertia is None or not all(isfinite(_number(inertia.get(key, "0"))) for key in INERTIA):
+            found.setdefault("no <inertia> of six numbers", []).append(name)
+    for what, names in found.items():
+        step = "Mend it, or remove <inertial>: then the link weighs nothing"
+        yield Problem(f"links with an <inertial> that has {what}", str(source.path), _listed(names), "", step)
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return float("nan")
+
+
 def _positive(text: str | None) -> bool:
     try:
         return float(text or "0") > 0.0
@@ -127,33 +158,36 @@ def _positive(text: str | None) -> bool:
         return False
 
 
-def _meshes(root: ElementTree.Element, path: Path) -> tuple[dict[str, bytes], list[str]]:
-    """Meshes by new names, which the elements now bear, and the names of those that cannot be read.
+def _meshes(root: ElementTree.Element, path: Path) -> tuple[dict[str, bytes], list[str], list[str]]:
+    """Meshes by new names, which the elements now bear; the names of those that cannot be read; and those shapes, told
+    by link, that are dropped because they cannot be read and their links have others.
 
-    A picture that cannot be read is no loss where the link has another shape: it is dropped.
+    A picture that cannot be read is no loss where the link has another shape: of that nothing is told.
     """
     contents: dict[str, bytes] = {}
     missing: list[str] = []
+    dropped: list[str] = []
     for link in root.findall("link"):
-        shapes = [shape for kind in ("collision", "visual") for shape in link.findall(kind)]
-        usable = 0
-        for shape in shapes:
+        unread, usable = [], 0
+        for shape in [shape for kind in ("collision", "visual") for shape in link.findall(kind)]:
             mesh = shape.find("geometry/mesh")
-            if mesh is None:
-                usable += 1
+            file = None if mesh is None else _found(mesh.get("filename", ""), path)
+            if mesh is not None and file is None:
+                unread.append((shape, mesh.get("filename", "")))
                 continue
-            name = mesh.get("filename", "")
-            file = _found(name, path)
-            if file is not None:
+            usable += 1
+            if mesh is not None and file is not None:
                 key = f"mesh_{len(contents)}{file.suffix.lower()}"
                 contents[key] = file.read_bytes()
                 mesh.set("filename", key)
-                usable += 1
-            elif usable:
-                link.remove(shape)
-            else:
+        for shape, name in unread:
+            if not usable:
                 missing.append(name)
-    return contents, list(dict.fromkeys(missing))
+                continue
+            link.remove(shape)
+            if shape.tag == "collision":
+                dropped.append(f"{link.get('name', 'without a name')} ({name})")
+    return contents, list(dict.fromkeys(missing)), dropped
 
 
 def _found(name: str, path: Path) -> Path | None:
