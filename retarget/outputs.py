@@ -1,6 +1,7 @@
 """Files that a run writes: places are checked before anything moves, and a file appears whole or not at all."""
 
 import os
+import shlex
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +30,7 @@ def check_place(path: Path, *, option: str) -> None:
     if path.exists() and not path.is_file():
         raise UsageError("this is no regular file", where=option, found=str(path))
     if not path.parent.is_dir():
-        step = f"Make it first: mkdir -p {path.parent}"
+        step = f"Make it first: mkdir -p {shlex.quote(str(path.parent))}"
         raise UsageError("there is no such folder", where=option, found=str(path.parent), next_step=step)
     _try_folder(path.parent, option)
 

@@ -1,5 +1,6 @@
 """`retarget import` as a user meets it."""
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,20 @@ def test_import_then_check(bust: Path, tmp_path: Path, capsys: pytest.CaptureFix
     (folder / "robot.yaml").write_text(text.replace("# DRAFT", "#"))
     code, out, _ = run(capsys, "check", folder)
     assert code == 0 and "DRAFT" not in out
+
+
+def test_what_to_do_next_can_be_pasted_into_a_shell(
+    bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(capsys, "import", bust, "--out", tmp_path / "my bust; it's mine", "--samples", "20")
+    words = shlex.split(out.split("Next: ")[1].splitlines()[0])
+    assert code == 0 and words == [
+        "retarget",
+        "demo",
+        "--robot",
+        f"{tmp_path}/my bust; it's mine/robot.yaml",
+        *words[4:],
+    ]
 
 
 def test_import_again(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """Nothing that is there is replaced unless --overwrite asks for it, and that is said before anything runs."""
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from retarget.cli import main
 from retarget.cli.boundary import DONE, REFUSED
 from retarget.cli.outputs import PICTURE_NAMES
 from retarget.errors import UsageError
-from retarget.outputs import refuse_existing
+from retarget.outputs import check_place, refuse_existing
 from retarget.plots import PICTURES
 from retarget.recording.reading import read_recording
 
@@ -118,6 +119,13 @@ def test_a_folder_of_the_users_own(words: tuple[str, ...], tmp_path: Path, capsy
     assert code_of(*(word.format(tmp_path) for word in words)) == REFUSED
     assert "something is there already" in capsys.readouterr().err
     assert {path.read_bytes() for path in tmp_path.iterdir()} == {MINE}
+
+
+def test_a_folder_to_be_made_can_be_pasted_into_a_shell(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as refused:
+        check_place(tmp_path / "my runs" / "r.npz", option="--save")
+    command = str(refused.value).split("Make it first: ")[1].removesuffix(".")
+    assert shlex.split(command) == ["mkdir", "-p", str(tmp_path / "my runs")]
 
 
 def test_pictures_are_known_by_name_without_drawing_them() -> None:

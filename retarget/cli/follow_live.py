@@ -1,5 +1,6 @@
 """A live run: open the stream, calibrate, follow until somebody stops it; on virtual time where nothing is real."""
 
+import shlex
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
@@ -141,7 +142,7 @@ def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | Non
     socket = dead_man = None
     if oversight.control_socket is not None:
         socket = stack.enter_context(ControlSocket(socket_path(oversight.control_socket)))
-        _tell(f"`retarget stop --socket {socket.path}` stops it")
+        _tell(f"`retarget stop --socket {shlex.quote(str(socket.path))}` stops it")
     if oversight.dead_man is not None:
         dead_man = open_dead_man(oversight.dead_man, terminal=has_terminal())
         stack.callback(dead_man.close)

@@ -1,5 +1,6 @@
 """`retarget import FILE`: draft a robot profile from any URDF or MJCF."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -61,7 +62,7 @@ def _summary(done: Imported) -> str:
     lines += [f"  {key + ':':<{width}}{value}" for key, value in facts.items()]
     lines += [f"  missing: {text}" for text in draft.missing]
     lines += [f"  note: {text}" for text in draft.notes]
-    profile = folder / "robot.yaml"
+    profile = shlex.quote(str(folder / "robot.yaml"))
     if done.problems:
         lines += ["  not complete yet, says retarget check:", *(f"    {text}" for text in done.problems)]
         return "\n".join([*lines, f"Next: mend {profile}, then retarget check {profile}"])

@@ -1,5 +1,7 @@
 """`retarget robots`: the robots known by name, shipped and the user's own."""
 
+import shlex
+
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -26,7 +28,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
     try:
         profile = read_profile(entry.path)
     except RefusedError:
-        return entry.name, "-", "-", f"not usable: see retarget check {entry.name}", origin
+        return entry.name, "-", "-", f"not usable: see retarget check {shlex.quote(entry.name)}", origin
     models = [servo.model for servo in profile.servos.values()]
     servos = ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models))
     return entry.name, servos, profile.root, f"{profile.reconstruct}, {profile.retarget}", origin

@@ -1,5 +1,6 @@
 """Why a stream cannot be used: what to refuse at the start, and what to say, once, when it happens while it runs."""
 
+import shlex
 from collections import Counter
 from ipaddress import IPv4Address
 
@@ -62,7 +63,7 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
         step += f". {for_others(where.partition('://')[0], port)}"
     else:
         step += "; see that no firewall is between"
-    step += f". `retarget doctor {where}` looks where it sends instead"
+    step += f". `retarget doctor {shlex.quote(where)}` looks where it sends instead"
     return InputError(what, where=where, found=f"listening at {found}", next_step=step)
 
 

@@ -1,6 +1,7 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing."""
 
 import re
+import shlex
 from pathlib import Path
 
 from retarget.errors import InputError, UsageError
@@ -63,10 +64,11 @@ def recognise(path: Path) -> str:
     if first.upper().startswith(b"HIERARCHY"):
         return "bvh"
     if is_recording(head):
+        address = shlex.quote(f"replay://{path}")
         raise InputError(
             "a recording of a live stream's datagrams, no motion file",
             where=str(path),
-            next_step=f"`retarget doctor replay://{path}` says what is in it, `retarget run --source replay://{path}` "
+            next_step=f"`retarget doctor {address}` says what is in it, `retarget run --source {address}` "
             "plays it; with ?kind=vmc, for example, where it does not say what it holds",
         )
     if head[1:2] == bytes([_C3D_KEY]) and suffix not in ("bvh", "amc", "asf"):
