@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from hardware.errors import RetargetError
 from hardware.guard_state import GuardState
 from recordings import Recorded, messages, mock_bus, performer, record
 from retarget.cli import main
@@ -150,9 +151,18 @@ def test_what_the_bus_fails_with_is_in_it(tmp_path: Path) -> None:
     assert any(who == "bus read" for _, who in texts) and any(run.result.reason in text for text in texts.values())
 
 
-def test_a_robot_that_never_moved_leaves_no_file(tmp_path: Path) -> None:
-    with pytest.raises(Exception, match="r_sho_roll"):
-        record(tmp_path / "run.mcap", faults=(MockFault(FaultKind.MISSING, first=0, cycles=10, servo=2),))
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (MockFault(FaultKind.MISSING, first=0, cycles=10, servo=2), "r_sho_roll"),
+        (MockFault(FaultKind.READ_FAILS, first=0, cycles=10), "no answer"),
+        (MockFault(FaultKind.WRITE_FAILS, first=0, cycles=10), "write"),
+    ],
+)
+def test_a_robot_that_never_moved_leaves_no_file(fault: MockFault, message: str, tmp_path: Path) -> None:
+    """Also where goals were written already: what is refused while it is armed has no tick."""
+    with pytest.raises(RetargetError, match=message):
+        record(tmp_path / "run.mcap", faults=(fault,))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -25,6 +25,8 @@ class Note:
         self.ring: Ring | None = None
         self.events = Events()
         self.now = 0.0
+        self.rows = 0
+        """That the pipeline kept."""
         self._boundary = Boundary(self._turn)
         self._guard: Guard | None = None
         self._stop: Stop | None = None
@@ -105,6 +107,7 @@ class Note:
         ring = self.ring
         if ring is None:
             return
+        self.rows += 1
         rows, at, human, robot = ring.rows, ring.at, record.human, record.robot
         rows.kept[at], rows.phase[at] = True, record.phase[row]
         rows.human_q[at], rows.human_joints[at] = human.q[row], human.joints[row]

@@ -155,8 +155,8 @@ class Recorder:
             sys.setswitchinterval(switching)
             self._note.end()
             thread.close()
-            if guard is not None and guard.sent is None:
-                file.discard()  # nothing was ever sent
+            if not self._note.rows:
+                file.discard()  # it was refused, or stopped, before it made a tick
             elif self.trouble:
                 self._told = False
                 self._tell_of_trouble()
