@@ -157,6 +157,7 @@ class Pipeline:
         self._keep_human(row, error=robot is None or robot.phase is Phase.FOLLOW)
         record.timing.cycle[row] = self._wall.now() - begun
         self._on_row(record, row)
+        record.timing.cycle[row] = self._wall.now() - begun  # whoever looks on is part of the tick
         begins = robot is not None and robot.approaching and robot.following  # which may take as long as it likes
         self._row = min(row + 1, self._last_of_approach if begins else len(record) - 1)
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from hardware.bus import ServoGoals
+from hardware.clock import VirtualClock
 from hardware.errors import BusError, RetargetError
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
 from retarget.metrics.motion import LimitViolations, limit_violations
 from retarget.pipeline import INTERRUPTED, Ending, Pipeline, Watch
-from retarget.record import Phase
+from retarget.record import Phase, Record
 from retarget.rotations import FloatArray
 from rig import Rig, StubReconstructor, person, short_clip
 from sim.mock_faults import FaultKind, MockFault
@@ -110,6 +111,20 @@ def test_times_are_counted() -> None:
     timing, following = record.timing, record.following
     assert (timing.cycle > 0.0).all()
     assert (timing.retarget[following] > 0.0).all() and (timing.reconstruct[following] > 0.0).all()
+
+
+def test_who_looks_on_is_part_of_the_time_of_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They see the tick without themselves, and it is then counted with them."""
+    wall, seen = VirtualClock(), list[float]()
+    monkeypatch.setattr("retarget.pipeline.MonotonicClock", lambda: wall)
+
+    def look(record: Record, row: int) -> None:
+        seen.append(float(record.timing.cycle[row]))
+        wall.advance(0.25)
+
+    clip, human = short_clip(rate_hz=None), person()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run(Watch(on_row=look))
+    assert seen == [0.0] * len(ending.record) and (ending.record.timing.cycle == 0.25).all()
 
 
 def test_a_jump_is_gated_and_the_follower_is_told() -> None:

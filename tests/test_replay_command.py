@@ -1,5 +1,6 @@
 """`retarget replay`: what a person reads, the exit codes, and what is refused."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -61,7 +62,9 @@ def test_a_recording_that_was_cut_off(
     cut.write_bytes(content[: round(share * len(content))])
     assert run(cut) == STOPPED
     shown = capsys.readouterr()
-    assert "it ends early" in shown.err and " s are read, up to cycle " in shown.err
+    assert "it ends early" in shown.err
+    seconds, cycle = map(float, re.findall(r"its first ([\d.]+) s are read, up to cycle (\d+)", shown.err)[0])
+    assert seconds == pytest.approx(0.008 * (cycle - 1), abs=0.02)
     compared = int(shown.out.split("all ")[1].split()[0])
     assert 0 < compared < len(whole.result.record)
     assert f"only {compared} goals are in it and were compared: it is not whole" in shown.err
@@ -91,7 +94,10 @@ def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(plain.path, "--goals", "--bus", "emulator") == DONE
     out = capsys.readouterr().out
-    assert "goals sent to --bus emulator; the gate changed 0 of" in out and "end: idle" in out
+    counts = re.search(r"(\d+) goals sent along .* emulator, (\d+) on .* and (\d+) on .*\n.* 0 of these (\d+)\n", out)
+    assert counts is not None and "end: idle" in out
+    followed, there, rest, of = map(int, counts.groups())
+    assert followed + there + rest == of and followed >= plain.result.ticks_followed and min(there, rest) > 0
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from retarget.errors import UsageError
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
 from retarget.pipeline import Watch
+from retarget.record import Phase
 
 if TYPE_CHECKING:
     from retarget.cli.outputs import Outputs
@@ -83,7 +84,8 @@ def _tell_of_damage(found: "Played") -> None:
     """What there is of it, if that is not all."""
     recording, cycles = found.recording, found.cycles
     if recording.damage:
-        until = f"its first {float(cycles.time[-1] - cycles.time[0]):.2f} s are read, up to cycle {cycles.index[-1]}"
+        seconds = float(cycles.clock[-1, 0] - cycles.clock[0, 0])
+        until = f"its first {seconds:.2f} s are read, up to cycle {cycles.index[-1]}"
         _note(f"{recording.path}: {recording.damage}; {until}")
     if found.missing:
         _note(f"{recording.path}: {found.missing} ticks were never written: from there on goals may differ")
@@ -183,8 +185,10 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"
         gated = int(sent.gated.sum())
-        changed = f"the gate changed {gated} of {len(run.record)}"
-        typer.echo(f"{run.ticks_followed} goals sent to --bus {options.bus}; {changed}")
+        phases = [int((run.record.phase == phase).sum()) for phase in (Phase.APPROACH, Phase.BRAKE)]
+        ways = "{} on the way there and {} on the way to rest".format(*phases)
+        typer.echo(f"{run.ticks_followed} goals sent along the recording to --bus {options.bus}, {ways}")
+        typer.echo(f"the gate changed {gated} of these {len(run.record)}")
         typer.echo(f"end: {run.state}" + (f": {run.reason}" if run.reason else ""))
         return DONE if run.reason is None else STOPPED
 
