@@ -13,7 +13,7 @@ from retarget.human_dimensions import POINTS, proportional_dimensions
 from retarget.human_posture import HumanPosture, PostureReader
 from retarget.human_speeds import human_limits
 from retarget.performer import Performer, load_performer
-from retarget.pipeline import Ending
+from retarget.pipeline import Ending, Pipeline
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
@@ -155,3 +155,12 @@ def result(ending: Ending, clip: Clip, human: Human, robot: RobotBody | None) ->
         wall_s=ending.wall_s,
         has_bus=robot is not None,
     )
+
+
+def scripted_run() -> RunResult:
+    """A short run of an OP3, one joint of which turns by 0.02 rad."""
+    script = np.zeros((51, 20))
+    script[:, 1] = np.linspace(0.0, 0.02, 51)
+    rig, human, clip = Rig(script), person(), short_clip()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    return result(ending, clip, human, rig.robot)

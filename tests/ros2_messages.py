@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 SEPARATOR = "=" * 80
-PRIMITIVES = dict(
-    [("bool", "?"), ("byte", "B"), ("char", "B"), ("int8", "b"), ("uint8", "B"), ("int16", "h"), ("uint16", "H")]
-    + [("int32", "i"), ("uint32", "I"), ("int64", "q"), ("uint64", "Q"), ("float32", "f"), ("float64", "d")]
-)
+CODES = "bool? byteB charB int8b uint8B int16h uint16H int32i uint32I int64q uint64Q float32f float64d"
+PRIMITIVES = {word[:-1]: word[-1] for word in CODES.split()}
 NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
 CONSTANT = re.compile(r"[A-Z](?:_?[A-Z0-9]+)*=-?\d+")
 KIND = re.compile(r"(?P<base>[A-Za-z0-9_/]+)(?P<many>\[\])?")

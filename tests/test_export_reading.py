@@ -13,7 +13,7 @@ from retarget.exporting.motion import Motion
 from retarget.exporting.reading import read_run
 from retarget.pipeline import Pipeline
 from retarget.save import write_npz
-from rig import Rig, StubReconstructor, person, result, short_clip
+from rig import StubReconstructor, person, result, scripted_run, short_clip
 
 
 @pytest.fixture
@@ -40,12 +40,7 @@ def test_everything_comes_back(motion: Motion, body: Path, tmp_path: Path) -> No
 
 
 def test_what_run_saves_is_read(tmp_path: Path) -> None:
-    script = np.zeros((51, 20))
-    script[:, 1] = np.linspace(0.0, 0.02, 51)
-    rig, human, clip = Rig(script), person(), short_clip()
-    run = result(
-        Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run(), clip, human, rig.robot
-    )
+    run = scripted_run()
     write_npz(run, tmp_path / "run.npz")
     assert run.record.robot is not None
     robot = read_run(tmp_path / "run.npz")

@@ -27,7 +27,7 @@ from retarget.report_page.moments import moments
 from retarget.report_page.packing import UNKNOWN, packed
 from retarget.report_page.pictures import drawn
 from retarget.run_result import RunResult
-from rig import Rig, StubReconstructor, person, result, short_clip
+from rig import StubReconstructor, person, result, scripted_run, short_clip
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & $\\frac$ </title>"
 
@@ -42,11 +42,7 @@ def few_pictures() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def run() -> RunResult:
-    script = np.zeros((51, 20))
-    script[:, 1] = np.linspace(0.0, 0.02, 51)
-    rig, human, clip = Rig(script), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
-    return result(ending, clip, human, rig.robot)
+    return scripted_run()
 
 
 @pytest.fixture(scope="module")

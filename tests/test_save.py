@@ -10,7 +10,7 @@ from retarget.errors import UsageError
 from retarget.pipeline import Pipeline
 from retarget.run_result import RunResult
 from retarget.save import human_body_path, save_path, write_npz
-from rig import Rig, StubReconstructor, person, result, short_clip
+from rig import StubReconstructor, person, result, scripted_run, short_clip
 
 CONTRACT = {
     *("time", "joint_names", "joint_positions", "root_position", "root_quaternion", "goal_ticks", "landmark_names"),
@@ -21,11 +21,7 @@ CONTRACT = {
 
 @pytest.fixture(scope="module")
 def run() -> RunResult:
-    script = np.zeros((51, 20))
-    script[:, 1] = np.linspace(0.0, 0.02, 51)
-    rig, human, clip = Rig(script), person(), short_clip()
-    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
-    return result(ending, clip, human, rig.robot)
+    return scripted_run()
 
 
 def test_a_run_of_a_robot(run: RunResult, tmp_path: Path) -> None:
