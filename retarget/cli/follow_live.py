@@ -91,11 +91,7 @@ def follow_live(
     tell = recorder.hears(_tell)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
-        tap = (
-            None
-            if record_raw is None
-            else stack.enter_context(_raw_tap(record_raw, address, overwrite=outputs.overwrite))
-        )
+        tap = _raw_tap(record_raw, address, stack, overwrite=outputs.overwrite)
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
@@ -128,14 +124,16 @@ def follow_live(
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
 
-def _raw_tap(path: Path, address: StreamAddress, *, overwrite: bool) -> RawTap:
+def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:
+    if path is None:
+        return None
     if overwrite and path.is_file():
         if address.path is not None and address.path.is_file() and path.samefile(address.path):
             raise UsageError(
                 "this file is what is played", where="--record-raw", found=str(path), next_step="Give another name"
             )
         remove(path, option="--record-raw")
-    return RawTap(RawWriter(path, url=address.text), tell=_tell)
+    return stack.enter_context(RawTap(RawWriter(path, url=address.text), tell=_tell))
 
 
 def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:
