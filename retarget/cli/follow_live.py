@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from hardware.clock import Clock, MonotonicClock, VirtualClock
+from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.realtime import scheduled
 from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, socket_path
@@ -81,9 +81,10 @@ def follow_live(
     if live.recalibrate and live.person is None:
         raise UsageError("nobody is kept without a name", where="--recalibrate", next_step="Give it a --person")
     oversight, address = oversight or Oversight(), parse_address(source)
-    virtual = address.kind == "replay" and options.simulated and outputs.view is None
-    refuse_oversight(oversight, virtual=virtual)
-    clock: Clock = VirtualClock() if virtual else MonotonicClock()
+    clock: Clock = MonotonicClock()
+    if address.kind == "replay" and options.simulated:  # whoever looks on sees it as fast as it was
+        clock = VirtualClock() if outputs.view is None else PacedClock()
+    refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _tell)
     recorder = Recorder(outputs.record, options, clock=clock, parks=True, tell=_tell)
     tell = recorder.hears(_tell)
