@@ -51,7 +51,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with (
-                viewing(outputs.view, prepared, options, tell=_note) as page,
+                viewing(outputs.view, prepared, options, truth=bench.truth, tell=_note) as page,
                 recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
             ):

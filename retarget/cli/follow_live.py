@@ -109,9 +109,9 @@ def follow_live(
             )
             _tell_how(keys, dead_man)
             words = _words(prepared, controls)
-            page = stack.enter_context(viewing(outputs.view, prepared, options, words, tell=tell))
-            _wait_until_wanted(clutch, controls, performer, clock)
+            page = stack.enter_context(viewing(outputs.view, prepared, options, words, truth=bench.truth, tell=tell))
             look = page.heard(controls.look, stop)
+            _wait_until_wanted(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
                 performer.catch_up()
                 with live_state(options.robot, words), scheduled(oversight.scheduling):
@@ -146,11 +146,11 @@ def _tell_how(keys: Keys, dead_man: DeadMan | None) -> None:
         _tell(f"hold {dead_man.told}: the robot moves only while it is held")
 
 
-def _wait_until_wanted(clutch: Clutch, controls: LiveControls, performer: LivePerformer, clock: Clock) -> None:
+def _wait_until_wanted(clutch: Clutch, look: Callable[[], bool], performer: LivePerformer, clock: Clock) -> None:
     """Nothing has torque before somebody holds what must be held. Raises KeyboardInterrupt if it is to stop instead,
     which may have been asked for long ago."""
     while True:
-        if controls.look():
+        if look():
             raise KeyboardInterrupt
         if clutch.engaged:
             return
