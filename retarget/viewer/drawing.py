@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Drawing"]
 
-GOAL_OPACITY = 0.25
-BESIDE = 1.15
-"""The performer stands so many heights of the robot to its left, as tall as it."""
+GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
+"""A goal is seen where the robot is not."""
+SEEN_THROUGH = 0.4
+BESIDE, FARTHEST = 1.15, 2.5
+"""The performer stands so many heights of the robot to its left, or beyond what is there, as tall as it."""
 BALL = 0.018
 """Radius of a landmark, as a share of the height of the robot."""
 
@@ -48,7 +50,7 @@ class Drawing:
         self._limbs: LimbColours | None = None
         if cast.robot is not None:
             self._robot = Figure(self._scene, "robot", cast.robot, colour=ROBOT)
-            self._goal = Figure(self._scene, "goal", cast.robot, colour=GOAL, opacity=GOAL_OPACITY)
+            self._goal = Figure(self._scene, "goal", cast.robot, colour=GOAL, opacity=GOAL_OPACITY, shrunk=GOAL_SIZE)
             if cast.profile is not None:
                 self._limbs = LimbColours(cast.profile, self._robot.meshes)
         self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, scale=height / cast.human.height)
@@ -86,6 +88,12 @@ class Drawing:
         if self._limbs is not None:
             self._limbs.by = choice
             self._again()
+
+    def see_through(self, *, robot: bool) -> None:
+        """Let the centre of mass be seen, which is inside of the robot; or no more."""
+        with self._lock:
+            if self._robot is not None:
+                self._robot.see_through(SEEN_THROUGH if robot else None)
 
     def see(self, part: str, *, visible: bool) -> None:
         """Show or hide one of `parts`."""
@@ -129,9 +137,13 @@ class Drawing:
         self._scene.add_grid(
             "/floor", 20.0, 20.0, cell_size=0.1, section_size=0.5, cell_color=(225, 228, 232), fade_distance=8.0
         )
-        camera, beside = self._server.initial_camera, 0.0 if self._cast.robot is None else 0.5 * BESIDE * height
-        camera.position = (2.6 * height, 0.55 * height, 1.2 * height)
-        camera.look_at = (0.0, beside, 0.5 * height)
+        self._look_from(0.0 if self._cast.robot is None else BESIDE)
+
+    def _look_from(self, left: float) -> None:
+        """Let everybody come in before the robot and the performer, who is so many heights to its left."""
+        height, camera = self._height, self._server.initial_camera
+        camera.position = (max(1.9, 1.2 * left) * height, 0.5 * left * height, 0.9 * height)
+        camera.look_at = (0.0, 0.5 * left * height, 0.45 * height)
 
     def _overlaid(self, cast: Cast) -> dict[str, _Part]:
         scene, robot = self._scene, cast.profile
@@ -151,7 +163,9 @@ class Drawing:
     def _begin(self, first: Moment) -> None:
         """The performer stands to the left of the robot, or, alone, where one looks; facing as the robot does."""
         human, alone = self._cast.human, self._robot is None
-        to = np.array([0.0, 0.0 if alone else BESIDE * self._height, 0.0])
+        left = 0.0 if alone else _left(self._cast, first)
+        self._look_from(left)
+        to = np.array([0.0, left * self._height, 0.0])
         origin = first.human[:3] * (1.0, 1.0, 0.0)
         self._place = Place(self._height / human.height, origin, _ahead(human, first), to)
         if alone:
@@ -195,6 +209,18 @@ class _Balls:
         self._shown = visible
         for handle, _ in self._balls:
             handle.visible = visible
+
+
+def _left(cast: Cast, first: Moment) -> float:
+    """How far to the left of the robot there is room for the performer, in heights of the robot."""
+    if cast.robot is None or first.around is None:
+        return BESIDE
+    height, left = cast.robot.height, BESIDE
+    for one, pose in zip(cast.around, first.around, strict=False):
+        end = float((pose[1] + rotate(pose[3:], one.mesh[0])[:, 1]).max()) / height
+        if end < FARTHEST:  # a wall goes on and on
+            left = max(left, end + 0.5 * BESIDE)
+    return left
 
 
 def _ahead(human: Actor, first: Moment) -> FloatArray:

@@ -64,7 +64,9 @@ class Figure:
         colour: Colour,
         opacity: float | None = None,
         scale: float = 1.0,
+        shrunk: float = 1.0,
     ) -> None:
+        """shrunk: every link by this about its middle, so that it is inside of one that is where it is."""
         self._body, self._scale = actor.body.solver_body(), scale
         self._parent = np.asarray(actor.body.parent)
         self._top = scene.add_frame(f"/{name}", show_axes=False)
@@ -79,7 +81,8 @@ class Figure:
             if mesh is None:
                 self._links.append(Movable(scene.add_frame(paths[-1], show_axes=False)))
                 continue
-            vertices = (scale * mesh.vertices).astype(np.float32)
+            middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+            vertices = (scale * (middle + shrunk * (mesh.vertices - middle))).astype(np.float32)
             shown = scene.add_mesh_simple(
                 paths[-1], vertices, mesh.faces, color=colour, opacity=opacity, cast_shadow=opacity is None
             )
@@ -94,6 +97,11 @@ class Figure:
     @visible.setter
     def visible(self, shown: bool) -> None:
         self._top.visible = shown
+
+    def see_through(self, opacity: float | None) -> None:
+        """Let what is inside be seen; None: no more."""
+        for _, handle in self.meshes:
+            handle.opacity = opacity
 
     def place(self, q: FloatArray, at: Place = HERE) -> None:
         """Pose it in posture q (nq,), in the scene; nothing, while it is hidden."""

@@ -36,7 +36,7 @@ class JointPlot:
         self._joints, self._track = joints, track
         with server.gui.add_folder("plot"):
             self._joint = server.gui.add_dropdown("joint", joints)
-            self._quantity = server.gui.add_dropdown("of it", QUANTITIES)
+            self._quantity = server.gui.add_dropdown("shows", QUANTITIES)
             self._plot = server.gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (

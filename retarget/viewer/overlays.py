@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Around", "Observing"]
 
-SHAPE_OPACITY, ZONE_OPACITY, OBSTACLE_OPACITY = 0.35, 0.08, 0.6
+SHAPE_OPACITY, ZONE_OPACITY, OBSTACLE_OPACITY = 0.35, 0.08, 0.75
 
 
 class Observing:

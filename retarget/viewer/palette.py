@@ -36,7 +36,7 @@ ZMP: Colour = (0, 150, 160)
 OUTSIDE: Colour = (214, 40, 40)
 SOLES: Colour = (90, 60, 160)
 PRESSURE: Colour = (30, 30, 30)
-OBSTACLE: Colour = (150, 140, 128)
+OBSTACLE: Colour = (166, 124, 82)
 COLD: Colour = ROBOT
 HOT: Colour = (214, 40, 40)
 MODES: tuple[Colour, ...] = ((120, 170, 130), (242, 158, 46), (214, 64, 69))
@@ -58,7 +58,7 @@ class Entry:
 LEGEND = {
     "robot": Entry("robot", ((ROBOT, "robot, where its servos say that it is"),)),
     "body": Entry("robot", ((ROBOT, "robot, as the physics has it"),)),
-    "goal": Entry("goal", ((GOAL, "goal that was sent, half transparent"),)),
+    "goal": Entry("goal", ((GOAL, "goal that was sent, where the robot is not"),)),
     "performer": Entry("performer", ((HUMAN, "performer, as tall as the robot"),)),
     "human": Entry("performer", ((HUMAN, "performer"),)),
     "asked": Entry("asked of hands, feet, head", ((ASKED, "where hands, feet and head were asked to be"),)),

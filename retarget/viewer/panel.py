@@ -39,26 +39,31 @@ def headline(moment: Moment, note: str = "") -> str:
 
 def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
     """A box for everything that can be hidden, what limbs are coloured by, and what the colours mean."""
-    gui = server.gui
+    gui, parts = server.gui, drawing.parts
     with gui.add_folder("what is shown"):
-        for part in drawing.parts:
-            _add_box(server, drawing, part)
+        boxes = {part: gui.add_checkbox(LEGEND[part].box, LEGEND[part].at_first) for part in parts}
         choices = drawing.colourings
-        chosen = gui.add_dropdown("limbs by", choices, initial_value=choices[0]) if len(choices) > 1 else None
-    with gui.add_folder("what it means", expand_by_default=False):
-        meaning = gui.add_html(legend(drawing.parts, drawing.scale))
+        chosen = gui.add_dropdown("limbs coloured by", choices, initial_value=choices[0]) if choices else None
+        clear = gui.add_checkbox("see through the robot", False, visible=bool(choices))
+    with gui.add_folder("what it means"):
+        meaning = gui.add_html("")
+
+    def explain() -> None:
+        meaning.content = legend((part for part, box in boxes.items() if box.value), drawing.scale)
+
+    def see(part: str) -> None:
+        drawing.see(part, visible=bool(boxes[part].value))
+        explain()
+
+    for part, box in boxes.items():
+        see(part)
+        box.on_update(lambda _, part=part: see(part))  # type: ignore[misc]
+    clear.on_update(lambda _: drawing.see_through(robot=bool(clear.value)))
     if chosen is not None:
         picked = chosen
 
         def colour(_: object) -> None:
             drawing.colour_by(picked.value)
-            meaning.content = legend(drawing.parts, drawing.scale)
+            explain()
 
         picked.on_update(colour)
-
-
-def _add_box(server: "viser.ViserServer", drawing: Drawing, part: str) -> None:
-    entry = LEGEND[part]
-    box = server.gui.add_checkbox(entry.box, entry.at_first)
-    drawing.see(part, visible=entry.at_first)
-    box.on_update(lambda _: drawing.see(part, visible=bool(box.value)))
