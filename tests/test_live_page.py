@@ -1,5 +1,6 @@
 """The page of a run: rows are drawn for whoever looks, its button stops, and its end is told."""
 
+import asyncio
 from collections.abc import Iterator
 from typing import Any
 
@@ -58,7 +59,7 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watched]:
 
 def test_it_can_be_stopped_before_anything_moves(watched: Watched) -> None:
     assert "WAITING" in watched.letters
-    watched.page._pressed()
+    asyncio.run(watched.page._pressed(None))
     assert watched.stops == [1] and watched.page._button.label == STOPPING_WORDS
 
 

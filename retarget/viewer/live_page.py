@@ -38,7 +38,7 @@ class LivePage:
         self._button = server.gui.add_button(
             STOP_WORDS, color="red", hint="It can only stop: brake, come to rest, torque off"
         )
-        self._button.on_click(lambda _: self._pressed())
+        self._button.on_click(self._pressed)
         self._drawing = Drawing(server, cast)
         add_parts(server, self._drawing)
         self._kept: deque[tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]] = deque(maxlen=MOST_KEPT)
@@ -79,7 +79,7 @@ class LivePage:
         if self._plot is not None and self._shown % PLOTTED_EVERY == 0:
             self._plot.draw()
 
-    def _pressed(self) -> None:
+    async def _pressed(self, _: object) -> None:  # of the thread that hears the browser: nothing comes between
         self._stop()
         self._button.label = STOPPING_WORDS
 
