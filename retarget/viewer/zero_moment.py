@@ -36,7 +36,7 @@ def zero_moment_point(times: FloatArray, com: FloatArray) -> FloatArray:
 def around_row(times: FloatArray, row: int) -> tuple[int, int, int]:
     """The row of times (T,) s, with one about SPACING_S before and one as long after it; NaN comes of those that are
     not there."""
-    before, after = np.searchsorted(times, times[row] + np.array([-SPACING_S, SPACING_S]) + [1e-6, -1e-6])
+    before, after = np.searchsorted(times, times[row] + np.array([-SPACING_S, SPACING_S]) - 1e-6)
     last = len(times) - 1
     return max(min(int(before), row - 1), 0), row, min(max(int(after), row + 1), last)
 
