@@ -1,6 +1,7 @@
 """`python -m benchmarks.looker ADDRESS`: connects to a page as a browser does, and reads all it is told until its end.
 
-Says when it is there, and in the end how many bytes that were. Without a browser, whose drawing would cost what this machine has.
+Says when it is there, and in the end how many bytes that were. Without a browser, whose drawing would cost what this
+machine has.
 """
 
 import sys

@@ -7,6 +7,7 @@ import sys
 from datetime import UTC, datetime
 from typing import Any
 
+from hardware.bus import ServoGoals
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard
 from retarget.cli import main
@@ -24,8 +25,8 @@ def stamped() -> list[float]:
         asked.append(0.0)
         return stop(self, *given, **named)
 
-    def writing(self: DynamixelBus, *given: Any) -> None:
-        write(self, *given)
+    def writing(self: DynamixelBus, goals: ServoGoals) -> None:
+        write(self, goals)
         if asked and not stamps:
             stamps.append(datetime.now(UTC).timestamp())
 

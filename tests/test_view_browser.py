@@ -31,7 +31,8 @@ RUN_NICENESS, BROWSER_NICENESS = -15, -10
 PANEL = 330
 """Its width, pixels."""
 UNPAINTED = """for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
-    for (const name of ['drawElements', 'drawArrays', 'drawRangeElements', 'drawElementsInstanced', 'drawArraysInstanced'])
+    for (const name of ['drawElements', 'drawArrays', 'drawRangeElements',
+            'drawElementsInstanced', 'drawArraysInstanced'])
         if (kind.prototype[name]) kind.prototype[name] = () => {};"""
 """Leaves out of a page what a graphics card would do; all else of it is as ever."""
 HERE = Path(__file__).parent

@@ -1,4 +1,4 @@
-"""A page that hangs, is stopped, or is dead changes nothing of a run: on virtual time its goals are equal bit for bit."""
+"""A page that hangs, is stopped, or is dead changes nothing of a run: on virtual time it is equal bit for bit."""
 
 import os
 import signal
@@ -30,28 +30,30 @@ def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: Non
     """A second of the performer on virtual time, and how many moments the page did not take. hurt: what happens to the
     process of the page."""
     options, feeds = RunOptions(robot="op3", playback=Playback(end=1.0)), list[ViewFeed]()
-    with prepare(
-        synthetic_performer,
-        options,
-        clock=VirtualClock(),
-        make_bus=lambda body, clock: make_bus(options.bus, body, clock),
-    ) as prepared:
-        with viewing(port, prepared, options, tell=lambda text: None) as page:
-            feed = page._feed
-            if feed is not None:
-                feed._every = 1  # so that what the page does not take is more than fits between the two
-            stop = StopRequest()
+    with (
+        prepare(
+            synthetic_performer,
+            options,
+            clock=VirtualClock(),
+            make_bus=lambda body, clock: make_bus(options.bus, body, clock),
+        ) as prepared,
+        viewing(port, prepared, options, tell=lambda text: None) as page,
+    ):
+        feed = page._feed
+        if feed is not None:
+            feed._every = 1  # so that what the page does not take is more than fits between the two
+        stop = StopRequest()
 
-            def hurting(record: Record, row: int) -> None:
-                if row == HURT_AT and feed is not None:
-                    feeds.append(feed)
-                    hurt(feed._process.pid)
+        def hurting(record: Record, row: int) -> None:
+            if row == HURT_AT and feed is not None:
+                feeds.append(feed)
+                hurt(feed._process.pid)
 
-            watch = Watch(stop_asked=page.heard(stop, stop), on_row=hurting)
-            record = prepared.run(page.watch(watch)).record
-            for one in feeds:  # else closing it would wait for a process that cannot end
-                with suppress(ProcessLookupError):
-                    os.kill(one._process.pid, signal.SIGKILL)
+        watch = Watch(stop_asked=page.heard(stop, stop), on_row=hurting)
+        record = prepared.run(page.watch(watch)).record
+        for one in feeds:  # else closing it would wait for a process that cannot end
+            with suppress(ProcessLookupError):
+                os.kill(one._process.pid, signal.SIGKILL)
     return record, sum(one.dropped for one in feeds)
 
 
