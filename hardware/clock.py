@@ -51,6 +51,25 @@ class VirtualClock:
         self._now += seconds
 
 
+class PacedClock(VirtualClock):
+    """A virtual clock that never runs faster than real time, for a simulated run that somebody looks at.
+
+    Where the machine is too slow, time goes by more slowly instead: what is computed is the same on any machine.
+    """
+
+    def __init__(self, start: float = 0.0, *, wall: Clock | None = None) -> None:
+        super().__init__(start)
+        self._wall = MonotonicClock() if wall is None else wall
+        self._behind = self._wall.now() - start  # [s] of real time, less that of this clock
+
+    def sleep_until(self, deadline: float) -> None:
+        """Move the virtual time to `deadline` (s), and return when real time has come so far; what is late is not
+        caught up with."""
+        super().sleep_until(deadline)
+        self._behind = max(self._behind, self._wall.now() - self._now)
+        self._wall.sleep_until(self._now + self._behind)
+
+
 def today() -> str:
     """Return the day where the machine is, as 2026-12-31."""
     return time.strftime("%Y-%m-%d")

@@ -34,6 +34,7 @@ from retarget.scene import load_scene
 from retarget.scene_motion import SceneState
 from retarget.sensor_intake import IntakeTimes
 from retarget.stages import FollowingStage, ReconstructingStage
+from retarget.surroundings import Surroundings
 
 __all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for", "priority_names"]
 
@@ -82,6 +83,7 @@ class Prepared:
     scene: SceneState | None = None
     observers: Observers | None = None
     intake: IntakeTimes = field(default_factory=IntakeTimes)
+    surroundings: Surroundings | None = None
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
@@ -164,8 +166,8 @@ def prepare_for(
     notes = (*performance.notes, *(() if robot is None else robot.body.notes))
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
-        worn, intake = reconstructor.observers, performance.intake
-        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, worn, intake)
+        worn, around = (reconstructor.observers, performance.intake), reconstructor.surroundings
+        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, *worn, around)
         return
     bus = make_bus(robot, clock)
     follower = _follower(robot, for_robot, human, options, scene)
@@ -180,8 +182,8 @@ def prepare_for(
     failed = True
     try:
         has_bus = options.bus != "none"
-        worn, intake = follower.observers, performance.intake
-        yield Prepared(samples, human, performer, reconstructor, side, stages, has_bus, notes, scene, worn, intake)
+        worn, around = (follower.observers, performance.intake), follower.surroundings
+        yield Prepared(samples, human, performer, reconstructor, side, stages, has_bus, notes, scene, *worn, around)
         failed = side.guard.stop_reason is not None
     finally:
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.

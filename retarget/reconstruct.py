@@ -106,6 +106,11 @@ class Reconstructor:
         """The compiled priorities, for reports."""
         return self._hierarchy
 
+    @property
+    def surroundings(self) -> Surroundings:
+        """What is around the human."""
+        return self._around
+
     def start(self, sample: SensorSample) -> HumanPosture:
         """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
         position, valid = self._worn.read(sample)

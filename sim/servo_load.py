@@ -12,6 +12,7 @@ LARGEST_CURRENT = 2.3  # [A] XM430-W350 at stall
 TORQUE_PER_AMPERE = 1.8  # [N m/A] XM430-W350: 4.1 N m at 2.3 A
 INERTIA = 0.01  # [kg m^2] at the shaft
 SUPPLY_RESISTANCE = 0.05  # [ohm] of battery and wires, shared by all servos
+ACCELERATION_TIME = 0.008  # [s] over which a servo's own loop spreads a change of speed
 HEAT_PER_AMPERE2 = 12.0  # [degrees Celsius/A^2] final rise
 HEAT_TIME = 300.0  # [s] thermal time constant
 
@@ -37,7 +38,9 @@ class ServoLoad:
     def advance(self, *, before: FloatArray, after: FloatArray, torque: BoolArray, elapsed: float) -> None:
         """Move on by `elapsed` s, in which the shaft velocities (n,) rad/s went from `before` to `after`."""
         speed = np.abs(after)
-        inertia = INERTIA / elapsed / TORQUE_PER_AMPERE * np.abs(after - before)  # [A]
+        # Whoever looks twice within a moment, as late ticks do, sees no larger current for that.
+        spread = max(elapsed, ACCELERATION_TIME)
+        inertia = INERTIA / spread / TORQUE_PER_AMPERE * np.abs(after - before)  # [A]
         drive = FRICTION_CURRENT * (speed > self._still) + self._per_speed * speed + inertia
         self.current = IDLE_CURRENT + torque * np.minimum(drive, LARGEST_CURRENT)
         final = AMBIENT + HEAT_PER_AMPERE2 * self.current * self.current

@@ -4,7 +4,7 @@ from datetime import UTC, date, datetime
 
 import pytest
 
-from hardware.clock import MonotonicClock, VirtualClock, process_cpu, thread_cpu, today, wall_to_monotonic
+from hardware.clock import MonotonicClock, PacedClock, VirtualClock, process_cpu, thread_cpu, today, wall_to_monotonic
 
 
 def test_virtual_time_moves_only_forward() -> None:
@@ -29,6 +29,23 @@ def test_the_monotonic_clock_returns_at_once_when_late() -> None:
     clock.sleep_until(before - 1.0)
     clock.sleep_until(before + 0.002)
     assert 0.002 <= clock.now() - before < 1.0
+
+
+def test_a_paced_clock_is_never_faster_than_real_time_and_catches_nothing_up() -> None:
+    wall = VirtualClock(100.0)
+    clock = PacedClock(3.0, wall=wall)
+    clock.sleep_until(3.5)
+    assert (clock.now(), wall.now()) == (3.5, 100.5), "real time was waited for"
+    wall.advance(0.25)
+    assert clock.now() == 3.5, "a slow machine changes nothing of what is computed"
+    clock.advance(0.0625)
+    clock.sleep_until(3.75)
+    assert (clock.now(), wall.now()) == (3.75, 100.75), "computing took some of it"
+    wall.advance(2.0)
+    clock.sleep_until(4.0)
+    assert (clock.now(), wall.now()) == (4.0, 102.75)
+    clock.sleep_until(4.5)
+    assert (clock.now(), wall.now()) == (4.5, 103.25), "two seconds late, and not caught up"
 
 
 def test_cpu_time_grows_with_work() -> None:

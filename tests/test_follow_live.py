@@ -106,7 +106,7 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         assert isinstance(performer, LivePerformer)
         clutch = Clutch(performer, clock=rig.clock, tell=rig.said.append)
         controls = LiveControls(Keys(), stop, performer, clutch, tell=rig.said.append)
-        _wait_until_wanted(clutch, controls, performer, rig.clock)
+        _wait_until_wanted(clutch, controls.look, performer, rig.clock)
         clutch.pause()
         begun = rig.clock.now()
 
@@ -115,11 +115,11 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
                 clutch.unpause()
 
         performer.listen = listen  # type: ignore[method-assign]
-        _wait_until_wanted(clutch, controls, performer, rig.clock)
+        _wait_until_wanted(clutch, controls.look, performer, rig.clock)
         assert 1.0 < rig.clock.now() - begun < 1.1
         stop.ask("somebody asked")
         with pytest.raises(KeyboardInterrupt):
-            _wait_until_wanted(clutch, controls, performer, rig.clock)
+            _wait_until_wanted(clutch, controls.look, performer, rig.clock)
         assert not rig.bus.torque_on
 
 

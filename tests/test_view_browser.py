@@ -1,4 +1,8 @@
-"""The page in a real browser: it draws, its timeline moves, its button stops a robot at once, no other page gets in."""
+"""The page in a real browser: it draws, its timeline moves, its button stops a robot at once, no other page gets in.
+
+Without a graphics card the browser draws on the processor, and takes all there is of it. So its window is small where
+time is measured, and it leaves out the painting itself; the run keeps virtual time, which a slow machine cannot hurt.
+"""
 
 import os
 import re
@@ -8,7 +12,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +19,23 @@ import pytest
 
 from retarget.cli.boundary import STOPPED
 from saved_runs import saved_run
+from stamped_run import TOLD
 
 pytestmark = pytest.mark.long
 
 ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+/\S+/")
 STOPPED_WITHIN_S = 0.1
+QUIET = 'echo {niceness} 2>/dev/null >/proc/self/autogroup; exec "$@"'
+"""As if nobody else worked on this machine, where that is allowed: a session has a niceness of its own (autogroups)."""
+RUN_NICENESS, BROWSER_NICENESS = -15, -10
+PANEL = 330
+"""Its width, pixels."""
+UNPAINTED = """for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
+    for (const name of ['drawElements', 'drawArrays', 'drawRangeElements',
+            'drawElementsInstanced', 'drawArraysInstanced'])
+        if (kind.prototype[name]) kind.prototype[name] = () => {};"""
+"""Leaves out of a page what a graphics card would do; all else of it is as ever."""
+HERE = Path(__file__).parent
 
 
 @pytest.fixture(scope="module")
@@ -29,25 +44,26 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     found = shutil.which("chromium") or shutil.which("chromium-browser")
     if found is None:
         pytest.skip("Chromium is not installed: apt install chromium")
-    slow = tmp_path_factory.mktemp("browser") / "chromium"  # without a graphics card it takes all there is
-    slow.write_text(f'#!/bin/sh\nexec nice -n 19 {found} "$@"\n')
+    slow = tmp_path_factory.mktemp("browser") / "chromium"
+    slow.write_text(f'#!/bin/sh\nset -- {found} "$@"\n{QUIET.format(niceness=BROWSER_NICENESS)}\n')
     slow.chmod(0o755)
     with api.sync_playwright() as driver:
         opened = driver.chromium.launch(
-            executable_path=slow, args=["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"]
+            executable_path=slow, args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
         )
         yield opened
         opened.close()
 
 
-def started(*words: str | Path) -> tuple["subprocess.Popen[str]", str]:
+def started(*words: str | Path, by: tuple[str, ...] = ("-m", "retarget")) -> tuple["subprocess.Popen[str]", str]:
     """A command, and the address that it prints."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "retarget", *map(str, words)],
+        ["sh", "-c", QUIET.format(niceness=RUN_NICENESS), "sh", sys.executable, *by, *map(str, words)],
+        start_new_session=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        env=os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONPATH": str(HERE.parent)},
     )
     assert process.stdout is not None
     for line in process.stdout:
@@ -57,38 +73,27 @@ def started(*words: str | Path) -> tuple["subprocess.Popen[str]", str]:
     raise AssertionError("no address was printed")
 
 
-def _read(process: "subprocess.Popen[str]", told: list[str], heard: list[float]) -> None:
-    """All that is said, and when the stop was."""
-    assert process.stdout is not None
-    for line in process.stdout:
-        told.append(line)
-        if "stopped on the web page: stopping" in line:
-            heard.append(datetime.now(UTC).timestamp())
-
-
-def drawn(page: Any) -> int:
+def drawn(page: Any, folder: Path) -> int:
     """How many colours a picture of the scene has: of an empty one few."""
     import numpy as np
     from matplotlib.image import imread
 
-    picture = page.locator("canvas").first.screenshot()
-    path = Path(page.context._folder) / "scene.png"
-    path.write_bytes(picture)
-    return len(np.unique((imread(path)[..., :3] * 15).astype(int).reshape(-1, 3), axis=0))
+    path, width = folder / "scene.png", page.viewport_size["width"] - PANEL
+    page.screenshot(path=path, timeout=120000)
+    return len(np.unique((imread(path)[:, :width, :3] * 15).astype(int).reshape(-1, 3), axis=0))
 
 
 def test_a_recording_is_drawn_and_played(browser: Any, tmp_path: Path) -> None:
     process, address = started("view", saved_run(tmp_path / "run.npz", robot="op3"), "--port", "0")
     try:
-        page = browser.new_page(viewport={"width": 900, "height": 600})
-        page.context._folder = tmp_path
+        page = browser.new_page(viewport={"width": 700, "height": 400})
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(address)
         page.get_by_text(re.compile("APPROACHING|FOLLOWING|STOPPING")).wait_for(timeout=60000)
         page.get_by_text("play / pause").wait_for()
         page.wait_for_timeout(3000)
-        assert drawn(page) > 100
+        assert drawn(page, tmp_path) > 100
         shown = page.get_by_text(re.compile(r"^-?\d+\.\d\d s$"))
         before = shown.inner_text()
         page.wait_for_timeout(1500)
@@ -103,18 +108,15 @@ def test_a_recording_is_drawn_and_played(browser: Any, tmp_path: Path) -> None:
         page.wait_for_timeout(500)
         assert 0.01 < float(shown.inner_text()[:-2]) - float(still[:-2]) < 0.04
         assert not errors
+        page.close()
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait(timeout=20.0)
 
 
-def test_the_button_stops_the_robot_and_another_page_cannot(browser: Any, shared: Path) -> None:
-    source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
-    process, address = started(
-        "run", "--robot", "op3", "--source", source, "--bus", "emulator", "--loop", "--view", "0"
-    )
+def test_another_page_cannot_use_it(browser: Any, tmp_path: Path) -> None:
+    process, address = started("view", saved_run(tmp_path / "run.npz", robot="human"), "--port", "0")
     try:
-        page = browser.new_page(viewport={"width": 500, "height": 400})
         other = browser.new_page()
         other.goto("data:text/html,<p>another page</p>")
         opened = other.evaluate(
@@ -125,21 +127,37 @@ def test_the_button_stops_the_robot_and_another_page_cannot(browser: Any, shared
             address,
         )
         assert opened == "refused"
+        read = "address => fetch(address).then(got => got.text(), () => 'refused')"
+        assert other.evaluate(read, address) == "refused"
+        other.set_content(f"<iframe src='{address}'></iframe>")
+        other.wait_for_timeout(1000)
+        assert not any("viser" in (frame.content() or "").lower() for frame in other.frames[1:])
+        other.close()
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(timeout=20.0)
+
+
+def test_the_button_stops_the_emulated_servos_in_a_tenth_of_a_second(browser: Any, shared: Path) -> None:
+    """From the moment in which the page feels the press to the first stopping goal on the bus, by the wall clock."""
+    source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
+    words = ("run", "--robot", "op3", "--source", source, "--bus", "emulator", "--loop", "--view", "0")
+    process, address = started(*words, by=(str(HERE / "stamped_run.py"),))
+    told: list[str] = []
+    reader = threading.Thread(target=lambda: told.extend(process.stdout or ()))
+    reader.start()
+    try:
+        page = browser.new_page(viewport={"width": 420, "height": 320})
+        page.add_init_script(UNPAINTED)
         page.goto(address)
-        page.get_by_text("STOP THE ROBOT").wait_for(timeout=60000)
-        page.get_by_text("FOLLOWING").wait_for(timeout=60000)
-        heard: list[float] = []
-        told: list[str] = []
-        reader = threading.Thread(target=lambda: _read(process, told, heard))
-        reader.start()
-        pressed = page.evaluate(
-            """() => { const button = [...document.querySelectorAll('button')].find(
-                one => one.innerText.includes('STOP THE ROBOT'));
-                const at = Date.now(); button.click(); return at / 1000; }"""
-        )
-        reader.join(timeout=60.0)
-        assert process.wait(timeout=10.0) == STOPPED
-        assert heard and heard[0] - pressed < STOPPED_WITHIN_S, heard[0] - pressed
-        assert any("end" in line and "stopped on the web page" in line for line in told)
+        page.get_by_text("FOLLOWING").wait_for(timeout=120000)
+        page.evaluate("() => addEventListener('pointerdown', () => { window.pressed = Date.now() / 1000; }, true)")
+        page.get_by_text("STOP THE ROBOT").click(timeout=60000, force=True)
+        pressed = page.evaluate("() => window.pressed")
+        assert process.wait(timeout=60.0) == STOPPED
+        reader.join(timeout=10.0)
+        assert any("end" in line and "stopped on the web page" in line for line in told), told
+        stopped = next(float(line.rsplit(" ", 1)[1]) for line in told if line.startswith(TOLD))
+        assert 0.0 < stopped - pressed < STOPPED_WITHIN_S, f"{stopped - pressed:.3f} s"
     finally:
         process.kill()

@@ -12,6 +12,8 @@ from followers import dimensions, op3, performer
 from retarget.errors import ConfigError
 from retarget.human import build_human
 from retarget.record import HumanRecord, Record, RobotRecord, Timing
+from retarget.scene_motion import ObstaclePoses
+from retarget.viewer.beside import Beside, Truth
 from retarget.viewer.feed import STOP, PageSetup, ViewFeed, open_feed
 from retarget.viewer.live_process import _serve, announced
 from retarget.viewer.wire import RowSizes, unpack
@@ -53,7 +55,7 @@ def feed(*, every: int = 5, process: FakeProcess | None = None) -> tuple[ViewFee
 
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
     run, page = feed()
-    run.words = lambda: ("holding", "the stream is silent")
+    run.beside = Beside(words=lambda: ("holding", "the stream is silent"), current=lambda: np.full(20, 1.25))
     whole = record()
     for row in range(TICKS):
         run.on_row(whole, row)
@@ -61,10 +63,26 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
     assert told.landmarks == ("l_hand", "r_hand") and told.observers == 21
     rows = [unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21)) for _ in range(10)]
     assert all(row is not None and row.state == "holding" and row.why == "the stream is silent" for row in rows)
+    assert all(row is not None and (row.current == 1.25).all() for row in rows)
     assert [row.time for row in rows if row] == [pytest.approx(i / 125.0) for i in range(4, TICKS, 5)]
     with pytest.raises(BlockingIOError):
         page.recv(1)
     assert run.dropped == 0
+
+
+def test_what_is_beside_the_record_is_shown_too() -> None:
+    run, page = feed(every=1)
+    still = np.zeros((2, 3))
+    poses = ObstaclePoses(np.full((2, 3), 0.5), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still, still)
+    truth = Truth(np.arange(7.0), np.arange(20.0), np.array([0.25, -0.5]))
+    run.beside = Beside(around=lambda: poses, truth=lambda: truth)
+    run.on_row(record(), 0)
+    told = announced(page.recv(4096))
+    assert (told.around, told.truth) == (2, 29)
+    row = unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21, told.around, told.truth))
+    assert row is not None and np.isnan(row.current).all(), "nobody knows what the servos draw"
+    np.testing.assert_array_equal(row.around, [[0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0]] * 2)
+    np.testing.assert_array_equal(row.truth, truth.numbers())
 
 
 def test_a_page_that_takes_nothing_costs_nothing() -> None:
@@ -82,9 +100,9 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
 def test_the_end_is_shown_also_where_no_row_was_sent_for_it() -> None:
     run, page = feed()
     with run:
-        run.words = lambda: ("following", "")
+        run.beside = Beside(words=lambda: ("following", ""))
         run.on_row(record(), 3)
-        run.words = lambda: ("stopped", "the bus is dead")
+        run.beside = Beside(words=lambda: ("stopped", "the bus is dead"))
     announced(page.recv(4096))
     row = unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21))
     assert row is not None and (row.state, row.why) == ("stopped", "the bus is dead")

@@ -58,11 +58,13 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
         np.testing.assert_allclose(moment.goal, sent.q[row], atol=1e-6)
         np.testing.assert_allclose(moment.robot[columns], sent.present[row], atol=1e-9)
         np.testing.assert_array_equal(moment.temperature, sent.temperature[row])
+        assert moment.current is not None and moment.current.min() > 0.01
         assert moment.modes is not None and moment.modes.shape == sent.observer_modes[row].shape
         assert np.abs(moment.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
-    told, there = seen.track(4)
-    np.testing.assert_allclose(told, sent.q[:, columns[4]], atol=1e-6)
-    np.testing.assert_allclose(there, sent.present[:, 4], atol=1e-9)
+    track = seen.track(4)
+    np.testing.assert_allclose(track.sent, sent.q[:, columns[4]], atol=1e-6)
+    np.testing.assert_allclose(track.present, sent.present[:, 4], atol=1e-9)
+    np.testing.assert_array_equal(track.temperature, sent.temperature[:, 4])
 
 
 def test_why_it_stopped_is_said(path: Path, run: RunResult) -> None:

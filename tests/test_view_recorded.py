@@ -38,15 +38,21 @@ def test_every_row_is_as_it_was(path: Path, run: RecordedRun) -> None:
         assert moment.goal[column] == moment.sent[joint]
         assert moment.robot[column] == moment.present[joint]
         assert 0.0 < moment.off < 0.2
-    sent, present = run.track(3)
-    np.testing.assert_array_equal(sent, arrays["joint_positions"][:, 3])
-    np.testing.assert_array_equal(present, arrays["servo_positions"][:, 3])
+    track = run.track(3)
+    np.testing.assert_array_equal(track.sent, arrays["joint_positions"][:, 3])
+    np.testing.assert_array_equal(track.present, arrays["servo_positions"][:, 3])
+    assert np.isnan(track.temperature).all() and len(track.time) == len(run.times)
 
 
 def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: RecordedRun) -> None:
     assert run.cast.profile is not None and run.cast.profile.profile.name == "op3"
-    com = run.moment(len(run.times) // 2).com
+    moment = run.moment(len(run.times) // 2)
+    com, zmp = moment.com, moment.zmp
     assert np.abs(com[:2]).max() < 0.1 and 0.1 < com[2] < 0.4
+    assert zmp is not None and 1e-5 < np.abs(zmp - com[:2]).max() < 0.1
+    for row in (0, len(run.times) - 1):
+        zmp = run.moment(row).zmp
+        assert zmp is not None and np.isnan(zmp).all(), "nobody knows what was before, or comes after"
 
 
 def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ import socket
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -81,46 +80,4 @@ def test_a_port_that_is_taken_is_said() -> None:
 def test_it_is_shared_with_nobody() -> None:
     server, _ = open_server(0, title="test")
     assert server.request_share_url() is None
-    server.stop()
-
-
-def test_rows_are_drawn_and_the_button_stops() -> None:
-    from followers import op3
-    from retarget.body_file import compile_body, compile_body_text
-    from retarget.human import build_human
-    from retarget.viewer.live_page import LivePage
-    from retarget.viewer.moment import Cast, actor
-    from retarget.viewer.wire import LiveRow
-
-    from followers import dimensions, performer  # isort: skip
-
-    robot, human = op3(), build_human(dimensions(performer()))
-    shown = actor(compile_body(robot.profile.body_path, root="free"))
-    person = actor(compile_body_text(human.mjcf, source="human", root="free"))
-    pressed: list[int] = []
-    server, _ = open_server(0, title="test")
-    cast = Cast("test", shown, person, robot.joint_map.joints, ("l_hand",), robot)
-    page = LivePage(server, cast, lambda: pressed.append(1))
-    modes = np.zeros(len(robot.profile.observers), dtype=np.uint8)
-    for tick in range(30):
-        page.show(
-            LiveRow(
-                0.04 * tick,
-                "following",
-                "",
-                robot.body.qpos0 + 0.001 * tick,
-                human.body.qpos0,
-                np.full(20, 0.01 * tick),
-                np.full(20, 25.0 + tick),
-                np.full((1, 3), 0.1),
-                modes + tick % 3,
-            )
-        )
-    assert page._drawing is not None
-    assert {"robot", "goal", "performer", "observers", "soles", "warmth"} <= set(page._drawing.parts)
-    for part in page._drawing.parts:
-        page._drawing.see(part, visible=False)
-    page._pressed()
-    assert pressed == [1]
-    page.end("the run has ended")
     server.stop()

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 import typer
 from rich.console import Console
 
-from hardware.clock import MonotonicClock, VirtualClock
+from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from retarget.cli.boundary import DONE, STOPPED
 from retarget.cli.detached import detached_screens
 from retarget.cli.in_time import in_time
@@ -34,8 +34,9 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     read: opens the source, which a recording calls `source`. Raises RetargetError for what cannot be run; then nothing
     has moved and nothing is written.
     """
-    # Whoever looks on sees it as fast as it would be.
-    clock = VirtualClock() if options.simulated and outputs.view is None else MonotonicClock()
+    clock: Clock = MonotonicClock()
+    if options.simulated:  # whoever looks on sees it as fast as it would be
+        clock = VirtualClock() if outputs.view is None else PacedClock()
     bench = PhysicsBench(options, _note)
     parks = options.has_physics  # without torque it would fall from where it stands
     recorder = Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note, overwrite=outputs.overwrite)
@@ -50,7 +51,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         ) as prepared:
             stop = signals.enter_context(stop_on_signals())
             with (
-                viewing(outputs.view, prepared, options, tell=_note) as page,
+                viewing(outputs.view, prepared, options, truth=bench.truth, tell=_note) as page,
                 recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
             ):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from hardware.clock import Clock, MonotonicClock, VirtualClock
+from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.realtime import scheduled
 from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, socket_path
@@ -83,9 +83,10 @@ def follow_live(
     if live.recalibrate and live.person is None:
         raise UsageError("nobody is kept without a name", where="--recalibrate", next_step="Give it a --person")
     oversight, address = oversight or Oversight(), parse_address(source)
-    virtual = address.kind == "replay" and options.simulated and outputs.view is None
-    refuse_oversight(oversight, virtual=virtual)
-    clock: Clock = VirtualClock() if virtual else MonotonicClock()
+    clock: Clock = MonotonicClock()
+    if address.kind == "replay" and options.simulated:  # whoever looks on sees it as fast as it was
+        clock = VirtualClock() if outputs.view is None else PacedClock()
+    refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _tell)
     recorder = Recorder(outputs.record, options, clock=clock, parks=True, tell=_tell, overwrite=outputs.overwrite)
     tell = recorder.hears(_tell)
@@ -110,9 +111,9 @@ def follow_live(
             )
             _tell_how(keys, dead_man)
             words = _words(prepared, controls)
-            page = stack.enter_context(viewing(outputs.view, prepared, options, words, tell=tell))
-            _wait_until_wanted(clutch, controls, performer, clock)
+            page = stack.enter_context(viewing(outputs.view, prepared, options, words, truth=bench.truth, tell=tell))
             look = page.heard(controls.look, stop)
+            _wait_until_wanted(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
                 performer.catch_up()
                 with live_state(options.robot, words), scheduled(oversight.scheduling):
@@ -155,11 +156,11 @@ def _tell_how(keys: Keys, dead_man: DeadMan | None) -> None:
         _tell(f"hold {dead_man.told}: the robot moves only while it is held")
 
 
-def _wait_until_wanted(clutch: Clutch, controls: LiveControls, performer: LivePerformer, clock: Clock) -> None:
+def _wait_until_wanted(clutch: Clutch, look: Callable[[], bool], performer: LivePerformer, clock: Clock) -> None:
     """Nothing has torque before somebody holds what must be held. Raises KeyboardInterrupt if it is to stop instead,
     which may have been asked for long ago."""
     while True:
-        if controls.look():
+        if look():
             raise KeyboardInterrupt
         if clutch.engaged:
             return

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.guard_state import StopCause
+from retarget.body import JointType
 from retarget.cli.buses import make_bus, standing_ticks
 from retarget.errors import UsageError
 from retarget.options import RunOptions
@@ -16,6 +17,7 @@ from retarget.robot_body import RobotBody, load_robot
 from retarget.run_result import RunResult
 from retarget.scene import load_scene
 from retarget.standing import check_stand
+from retarget.viewer.beside import Truth
 
 if TYPE_CHECKING:
     from sim.physics.bus import PhysicsBus
@@ -77,6 +79,13 @@ class PhysicsBench:
         asked, time = self._options.physics, run.record.time
         begun = float(time[0]) if len(time) else 0.0
         return replace(run, physics=physics_run(self._bus.witness, begun=begun, seed=asked.seed, trouble=asked.trouble))
+
+    def truth(self) -> Truth | None:
+        """Where the simulated body was when its servos were read last; None without physics."""
+        if self._bus is None:
+            return None
+        state, body = self._bus.witness.state, self._robot.body
+        return Truth(state.root, state.q[body.joint_qpos[body.joint_type > JointType.BALL]], state.zmp)
 
     def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
         from sim.physics.mount import mount_of

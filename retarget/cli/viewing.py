@@ -9,7 +9,10 @@ from retarget.options import RunOptions
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared
 from retarget.record import Record
+from retarget.rotations import FloatArray
+from retarget.scene_motion import ObstaclePoses
 from retarget.unfailing import Onlooker
+from retarget.viewer.beside import Beside, Truth
 from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.moment import PHASE_WORDS
 
@@ -23,6 +26,8 @@ class Viewing:
 
     def __init__(self, feed: ViewFeed | None, tell: Callable[[str], object] = lambda text: None) -> None:
         self._feed, self._tell = feed, tell
+        self.over = False
+        """Whether the run has ended."""
         self._shows = Onlooker(lambda record, row: None if feed is None else feed.on_row(record, row))
 
     def heard(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
@@ -65,20 +70,23 @@ def viewing(
     options: RunOptions,
     words: Callable[[], str] | None = None,
     *,
+    truth: Callable[[], Truth | None] = lambda: None,
     tell: Callable[[str], object],
 ) -> Iterator[Viewing]:
     """Open the page of a run on a port of this machine; None: there is none. words: what it does now, where the phase
-    of its tick does not say enough. tell: hears the address. Raises RefusedError for a page that does not open."""
+    of its tick does not say enough. truth: where a simulated body really is. tell: hears the address. Raises
+    RefusedError for a page that does not open."""
     if port is None:
         yield Viewing(None)
         return
     with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
-        feed.words = _words(prepared, words)
-        tell(f"Look at it: {feed.address}")
         view = Viewing(feed, tell)
+        feed.beside = _beside(prepared, view, words, truth)
+        tell(f"Look at it: {feed.address}")
         try:
             yield view
         finally:
+            view.over = True
             view.settle()
 
 
@@ -91,19 +99,32 @@ def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
         root=(options.physics.root or "") if side is not None else "",
         scene="" if options.scene is None else str(options.scene),
         human_mjcf=prepared.human.mjcf,
+        simulated=options.has_physics,
     )
 
 
-def _words(prepared: Prepared, words: Callable[[], str] | None) -> Callable[[], tuple[str, str]]:
-    side = prepared.side
+def _beside(
+    prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], Truth | None]
+) -> Beside:
+    """What the parts of a run know of now."""
+    side, surroundings = prepared.side, prepared.surroundings
+
+    def around() -> ObstaclePoses | None:
+        return None if surroundings is None else surroundings.now
+
     if side is None:
-        return lambda: ("following", "")
+        return Beside(words=lambda: ("ended" if view.over else "following", ""), around=around)
 
     def now() -> tuple[str, str]:
         stop = side.guard.stop_reason
-        state = PHASE_WORDS[side.phase] if words is None else words()
         if stop is not None:
             return "stopping" if side.guard.active else "stopped", stop.reason
-        return (state, "") if side.guard.active else ("ended", "")
+        if view.over or not side.guard.active:
+            return "ended", ""
+        return PHASE_WORDS[side.phase] if words is None else words(), ""
 
-    return now
+    def current() -> FloatArray | None:
+        states = side.guard.states
+        return None if states is None else states.current
+
+    return Beside(words=now, current=current, around=around, truth=truth)

@@ -1,160 +1,226 @@
 """A moment of a run as shapes in the scene of the page."""
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+import threading
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from retarget.rotations import FloatArray, multiply, rotate
+from retarget.rotations import FloatArray, rotate
+from retarget.viewer.figure import HERE, Figure, Movable, Place
+from retarget.viewer.ground import Balance, Pressure, Soles
+from retarget.viewer.limb_colours import LimbColours, Scale
 from retarget.viewer.moment import Actor, Cast, Moment
-from retarget.viewer.overlays import Around, Observing, Soles, Warmth
+from retarget.viewer.overlays import Around, Observing
+from retarget.viewer.palette import ASKED, GOAL, HUMAN, REACHED, ROBOT, Colour
 
 if TYPE_CHECKING:
     import viser
 
 __all__ = ["Drawing"]
 
-Colour = tuple[int, int, int]
+GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
+"""A goal is seen where the robot is not."""
+SEEN_THROUGH = 0.4
+BESIDE, FARTHEST = 1.15, 2.5
+"""The performer stands so many heights of the robot to its left, or beyond what is there, as tall as it."""
+BALL = 0.018
+"""Radius of a landmark, as a share of the height of the robot."""
 
-ROBOT: Colour = (74, 98, 132)
-GOAL: Colour = (242, 158, 46)
-HUMAN: Colour = (176, 186, 196)
-ASKED: Colour = (214, 64, 69)
-REACHED: Colour = (46, 134, 84)
-BALANCE: Colour = (126, 87, 194)
-GOAL_OPACITY = 0.2
-BESIDE = 1.15
-"""The performer stands so many heights of the robot to its left, as tall as it."""
+
+class _Part(Protocol):
+    """What can be shown and hidden."""
+
+    def show(self, moment: Moment) -> None: ...
+
+    def see(self, *, visible: bool) -> None: ...
 
 
 class Drawing:
-    """Puts robot, goal, performer, landmarks and centre of mass into the scene of a server; `show` moves them."""
+    """Puts all that is seen into the scene of a server; `show` moves it. Its methods may be called by any thread."""
 
-    def __init__(self, server: "viser.ViserServer", cast: Cast, first: Moment) -> None:
-        scene, human = server.scene, cast.human
-        self._scene, self._server = scene, server
-        scene.set_up_direction("+z")
-        height = human.height if cast.robot is None else cast.robot.height
-        scene.add_grid(
-            "/floor", 20.0, 20.0, cell_size=0.1, section_size=0.5, cell_color=(225, 228, 232), fade_distance=8.0
-        )
+    def __init__(self, server: "viser.ViserServer", cast: Cast) -> None:
+        self._scene, self._server, self._cast = server.scene, server, cast
+        self._lock = threading.Lock()
+        self._last: Moment | None = None
+        height = cast.human.height if cast.robot is None else cast.robot.height
+        self._height = height
+        self._furnish(height)
         self._robot = self._goal = None
-        place = np.zeros(3)
+        self._limbs: LimbColours | None = None
         if cast.robot is not None:
-            self._robot = _Figure(scene, "robot", cast.robot, colour=ROBOT)
-            self._goal = _Figure(scene, "goal", cast.robot, colour=GOAL, opacity=GOAL_OPACITY)
-            place = np.array([0.0, BESIDE * height, 0.0])
-        at = _Place(
-            scale=height / human.height, origin=first.human[:3] * (1.0, 1.0, 0.0), turn=_ahead(human, first), to=place
-        )
-        self._human = _Figure(scene, "performer", human, colour=HUMAN, at=at)
-        self._overlays: dict[str, Observing | Soles | Warmth | Around] = {}
-        if cast.around:
-            self._overlays["around"] = Around(scene, cast.around)
-        if cast.robot is not None and cast.profile is not None and self._robot is not None:
-            self._overlays["observers"] = Observing(scene, cast.profile)
-            if cast.profile.stands:
-                self._overlays["soles"] = Soles(scene, cast.profile)
-            self._overlays["warmth"] = Warmth(cast.profile, self._robot.meshes, colour=ROBOT)
-        size = 0.018 * height
-        self._asked = [scene.add_icosphere(f"/asked/{name}", size, color=ASKED) for name in cast.landmarks]
-        self._reached = [scene.add_icosphere(f"/reached/{name}", size, color=REACHED) for name in cast.landmarks]
-        self._balance = scene.add_icosphere("/balance/centre", 1.3 * size, color=BALANCE)
-        self._shadow = scene.add_cylinder("/balance/below", 1.6 * size, 0.002, color=BALANCE)
-        server.initial_camera.position = (2.6 * height, 0.55 * height, 1.2 * height)
-        server.initial_camera.look_at = (0.0, 0.5 * BESIDE * height if cast.robot else 0.0, 0.5 * height)
-
-    def show(self, moment: Moment) -> None:
-        """Move everything to where it is."""
-        with self._server.atomic():
-            if self._robot is not None and self._goal is not None:
-                self._robot.place(moment.robot)
-                self._goal.place(moment.goal)
-            self._human.place(moment.human)
-            for shape, at in zip([*self._asked, *self._reached], [*moment.asked, *moment.reached], strict=True):
-                known = bool(np.isfinite(at).all())
-                if shape.visible != known and "/asked" in shape.name:
-                    shape.visible = known
-                if known:
-                    shape.position = tuple(at.tolist())
-            for overlay in self._overlays.values():
-                overlay.show(moment)
-            x, y, z = moment.com.tolist()
-            self._balance.position, self._shadow.position = (x, y, z), (x, y, 0.001)
-
-    def see(self, part: str, *, visible: bool) -> None:
-        """Show or hide one of `parts`."""
-        overlay = self._overlays.get(part)
-        if overlay is not None:
-            overlay.see(visible=visible)
-        for handle in self._parts(part):
-            handle.visible = visible
+            self._robot = Figure(self._scene, "robot", cast.robot, colour=ROBOT)
+            self._goal = Figure(self._scene, "goal", cast.robot, colour=GOAL, opacity=GOAL_OPACITY, shrunk=GOAL_SIZE)
+            if cast.profile is not None:
+                self._limbs = LimbColours(cast.profile, self._robot.meshes)
+        self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, scale=height / cast.human.height)
+        self._place: Place | None = None  # of the performer, known from the first moment on
+        self._asked, self._reached = (_Balls(self._scene, name, height) for name in ("asked", "reached"))
+        self._overlays = self._overlaid(cast)
+        self.name_landmarks(cast.landmarks)
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What can be hidden."""
-        bodies = ("performer",) if self._robot is None else ("robot", "goal", "performer")
-        return (*bodies, "asked", "reached", "balance", *self._overlays)
+        """What can be hidden, by its names in `LEGEND`."""
+        human = self._robot is None
+        bodies = ("human",) if human else ("body" if self._cast.simulated else "robot", "goal", "performer")
+        balls = ("asked", "reached") if self._asked.names else ()
+        return (*bodies, *balls, *self._overlays)
 
-    def _parts(self, part: str) -> "list[viser.SceneNodeHandle]":
-        figure = {"robot": self._robot, "goal": self._goal, "performer": self._human}.get(part)
-        if figure is not None:
-            return [handle for _, handle in figure.meshes]
-        if part == "balance":
-            return [self._balance, self._shadow]
-        return [*{"asked": self._asked, "reached": self._reached}.get(part, [])]
+    @property
+    def colourings(self) -> tuple[str, ...]:
+        """What limbs can be coloured by."""
+        return () if self._limbs is None else self._limbs.choices
+
+    @property
+    def scale(self) -> Scale | None:
+        """What the colours of the limbs mean; None: they have none."""
+        return None if self._limbs is None else self._limbs.scale
+
+    def name_landmarks(self, names: Sequence[str]) -> None:
+        """Of which landmarks a moment tells."""
+        with self._lock:
+            self._asked.make(names, ASKED)
+            self._reached.make(names, REACHED)
+
+    def colour_by(self, choice: str) -> None:
+        """Colour the limbs by one of `colourings`."""
+        if self._limbs is not None:
+            self._limbs.by = choice
+            self._again()
+
+    def see_through(self, *, robot: bool) -> None:
+        """Let the centre of mass be seen, which is inside of the robot; or no more."""
+        with self._lock:
+            if self._robot is not None:
+                self._robot.see_through(SEEN_THROUGH if robot else None)
+
+    def see(self, part: str, *, visible: bool) -> None:
+        """Show or hide one of `parts`."""
+        with self._lock:
+            figure = {"robot": self._robot, "body": self._robot, "goal": self._goal}.get(part)
+            figure = self._human if part in ("performer", "human") else figure
+            if figure is not None:
+                figure.visible = visible
+            elif part in self._overlays:
+                self._overlays[part].see(visible=visible)
+            else:
+                {"asked": self._asked, "reached": self._reached}[part].see(visible=visible)
+        self._again()
+
+    def show(self, moment: Moment) -> None:
+        """Move everything to where it is."""
+        with self._lock, self._server.atomic():
+            self._last = moment
+            if self._place is None:
+                self._begin(moment)
+            assert self._place is not None
+            if self._robot is not None and self._goal is not None:
+                self._robot.place(moment.robot)
+                self._goal.place(moment.goal)
+            self._human.place(moment.human, self._place)
+            self._asked.show(moment.asked)
+            self._reached.show(moment.reached)
+            if self._limbs is not None:
+                self._limbs.show(moment)
+            for overlay in self._overlays.values():
+                overlay.show(moment)
+
+    def _again(self) -> None:
+        """Show the last moment again: something else of it is to be seen."""
+        if self._last is not None:
+            self.show(self._last)
+
+    def _furnish(self, height: float) -> None:
+        """The floor, and where one looks from."""
+        self._scene.set_up_direction("+z")
+        self._scene.add_grid(
+            "/floor", 20.0, 20.0, cell_size=0.1, section_size=0.5, cell_color=(225, 228, 232), fade_distance=8.0
+        )
+        self._look_from(0.0 if self._cast.robot is None else BESIDE)
+
+    def _look_from(self, left: float) -> None:
+        """Let everybody come in before the robot and the performer, who is so many heights to its left."""
+        height, camera = self._height, self._server.initial_camera
+        camera.position = (max(1.9, 1.2 * left) * height, 0.5 * left * height, 0.9 * height)
+        camera.look_at = (0.0, 0.5 * left * height, 0.45 * height)
+
+    def _overlaid(self, cast: Cast) -> dict[str, _Part]:
+        scene, robot = self._scene, cast.profile
+        overlays: dict[str, _Part] = {}
+        soles = Soles(scene, robot) if robot is not None and robot.stands else None
+        if soles is not None:  # first: the zero-moment point is judged by it
+            overlays["soles"] = soles
+        self._balance = overlays["balance"] = Balance(scene, height=self._height, soles=soles)
+        if cast.simulated:
+            overlays["pressure"] = Pressure(scene, height=self._height)
+        if robot is not None:
+            overlays["observers"] = Observing(scene, robot)
+        if cast.around:
+            overlays["around"] = Around(scene, cast.around)
+        return overlays
+
+    def _begin(self, first: Moment) -> None:
+        """The performer stands to the left of the robot, or, alone, where one looks; facing as the robot does."""
+        human, alone = self._cast.human, self._robot is None
+        left = 0.0 if alone else _left(self._cast, first)
+        self._look_from(left)
+        to = np.array([0.0, left * self._height, 0.0])
+        origin = first.human[:3] * (1.0, 1.0, 0.0)
+        self._place = Place(self._height / human.height, origin, _ahead(human, first), to)
+        if alone:
+            self._balance.at = self._asked.at = self._reached.at = self._place
 
 
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """Where the world of a body is in the scene: `scale` times as large, its point `origin` at `to` (3,) m, turned."""
+class _Balls:
+    """Landmarks, each a ball."""
 
-    scale: float = 1.0
-    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
-    turn: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
-    to: FloatArray = field(default_factory=lambda: np.zeros(3))
+    def __init__(self, scene: "viser.SceneApi", name: str, height: float) -> None:
+        self._scene, self._name, self._radius = scene, name, BALL * height
+        self._balls: list[tuple[viser.IcosphereHandle, Movable]] = []
+        self._shown = True
+        self.names: tuple[str, ...] = ()
+        self.at = HERE
 
-    def of(self, positions: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Poses of links, (n, 3) m and (n, 4), in the scene."""
-        return self.to + self.scale * rotate(self.turn, positions - self.origin), multiply(self.turn, turns)
-
-
-class _Figure:
-    """A body in the scene."""
-
-    def __init__(
-        self,
-        scene: "viser.SceneApi",
-        name: str,
-        actor: Actor,
-        *,
-        colour: Colour,
-        opacity: float | None = None,
-        at: "_Place | None" = None,
-    ) -> None:
-        self._body, self._at = actor.body.solver_body(), at or _Place()
-        self.meshes = [
-            (
-                mesh.link,
-                scene.add_mesh_simple(
-                    f"/{name}/{actor.body.body_names[mesh.link]}",
-                    (self._at.scale * mesh.vertices).astype(np.float32),
-                    mesh.faces,
-                    color=colour,
-                    opacity=opacity,
-                    flat_shading=False,
-                    cast_shadow=opacity is None,
-                ),
-            )
-            for mesh in actor.meshes
+    def make(self, names: Sequence[str], colour: Colour) -> None:
+        """One for each name."""
+        if tuple(names) == self.names:
+            return
+        for handle, _ in self._balls:
+            handle.remove()
+        self.names = tuple(names)
+        made = [
+            self._scene.add_icosphere(f"/{self._name}/{i}_{name.replace('/', '_')}", self._radius, color=colour)
+            for i, name in enumerate(names)
         ]
+        self._balls = [(handle, Movable(handle)) for handle in made]
 
-    def place(self, q: FloatArray) -> None:
-        """Pose it in posture q (nq,)."""
-        positions, turns = self._at.of(*self._body.forward(np.ascontiguousarray(q)))
-        for link, handle in self.meshes:
-            handle.position = tuple(positions[link].tolist())
-            handle.wxyz = tuple(turns[link].tolist())
+    def show(self, points: FloatArray) -> None:
+        """Move them to points (k, 3) m; those that are NaN are hidden."""
+        for (handle, node), point in zip(self._balls, points, strict=False):
+            known = self._shown and bool(np.isfinite(point).all())
+            if handle.visible != known:
+                handle.visible = known
+            if known:
+                node.move(self.at.of(point))
+
+    def see(self, *, visible: bool) -> None:
+        """Show or hide them."""
+        self._shown = visible
+        for handle, _ in self._balls:
+            handle.visible = visible
+
+
+def _left(cast: Cast, first: Moment) -> float:
+    """How far to the left of the robot there is room for the performer, in heights of the robot."""
+    if cast.robot is None or first.around is None:
+        return BESIDE
+    height, left = cast.robot.height, BESIDE
+    for one, pose in zip(cast.around, first.around, strict=False):
+        end = float((pose[1] + rotate(pose[3:], one.mesh[0])[:, 1]).max()) / height
+        if end < FARTHEST:  # a wall goes on and on
+            left = max(left, end + 0.5 * BESIDE)
+    return left
 
 
 def _ahead(human: Actor, first: Moment) -> FloatArray:

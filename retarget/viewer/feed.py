@@ -8,7 +8,6 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from types import TracebackType
@@ -18,6 +17,8 @@ import numpy as np
 
 from retarget.errors import ConfigError
 from retarget.record import Record
+from retarget.viewer.beside import Beside
+from retarget.viewer.moment import placed
 from retarget.viewer.wire import LiveRow, pack
 
 __all__ = ["Announced", "PageSetup", "ViewFeed", "open_feed"]
@@ -31,12 +32,18 @@ LAST_ROW_S, ENDING_S = 0.2, 4.0
 """The end is told within this, and the process of the page has ended within that, s."""
 BUFFER_BYTES = 1 << 17
 LONGEST_MESSAGE = 4096
+SAME_CODE = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from retarget.viewer.live_process import main; sys.exit(main(sys.argv[2:]))"
+)
+"""The process of the page runs the code that the run runs, wherever that was found."""
 
 
 @dataclass(frozen=True)
 class PageSetup:
     """What the process of a page is told at its start. robot: name or file of the profile, "" for a human alone; root:
-    how it stands in the world, "" as its profile says; scene: file or name, "" for none."""
+    how it stands in the world, "" as its profile says; scene: file or name, "" for none. simulated: it has mass, and
+    rows tell where it really is."""
 
     title: str
     port: int
@@ -44,14 +51,18 @@ class PageSetup:
     root: str
     scene: str
     human_mjcf: str
+    simulated: bool = False
 
 
 @dataclass(frozen=True)
 class Announced:
-    """What it is told before the first row: names of the landmarks, and how many observers there are."""
+    """What it is told before the first row: names of the landmarks, how many observers and obstacles there are, and
+    how many numbers tell the truth about a simulated body."""
 
     landmarks: tuple[str, ...]
     observers: int
+    around: int
+    truth: int
 
 
 class ViewFeed:
@@ -61,8 +72,8 @@ class ViewFeed:
         self, link: socket.socket, process: "subprocess.Popen[bytes]", *, address: str, rate_hz: float
     ) -> None:
         self.address = address
-        self.words: Callable[[], tuple[str, str]] = lambda: ("", "")
-        """What the robot does now, and why; asked when a moment is shown."""
+        self.beside = Beside()
+        """Who knows what is not in the record."""
         self._link, self._process, self._rate_hz = link, process, rate_hz
         self._every = max(round(rate_hz / SHOWN_HZ), 1)
         self._ticks = 0
@@ -84,10 +95,11 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where nobody takes it at once."""
+        shown = _row(record, row, self.beside, time=self._ticks / self._rate_hz)
         if not self._announced:
-            self._link.send(json.dumps(asdict(_announced(record))).encode())
+            self._link.send(json.dumps(asdict(_announced(record, shown))).encode())
             self._announced = True
-        self._link.send(pack(_row(record, row, self.words(), time=self._ticks / self._rate_hz)))
+        self._link.send(pack(shown))
 
     def stop_asked(self) -> bool:
         """Whether somebody pressed the button of the page, ever."""
@@ -124,7 +136,7 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "retarget.viewer.live_process", str(theirs.fileno())],
+            [sys.executable, "-P", "-c", SAME_CODE, json.dumps(sys.path), str(theirs.fileno())],
             pass_fds=(theirs.fileno(),),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
@@ -148,24 +160,30 @@ def open_feed(setup: PageSetup, *, rate_hz: float) -> ViewFeed:
     return ViewFeed(ours, process, address=address, rate_hz=rate_hz)
 
 
-def _announced(record: Record) -> Announced:
-    robot = record.robot
-    return Announced((), 0) if robot is None else Announced(robot.landmark_names, robot.observer_modes.shape[1])
+def _announced(record: Record, first: LiveRow) -> Announced:
+    names = () if record.robot is None else record.robot.landmark_names
+    return Announced(names, len(first.modes), len(first.around), len(first.truth))
 
 
-def _row(record: Record, row: int, words: tuple[str, str], *, time: float) -> LiveRow:
-    (state, why), human, robot = words, record.human.q[row], record.robot
+def _row(record: Record, row: int, beside: Beside, *, time: float) -> LiveRow:
+    (state, why), around, robot = beside.words(), beside.around(), record.robot
+    none, poses = np.zeros(0), np.zeros((0, 7)) if around is None else placed(around)
     if robot is None:
-        none = np.zeros(0)
-        return LiveRow(time, state, why, none, human, none, none, np.zeros((0, 3)), np.zeros(0, dtype=np.uint8))
+        points, modes = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
+        human = record.human.q[row]
+        return LiveRow(time, state, why, none, human, none, none, none, points, modes, poses, none)
+    current, truth = beside.current(), beside.truth()
     return LiveRow(
-        float(robot.bus_time[row]),
-        state,
-        why,
-        robot.q[row],
-        human,
-        robot.present[row],
-        robot.temperature[row],
-        robot.landmarks_asked[row],
-        robot.observer_modes[row],
+        time=float(robot.bus_time[row]),
+        state=state,
+        why=why,
+        robot=robot.q[row],
+        human=record.human.q[row],
+        present=robot.present[row],
+        temperature=robot.temperature[row],
+        current=np.full(robot.present.shape[1], np.nan) if current is None else current,
+        asked=robot.landmarks_asked[row],
+        modes=robot.observer_modes[row],
+        around=poses,
+        truth=none if truth is None else truth.numbers(),
     )

@@ -16,8 +16,10 @@ from retarget.recording.played import played
 from retarget.recording.reading import MAGIC, Recording, TopicRows, read_recording
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK
 from retarget.rotations import FloatArray
-from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, Viewed, actor
+from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, Tracks, Viewed, actor
 from retarget.viewer.recorded import open_recorded
+from retarget.viewer.scene_then import SceneThen
+from retarget.viewer.zero_moment import around_row, zero_moment_point
 
 __all__ = ["RecordedCycles", "open_viewed"]
 
@@ -46,8 +48,10 @@ class RecordedCycles:
         self._reasons = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _tells_why(who, text))
         self._points: FloatArray | None = None
         title = recording.path.name
+        self._scene = SceneThen(session, self._cycles.taken(self._rows))
+        self.notes += self._scene.notes
         if not session.joints:
-            self.cast = Cast(title, None, human, (), ())
+            self.cast = Cast(title, None, human, (), (), around=self._scene.obstacles)
             return
         with as_then(recording) as configs:
             robot, self.notes = configs.robot, (*self.notes, *configs.told)
@@ -55,7 +59,7 @@ class RecordedCycles:
             shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
         asked = recording.topics.get(LANDMARKS)
         names = tuple(robot.profile.landmarks) if asked is not None else ()
-        self.cast = Cast(title, shown, human, robot.joint_map.joints, names, robot)
+        self.cast = Cast(title, shown, human, robot.joint_map.joints, names, robot, self._scene.obstacles)
         self._rest = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
         if asked is not None:
             self._points = _spread(asked, self._cycles.index, "poses")[..., :3]
@@ -64,36 +68,51 @@ class RecordedCycles:
 
     def moment(self, row: int) -> Moment:
         """The tick of a row."""
-        at, robot = int(self._rows[row]), self.cast.profile
-        human = self._human[at]
+        at, robot, time = int(self._rows[row]), self.cast.profile, float(self.times[row])
+        human, around = self._human[at], self._scene.at(row)
         state = SAID.get(int(self._cycles.state[at]), PHASE_WORDS[Phase(int(self._cycles.phase[at]))])
         if robot is None:
             none, com = np.zeros(0), self.cast.human.body.solver_body().centre_of_mass(human[None])[0]
-            return Moment(float(self.times[row]), state, none, none, human, none, none, _NO_POINTS, _NO_POINTS, com)
-        goal, sent, present = np.zeros(robot.body.nq), self._cycles.q[at], self._present[at]
-        goal[robot.servo_columns], goal[self._rest] = sent, self._cycles.rest[at]
+            points = _NO_POINTS
+            return Moment(time, state, none, none, human, none, none, points, points, com, around=around)
+        rows = list(around_row(self.times, row))
+        goals = self._goals(self._rows[rows])
+        goal, present = goals[1], self._present[at]
         there = goal.copy()
         there[robot.servo_columns] = present
-        names = self.cast.landmarks
+        com, names = robot.body.solver_body().centre_of_mass(goals), self.cast.landmarks
         return Moment(
-            time=float(self.times[row]),
+            time=time,
             state=state,
             robot=there,
             goal=goal,
             human=human,
             present=present,
-            sent=sent,
+            sent=goal[robot.servo_columns],
             asked=_NO_POINTS if self._points is None else self._points[at],
             reached=robot.points(goal[None], robot.landmark_frames(names))[0] if names else _NO_POINTS,
-            com=robot.body.solver_body().centre_of_mass(goal[None])[0],
+            com=com[1],
             why=self._why(at, state),
+            zmp=zero_moment_point(self.times[rows], com),
+            around=around,
             modes=self._modes[at].astype(np.uint8),
             temperature=self._cycles.temperature[at],
+            current=self._cycles.current[at],
         )
 
-    def track(self, joint: int) -> tuple[FloatArray, FloatArray]:
-        """What a joint was told and where it was, rad (T,) each."""
-        return self._cycles.q[self._rows, joint], self._present[self._rows, joint]
+    def track(self, joint: int) -> Tracks:
+        """A joint over all ticks."""
+        rows, cycles = self._rows, self._cycles
+        sent, present = cycles.q[rows, joint], self._present[rows, joint]
+        return Tracks(self.times, sent, present, cycles.temperature[rows, joint], cycles.current[rows, joint])
+
+    def _goals(self, rows: NDArray[np.intp]) -> FloatArray:
+        """Postures (k, nq) that were sent in some cycles."""
+        robot = self.cast.profile
+        assert robot is not None
+        goals = np.zeros((len(rows), robot.body.nq))
+        goals[:, robot.servo_columns], goals[:, self._rest] = self._cycles.q[rows], self._cycles.rest[rows]
+        return goals
 
     def _why(self, at: int, state: str) -> str:
         """What failed or stopped it until then, last."""

@@ -1,4 +1,4 @@
-"""The process that serves the page of a run: `python -m retarget.viewer.live_process FD`, its setup as JSON on stdin.
+"""The process that serves the page of a run: `main([FD])`, its setup as JSON on stdin.
 
 FD is its end of the pair of sockets that `feed` has the other end of; when that one is closed, it ends.
 """
@@ -10,25 +10,21 @@ import signal
 import socket
 import sys
 from contextlib import suppress
-from dataclasses import replace
-
-import numpy as np
 
 from hardware.clock import MonotonicClock
 from retarget.body_file import Root, compile_body, compile_body_text
 from retarget.errors import RetargetError
 from retarget.robot_body import load_robot
 from retarget.scene import load_scene
-from retarget.scene_motion import SceneState
+from retarget.scene_shapes import scene_shapes
 from retarget.viewer.feed import LONGEST_MESSAGE, READY, REFUSED, STOP, Announced, PageSetup
 from retarget.viewer.live_page import LivePage
-from retarget.viewer.moment import Cast, Standing, actor
+from retarget.viewer.moment import Cast, Obstacle, actor, obstacles
 from retarget.viewer.server import open_server
-from retarget.viewer.solids import shape_mesh
 from retarget.viewer.wire import RowSizes, unpack
 
-NICENESS = 15
-"""The run comes first."""
+NICENESS = 5
+"""The run comes first; but whoever presses the button must not wait behind everybody."""
 LAST_SHOWN_S = 1.5
 """So long the end stays on the page: whoever looks sees why."""
 LONGEST_ROW = 1 << 16
@@ -41,6 +37,11 @@ def main(arguments: list[str]) -> int:
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     link = socket.socket(fileno=int(arguments[0]))
+
+    def stop() -> None:
+        with suppress(OSError):
+            link.send(STOP)
+
     try:
         setup = _setup(sys.stdin.read())
         cast = _cast(setup)
@@ -48,17 +49,14 @@ def main(arguments: list[str]) -> int:
     except RetargetError as error:
         link.send(REFUSED + str(error).encode()[: LONGEST_MESSAGE - len(REFUSED)])
         return 2
-
-    def stop() -> None:
-        with suppress(OSError):
-            link.send(STOP)
-
+    page = LivePage(server, cast, stop)  # whole before the run begins: it is work that the run would feel
     link.send(READY + address.encode())
     first = link.recv(LONGEST_ROW)
     if first:
-        page = LivePage(server, replace(cast, landmarks=announced(first).landmarks), stop)
-        _serve(link, page, _sizes(cast, announced(first)))
-        page.end("the run has ended")
+        told = announced(first)
+        page.name_landmarks(told.landmarks)
+        _serve(link, page, _sizes(cast, told))
+        page.end("The run has ended: this page, too")
         server.flush()
         clock = MonotonicClock()
         clock.sleep_until(clock.now() + LAST_SHOWN_S)
@@ -68,7 +66,7 @@ def main(arguments: list[str]) -> int:
 def announced(message: bytes) -> Announced:
     """What the run says of its rows."""
     told = json.loads(message)
-    return Announced(tuple(told["landmarks"]), told["observers"])
+    return Announced(tuple(told["landmarks"]), told["observers"], told["around"], told["truth"])
 
 
 def _sizes(cast: Cast, told: Announced) -> RowSizes:
@@ -79,6 +77,8 @@ def _sizes(cast: Cast, told: Announced) -> RowSizes:
         servos=len(cast.joints),
         landmarks=len(told.landmarks),
         observers=told.observers,
+        around=told.around,
+        truth=told.truth,
     )
 
 
@@ -103,26 +103,15 @@ def _setup(text: str) -> PageSetup:
 def _cast(setup: PageSetup) -> Cast:
     human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
     if not setup.robot:
-        return Cast(setup.title, None, human, (), ())
+        return Cast(setup.title, None, human, (), (), around=_around(setup.scene))
     roots: dict[str, Root] = {"free": "free", "fixed": "fixed", "suspended": "suspended"}
     root = roots.get(setup.root)
     robot = load_robot(setup.robot, root=root)
     shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
-    return Cast(setup.title, shown, human, robot.joint_map.joints, (), robot, _around(setup.scene))
+    around, joints = _around(setup.scene), robot.joint_map.joints
+    return Cast(setup.title, shown, human, joints, (), robot, around, setup.simulated)
 
 
-def _around(scene: str) -> tuple[Standing, ...]:
-    """What of a scene stands still, in the world of the robot."""
-    if not scene:
-        return ()
-    state = SceneState(load_scene(scene))
-    poses, shapes = state.at(0.0), state.shapes
-    parts = zip(shapes.names, shapes.kinds, shapes.sizes, poses.position, poses.quat, strict=True)
-    return tuple(
-        Standing(name, shape_mesh(int(kind), size), np.asarray(position), np.asarray(quat))
-        for name, kind, size, position, quat in parts
-    )
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+def _around(scene: str) -> tuple[Obstacle, ...]:
+    """The obstacles of a scene; rows tell where they are."""
+    return obstacles(scene_shapes(load_scene(scene))) if scene else ()

@@ -10,9 +10,22 @@ from retarget.body_file import BodyFile
 from retarget.record import ModeArray, Phase
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
-from retarget.viewer.solids import LinkMesh, Mesh, link_meshes
+from retarget.scene_motion import ObstaclePoses
+from retarget.scene_shapes import SceneShapes
+from retarget.viewer.solids import LinkMesh, Mesh, link_meshes, shape_mesh
 
-__all__ = ["PHASE_WORDS", "Actor", "Cast", "Moment", "Standing", "Viewed", "actor"]
+__all__ = [
+    "PHASE_WORDS",
+    "Actor",
+    "Cast",
+    "Moment",
+    "Obstacle",
+    "Tracks",
+    "Viewed",
+    "actor",
+    "obstacles",
+    "placed",
+]
 
 PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
 """What a robot does in a tick of that phase."""
@@ -30,20 +43,19 @@ class Actor:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
-    """An obstacle. position (3,) m and quat (4,) wxyz of its mesh, world."""
+class Obstacle:
+    """Of a scene: its mesh, in its own frame."""
 
     name: str
     mesh: Mesh
-    position: FloatArray
-    quat: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Cast:
     """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, and landmarks (k): names.
 
-    profile: of the robot, where it is known: its soles, observers and servos. around: shapes that stand in its world.
+    profile: of the robot, where it is known: its soles, observers and servos. around: obstacles in its world.
+    simulated: it has mass, and its moments know where it really is.
     """
 
     title: str
@@ -52,16 +64,19 @@ class Cast:
     joints: tuple[str, ...]
     landmarks: tuple[str, ...]
     profile: RobotBody | None = None
-    around: tuple[Standing, ...] = ()
+    around: tuple[Obstacle, ...] = ()
+    simulated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
     """One tick. time: s of following. state: what the robot does, a word; why: of a stop, or "".
 
-    robot, goal (nq,): posture of the robot as its servos say, and as it was told; human (nq,). present, sent (n,): rad,
-    of the joints that a plot can show; NaN: no servo said. asked, reached (k, 3) m: landmarks. com (3,) m. modes (o,)
-    of the observers, and temperature (s,), degrees Celsius, of the servos, where they are known.
+    robot, goal (nq,): posture of the robot as its servos say, or as its physics has it, and as it was told; human
+    (nq,). present, sent (n,): rad, of the joints that a plot can show; NaN: no servo said. asked, reached (k, 3) m:
+    landmarks. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre of pressure of the soles of
+    a simulated robot, NaN where not known. around (o, 7): position, m, and quaternion of the obstacles. modes (o,) of
+    the observers, temperature (s,), degrees Celsius, and current (s,), A, of the servos. None: not known.
     """
 
     time: float
@@ -75,8 +90,12 @@ class Moment:
     reached: FloatArray
     com: FloatArray
     why: str = ""
+    zmp: FloatArray | None = None
+    pressure: FloatArray | None = None
+    around: FloatArray | None = None
     modes: ModeArray | None = None
     temperature: FloatArray | None = None
+    current: FloatArray | None = None
 
     @property
     def off(self) -> float:
@@ -85,11 +104,34 @@ class Moment:
         return float(np.nanmax(gap)) if np.isfinite(gap).any() else float("nan")
 
 
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """One joint over T moments, for a plot: time (T,) s; sent, present (T,) rad; temperature (T,) degrees Celsius and
+    current (T,) A of its servo, NaN where not known."""
+
+    time: FloatArray
+    sent: FloatArray
+    present: FloatArray
+    temperature: FloatArray
+    current: FloatArray
+
+
 def actor(file: BodyFile) -> Actor:
     """Of a compiled body."""
     body = body_from_file(file)
     positions, _ = body.solver_body().forward(body.qpos0)
     return Actor(body, link_meshes(file.model), max(float(np.ptp(positions[1:, 2])), LEAST_M))
+
+
+def obstacles(shapes: SceneShapes) -> tuple[Obstacle, ...]:
+    """Of a scene."""
+    rows = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
+    return tuple(Obstacle(name, shape_mesh(int(kind), size)) for name, kind, size in rows)
+
+
+def placed(poses: ObstaclePoses) -> FloatArray:
+    """Where obstacles are, (o, 7)."""
+    return np.column_stack([poses.position, poses.quat])
 
 
 class Viewed(Protocol):
@@ -104,5 +146,5 @@ class Viewed(Protocol):
     def moment(self, row: int) -> Moment:
         """One of them."""
 
-    def track(self, joint: int) -> tuple[FloatArray, FloatArray]:
-        """What a joint was told and where it was, rad (T,) each."""
+    def track(self, joint: int) -> Tracks:
+        """A joint over all of them."""

@@ -1,70 +1,54 @@
-"""The panel of the page: what the robot does in large letters, the timeline, what is shown, and a plot of one joint."""
+"""The page of a recorded run: timeline, scene and plot."""
 
-from html import escape
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hardware.clock import Clock
-from retarget.rotations import FloatArray
 from retarget.viewer.drawing import Drawing
-from retarget.viewer.moment import Moment, Viewed
+from retarget.viewer.joint_plot import JointPlot
+from retarget.viewer.moment import Viewed
+from retarget.viewer.panel import add_parts, headline
 from retarget.viewer.timeline import Timeline
 
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["RecordedPage", "add_curves", "add_parts", "headline"]
+__all__ = ["RecordedPage"]
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
-PLOTTED = 1500
-"""Points of a plot, at most."""
-COLOURS = {"following": "#1b7f4b", "stopping": "#b3261e", "stopped": "#b3261e"}
-OTHERWISE = "#b26a00"
-LABELS = {
-    "robot": "robot, as its servos say",
-    "goal": "goal that was sent",
-    "performer": "performer, as tall as the robot",
-    "asked": "asked of hands, feet, head",
-    "reached": "reached by the goal",
-    "balance": "centre of mass",
-    "soles": "support polygon",
-    "observers": "observers and their influence",
-    "warmth": "warm servos in red",
-    "around": "obstacles",
-}
-HIDDEN_AT_FIRST = ("observers",)
+PLAY = "play / pause"
 
 
 class RecordedPage:
-    """A recorded run on a page: `run` plays it until it is asked to stop."""
+    """A recorded run on a page: `tick` shows what is to be shown now, to whoever looks."""
 
     def __init__(self, server: "viser.ViserServer", viewed: Viewed, clock: Clock) -> None:
-        self._viewed, self._clock, self._timeline = viewed, clock, Timeline(viewed.times)
-        first = viewed.moment(0)
-        self._drawing = Drawing(server, viewed.cast, first)
+        self._server, self._viewed, self._clock = server, viewed, clock
+        self._timeline = Timeline(viewed.times)
         self._shown = -1
-        gui = server.gui
-        self._state = gui.add_html(headline(first))
-        last = len(viewed.times) - 1
+        gui, last = server.gui, len(viewed.times) - 1
+        self._state = gui.add_html(headline(viewed.moment(0)))
         self._slider = gui.add_slider("tick", 0, max(last, 1), 1, 0, disabled=last == 0)
         self._slider.on_update(self._slid)
-        buttons = gui.add_button_group("", ("play / pause", "-1", "+1"))
+        buttons = gui.add_button_group("", (PLAY, "-1", "+1"))
         buttons.on_click(lambda event: self._pressed(str(event.target.value)))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         speed.on_update(lambda _: setattr(self._timeline, "speed", float(speed.value)))
         loops = gui.add_checkbox("over and over", True)
         loops.on_update(lambda _: setattr(self._timeline, "loops", loops.value))
+        self._drawing = Drawing(server, viewed.cast)
         add_parts(server, self._drawing)
         if viewed.cast.joints:
-            self._add_plot(server)
+            JointPlot(server, viewed.cast.joints, viewed.track)
         self._timeline.play(clock.now())
+        self._show(0)
 
     def tick(self) -> None:
-        """Show what is to be shown now."""
+        """Show what is to be shown now; nothing, while nobody looks."""
         row = self._timeline.at(self._clock.now())
-        if row == self._shown:
-            return
+        if row != self._shown and self._server.get_clients():
+            self._show(row)
+
+    def _show(self, row: int) -> None:
         self._shown = row
         moment = self._viewed.moment(row)
         self._drawing.show(moment)
@@ -84,55 +68,3 @@ class RecordedPage:
             self._timeline.pause()
         else:
             self._timeline.play(self._clock.now())
-
-    def _add_plot(self, server: "viser.ViserServer") -> None:
-        joints = self._viewed.cast.joints
-        with server.gui.add_folder("joint"):
-            chosen = server.gui.add_dropdown("joint", joints)
-            plot = add_curves(server, self._curves(0))
-            chosen.on_update(lambda _: setattr(plot, "data", self._curves(joints.index(chosen.value))))
-
-    def _curves(self, joint: int) -> tuple[FloatArray, ...]:
-        sent, present = self._viewed.track(joint)
-        rows = np.unique(np.linspace(0, len(sent) - 1, PLOTTED).astype(int))
-        return self._viewed.times[rows], np.degrees(sent[rows]), np.degrees(present[rows])
-
-
-def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
-    """A box for everything that can be hidden."""
-    with server.gui.add_folder("what is shown"):
-        for part in drawing.parts:
-            box = server.gui.add_checkbox(LABELS[part], part not in HIDDEN_AT_FIRST)
-            drawing.see(part, visible=bool(box.value))
-            box.on_update(
-                lambda _, part=part, box=box: drawing.see(part, visible=bool(box.value))  # type: ignore[misc]
-            )
-
-
-def add_curves(server: "viser.ViserServer", curves: tuple[FloatArray, ...]) -> "viser.GuiUplotHandle":
-    """A plot of one joint. curves (T,) each: s; degrees sent, and of the servo."""
-    from viser import uplot
-
-    return server.gui.add_uplot(
-        curves,
-        (
-            uplot.Series(label="s"),
-            uplot.Series(label="sent", stroke="#f29e2e", width=2),
-            uplot.Series(label="servo", stroke="#4a6284", width=1),
-        ),
-        scales={"x": uplot.Scale(time=False)},
-        title="degrees",
-        aspect=1.3,
-    )
-
-
-def headline(moment: Moment) -> str:
-    """What the robot does, in letters that are read from across a room."""
-    colour = COLOURS.get(moment.state, OTHERWISE)
-    off = "" if np.isnan(moment.off) else f"servos {np.degrees(moment.off):.1f} degrees off their goals at most"
-    return (
-        f'<div style="padding:0.3em 0.8em"><div style="font-size:2em;font-weight:700;line-height:1.1;color:{colour}">'
-        f"{escape(moment.state.upper())}</div><div>{escape(moment.why)}</div>"
-        f'<div style="font-variant-numeric:tabular-nums;opacity:0.75">{moment.time:.2f} s</div>'
-        f'<div style="opacity:0.75">{off}</div></div>'
-    )

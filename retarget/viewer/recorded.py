@@ -11,7 +11,8 @@ from retarget.body_file import compile_body, compile_body_text
 from retarget.errors import InputError, RefusedError
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import FloatArray
-from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, actor
+from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, Tracks, actor
+from retarget.viewer.zero_moment import around_row, zero_moment_point
 
 __all__ = ["RecordedRun", "open_recorded"]
 
@@ -77,6 +78,8 @@ class RecordedRun:
         arrays = self._arrays
         sent, present = arrays["joint_positions"][row], self._present[row]
         goal = self._posture(row, sent)
+        rows = list(around_row(self.times, row))
+        com = self._solver.centre_of_mass(np.array([self._posture(at, arrays["joint_positions"][at]) for at in rows]))
         return Moment(
             time=float(self.times[row]),
             state=STATES.get(str(arrays["phase"][row]), str(arrays["phase"][row])),
@@ -87,12 +90,15 @@ class RecordedRun:
             sent=sent,
             asked=arrays["landmarks_asked"][row],
             reached=arrays["landmarks_reached"][row],
-            com=self._solver.centre_of_mass(goal[None])[0],
+            com=com[1],
+            zmp=zero_moment_point(self.times[rows], com),
         )
 
-    def track(self, joint: int) -> tuple[FloatArray, FloatArray]:
-        """What a joint was told and where it was, rad (T,) each."""
-        return self._arrays["joint_positions"][:, joint], self._present[:, joint]
+    def track(self, joint: int) -> Tracks:
+        """A joint over all ticks; NPZ knows no more of it."""
+        unknown = np.full(len(self.times), np.nan)
+        sent, present = self._arrays["joint_positions"][:, joint], self._present[:, joint]
+        return Tracks(self.times, sent, present, unknown, unknown)
 
     def _posture(self, row: int, joints: FloatArray) -> FloatArray:
         q = np.zeros(self._solver.nq)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from retarget.rotations import FloatArray, rotate
 from retarget.scene_shapes import ShapeKind
 
-__all__ = ["LinkMesh", "Mesh", "link_meshes", "shape_mesh"]
+__all__ = ["LinkMesh", "Mesh", "creased", "link_meshes", "shape_mesh"]
 
 ROUND = 24
 """Corners of a circle."""
+SHARP = float(np.cos(np.radians(40.0)))
 THIN, GROUND = 0.002, 2.0
 """Least radius that is seen, and half the side of the piece of a half-space that is, m."""
 
@@ -99,10 +100,25 @@ def _box(half: FloatArray) -> Mesh:
 def _of_file(model: Any, mesh: int) -> Mesh:
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    return (
+    return creased(
         np.array(model.mesh_vert[first : first + count], dtype=np.float64),
         np.array(model.mesh_face[face : face + faces], dtype=np.uint32),
     )
+
+
+def creased(vertices: FloatArray, faces: NDArray[np.uint32]) -> Mesh:
+    """The same mesh with edges that look sharp: a face that is turned away from the mean of those round its corner
+    gets a corner of its own, which no shading smooths."""
+    corners = vertices[faces]  # (f, 3, 3)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # as long as the face is large
+    mean = np.zeros_like(vertices)
+    for place in range(3):
+        np.add.at(mean, faces[:, place], across)
+    size = np.linalg.norm(across, axis=1)[:, None] * np.linalg.norm(mean, axis=1)[faces]
+    sharp = np.einsum("fk,fpk->fp", across, mean[faces]) < SHARP * size
+    own = faces.copy()
+    own[sharp] = len(vertices) + np.arange(np.count_nonzero(sharp), dtype=np.uint32)
+    return np.concatenate([vertices, corners[sharp]]), own
 
 
 def _rounded(radius: float, half: float) -> FloatArray:
@@ -119,7 +135,8 @@ def _lathe(rings: FloatArray, *, corners: int = ROUND, across: FloatArray | None
     if across is not None:
         circle = np.sign(circle) * across
     sides = [np.column_stack([radius * circle, np.full(corners, height)]) for radius, height in rings]
-    vertices = np.concatenate([*sides, [[0.0, 0.0, rings[0, 1]], [0.0, 0.0, rings[-1, 1]]]])
+    # The caps have rings of their own: their edge is sharp.
+    vertices = np.concatenate([*sides, [[0.0, 0.0, rings[0, 1]], [0.0, 0.0, rings[-1, 1]]], sides[0], sides[-1]])
     here, count = np.arange(corners), len(rings)
     there = (here + 1) % corners
     faces = []
@@ -127,7 +144,8 @@ def _lathe(rings: FloatArray, *, corners: int = ROUND, across: FloatArray | None
         low, high = ring * corners, (ring + 1) * corners
         faces += [np.column_stack([here + low, there + low, there + high])]
         faces += [np.column_stack([here + low, there + high, here + high])]
-    bottom, top, last = count * corners, count * corners + 1, (count - 1) * corners
-    faces += [np.column_stack([there, here, np.full(corners, bottom)])]
-    faces += [np.column_stack([here + last, there + last, np.full(corners, top)])]
-    return vertices, np.concatenate(faces).astype(np.uint32)
+    bottom, top, cap = count * corners, count * corners + 1, count * corners + 2
+    faces += [np.column_stack([there + cap, here + cap, np.full(corners, bottom)])]
+    faces += [np.column_stack([here + cap + corners, there + cap + corners, np.full(corners, top)])]
+    mesh = vertices, np.concatenate(faces).astype(np.uint32)
+    return mesh if across is None else creased(*mesh)

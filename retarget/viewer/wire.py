@@ -16,24 +16,29 @@ _HEAD = struct.Struct("<d48s256s")
 
 @dataclass(frozen=True)
 class RowSizes:
-    """How many numbers a row has: of q of robot and human, of servos, landmarks and observers."""
+    """How many numbers a row has: of q of robot and human, of servos, landmarks, observers and obstacles, and of the
+    truth about a simulated body."""
 
     robot: int
     human: int
     servos: int
     landmarks: int
     observers: int
+    around: int = 0
+    truth: int = 0
 
     @property
     def lengths(self) -> tuple[int, ...]:
         """Of every part of a row after its head, in their order."""
-        return (self.robot, self.human, self.servos, self.servos, 3 * self.landmarks, self.observers)
+        servos = (self.servos,) * 3
+        return (self.robot, self.human, *servos, 3 * self.landmarks, self.observers, 7 * self.around, self.truth)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveRow:
-    """time: s of the run. robot (nq,): posture sent; human (nq,). present (s,) rad and temperature (s,) degrees Celsius
-    of the servos; asked (k, 3) m of the landmarks; modes (o,) of the observers."""
+    """time: s of the run. robot (nq,): posture sent; human (nq,). present (s,) rad, temperature (s,) degrees Celsius
+    and current (s,) A of the servos; asked (k, 3) m of the landmarks; modes (o,) of the observers; around (m, 7): poses
+    of the obstacles; truth: the numbers of a `Truth`, or none."""
 
     time: float
     state: str
@@ -42,13 +47,17 @@ class LiveRow:
     human: FloatArray
     present: FloatArray
     temperature: FloatArray
+    current: FloatArray
     asked: FloatArray
     modes: ModeArray
+    around: FloatArray
+    truth: FloatArray
 
 
 def pack(row: LiveRow) -> bytes:
     """Bytes of a row, as 32-bit numbers: a tenth of a micrometre of a robot."""
-    parts = (row.robot, row.human, row.present, row.temperature, row.asked.reshape(-1), row.modes)
+    servos = (row.present, row.temperature, row.current)
+    parts = (row.robot, row.human, *servos, row.asked.reshape(-1), row.modes, row.around.reshape(-1), row.truth)
     head = _HEAD.pack(row.time, row.state.encode(errors="replace")[:48], row.why.encode(errors="replace")[:256])
     return head + np.concatenate(parts).astype(np.float32).tobytes()
 
@@ -59,9 +68,21 @@ def unpack(data: bytes, sizes: RowSizes) -> LiveRow | None:
         return None
     time, state, why = _HEAD.unpack_from(data)
     numbers = np.frombuffer(data, dtype=np.float32, offset=_HEAD.size).astype(np.float64)
-    robot, human, present, temperature, asked, modes = np.split(numbers, np.cumsum(sizes.lengths)[:-1])
+    parts = np.split(numbers, np.cumsum(sizes.lengths)[:-1])
+    robot, human, present, temperature, current, asked, modes, around, truth = parts
     return LiveRow(
-        time, _text(state), _text(why), robot, human, present, temperature, asked.reshape(-1, 3), modes.astype(np.uint8)
+        time=time,
+        state=_text(state),
+        why=_text(why),
+        robot=robot,
+        human=human,
+        present=present,
+        temperature=temperature,
+        current=current,
+        asked=asked.reshape(-1, 3),
+        modes=np.nan_to_num(modes).astype(np.uint8),
+        around=around.reshape(-1, 7),
+        truth=truth,
     )
 
 

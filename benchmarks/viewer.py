@@ -1,0 +1,180 @@
+"""`python -m benchmarks.viewer`: what a page that is looked at costs a tick, and what one that hangs does to it.
+
+OP3 on a mock bus follows the synthetic performer in real time, by turns without a page, with one that somebody reads,
+and with one whose process is stopped (SIGSTOP). Thread CPU of everything between two sleeps of the loop; lateness is
+when a tick wakes up, minus its deadline.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.bodies import Floats
+from hardware.clock import MonotonicClock, thread_cpu
+from retarget.cli.buses import make_bus
+from retarget.cli.interrupt import StopRequest
+from retarget.cli.viewing import Viewing, viewing
+from retarget.clip import Playback
+from retarget.options import RunOptions
+from retarget.pipeline import Watch
+from retarget.prepare import Prepared, prepare
+from retarget.record import Phase
+from retarget.viewer.feed import ViewFeed
+from sim.performer import synthetic_performer
+
+LEGS = ("off", "looked at", "stopped")
+SETTLED = 125
+"""Ticks of following that are left out: buffers that are made once, and a page that opens."""
+LEAST_READ = 100_000
+"""Bytes of a page that was looked at."""
+
+
+class TickMeter(MonotonicClock):
+    """A clock of a loop that sleeps once a tick: thread CPU, s, between two sleeps, and how late each ended, s."""
+
+    def __init__(self) -> None:
+        self.cpu: list[float] = []
+        self.late: list[float] = []
+        self.counting = False
+        self._awake = 0.0
+
+    def sleep_until(self, deadline: float) -> None:
+        """Sleep."""
+        if self.counting:
+            self.cpu.append(thread_cpu() - self._awake)
+        super().sleep_until(deadline)
+        if self.counting:
+            self.late.append(self.now() - deadline)
+        self._awake = thread_cpu()
+
+
+@dataclass(frozen=True)
+class Leg:
+    """ms; share: of the thread CPU of the ticks without a page, by their medians; missed: ticks that woke up later than
+    a whole period."""
+
+    page: str
+    ticks: int
+    cpu_p50: float
+    cpu_mean: float
+    cpu_p99: float
+    share: float
+    late_p50: float
+    late_p99: float
+    longest: float
+    missed: int
+
+
+def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
+    """Thread CPU and lateness, s, of ticks that follow. Raises SystemExit for a run that does not last."""
+    meter, options = TickMeter(), RunOptions(robot="op3", playback=Playback(loop=True))
+    with (
+        prepare(
+            synthetic_performer,
+            options,
+            clock=meter,
+            make_bus=lambda body, clock: make_bus(options.bus, body, clock),
+        ) as prepared,
+        looked_at(page, prepared, options) as (viewed, feed),
+    ):
+        side, stop, ticks = prepared.side, StopRequest(), round(seconds / prepared.samples.dt)
+        assert side is not None
+        asked = viewed.heard(stop, stop)
+        followed = 0
+
+        def enough() -> bool:
+            nonlocal followed
+            followed += side.phase is Phase.FOLLOW
+            if followed == SETTLED // 2 and page == "stopped" and feed is not None:
+                os.kill(feed._process.pid, signal.SIGSTOP)
+            meter.counting = followed > SETTLED
+            return asked() or len(meter.late) >= ticks
+
+        gc.collect()
+        result = prepared.run(viewed.watch(Watch(stop_asked=enough)))
+        meter.counting = False
+    if len(meter.late) < ticks:
+        raise SystemExit(f"the run did not last ({result.reason}): a quieter machine")
+    return meter.cpu[1:ticks], meter.late[:ticks]
+
+
+@contextmanager
+def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tuple[Viewing, ViewFeed | None]]:
+    """A page in one of LEGS, and somebody who reads it. Raises SystemExit where nothing was to be read."""
+    if page == "off":
+        yield Viewing(None), None
+        return
+    told: list[str] = []
+    with viewing(0, prepared, options, tell=told.append) as viewed:
+        feed = viewed._feed
+        assert feed is not None
+        looker = subprocess.Popen(
+            ["nice", "-n", "10", sys.executable, "-m", "benchmarks.looker", feed.address], stdout=subprocess.PIPE
+        )
+        assert looker.stdout is not None
+        looker.stdout.readline()  # it is there
+        try:
+            yield viewed, feed
+        finally:
+            if page == "stopped":
+                os.kill(feed._process.pid, signal.SIGKILL)
+    read = int(looker.communicate(timeout=60.0)[0])
+    if page == "looked at" and read < LEAST_READ:
+        raise SystemExit(f"nobody looked: {read} bytes were read")
+
+
+def row(page: str, cpu: Floats, late: Floats, *, without: float, period: float) -> Leg:
+    """Of thread CPU and lateness (T,), s. without: median thread CPU without a page, s; period: s of a tick."""
+    p50, p99 = np.percentile(cpu, (50.0, 99.0)) * 1e3
+    on_time, at_most, longest = np.percentile(late, (50.0, 99.0, 100.0)) * 1e3
+    mean, share, missed = float(cpu.mean()) * 1e3, float(p50) / (1e3 * without), int((late > period).sum())
+    return Leg(
+        page, len(cpu), float(p50), mean, float(p99), share, float(on_time), float(at_most), float(longest), missed
+    )
+
+
+def by_turns(seconds: float, turns: int) -> list[Leg]:
+    """Each of LEGS, `turns` times, one after the other."""
+    cpu: dict[str, list[float]] = {page: [] for page in LEGS}
+    late: dict[str, list[float]] = {page: [] for page in LEGS}
+    for _ in range(turns):
+        for page in LEGS:
+            spent, waited = leg(page, seconds)
+            cpu[page] += spent
+            late[page] += waited
+    without = float(np.median(cpu["off"]))
+    return [row(page, np.array(cpu[page]), np.array(late[page]), without=without, period=0.008) for page in LEGS]
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.viewer", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each leg")
+    parser.add_argument("--turns", type=int, default=5, help="legs of each kind")
+    parser.add_argument("--json", type=Path, help="file for the numbers")
+    options = parser.parse_args()
+    load = os.getloadavg()[0]
+    rows = by_turns(options.seconds, options.turns)
+    print(f"\n| page, load {load:.1f} | ticks | CPU p50, ms | mean | p99 | p50 / off | late p50, ms | p99 | longest |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    for one in rows:
+        spent = f"{one.cpu_p50:.3f} | {one.cpu_mean:.3f} | {one.cpu_p99:.3f} | {one.share:.3f}"
+        print(f"| {one.page} | {one.ticks} | {spent} | {one.late_p50:.3f} | {one.late_p99:.3f} | {one.longest:.1f} |")
+    if options.json is not None:
+        options.json.write_text(json.dumps([asdict(one) for one in rows], indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,116 @@
+"""A body in the scene of a page: a tree of links as its joints have it, of which only what moves is told anew."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from retarget.rotations import FloatArray, conjugate, multiply, rotate
+from retarget.viewer.moment import Actor
+from retarget.viewer.palette import Colour
+
+if TYPE_CHECKING:
+    import viser
+
+__all__ = ["HERE", "Figure", "Movable", "Place"]
+
+STEP_M, STEP_RAD = 2e-5, 1e-4
+"""What moves less is not told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where the world of a body is in the scene: `scale` times as large, its point `origin` at `to` (3,) m, turned."""
+
+    scale: float = 1.0
+    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
+    turn: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    to: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def of(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) m, in the scene."""
+        return self.to + self.scale * rotate(self.turn, points - self.origin)
+
+
+HERE = Place()
+
+
+class Movable:
+    """A node of the scene that may have moved."""
+
+    def __init__(self, handle: "viser.SceneNodeHandle") -> None:
+        self.handle = handle
+        self._position, self._turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+
+    def move(self, position: FloatArray, turn: FloatArray | None = None) -> None:
+        """Put it at position (3,) m, turned by a quaternion (4,), if that is anywhere else."""
+        if np.abs(position - self._position).max() > STEP_M:
+            self._position = position.copy()
+            self.handle.position = tuple(position.tolist())
+        if turn is not None and np.abs(turn - self._turn).max() > 0.5 * STEP_RAD:
+            self._turn = turn.copy()
+            self.handle.wxyz = tuple(turn.tolist())
+
+
+class Figure:
+    """A body, `scale` times as large. meshes: handles by link."""
+
+    def __init__(
+        self,
+        scene: "viser.SceneApi",
+        name: str,
+        actor: Actor,
+        *,
+        colour: Colour,
+        opacity: float | None = None,
+        scale: float = 1.0,
+        shrunk: float = 1.0,
+    ) -> None:
+        """shrunk: every link by this about its middle, so that it is inside of one that is where it is."""
+        self._body, self._scale = actor.body.solver_body(), scale
+        self._parent = np.asarray(actor.body.parent)
+        self._top = scene.add_frame(f"/{name}", show_axes=False)
+        self.meshes: list[tuple[int, viser.MeshHandle]] = []
+        meshes, paths = {mesh.link: mesh for mesh in actor.meshes}, [f"/{name}"]
+        self._links: list[Movable] = []
+        for link in range(1, len(self._parent)):
+            # The number keeps links apart whose names a path cannot hold.
+            own = actor.body.body_names[link].replace("/", "_")
+            paths.append(f"{paths[self._parent[link]]}/{link}_{own}")
+            mesh = meshes.get(link)
+            if mesh is None:
+                self._links.append(Movable(scene.add_frame(paths[-1], show_axes=False)))
+                continue
+            middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+            vertices = (scale * (middle + shrunk * (mesh.vertices - middle))).astype(np.float32)
+            shown = scene.add_mesh_simple(
+                paths[-1], vertices, mesh.faces, color=colour, opacity=opacity, cast_shadow=opacity is None
+            )
+            self.meshes.append((link, shown))
+            self._links.append(Movable(shown))
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is shown."""
+        return bool(self._top.visible)
+
+    @visible.setter
+    def visible(self, shown: bool) -> None:
+        self._top.visible = shown
+
+    def see_through(self, opacity: float | None) -> None:
+        """Let what is inside be seen; None: no more."""
+        for _, handle in self.meshes:
+            handle.opacity = opacity
+
+    def place(self, q: FloatArray, at: Place = HERE) -> None:
+        """Pose it in posture q (nq,), in the scene; nothing, while it is hidden."""
+        if not self.visible:
+            return
+        positions, turns = self._body.forward(np.ascontiguousarray(q))
+        positions, turns = at.of(positions), multiply(at.turn, turns)
+        positions[0], turns[0] = 0.0, (1.0, 0.0, 0.0, 0.0)  # the scene, in which the first link is
+        before = conjugate(turns[self._parent])
+        offsets, own = rotate(before, positions - positions[self._parent]), multiply(before, turns)
+        for link, node in enumerate(self._links, start=1):
+            node.move(offsets[link], own[link])

@@ -1,0 +1,114 @@
+"""Balance, as it is seen on the floor: centre of mass, zero-moment point, centre of pressure and support polygon."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
+from retarget.stance import plant
+from retarget.support import convex_hull, support_distance, support_edges
+from retarget.viewer.figure import HERE, Movable
+from retarget.viewer.moment import Moment
+from retarget.viewer.palette import BALANCE, OUTSIDE, PRESSURE, SOLES, ZMP
+
+if TYPE_CHECKING:
+    import viser
+
+__all__ = ["Balance", "Pressure", "Soles"]
+
+LINE_M = 0.003
+"""Width of the line round the support polygon, and its height over the floor."""
+EDGE_M = 0.0005
+"""A point on the edge is not outside."""
+BALL, DISC, POINT = 0.023, 0.029, 0.022
+"""Radii, as shares of the robot's height."""
+
+
+class Soles:
+    """The support polygon: the hull of the soles in the posture of the goals. edges (e, 3): see `support`, or None."""
+
+    def __init__(self, scene: "viser.SceneApi", robot: RobotBody) -> None:
+        soles = plant(robot, robot.profile.postures.stand).soles
+        self._body = robot.body.solver_body()
+        self._links = [sole.frame.body for sole in soles for _ in sole.corners]
+        self._corners = np.concatenate([sole.corners for sole in soles])
+        self._hull = np.zeros((0, 2))
+        self.edges: FloatArray | None = None
+        self._lines = scene.add_line_segments(
+            "/soles", np.zeros((1, 2, 3), dtype=np.float32), np.array(SOLES, dtype=np.uint8), thickness=LINE_M
+        )
+
+    def show(self, moment: Moment) -> None:
+        """Draw it anew where it has changed."""
+        points = self._body.points(np.ascontiguousarray(moment.goal)[None], self._links, self._corners)[0]
+        hull = convex_hull(points[:, :2])
+        if hull.shape == self._hull.shape and np.abs(hull - self._hull).max() < 1e-4:
+            return
+        self._hull, self.edges = hull, support_edges([hull])
+        corners = np.column_stack([hull, np.full(len(hull), LINE_M)])
+        self._lines.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(np.float32)
+
+    def see(self, *, visible: bool) -> None:
+        """Show or hide it."""
+        self._lines.visible = visible
+
+
+class Balance:
+    """Centre of mass with the point below it, and the zero-moment point: of another colour outside of `soles`."""
+
+    def __init__(self, scene: "viser.SceneApi", *, height: float, soles: Soles | None) -> None:
+        self._soles = soles
+        self._centre = Movable(scene.add_icosphere("/balance/centre", BALL * height, color=BALANCE))
+        self._below = Movable(scene.add_cylinder("/balance/below", DISC * height, 0.002, color=BALANCE))
+        self._zmp = scene.add_cylinder("/balance/zmp", POINT * height, 0.004, color=ZMP, visible=False)
+        self._there, self._shown, self._outside = Movable(self._zmp), True, False
+        self.at = HERE
+        """Where the world of the body is in the scene."""
+
+    def show(self, moment: Moment) -> None:
+        """Move it."""
+        self._centre.move(self.at.of(moment.com))
+        x, y, _ = self.at.of(moment.com).tolist()
+        self._below.move(np.array([x, y, 0.001]))
+        zmp = moment.zmp
+        known = zmp is not None and bool(np.isfinite(zmp).all())
+        if self._zmp.visible != (known and self._shown):
+            self._zmp.visible = known and self._shown
+        if zmp is None or not known:
+            return
+        x, y, _ = self.at.of(np.append(zmp, 0.0)).tolist()
+        self._there.move(np.array([x, y, 0.002]))
+        edges = None if self._soles is None else self._soles.edges
+        outside = edges is not None and float(support_distance(zmp[None], edges)[0]) < -EDGE_M
+        if outside != self._outside:
+            self._outside = outside
+            self._zmp.color = OUTSIDE if outside else ZMP
+
+    def see(self, *, visible: bool) -> None:
+        """Show or hide it."""
+        self._shown = visible
+        for node in (self._centre, self._below, self._there):
+            node.handle.visible = visible
+
+
+class Pressure:
+    """The centre of pressure of the soles of a simulated robot."""
+
+    def __init__(self, scene: "viser.SceneApi", *, height: float) -> None:
+        self._disc = scene.add_cylinder("/pressure", 0.6 * POINT * height, 0.006, color=PRESSURE, visible=False)
+        self._there, self._shown = Movable(self._disc), True
+
+    def show(self, moment: Moment) -> None:
+        """Move it; hide it where no sole carries."""
+        pressure = moment.pressure
+        known = pressure is not None and bool(np.isfinite(pressure).all())
+        if self._disc.visible != (known and self._shown):
+            self._disc.visible = known and self._shown
+        if pressure is not None and known:
+            self._there.move(np.append(pressure, 0.003))
+
+    def see(self, *, visible: bool) -> None:
+        """Show or hide it."""
+        self._shown = visible
+        self._disc.visible = visible and self._disc.visible

@@ -1,0 +1,74 @@
+"""A plot of one joint on the page: its angle, how far it is off its goal, its servo's temperature or current."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from retarget.rotations import FloatArray
+from retarget.viewer.moment import Tracks
+from retarget.viewer.palette import GOAL, ROBOT, web
+
+if TYPE_CHECKING:
+    import viser
+
+__all__ = ["QUANTITIES", "JointPlot", "curves"]
+
+QUANTITIES = ("angle", "off its goal", "temperature", "current")
+TITLES = {
+    "angle": "degrees: goal and servo",
+    "off its goal": "degrees between goal and servo",
+    "temperature": "degrees Celsius",
+    "current": "A",
+}
+PLOTTED = 1500
+"""Points of a plot, at most."""
+
+
+class JointPlot:
+    """track: what is known of a joint, by its number."""
+
+    def __init__(
+        self, server: "viser.ViserServer", joints: tuple[str, ...], track: Callable[[int], Tracks | None]
+    ) -> None:
+        from viser import uplot
+
+        self._joints, self._track = joints, track
+        with server.gui.add_folder("plot"):
+            self._joint = server.gui.add_dropdown("joint", joints)
+            self._quantity = server.gui.add_dropdown("shows", QUANTITIES)
+            self._plot = server.gui.add_uplot(
+                (np.zeros(2), np.zeros(2), np.zeros(2)),
+                (
+                    uplot.Series(label="s"),
+                    uplot.Series(label="goal", stroke=web(GOAL), width=2),
+                    uplot.Series(label="servo", stroke=web(ROBOT), width=1),
+                ),
+                scales={"x": uplot.Scale(time=False)},
+                title=TITLES[QUANTITIES[0]],
+                aspect=1.3,
+            )
+        self._joint.on_update(lambda _: self.draw())
+        self._quantity.on_update(lambda _: self.draw())
+        self.draw()
+
+    def draw(self) -> None:
+        """Draw what is known by now."""
+        tracks, quantity = self._track(self._joints.index(self._joint.value)), self._quantity.value
+        if tracks is not None and len(tracks.time) > 1:
+            self._plot.title = TITLES[quantity]
+            self._plot.data = curves(tracks, quantity)
+
+
+def curves(tracks: Tracks, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time, what was sent and what the servo said of one of QUANTITIES, (P,) each; NaN: there is no such thing."""
+    rows = np.unique(np.linspace(0, len(tracks.time) - 1, PLOTTED).astype(int))
+    sent, present = np.degrees(tracks.sent[rows]), np.degrees(tracks.present[rows])
+    nothing = np.full(len(rows), np.nan)
+    shown = {
+        "angle": (sent, present),
+        "off its goal": (nothing, sent - present),
+        "temperature": (nothing, tracks.temperature[rows]),
+        "current": (nothing, tracks.current[rows]),
+    }[quantity]
+    return tracks.time[rows], *shown

@@ -1,0 +1,42 @@
+"""`python stamped_run.py WORDS`: the command line, which tells at its end when the emulated servos heard of a stop.
+
+Time is unix time, as a browser has it, when the first goal after the guard's stop had been written.
+"""
+
+import sys
+from datetime import UTC, datetime
+from typing import Any
+
+from hardware.bus import ServoGoals
+from hardware.dynamixel.bus import DynamixelBus
+from hardware.guard import Guard
+from retarget.cli import main
+
+TOLD = "first stopping goal at unix time"
+
+
+def stamped() -> list[float]:
+    """From now on goals are watched. Returns the list in which the time will be."""
+    stop, write = Guard.stop, DynamixelBus.write
+    asked: list[float] = []
+    stamps: list[float] = []
+
+    def stopping(self: Guard, *given: Any, **named: Any) -> Any:
+        asked.append(0.0)
+        return stop(self, *given, **named)
+
+    def writing(self: DynamixelBus, goals: ServoGoals) -> None:
+        write(self, goals)
+        if asked and not stamps:
+            stamps.append(datetime.now(UTC).timestamp())
+
+    Guard.stop, DynamixelBus.write = stopping, writing  # type: ignore[method-assign]
+    return stamps
+
+
+if __name__ == "__main__":
+    found = stamped()
+    try:
+        main(sys.argv[1:])
+    finally:
+        sys.stderr.write(f"{TOLD} {found[0] if found else 'never':}\n")

@@ -1,0 +1,46 @@
+"""The panel of a page: large letters, what colours mean, and curves of a joint."""
+
+import numpy as np
+import pytest
+
+from followers import op3
+from retarget.viewer.joint_plot import QUANTITIES, curves
+from retarget.viewer.legend import legend
+from retarget.viewer.limb_colours import current_scale, temperature_scale
+from retarget.viewer.moment import Tracks
+from retarget.viewer.palette import LEGEND, mixed, web
+from retarget.viewer.panel import headline
+from viewed import moment
+
+
+def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
+    text = headline(moment(state="stopping", why="a <script>", present=np.full(20, 0.1)), "gone")
+    assert "STOPPING" in text and "a &lt;script&gt;" in text and "gone" in text and "5.7 degrees" in text
+    assert "degrees" not in headline(moment(present=np.full(20, np.nan)))
+
+
+def test_the_legend_has_the_colours_of_what_is_shown() -> None:
+    text = legend(["goal", "balance"], temperature_scale(op3()))
+    for colour, words in (*LEGEND["goal"].keys, *LEGEND["balance"].keys):
+        assert web(colour) in text and words in text
+    assert "30 \u00b0C" in text and f"{op3().profile.safety.temperature_c:g} \u00b0C" in text
+    assert LEGEND["around"].keys[0][1] not in legend(["goal"], None)
+
+
+def test_shares_of_a_scale_end_at_its_ends() -> None:
+    scale = current_scale(op3())
+    assert scale is not None
+    values = np.array([0.0, 0.75, -1.5, 9.0, np.nan, *np.zeros(15)])
+    np.testing.assert_allclose(scale.shares(values)[:5], [0.0, 0.5, 1.0, 1.0, 0.0])
+    assert mixed(0.0) != mixed(0.5) != mixed(1.0)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
+    time = np.arange(5000.0)
+    tracks = Tracks(time, np.full(5000, 0.2), np.full(5000, 0.1), np.full(5000, 40.0), np.full(5000, 0.5))
+    at, goal, servo = curves(tracks, quantity)
+    assert len(at) == len(goal) == len(servo) <= 1500 and (at[0], at[-1]) == (0.0, 4999.0)
+    expected = {"angle": np.degrees(0.1), "off its goal": np.degrees(0.1), "temperature": 40.0, "current": 0.5}
+    np.testing.assert_allclose(servo, expected[quantity])
+    assert np.isnan(goal).all() == (quantity != "angle")
