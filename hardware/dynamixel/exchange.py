@@ -11,10 +11,10 @@ from typing import NamedTuple
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.answers import Answers, side_by_side
 from hardware.dynamixel.byte_port import BytePort
-from hardware.dynamixel.fast_status import fast_length, sound_parts
+from hardware.dynamixel.fast_status import BEFORE_PARTS, PART_OVERHEAD, sound_parts
 from hardware.dynamixel.packets import ALERT, Status
 from hardware.dynamixel.parsers import parser1, parser2
-from hardware.dynamixel.whole_reply import whole_reply
+from hardware.dynamixel.whole_reply import whole_frames, whole_reply
 
 TURNAROUND = 100e-6
 """[s] That a servo may take, beside its return delay, before it answers."""
@@ -69,7 +69,7 @@ class Ask:
     def bytes_of(self, count: int) -> int:
         """Bytes of the first `count` answers."""
         if self.kind is Kind.FAST:
-            return fast_length((self.size,) * count) if count else 0
+            return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
         overhead = protocol2.STATUS_BYTES if self.kind is Kind.SYNC else protocol1.STATUS_BYTES
         return count * (overhead + self.size)
 
@@ -90,6 +90,10 @@ class Ask:
         """The sound answers in what was heard so far, each servo at most once."""
         if self.kind is Kind.FAST:
             return whole_reply(heard, self.ids, self.size) or side_by_side(self._parts(heard))
+        if self.kind is Kind.SYNC:
+            whole = whole_frames(heard, self.ids, self.size)
+            if whole is not None:
+                return whole
         found: dict[int, Status] = {}
         parser = parser2() if self.kind is Kind.SYNC else parser1()
         status_of = protocol2.status_of if self.kind is Kind.SYNC else protocol1.status_of
