@@ -17,10 +17,10 @@ from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.roughness import Roughness
 from hardware.errors import BusError, HardwareError, describe
+from hardware.few_values import any_of
 from hardware.joint_map import JointMap
 from hardware.turns import resolve_turns, turn_groups
 
-_any = np.count_nonzero  # of few values it is quicker than `any`
 MakePort = Callable[[BusSpec], BytePort]
 """From a bus of the profile to the way to it."""
 
@@ -109,7 +109,7 @@ class DynamixelBus:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
         self._require_open("write")
         ticks = goals.ticks
-        if ticks.shape != self._lowest.shape or _any(ticks < self._lowest) or _any(ticks > self._highest):
+        if ticks.shape != self._lowest.shape or any_of(ticks < self._lowest) or any_of(ticks > self._highest):
             raise BusError(
                 describe(
                     what="goal ticks out of range",

@@ -7,10 +7,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.arrays import BoolArray
+from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import ALERT, Error1
+from hardware.few_values import all_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -66,8 +67,7 @@ class Readings:
         self._velocity_unit = np.array([_scale(t, n.velocity) for t, n in zip(tables, names, strict=True)])
         self._current_unit = np.array([_scale(t, n.current) for t, n in zip(tables, names, strict=True)])
         self._voltage_unit = np.array([_scale(t, n.voltage) for t, n in zip(tables, names, strict=True)])
-        self.turns = np.zeros(count, dtype=np.int64)
-        """Ticks (n,) to add to what a servo says: whole turns that it has forgotten."""
+        self._turns, self._turned = np.zeros(count, dtype=np.int64), False
         self._position = np.zeros(count, dtype=np.int64)
         self._velocity, self._current = np.zeros(count), np.full(count, np.nan)
         self._voltage, self._temperature = np.full(count, np.nan), np.full(count, np.nan)
@@ -85,13 +85,24 @@ class Readings:
         self._no_age = _fixed(np.zeros(count))
         self._all_valid = _fixed(np.ones(count, dtype=np.bool_))
 
+    @property
+    def turns(self) -> TickArray:
+        """Ticks (n,) to add to what a servo says: whole turns that it has forgotten."""
+        return self._turns
+
+    @turns.setter
+    def turns(self, turns: TickArray) -> None:
+        self._turns, self._turned = turns, bool(turns.any())
+
     def begin(self) -> None:
         """A new cycle: nobody has answered yet."""
         self._valid[:] = False
 
     def take(self, who: NDArray[np.int64], rows: NDArray[np.void], errors: bytes, names: Names, now: float) -> None:
         """Values that servos `who` (k,) answered at `now`, s: rows (k,) of a block, error bytes (k)."""
-        self._position[who] = rows[names.position] + self.turns[who]
+        self._position[who] = rows[names.position]
+        if self._turned:
+            self._position[who] += self._turns[who]
         if names.current is not None:
             self._current[who] = rows[names.current]
         fields = rows.dtype.names
@@ -156,7 +167,7 @@ class Readings:
     @property
     def complete(self) -> bool:
         """Whether everybody has answered in this cycle."""
-        return bool(np.count_nonzero(self._valid) == self._valid.size)
+        return all_of(self._valid)
 
     def states(self, now: float, *, retries: int = 0, rough: float = 0.0) -> ServoStates:
         """Everything, as of `now`, s; none of it changes later, and arrays that stay as they were may be the same
