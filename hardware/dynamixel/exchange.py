@@ -146,7 +146,12 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
         data = port.read()
         if data:
             heard += data
-            deadline = min(port.now() + timeouts.idle, end)
+            now = port.now()
+            if ask.kind is Kind.FAST and len(heard) < enough:
+                data = _rest_of_frame(port, enough - len(heard), now, latest=now + timeouts.idle)
+                heard += data
+                now += 10 * len(data) / port.baud  # when the last of them came, at the earliest
+            deadline = min(now + timeouts.idle, end)
         if len(heard) >= enough:
             answers = ask.answers(heard)
             if len(answers) == len(ask.ids):
@@ -156,6 +161,13 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
                 return Heard(answers, True)
     answers = ask.answers(heard)
     return Heard(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
+
+
+def _rest_of_frame(port: BytePort, missing: int, now: float, *, latest: float) -> bytes:
+    """What comes while all that is missing could come: one frame has no pauses, and who waits for each piece of it
+    wakes once for each servo."""
+    port.sleep_until(min(now + 10 * missing / port.baud, latest))
+    return port.read()
 
 
 def _without_echo(heard: bytes, ask: Ask) -> bytes:
