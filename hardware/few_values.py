@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hardware.arrays import BoolArray
+from hardware.arrays import BoolArray, ByteArray
 
 __all__ = ["all_of", "any_of"]
 
@@ -12,6 +12,6 @@ def all_of(which: BoolArray) -> bool:
     return bool(np.count_nonzero(which) == which.size)
 
 
-def any_of(which: BoolArray) -> bool:
-    """Whether any is true."""
+def any_of(which: BoolArray | ByteArray) -> bool:
+    """Whether any is true, or not 0."""
     return bool(np.count_nonzero(which))
