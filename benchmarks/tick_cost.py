@@ -1,7 +1,8 @@
 """`python -m benchmarks.tick_cost`: what a live tick computes, sensor datagram in to goal bytes out.
 
 OP3 with its observers on emulated servos, all bytes of its bus, on virtual time; five sensors as JSON. Thread CPU of
-every tick of following, less what the emulator and the sender take: hear, align, reconstruct, retarget, gate, encode.
+every tick of following, less what the emulator, its tap and the sender take. What is asked (hear, align, reconstruct,
+retarget, gate, encode) is this tick without reading the servos.
 """
 
 from __future__ import annotations
@@ -22,18 +23,25 @@ from retarget.frames import SensorFrames
 from retarget.live.performer import LivePerformer
 from retarget.pipeline import Pipeline
 from retarget.robot_side import RobotSide
-from sim.emulator.loopback import EmulatedPort
 from sim.faults.bench import Bench
 from sim.faults.sender import FakeSender
+from sim.faults.tapped_port import TappedPort
 from sim.performer import synthetic_performer
 
 FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
-NOT_OURS = [(EmulatedPort, name) for name in ("read", "write", "wait", "drop")] + [(FakeSender, "poll")]
+NOT_OURS = [
+    *((TappedPort, name) for name in ("read", "write", "wait", "drop", "sleep_until")),
+    (FakeSender, "poll"),
+]
+READING = "read the bus"
+ASKED = "as asked (without reading the servos)"
+PARTS_OF_ALL = {READING: (Guard, "_read")}
+"""What is measured beside the tick itself where nothing else is."""
 PARTS = {
     "hear": (LivePerformer, "listen"),
     "reconstruct": (Pipeline, "_reconstruct"),
     "follow, gate": (RobotSide, "follow"),
-    "read the bus": (Guard, "_read"),
+    **PARTS_OF_ALL,
 }
 SETTLED = 300
 """Ticks that are left out: the way to the performer, and buffers that are made once."""
@@ -100,20 +108,20 @@ def five() -> SensorFrames:
 
 
 def measure(seconds: float, *, parts: bool) -> dict[str, Floats]:
-    """ms of every tick of following, by part. Raises RuntimeError for a run that fails."""
-    meter = Meter()
+    """ms of every tick of following, whole, by part, and ASKED. Raises RuntimeError for a run that fails."""
+    meter, wanted = Meter(), PARTS if parts else PARTS_OF_ALL
     with ExitStack() as stack:
         for kind, name in NOT_OURS:
             stack.enter_context(patch.object(kind, name, meter.other(getattr(kind, name))))
-        for label, (owner, name) in (PARTS if parts else {}).items():
+        for label, (owner, name) in wanted.items():
             stack.enter_context(patch.object(owner, name, meter.part(label, getattr(owner, name))))
         stack.enter_context(patch.object(Pipeline, "_one_tick", meter.tick(Pipeline._one_tick)))
         trace = Bench(FakeSender(five()), duration=seconds).run()
     if trace.error:
         raise RuntimeError(trace.error)
     ticks = meter.ticks[SETTLED:]
-    names = ["tick", *(PARTS if parts else ())]
-    return {name: np.array([1e3 * tick.get(name, 0.0) for tick in ticks]) for name in names}
+    spent = {name: np.array([1e3 * tick.get(name, 0.0) for tick in ticks]) for name in ("tick", *wanted)}
+    return spent | {ASKED: spent["tick"] - spent[READING]}
 
 
 def main() -> None:
@@ -121,11 +129,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=30.0, help="of following")
     wanted = parser.parse_args()
-    whole = measure(wanted.seconds, parts=False)["tick"]
-    print(f"{'thread CPU, ms':<16}{'median':>9}{'p99':>9}{'longest':>9}   of {len(whole)} ticks")
-    print(f"{'tick':<16}{np.median(whole):9.3f}{np.percentile(whole, 99):9.3f}{whole.max():9.3f}   asked: 1.0, 2.0")
-    for name, spent in list(measure(wanted.seconds, parts=True).items())[1:]:
-        print(f"  {name:<14}{np.median(spent):9.3f}{np.percentile(spent, 99):9.3f}{spent.max():9.3f}")
+    whole = measure(wanted.seconds, parts=False)
+    print(f"{'thread CPU, ms':<40}{'median':>9}{'p99':>9}{'longest':>9}   of {len(whole['tick'])} ticks")
+    _print_row("tick", whole["tick"])
+    _print_row(ASKED, whole[ASKED], "   asked: 1.0, 2.0")
+    spent = measure(wanted.seconds, parts=True)
+    for name in PARTS:
+        _print_row(f"  {name}", spent[name])
+
+
+def _print_row(name: str, spent: Floats, note: str = "") -> None:
+    print(f"{name:<40}{np.median(spent):9.3f}{np.percentile(spent, 99):9.3f}{spent.max():9.3f}{note}")
 
 
 if __name__ == "__main__":

@@ -56,11 +56,11 @@ class Guard:
         self._bus, self._map, self._filter, self._clock = bus, joint_map, goal_filter, clock
         self.limits = limits or GuardLimits()
         self.health = ServoHealth(joint_map, self.limits)
-        self._state = GuardState.IDLE
-        self._latch = StopLatch(self.limits)
+        self._state, self._latch = GuardState.IDLE, StopLatch(self.limits)
         self._step = StopCause.BUS  # what is to blame if the running step of the tick fails
         self._states: ServoStates | None = None
         self._sent: TickArray | None = None
+        self._posture = b""  # what was written last, as the bytes of its angles
         self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
         self.paused = False
         """Whether somebody holds the robot on purpose: that may last."""
@@ -206,8 +206,8 @@ class Guard:
     def _read(self) -> None:
         self._step = StopCause.BUS
         self._states = states = self._bus.read()
-        complaint = self.health.complaint(states, self._sent, self._filter.position)
-        if complaint is not None:
+        aside = None if (held := self._filter.position).tobytes() == self._posture else held
+        if (complaint := self.health.complaint(states, self._sent, aside)) is not None:
             cause, reason = complaint
             if self._state is GuardState.STOPPING:
                 self._latch.add(cause, reason)
@@ -274,7 +274,7 @@ class Guard:
         """Send what is pending, rad (n,). Until the bus has it the filter is asked for nothing more: what an interrupt
         kept from being sent would else be sent together with the next, a step twice as long."""
         self._write(self._map.to_ticks(posture))
-        self._pending = None
+        self._posture, self._pending = posture.tobytes(), None
 
     def _write(self, ticks: TickArray) -> None:
         self._step = StopCause.BUS

@@ -6,6 +6,7 @@ import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.errors import HardwareError, describe
+from hardware.few_values import all_of
 from hardware.servo import ServoSpec
 from hardware.transmission import ROUND_OFF, coupled_pairs, coupling_problems
 
@@ -51,7 +52,7 @@ class JointMap:
         self.tick_rad: FloatArray = 1.0 / np.abs(self._scale)
         for pair in self._pairs:
             self.tick_rad[pair.columns] = pair.tick_rad
-        self._first_inside, self._last_inside = self.tick_limits()
+        self._first_inside, self._last_inside = (ends.astype(np.float64) for ends in self.tick_limits())
 
     def __len__(self) -> int:
         return len(self.servos)
@@ -64,12 +65,16 @@ class JointMap:
         upstream, never clipped here.
         """
         exact = self._zero + self._scale * positions
+        if not self._pairs:  # nearly always: inside or not, a tick that is inside is the one
+            rounded = np.rint(exact)
+            if all_of(rounded >= self._first_inside) and all_of(rounded <= self._last_inside):
+                return rounded.astype(np.int64)
         inside = (positions >= self.lower) & (positions <= self.upper)
         nearest: FloatArray = np.minimum(np.maximum(np.rint(exact), self._first_inside), self._last_inside)
         for pair in self._pairs:
             exact[..., pair.columns] = pair.exact_ticks(positions[..., pair.columns])
             nearest[..., pair.columns] = pair.nearest_ticks(positions[..., pair.columns])
-        if inside.all():
+        if all_of(inside):
             return nearest.astype(np.int64)
         if not np.isfinite(exact).all():
             bad = ~np.isfinite(positions)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from hardware.bus import ServoStates
+from hardware.few_values import all_of
 from hardware.joint_map import JointMap
 
 DEAF_CYCLES = 2
@@ -27,6 +28,9 @@ class LineHealth:
 
     def lost(self, states: ServoStates) -> str | None:
         """Why there is no way to brake, because nobody on a bus is understood any more; or None."""
+        if all_of(states.valid):
+            self._deaf = dict.fromkeys(self._columns, 0)
+            return None
         for name, columns in self._columns.items():
             if states.valid[columns].any():
                 self._deaf[name] = 0

@@ -5,6 +5,7 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoStates
 from hardware.errors import BusError, GuardError, HardwareError, describe
+from hardware.few_values import all_of
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
 from hardware.line_health import LineHealth
@@ -33,6 +34,7 @@ class ServoHealth:
         self._most = np.minimum(self._levels.most, warned.most)
         self._seen = np.zeros((len(self._rows), count))
         self._known = np.zeros(self._seen.shape, dtype=np.bool_)  # what was told at least once
+        self._zeros = np.zeros(count)
         self._limited = np.isfinite(self._levels.least) | np.isfinite(self._levels.most)
         self._all_known = np.ones(self._seen.shape, dtype=np.bool_)
 
@@ -87,7 +89,7 @@ class ServoHealth:
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
         """Ticks (n,) where shafts are to be held: those that were sent, where nothing is held beside its goal."""
-        if (np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad).all():
+        if all_of(np.abs(self._joint_map.to_radians(sent) - held) <= self._joint_map.tick_rad):
             return sent
         try:
             return self._joint_map.to_ticks(held)
@@ -99,14 +101,14 @@ class ServoHealth:
         seen = self._seen
         seen[Row.ALERT], seen[Row.AGE] = states.alert, states.age
         seen[Row.TEMPERATURE], seen[Row.VOLTAGE] = states.temperature, states.voltage
-        np.fmax(np.abs(states.current), 0.0, out=seen[Row.CURRENT])  # 0 where it is not known
+        np.fmax(np.abs(states.current), self._zeros, out=seen[Row.CURRENT])  # 0 where it is not known
         if sent is None:  # before goals are sent torque may well be off
             seen[Row.LIMP] = seen[Row.FAR] = seen[Row.STILL_FAR] = 0.0
             self._way.forget()
             return
         np.logical_not(states.driven, out=seen[Row.LIMP])
         far = np.abs(self._joint_map.turned(self._way.off(states.time, sent, states.position)))
-        if states.valid.all():
+        if all_of(states.valid):
             seen[Row.FAR] = seen[Row.STILL_FAR] = far
         else:  # where a silent servo was is not where it is: what was known of it last still stands
             heard = self._joint_map.heard(states.valid)
@@ -116,7 +118,7 @@ class ServoHealth:
         """Whether there is nothing to say of any servo, not even that something lasts for too long."""
         seen = self._seen
         inside = (seen >= self._least) & (seen <= self._most)
-        if inside.all():
+        if all_of(inside):
             self._known = self._all_known
             return True
         unknown = np.isnan(seen)

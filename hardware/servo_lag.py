@@ -79,10 +79,11 @@ class ExpectedWay:
     def off(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
         """How far (n,) ticks shafts at `position` are off the way to goals that they have had until `time`, s; positive
         is beyond it."""
+        end, here = goal.astype(np.float64), position.astype(np.float64)
         if self._at is None:
-            self._at = goal.astype(np.float64)
+            self._at = end
         else:
-            self._at = goal + (self._at - goal) * np.exp((self._time - time) / self._lag)
+            self._at = end + (self._at - end) * np.exp((self._time - time) / self._lag)
         self._time = time
-        lowest, highest = np.minimum(self._at, goal), np.maximum(self._at, goal)
-        return np.asarray(np.maximum(position - highest, 0.0) + np.minimum(position - lowest, 0.0))
+        lowest, highest = np.minimum(self._at, end), np.maximum(self._at, end)
+        return np.asarray(here - np.minimum(np.maximum(here, lowest), highest))

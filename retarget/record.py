@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardware.bus import ServoStates
+from hardware.few_values import all_of, any_of
 from hardware.joint_map import JointMap
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
@@ -113,7 +114,10 @@ class RobotRecord:
         self.present[row] = joint_map.to_radians(states.position)
         self.temperature[row], self.voltage[row] = states.temperature, states.voltage
         self.retries[row] = states.retries
-        self.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+        if any_of(states.alert) or not all_of(states.valid):
+            self.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+        else:
+            self.faults[row] = 0
 
 
 @dataclass(frozen=True, eq=False)

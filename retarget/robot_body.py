@@ -1,7 +1,9 @@
 """A robot as a run needs it: its profile, its kinematic tree and its servos, and where its frames are in a posture."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,9 @@ from retarget.joint_limits import JointLimits
 from retarget.profile import RobotProfile, load_profile
 from retarget.rotations import FloatArray, multiply
 from retarget.servo_calibration import ServoCalibration, calibrated, read_calibration
+
+if TYPE_CHECKING:
+    from retarget import _solver
 
 __all__ = ["RobotBody", "load_robot", "load_uncalibrated", "robot_of"]
 
@@ -39,6 +44,16 @@ class RobotBody:
         """Whether it stands on its own feet."""
         return self.profile.root == "free" and bool(self.profile.feet)
 
+    @cached_property
+    def kinematics(self) -> "_solver.Body":
+        """The tree for the compiled solver, made once."""
+        return self.body.solver_body()
+
+    @cached_property
+    def soles(self) -> tuple[Frame, ...]:
+        """The frames of its feet."""
+        return tuple(self.frame(foot.frame) for foot in self.profile.feet.values())
+
     def posture(self, angles: dict[str, float]) -> FloatArray:
         """Posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
         q = self.body.qpos0.copy()
@@ -55,12 +70,12 @@ class RobotBody:
         """World positions (T, k, 3) m of frames of the profile, for postures (T, nq)."""
         places = [self.frame(name) for name in frames]
         local = np.array([place.position for place in places]).reshape(-1, 3)
-        return self.body.solver_body().points(np.ascontiguousarray(q), [place.body for place in places], local)
+        return self.kinematics.points(np.ascontiguousarray(q), [place.body for place in places], local)
 
     def orientations(self, q: FloatArray, frames: tuple[str, ...]) -> FloatArray:
         """World orientations (T, k, 4) wxyz of frames of the profile, for postures (T, nq)."""
         places = [self.frame(name) for name in frames]
-        links = self.body.solver_body().orientations(np.ascontiguousarray(q), [place.body for place in places])
+        links = self.kinematics.orientations(np.ascontiguousarray(q), [place.body for place in places])
         return multiply(links, np.array([place.quat for place in places]).reshape(-1, 4))
 
     def landmark_frames(self, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -250,7 +250,7 @@ class RobotSide:
         """Something was sent: know where the robot is; tell the follower where it is something else than was asked."""
         sent, goal = self._goals.position, self._goal
         self._moved, self._sent = sent - self._sent, sent
-        self._passed = goal is not None and bool(np.abs(sent - goal).max() <= GATED_RAD)  # False for NaN
+        self._passed = goal is not None and np.count_nonzero(np.abs(sent - goal) <= GATED_RAD) == sent.size  # not NaN
         self._q[self.robot.servo_columns] = sent
         if not (self._passed and self._rooted):
             plant_root(self.robot, self._before, self._q)

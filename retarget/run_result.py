@@ -12,7 +12,7 @@ from retarget.live.account import LiveReport
 from retarget.observers import Observers
 from retarget.performer import Performer
 from retarget.physics_run import PhysicsRun
-from retarget.planted_root import plant_root
+from retarget.planted_root import plant_roots
 from retarget.priorities import Priorities
 from retarget.record import Record
 from retarget.robot_body import RobotBody
@@ -108,7 +108,7 @@ class RunResult:
             return None
         q = sent.q.copy()
         q[:, self.robot.servo_columns] = sent.present
-        plant_root(self.robot, sent.q, q)
+        plant_roots(self.robot, sent.q, q)
         return q
 
     def _while_following(self, rows: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from hardware.dynamixel.answers import side_by_side
 from hardware.dynamixel.block import block_of
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.packets import Status
-from hardware.dynamixel.readings import UNKNOWN_ALERT, Readings, names_of
+from hardware.dynamixel.readings import SLOW_AGE, UNKNOWN_ALERT, Readings, names_of
 
 TABLE = find_table("XM430-W350", 2)
 NAMES = names_of(TABLE)
@@ -31,8 +31,7 @@ def answer(device: int, *, position: int = 2048, velocity: int = 0, error: int =
 
 
 def take(readings: Readings, servo: int, said: Status, now: float) -> None:
-    errors = np.array([said.error], dtype=np.uint8)
-    readings.take(np.array([servo]), BLOCK.unpack(side_by_side([said])), errors, NAMES, now)
+    readings.take(np.array([servo]), BLOCK.unpack(side_by_side([said])), bytes((said.error,)), NAMES, now)
 
 
 def test_values_are_in_si_and_of_their_servo_alone() -> None:
@@ -59,6 +58,29 @@ def test_who_is_silent_keeps_what_it_said_and_ages() -> None:
     assert states.position.tolist() == [5, 6]
     assert states.age.tolist() == [0.5, 0.0]
     assert early.valid.tolist() == [True, False]  # what was given is not changed later
+
+
+def test_what_was_given_is_nobodys_to_change_and_not_changed_later() -> None:
+    """Arrays that stay as they are may be given again: whoever wrote into one would write into all."""
+    readings = Readings([TABLE])
+    take(readings, 0, answer(1, error=0x80), 1.0)
+    first = readings.states(1.0)
+    kept = {name: getattr(first, name).copy() for name in ("voltage", "temperature", "error", "alert", "age", "valid")}
+    calm = []
+    for k in range(3):
+        take(readings, 0, answer(1), 2.0 + k)
+        calm.append(readings.states(2.0 + k))
+    readings.begin()
+    late = readings.states(2.0 + 2.5 * SLOW_AGE)
+    assert not late.valid.any() and late.age.tolist() == [2.5 * SLOW_AGE - 2.0] and np.isnan(late.voltage).all()
+    for name, value in kept.items():
+        np.testing.assert_array_equal(getattr(first, name), value)
+    for states in calm:
+        assert states.valid.all() and not states.age.any() and not states.alert.any() and not states.error.any()
+        assert states.voltage.tolist() == kept["voltage"].tolist()
+        for name in ("voltage", "temperature", "error", "alert", "age", "valid"):
+            array = getattr(states, name)
+            assert not array.flags.writeable or not any(array is getattr(other, name) for other in calm[1:])
 
 
 def test_an_alert_is_unknown_until_it_is_told_and_gone_when_it_is() -> None:
@@ -91,8 +113,7 @@ def test_a_speed_of_protocol_1_has_a_direction_bit(speed: int, sign: int) -> Non
     block = block_of(table, *names.motion)
     data = (512).to_bytes(2, "little") + speed.to_bytes(2, "little") + bytes((0, 0, 119, 30))
     readings = Readings([table])
-    errors = np.array([4], dtype=np.uint8)
-    readings.take(np.array([0]), block.unpack(side_by_side([Status(1, 4, data)])), errors, names, 0.0)
+    readings.take(np.array([0]), block.unpack(side_by_side([Status(1, 4, data)])), b"\x04", names, 0.0)
     states = readings.states(0.0)
     assert np.sign(states.velocity[0]) == sign
     assert states.voltage[0] == pytest.approx(11.9)

@@ -17,6 +17,7 @@ from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.roughness import Roughness
 from hardware.errors import BusError, HardwareError, describe
+from hardware.few_values import any_of
 from hardware.joint_map import JointMap
 from hardware.turns import resolve_turns, turn_groups
 
@@ -108,7 +109,7 @@ class DynamixelBus:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
         self._require_open("write")
         ticks = goals.ticks
-        if ticks.shape != self._lowest.shape or ((ticks < self._lowest) | (ticks > self._highest)).any():
+        if ticks.shape != self._lowest.shape or any_of(ticks < self._lowest) or any_of(ticks > self._highest):
             raise BusError(
                 describe(
                     what="goal ticks out of range",
@@ -199,20 +200,22 @@ class DynamixelBus:
 
     def _cycle(self) -> ServoStates:
         """One cycle of all ports; now and then with voltage and temperature."""
-        now, before = self._lines[0].port.now(), self.retries
+        now = self._lines[0].port.now()
         counted = [(line.cyclic.retries, line.cyclic.spoiled) for line in self._lines]
         read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
-        retries = self.retries
+        retries, repeated, share = 0, False, 0.0
         for line, rough, (asked, spoiled) in zip(self._lines, self._roughness, counted, strict=True):
             cyclic = line.cyclic
             rough.note(now, retries=cyclic.retries - asked, spoiled=cyclic.spoiled - spoiled)
-        self._restless = self._restless + 1 if retries > before else 0
+            retries, repeated = retries + cyclic.retries, repeated or cyclic.retries > asked
+            share = max(share, rough.share)
+        self._restless = self._restless + 1 if repeated else 0
         if self._restless == RESTLESS:
             self._tell(
                 f"requests had to be repeated in {RESTLESS} cycles on end: a noisy line, or an adapter that is slower "
                 "than it says"
             )
-        return self._readings.states(now, retries=retries, rough=max(one.share for one in self._roughness))
+        return self._readings.states(now, retries=retries, rough=share)
 
     def _torque_on(self) -> None:
         """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""

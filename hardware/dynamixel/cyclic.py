@@ -89,7 +89,7 @@ class CyclicPort:
         self._index_of = {servo.id: servo.index for servo in servos}
         self._kind = {servo.id: Kind.SYNC if servo.table.protocol == 2 else Kind.SINGLE1 for servo in servos}
         self._status_block = {servo.id: status_block(servo.table) for servo in servos}
-        self._strikes = dict.fromkeys(self._index_of, 0)
+        self._strikes: dict[int, int] = {}  # cycles on end without an answer, of those who are silent
         self._missed: set[int] = set()  # of this cycle: the first that did not answer, each time
         self._queue: deque[Errand] = deque()
         self._sent = 0.0  # [s]
@@ -98,13 +98,14 @@ class CyclicPort:
         self._cycle = 0
         self._probed = -np.inf
         self._errands: dict[tuple[object, ...], Errand] = {}
+        self._usual: dict[bool, list[Errand]] = {}
+        """What a cycle asks while nobody is missed: wide, and not."""
 
     def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
         """Send goals (n,), of all servos of the robot, ticks; driven (n,): who has torque. Raises BusError."""
-        silent = [self._index_of[device] for device, strikes in self._strikes.items() if strikes]
-        if silent:  # whoever it is may have started anew
+        if self._strikes:  # whoever it is may have started anew
             driven = driven.copy()
-            driven[silent] = False
+            driven[[self._index_of[device] for device in self._strikes]] = False
         noisy = self.port.now() < self._noisy_until
         for packet in self._goals.packets(ticks, driven):
             self.post(packet)
@@ -127,17 +128,23 @@ class CyclicPort:
         self._cycle += 1
         self._queue.clear()
         self._missed.clear()
-        lost, strikes = self._probe(), self._strikes
-        for group in self._groups:
-            ids = group.ids
-            if any(strikes.values()):
-                first = [device for device in ids if strikes[device] == 0]
-                late = [device for device in ids if 0 < strikes[device] < LOST_AFTER or device == lost]
-                ids = (*first, *late)
-            self._enqueue(group.kind, ids, group.wide if wide else group.motion, group.motion, group.names)
+        strikes, usual = self._strikes, self._usual.get(wide)
+        if usual is not None and not strikes:
+            self._queue.extend(usual)
+        else:
+            lost = self._probe()
+            for group in self._groups:
+                ids = group.ids
+                if strikes:
+                    first = [device for device in ids if device not in strikes]
+                    late = [device for device in ids if 0 < strikes.get(device, 0) < LOST_AFTER or device == lost]
+                    ids = (*first, *late)
+                self._enqueue(group.kind, ids, group.wide if wide else group.motion, group.motion, group.names)
+            if not strikes:
+                self._usual[wide] = list(self._queue)
         if self._cycle % STATUS_EVERY == 0:
             servo = self.servos[self._cycle // STATUS_EVERY % len(self.servos)]
-            if self._strikes[servo.id] == 0:
+            if servo.id not in strikes:
                 self.ask_status(servo.id)
 
     @property
@@ -167,33 +174,33 @@ class CyclicPort:
 
     def end(self, readings: Readings) -> None:
         """The cycle is over: count who was silent, and look at who is back."""
-        valid = readings.valid
+        if readings.complete and not self._strikes:
+            return
+        valid, strikes = readings.valid, self._strikes
         for device, index in self._index_of.items():
             if not valid[index]:
-                self._strikes[device] += device in self._missed
-            elif self._strikes[device]:
-                if self._strikes[device] >= LOST_AFTER:
+                if device in self._missed:
+                    strikes[device] = strikes.get(device, 0) + 1
+            elif device in strikes:
+                if strikes.pop(device) >= LOST_AFTER:
                     readings.take_drive(index, False)  # until it says otherwise: it may have started anew
-                self._strikes[device] = 0
                 self.ask_status(device)
 
     def _keep(self, readings: Readings, errand: Errand, answers: Answers) -> None:
         assert errand.names is not None
         who = errand.who if answers.ids == errand.ask.ids else self._places(answers.ids)
-        errors = np.frombuffer(answers.errors, dtype=np.uint8)
-        readings.take(who, errand.block.unpack(answers), errors, errand.names, self.port.now())
+        readings.take(who, errand.block.unpack(answers), answers.errors, errand.names, self.port.now())
 
     def _places(self, ids: Sequence[int]) -> NDArray[np.int64]:
         """Where servos stand in servo order."""
         return np.array([self._index_of[device] for device in ids])
 
     def _keep_status(self, readings: Readings, block: Block, answers: Answers) -> None:
-        row, index = block.unpack(answers)[0], self._index_of[answers.ids[0]]
-        fields = block.dtype.names or ()
-        tripped = "bus_watchdog" in fields and row["bus_watchdog"] in (-1, 0xFF)
-        readings.take_drive(index, bool(row["torque_enable"]) and not tripped)
-        if "hardware_error_status" in fields:
-            readings.take_alert(index, int(row["hardware_error_status"]))
+        index = self._index_of[answers.ids[0]]
+        said = dict(zip(block.dtype.names or (), block.unpack(answers)[0].item(), strict=True))
+        tripped = said.get("bus_watchdog", 0) in (-1, 0xFF)
+        readings.take_drive(index, bool(said["torque_enable"]) and not tripped)
+        readings.take_alert(index, said.get("hardware_error_status", 0))
 
     def _again(self, errand: Errand, answers: Answers, *, noise: bool) -> None:
         """Ask those that did not answer once more, the first of them last: it may be the one that silenced the rest.
@@ -203,7 +210,7 @@ class CyclicPort:
         self.spoiled += noise
         heard = set(answers.ids)
         silent = [device for device in errand.ask.ids if device not in heard]
-        known = silent[0] in self._missed or self._strikes[silent[0]]
+        known = silent[0] in self._missed or silent[0] in self._strikes
         self._missed.add(silent[0])
         if errand.tries == RETRIES or (len(silent) == 1 and not noise and known):
             return
@@ -221,11 +228,9 @@ class CyclicPort:
 
     def _probe(self) -> int | None:
         """A lost servo to be looked for in this cycle, each in its turn."""
+        lost = [device for device in self._index_of if self._strikes.get(device, 0) >= LOST_AFTER]
         now = self.port.now()
-        if now < self._probed + PROBE_PERIOD:
-            return None
-        lost = [device for device, strikes in self._strikes.items() if strikes >= LOST_AFTER]
-        if not lost:
+        if not lost or now < self._probed + PROBE_PERIOD:
             return None
         self._probed = now
         return lost[self._cycle % len(lost)]

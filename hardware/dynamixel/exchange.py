@@ -11,10 +11,10 @@ from typing import NamedTuple
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.answers import Answers, side_by_side
 from hardware.dynamixel.byte_port import BytePort
-from hardware.dynamixel.fast_status import fast_length, sound_parts
+from hardware.dynamixel.fast_status import BEFORE_PARTS, PART_OVERHEAD, sound_parts
 from hardware.dynamixel.packets import ALERT, Status
 from hardware.dynamixel.parsers import parser1, parser2
-from hardware.dynamixel.whole_reply import whole_reply
+from hardware.dynamixel.whole_reply import whole_frames, whole_reply
 
 TURNAROUND = 100e-6
 """[s] That a servo may take, beside its return delay, before it answers."""
@@ -69,7 +69,7 @@ class Ask:
     def bytes_of(self, count: int) -> int:
         """Bytes of the first `count` answers."""
         if self.kind is Kind.FAST:
-            return fast_length((self.size,) * count) if count else 0
+            return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
         overhead = protocol2.STATUS_BYTES if self.kind is Kind.SYNC else protocol1.STATUS_BYTES
         return count * (overhead + self.size)
 
@@ -90,6 +90,10 @@ class Ask:
         """The sound answers in what was heard so far, each servo at most once."""
         if self.kind is Kind.FAST:
             return whole_reply(heard, self.ids, self.size) or side_by_side(self._parts(heard))
+        if self.kind is Kind.SYNC:
+            whole = whole_frames(heard, self.ids, self.size)
+            if whole is not None:
+                return whole
         found: dict[int, Status] = {}
         parser = parser2() if self.kind is Kind.SYNC else parser1()
         status_of = protocol2.status_of if self.kind is Kind.SYNC else protocol1.status_of
@@ -142,7 +146,12 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
         data = port.read()
         if data:
             heard += data
-            deadline = min(port.now() + timeouts.idle, end)
+            now = port.now()
+            if ask.kind is Kind.FAST and len(heard) < enough:
+                data = _rest_of_frame(port, enough - len(heard), now, latest=now + timeouts.idle)
+                heard += data
+                now += 10 * len(data) / port.baud  # when the last of them came, at the earliest
+            deadline = min(now + timeouts.idle, end)
         if len(heard) >= enough:
             answers = ask.answers(heard)
             if len(answers) == len(ask.ids):
@@ -152,6 +161,13 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
                 return Heard(answers, True)
     answers = ask.answers(heard)
     return Heard(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
+
+
+def _rest_of_frame(port: BytePort, missing: int, now: float, *, latest: float) -> bytes:
+    """What comes while all that is missing could come: one frame has no pauses, and who waits for each piece of it
+    wakes once for each servo."""
+    port.sleep_until(min(now + 10 * missing / port.baud, latest))
+    return port.read()
 
 
 def _without_echo(heard: bytes, ask: Ask) -> bytes:

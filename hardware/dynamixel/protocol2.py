@@ -20,7 +20,8 @@ STATUS_BYTES = 11
 STUFFED = b"\xff\xff\xfd\xfd"
 """What stuffing makes of a header's first three bytes."""
 
-_PATTERN = b"\xff\xff\xfd"
+PATTERN = b"\xff\xff\xfd"
+"""Nowhere in a frame but at its beginning, and where stuffing follows."""
 
 
 def crc(data: bytes, before: int = 0) -> int:
@@ -30,12 +31,12 @@ def crc(data: bytes, before: int = 0) -> int:
 
 def stuff(body: bytes) -> bytes:
     """Body (instruction to last parameter) in which no header can appear: FF FF FD becomes FF FF FD FD."""
-    return body.replace(_PATTERN, STUFFED) if _PATTERN in body else body
+    return body.replace(PATTERN, STUFFED) if PATTERN in body else body
 
 
 def unstuff(body: bytes) -> bytes:
     """Inverse of `stuff`."""
-    return body.replace(STUFFED, _PATTERN) if STUFFED in body else body
+    return body.replace(STUFFED, PATTERN) if STUFFED in body else body
 
 
 def frame(device: int, code: int, params: bytes = b"") -> bytes:

@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.arrays import BoolArray
+from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import ALERT, Error1
+from hardware.few_values import all_of
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 SLOW_PERIOD = 0.2
 """[s] Between two looks at voltage and temperature."""
@@ -63,8 +67,7 @@ class Readings:
         self._velocity_unit = np.array([_scale(t, n.velocity) for t, n in zip(tables, names, strict=True)])
         self._current_unit = np.array([_scale(t, n.current) for t, n in zip(tables, names, strict=True)])
         self._voltage_unit = np.array([_scale(t, n.voltage) for t, n in zip(tables, names, strict=True)])
-        self.turns = np.zeros(count, dtype=np.int64)
-        """Ticks (n,) to add to what a servo says: whole turns that it has forgotten."""
+        self._turns, self._turned = np.zeros(count, dtype=np.int64), False
         self._position = np.zeros(count, dtype=np.int64)
         self._velocity, self._current = np.zeros(count), np.full(count, np.nan)
         self._voltage, self._temperature = np.full(count, np.nan), np.full(count, np.nan)
@@ -74,19 +77,37 @@ class Readings:
         self._answered = np.full(count, -np.inf)  # [s]
         self._slow_at = np.full(count, -np.inf)  # [s] when voltage and temperature were told
         self._slow_due = -np.inf  # [s] before then nobody owes them
+        self._slow_until = -np.inf  # [s] so long all of them are known as they are in `_slow`
+        self._slow = (self._voltage, self._temperature)  # as they were handed out
+        self._erring = self._alarming = False  # whether somebody may have an error, an alert
+        # What there is to hand out when all is well: nobody can change it.
+        self._no_error = _fixed(np.zeros(count, dtype=np.uint8))
+        self._no_age = _fixed(np.zeros(count))
+        self._all_valid = _fixed(np.ones(count, dtype=np.bool_))
+
+    @property
+    def turns(self) -> TickArray:
+        """Ticks (n,) to add to what a servo says: whole turns that it has forgotten."""
+        return self._turns
+
+    @turns.setter
+    def turns(self, turns: TickArray) -> None:
+        self._turns, self._turned = turns, bool(turns.any())
 
     def begin(self) -> None:
         """A new cycle: nobody has answered yet."""
         self._valid[:] = False
 
-    def take(
-        self, who: NDArray[np.int64], rows: NDArray[np.void], errors: NDArray[np.uint8], names: Names, now: float
-    ) -> None:
-        """Values that servos `who` (k,) answered at `now`, s: rows (k,) of a block, error bytes (k,)."""
-        self._position[who] = rows[names.position] + self.turns[who]
+    def take(self, who: NDArray[np.int64], rows: NDArray[np.void], errors: bytes, names: Names, now: float) -> None:
+        """Values that servos `who` (k,) answered at `now`, s: rows (k,) of a block, error bytes (k)."""
+        self._position[who] = rows[names.position]
+        if self._turned:
+            self._position[who] += self._turns[who]
         if names.current is not None:
             self._current[who] = rows[names.current]
-        if rows.dtype.fields and names.voltage in rows.dtype.fields:
+        fields = rows.dtype.names
+        if fields and names.voltage in fields:
+            self._slow_until = -np.inf
             self._voltage[who] = rows[names.voltage]
             self._temperature[who] = rows[names.temperature]
             self._slow_at[who] = now
@@ -95,16 +116,22 @@ class Readings:
         if names is NAMES1:
             speed = rows[names.velocity].astype(np.int64)
             self._velocity[who] = np.where(speed & _SIGN1, -(speed & _SIZE1), speed)
-            self._alert[who] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
         else:
             self._velocity[who] = rows[names.velocity]
-            if errors.any() or self._alert.any():
-                # Which error it is, the servo says when it is asked; once it reports none, none is left.
-                known = np.maximum(self._alert[who], UNKNOWN_ALERT * (self._alert[who] == 0))
-                self._alert[who] = np.where(errors & ALERT, known, 0)
-        self._error[who] = errors
+        if self._erring or self._alarming or any(errors):
+            self._take_errors(who, np.frombuffer(errors, np.uint8), protocol1=names is NAMES1)
         self._valid[who] = True
         self._answered[who] = now
+
+    def _take_errors(self, who: NDArray[np.int64], errors: NDArray[np.uint8], *, protocol1: bool) -> None:
+        if protocol1:
+            self._alert[who] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
+        else:
+            # Which error it is, the servo says when it is asked; once it reports none, none is left.
+            known = np.maximum(self._alert[who], UNKNOWN_ALERT * (self._alert[who] == 0))
+            self._alert[who] = np.where(errors & ALERT, known, 0)
+        self._error[who] = errors
+        self._erring, self._alarming = bool(self._error.any()), bool(self._alert.any())
 
     def slow_due(self, now: float) -> bool:
         """Whether somebody who answered in the last cycle owes voltage and temperature; at first everybody does."""
@@ -115,12 +142,13 @@ class Readings:
 
     def alarmed(self) -> list[int]:
         """Servos that say that they have an error, and not yet which."""
-        return np.flatnonzero(self._alert == UNKNOWN_ALERT).tolist() if self._alert.any() else []
+        return np.flatnonzero(self._alert == UNKNOWN_ALERT).tolist() if self._alarming else []
 
     def take_alert(self, servo: int, bits: int) -> None:
         """Its Hardware Error Status; 0 bits leave an error that it reports unknown."""
         if bits:
             self._alert[servo] = bits
+            self._alarming = True
 
     def take_drive(self, servo: int, driven: bool) -> None:
         """Whether it follows its goals, as it said just now."""
@@ -136,24 +164,46 @@ class Readings:
         """Who has answered in this cycle, (n,); a copy."""
         return self._valid.copy()
 
+    @property
+    def complete(self) -> bool:
+        """Whether everybody has answered in this cycle."""
+        return all_of(self._valid)
+
     def states(self, now: float, *, retries: int = 0, rough: float = 0.0) -> ServoStates:
-        """Everything, as of `now`, s; arrays of its own. Voltages and temperatures beyond SLOW_AGE are not known."""
-        known = self._slow_at >= now - SLOW_AGE
+        """Everything, as of `now`, s; none of it changes later, and arrays that stay as they were may be the same
+        again. Voltages and temperatures beyond SLOW_AGE are not known."""
+        if now > self._slow_until:
+            self._make_slow(now)
+        complete = self.complete
+        voltage, temperature = self._slow
         return ServoStates(
             time=now,
             position=self._position.copy(),
             velocity=self._velocity * self._velocity_unit,
             current=self._current * self._current_unit,
-            voltage=np.where(known, self._voltage * self._voltage_unit, np.nan),
-            temperature=np.where(known, self._temperature, np.nan),
-            error=self._error.copy(),
-            alert=self._alert.copy(),
-            age=np.where(self._valid, 0.0, np.maximum(now - self._answered, 0.0)),
-            valid=self._valid.copy(),
+            voltage=voltage,
+            temperature=temperature,
+            error=self._error.copy() if self._erring else self._no_error,
+            alert=self._alert.copy() if self._alarming else self._no_error,
+            age=self._no_age if complete else np.where(self._valid, 0.0, np.maximum(now - self._answered, 0.0)),
+            valid=self._all_valid if complete else self._valid.copy(),
             driven=self._driven.copy(),
             retries=retries,
             rough=rough,
         )
+
+    def _make_slow(self, now: float) -> None:
+        """Voltages and temperatures, as far as they are known."""
+        known = self._slow_at >= now - SLOW_AGE
+        voltage = np.where(known, self._voltage * self._voltage_unit, np.nan)
+        self._slow = _fixed(voltage), _fixed(np.where(known, self._temperature, np.nan))
+        self._slow_until = float(self._slow_at[known].min(initial=np.inf)) + SLOW_AGE
+
+
+def _fixed(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    """The array, which nobody changes from now on."""
+    array.flags.writeable = False
+    return array
 
 
 def _scale(table: ControlTable, name: str | None) -> float:

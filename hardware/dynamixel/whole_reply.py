@@ -1,84 +1,111 @@
-"""The reply to a Fast Sync Read when all of it is there and sound, checked in one go: what nearly every cycle sees."""
+"""The reply to a group read of protocol 2.0 when all of it is there and sound, checked in one go: what nearly every
+cycle sees."""
 
+from collections.abc import Callable
 from functools import lru_cache
+from struct import Struct
 from typing import NamedTuple
 
-import numpy as np
 from fastcrc.crc16 import umts
-from numpy.typing import NDArray
 
+from hardware.dynamixel import protocol2
 from hardware.dynamixel.answers import Answers
 from hardware.dynamixel.fast_status import BEFORE_PARTS, PART_OVERHEAD, fast_length, fast_start
-from hardware.dynamixel.packets import ALERT
+from hardware.dynamixel.packets import ALERT, STATUS
 
-LAYOUTS = 64
+LAYOUTS = 512
 """Different requests that are remembered."""
+_BEFORE_ERROR = 8
+"""Bytes of a status frame before its error byte: header, id, LEN, instruction."""
+
+Cut = Callable[[bytes], tuple[bytes, ...]]
+"""From a reply to pieces of it."""
 
 
 class _Layout(NamedTuple):
-    """start: the reply's first bytes; ids: of the servos; length: of the whole reply.
+    """length: of the whole reply; part: bytes from one servo to the next; starts: how its frames begin.
 
-    crcs (size + 2, 256): what a byte value at a place of a part adds to the part's CRC; places (size + 2,): where the
-    row of each place begins. folded (256,): what the CRC before adds, by the exclusive or of its bytes; first: what the
-    start adds to the first part's.
+    heads: from a reply to the beginnings of its frames. summed: to the bytes that each CRC is of, or, where it goes on
+    from the one before, to those between them. crcs: to its CRCs. values: to the data of each servo.
     """
 
-    start: bytes
-    ids: bytes
     length: int
-    places: NDArray[np.intp]
-    crcs: NDArray[np.uint16]
-    folded: NDArray[np.uint16]
-    first: np.uint16
+    part: int
+    starts: tuple[bytes, ...]
+    ids: bytes
+    well: bytes
+    heads: Cut
+    summed: Cut
+    crcs: Callable[[bytes], tuple[int, ...]]
+    values: Cut
 
 
 def whole_reply(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
-    """Answers of all `ids` to a request for `size` bytes of each; None for a reply that is not whole and sound.
+    """Answers of all `ids` to a Fast Sync Read of `size` bytes of each; None for a reply that is not whole and sound.
 
-    Each part's CRC goes on from the one before it. That one stands in the reply: where every part is sound, each can be
-    checked by itself, from the CRC that it finds there.
+    Each part's CRC is of everything before it, earlier CRCs included (e-Manual, Fast Sync Read).
     """
-    layout = _layout(ids, size)
-    if len(reply) != layout.length or not reply.startswith(layout.start):
+    layout = _one_frame(ids, size)
+    if len(reply) != layout.length or layout.heads(reply) != layout.starts:
         return None
-    parts = np.frombuffer(reply, np.uint8, offset=BEFORE_PARTS).reshape(len(ids), size + PART_OVERHEAD)
-    if parts[:, 1].tobytes() != layout.ids:
+    if reply[BEFORE_PARTS + 1 :: layout.part] != layout.ids:
         return None
-    total = np.bitwise_xor.reduce(layout.crcs.take(parts[:, :-2] + layout.places), axis=1)
-    low, high = parts[:, -2], parts[:, -1]
-    total[0] ^= layout.first
-    total[1:] ^= layout.folded.take(low[:-1] ^ high[:-1])
-    if total.astype("<u2").tobytes() != parts[:, -2:].tobytes():
+    total, totals = 0, []
+    for piece in layout.summed(reply):
+        total = umts(piece, total)
+        totals.append(total)
+    if tuple(totals) != layout.crcs(reply):
         return None
-    errors = parts[:, 0].tobytes()
-    if any(errors) and (parts[:, 0] & ~np.uint8(ALERT)).any():  # a refusal: its data mean nothing
+    return _answers(reply, ids, layout, reply[BEFORE_PARTS :: layout.part])
+
+
+def whole_frames(reply: bytes, ids: tuple[int, ...], size: int) -> Answers | None:
+    """Answers of all `ids` to a Sync Read of `size` bytes of each, a frame each; None for a reply that is not whole and
+    sound, in this order, or that has stuffing in it."""
+    layout = _frames(ids, size)
+    if len(reply) != layout.length or reply.count(protocol2.PATTERN) != len(ids):
         return None
-    return Answers(ids, errors, parts[:, 2:-2].tobytes())
+    if layout.heads(reply) != layout.starts:
+        return None
+    if tuple([umts(frame, 0) for frame in layout.summed(reply)]) != layout.crcs(reply):
+        return None
+    return _answers(reply, ids, layout, reply[_BEFORE_ERROR :: layout.part])
+
+
+def _answers(reply: bytes, ids: tuple[int, ...], layout: _Layout, errors: bytes) -> Answers | None:
+    if errors != layout.well and any(error & ~ALERT for error in errors):  # a refusal: its data mean nothing
+        return None
+    return Answers(ids, errors, b"".join(layout.values(reply)))
 
 
 @lru_cache(LAYOUTS)
-def _layout(ids: tuple[int, ...], size: int) -> _Layout:
-    """A CRC without start value is linear: the CRC of a part is the sum (exclusive or) of those of its bytes, each with
-    zeros in place of all others; and going on from a value is the same as to add it to the first two bytes."""
-    body = size + 2
-    crcs, folded = _crcs(size)
-    start = fast_start((size,) * len(ids))
+def _one_frame(ids: tuple[int, ...], size: int) -> _Layout:
+    body, more, length = size + 2, len(ids) - 1, fast_length((size,) * len(ids))
     return _Layout(
-        start=start,
+        length=length,
+        part=size + PART_OVERHEAD,
+        starts=(fast_start((size,) * len(ids)),),
         ids=bytes(ids),
-        length=fast_length((size,) * len(ids)),
-        places=256 * np.arange(body),
-        crcs=crcs,
-        folded=folded,
-        first=np.uint16(umts(start + bytes(body), 0)),
+        well=bytes(len(ids)),
+        heads=Struct(f"<{BEFORE_PARTS}s{length - BEFORE_PARTS}x").unpack,
+        summed=Struct(f"<{BEFORE_PARTS + body}s" + f"{2 + body}s" * more + "2x").unpack,
+        crcs=Struct(f"<{BEFORE_PARTS}x" + f"{body}xH" * len(ids)).unpack,
+        values=Struct(f"<{BEFORE_PARTS}x" + f"2x{size}s2x" * len(ids)).unpack,
     )
 
 
 @lru_cache(LAYOUTS)
-def _crcs(size: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """What byte values add at each place of a part, and what the CRC before does, for parts of `size` bytes of data."""
-    body = size + 2
-    places = [[umts(bytes((value,)) + bytes(body - 1 - at), 0) for value in range(256)] for at in range(body)]
-    # The bytes of the CRC before (low, high), added to the value to go on from (high, low): twice the same.
-    folded = [umts(bytes((value, value)) + bytes(body), 0) for value in range(256)]
-    return np.array(places, np.uint16), np.array(folded, np.uint16)
+def _frames(ids: tuple[int, ...], size: int) -> _Layout:
+    whole = protocol2.STATUS_BYTES + size
+    length = (whole - protocol2.OVERHEAD).to_bytes(2, "little")
+    return _Layout(
+        length=whole * len(ids),
+        part=whole,
+        starts=tuple(protocol2.HEADER + bytes((device,)) + length + bytes((STATUS,)) for device in ids),
+        ids=bytes(ids),
+        well=bytes(len(ids)),
+        heads=Struct("<" + f"{_BEFORE_ERROR}s{whole - _BEFORE_ERROR}x" * len(ids)).unpack,
+        summed=Struct("<" + f"{whole - 2}s2x" * len(ids)).unpack,
+        crcs=Struct("<" + f"{whole - 2}xH" * len(ids)).unpack,
+        values=Struct("<" + f"{_BEFORE_ERROR + 1}x{size}s2x" * len(ids)).unpack,
+    )
