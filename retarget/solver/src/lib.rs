@@ -1,4 +1,4 @@
-//! retarget._solver: kinematics, strict hierarchies, whole frames, poses as they are heard and smoothed. Knows no file, no clock and no servo.
+//! retarget._solver: kinematics, strict hierarchies, whole frames, poses as they are heard. Knows no file, no clock, no servo.
 
 mod allocations;
 mod assemble;
@@ -26,7 +26,6 @@ mod py_observers;
 mod py_path;
 mod py_probe;
 mod py_playout;
-mod py_reader;
 mod py_sensor_plan;
 mod py_shapes;
 mod py_smooth;
@@ -60,7 +59,6 @@ fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<py_smooth::PyPoseFilter>()?;
     m.add_function(wrap_pyfunction!(py_smooth::along_arc, m)?)?;
     m.add_class::<py_playout::PyPoseRing>()?;
-    m.add_class::<py_reader::PyBodyReader>()?;
     m.add_class::<py_sensor_plan::PySensorPlan>()?;
     m.add_class::<py_sensor_plan::PyPoseParts>()?;
     m.add_class::<py_watched::PyWatchedSensors>()?;
