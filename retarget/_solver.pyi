@@ -73,6 +73,15 @@ class Probe:
         """Posture q (nq,) -> points (k, 3) m, orientations (j, 4) wxyz, centre of mass (3,) m; world."""
 
 @final
+class Footing:
+    """Soles with corners `local` (k, 3) m of `links`, whose places are `planted` (k, 3) m, world, and the edges (e, 3)
+    of their support polygon: nx x + ny y <= d inside, normals of length 1."""
+
+    def __init__(self, body: Body, links: list[int], local: Floats, planted: Floats, edges: Floats) -> None: ...
+    def losses(self, way: Floats) -> tuple[float, float]:
+        """Of postures (T, nq): most that a corner is off its place, and least that the centre of mass is inside; m."""
+
+@final
 class Task:
     """One thing asked of a body. It owns a slice of the target vector: a leading weight (0 or NaN: absent this
     frame), then its target.

@@ -37,7 +37,7 @@ class Heard:
     fresh: BoolArray = field(init=False)
 
     def __post_init__(self) -> None:
-        fresh: BoolArray = np.logical_and.reduce(np.isfinite(self.position), axis=1)
+        fresh: BoolArray = np.isfinite(self.position[:, 0])
         if np.count_nonzero(self.states):
             fresh &= self.states == TrustState.FRESH
         object.__setattr__(self, "fresh", fresh)
