@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 Level: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats]
+Played: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_], Floats, NDArray[np.int8], Floats]
 
 @final
 class Body:
@@ -395,6 +396,126 @@ class PoseFilter:
         """Filtered positions (k, 3) and orientations (k, 4) wxyz of poses at times (k,) in s. NaN in, NaN out."""
     def reset(self, rows: NDArray[np.bool_]) -> None:
         """Forget rows (k,): their next pose is taken as it is."""
+
+@final
+class PoseRing:
+    """The newest `depth` poses of each of `count` sensors, in the order of their times; see `retarget.live.playout`.
+
+    extrapolation: s, how long a sensor moves on with its last velocity. What is told of k sensors: position (k, 3) m
+    and orientation (k, 4) wxyz, on the side of what was told last, NaN where never told; valid (k,); age (k,) s since
+    the newest pose, infinite where there is none; how (k,): 0 nothing, 1 interpolated, 2 as it was told, 3
+    extrapolated, 4 held; time (k,) s of what is told, NaN where there is none.
+    """
+
+    def __init__(self, count: int, *, depth: int, extrapolation: float) -> None: ...
+    def push(
+        self, rows: NDArray[np.int64], time: float, position: Floats, orientation: Floats, valid: NDArray[np.bool_]
+    ) -> tuple[float | None, int, int]:
+        """Take poses of m different sensors rows (m,) at one time, s: position (m, 3), orientation (m, 4) of any norm
+        and sign, a part NaN where it is not told; valid (m,): False where the sensor is lost.
+
+        Returns the newest time of those sensors before, minus infinity where there was none, None where no pose is
+        one; and how many were not kept, as repeated and as older than all that is kept.
+        """
+    def latest(self, now: float) -> Played:
+        """The newest pose of every sensor."""
+    def read(self, at: float, now: float) -> Played:
+        """Every sensor at a time `at`, s, not after `now`: between its poses, or a little beyond the newest."""
+    def clear(self) -> None:
+        """Forget every pose."""
+
+@final
+class SensorPlan:
+    """How m sensors are read out of frames of `count` poses: points (m,) and segments (m,) are the columns of position
+    and orientation, -1 where there is none; rest (m, 4) wxyz is what an orientation is multiplied by; offset (m, 3) m
+    what the position is told away from the joint, in the axes of the pose that tells it."""
+
+    def __init__(
+        self,
+        count: int,
+        points: NDArray[np.int64],
+        segments: NDArray[np.int64],
+        rest: Floats,
+        offset: Floats,
+    ) -> None: ...
+    def read(
+        self, position: Floats, orientation: Floats, tracked: NDArray[np.bool_]
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Of a frame (count, ...): position (m, 3), orientation (m, 4), NaN where there is none, and tracked (m,)."""
+
+@final
+class PoseParts:
+    """What each of `count` sensors was told to be last, for poses that are told in parts (position here, rotation
+    there)."""
+
+    def __init__(self, count: int) -> None: ...
+    def complete(self, rows: NDArray[np.int64], time: float, position: Floats, orientation: Floats) -> None:
+        """Fill in, in place, what position (m, 3) and orientation (m, 4) of sensors rows (m,) do not tell (NaN) with
+        what was told at most 0.1 s before `time`."""
+
+@final
+class WatchedSensors:
+    """Of `count` sensors the last accepted pose, how it got there, and who repeats one value while others move.
+
+    reach: m, horizontally from the origin along each axis, and height: m, from and to, that a pose may have. Times in
+    s of capture, as in `retarget.live.trust_limits`.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        *,
+        reach: float,
+        height: tuple[float, float],
+        norm_tolerance: float,
+        stale_after: float,
+        frozen_after: float,
+        noticeable: tuple[float, float],
+        not_worn_after: float,
+    ) -> None: ...
+    def take(
+        self,
+        rows: NDArray[np.int64],
+        time: float,
+        position: Floats,
+        orientation: Floats,
+        tracked: NDArray[np.bool_],
+        look_again: bool,
+    ) -> tuple[NDArray[np.uint8], bool] | None:
+        """Judge poses of one capture, position (m, 3) m, orientation (m, 4) wxyz or NaN throughout, of sensors rows
+        (m,), and take the sound ones if they come in order and near to where they were, and not look_again.
+
+        Returns a verdict on each (m,) (0 sound; see `retarget.live.sound_poses`) and whether they were taken; None:
+        all are sound, and taken.
+        """
+    def put(self, rows: NDArray[np.int64], time: float, pose: Floats) -> None:
+        """Take any poses (m, 7): the first of a sensor, after a leap, on a clock that was set back."""
+    def forget_turn(self, rows: NDArray[np.int64]) -> None:
+        """These sensors come without an orientation now."""
+    def judge(self, now: float) -> NDArray[np.uint8]:
+        """A `TrustState` of each sensor at `now`, s: fresh, stale, frozen, not worn, out of range."""
+    @property
+    def latest(self) -> float:
+        """s, of all captures."""
+    @property
+    def pose(self) -> Floats:
+        """The last pose of each sensor (k, 7): position m and orientation wxyz, NaN where unknown; a copy."""
+    @property
+    def step(self) -> Floats:
+        """From the pose before (k, 7); 0 where that was long ago; a copy."""
+    @property
+    def since(self) -> Floats:
+        """s (k, 7): the last change of each number; NaN where it was never seen to change, but for the first position;
+        a copy."""
+    @property
+    def at(self) -> Floats:
+        """s (k,), of the last pose; a copy."""
+    @property
+    def before(self) -> Floats:
+        """s (k,), of the pose before the last; a copy."""
+    @property
+    def still_for(self) -> Floats:
+        """s (k,): how long each sensor has repeated its value; NaN where nothing is known; a copy."""
 
 def shape_distances(
     kinds_a: NDArray[np.int64],

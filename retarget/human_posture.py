@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from retarget._solver import Probe
 from retarget.human import Human
 from retarget.human_dimensions import POINTS
 from retarget.record import ModeArray
@@ -58,6 +59,11 @@ class PostureReader:
         self._links = [frame.body for frame in frames]
         self._local = np.array([frame.position for frame in frames])
         self._oriented = [human.body.frame(name).body for name in ORIENTED]
+        self._probe = Probe(self._body, self._links, self._local, self._oriented)
+
+    def read(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of one posture (nq,): joints (m, 3) m, orientations (3, 4) wxyz, and centre of mass (3,) m."""
+        return self._probe.read(q)
 
     def joints(self, q: FloatArray) -> FloatArray:
         """Centres (T, m, 3) m of all POINTS, for postures (T, nq)."""

@@ -38,9 +38,9 @@ class Reach:
         if self._anchor is None or not present[self._anchor]:
             return
         away = position - position[self._anchor]
-        distance = np.sqrt((away * away).sum(axis=1))
+        distance = np.sqrt(np.einsum("ij,ij->i", away, away))
         too_far = present & (distance > self._furthest)
-        if too_far.any():
+        if np.count_nonzero(too_far):
             share = self._furthest[too_far] / distance[too_far]
             position[too_far] = position[self._anchor] + share[:, None] * away[too_far]
 

@@ -4,6 +4,8 @@ Causal and one sample at a time, so that a live stream and a file go the same wa
 what no sensor sees is decided by the last level: heading, balance, and stiffness towards a natural posture.
 """
 
+from math import nan
+
 import numpy as np
 
 from retarget.balance import Balance
@@ -64,7 +66,7 @@ class Reconstructor:
         self._worn = WornSensors(performer, human, rest)
         self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
         names = self._worn.names + (() if self._feet is None else _FEET)
-        self._names = names
+        self._names, self._worn_count = names, len(self._worn.names)
         worn = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self._around = Surroundings(scene)
         self.observers = human_observers(human, priorities.observers, observed)
@@ -83,7 +85,7 @@ class Reconstructor:
         self._reader = PostureReader(human)
         self._heading = Heading(priorities.heading)
         self._balance = _balance(priorities)
-        self._balance_errors = [i for i, s in enumerate(self._hierarchy.slots) if s.kind in _BALANCE]
+        self._balance_error = next((i for i, slot in enumerate(self._hierarchy.slots) if slot.kind in _BALANCE), None)
         self._crouch = _crouch(priorities, human)
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
         joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
@@ -178,24 +180,23 @@ class Reconstructor:
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _posture(self) -> HumanPosture:
-        row = self._q[None]
-        joints = self._reader.joints(row)[0]
-        self._reached = joints[self._joints_of]
-        worn = len(self.sensors)
-        error = (self._intake.measured - self._reached)[:worn]
-        distance = np.sqrt((error * error).sum(axis=1))
-        distance[~self._intake.present[:worn]] = np.nan
-        task_errors = self._hierarchy.solver.task_errors
+        joints, orientations, centre_of_mass = self._reader.read(self._q)
+        self._reached = joints.take(self._joints_of, axis=0)
+        error = (self._intake.measured - self._reached)[: self._worn_count]
+        distance = np.sqrt((error * error).dot(_THREE))
+        if not self._intake.all_present:
+            distance[~self._intake.present[: self._worn_count]] = np.nan
+        solver, balance = self._hierarchy.solver, self._balance_error
         return HumanPosture(
             q=self._q,
             joint_names=POINTS,
             joints=joints,
-            orientations=self._reader.orientations(row)[0],
-            centre_of_mass=self._reader.centre_of_mass(row)[0],
+            orientations=orientations,
+            centre_of_mass=centre_of_mass,
             sensor_error=distance,
-            balance_error=float(task_errors[self._balance_errors[0]]) if self._balance_errors else float("nan"),
+            balance_error=nan if balance is None else float(solver.task_errors[balance]),
             heading=self._heading.forward,
-            observer_modes=self._hierarchy.solver.observer_modes,
+            observer_modes=solver.observer_modes,
         )
 
     def _placed(self) -> FloatArray:
@@ -212,7 +213,10 @@ class Reconstructor:
 
     def _present(self) -> Points:
         """What is asked of each sensor that takes part, as plain numbers: x, y, z m."""
-        asked, present = self._intake.position.tolist(), self._intake.present.tolist()
+        asked = self._intake.position.tolist()
+        if self._intake.all_present:
+            return dict(zip(self._names, asked, strict=True))
+        present = self._intake.present.tolist()
         return {name: at for name, at, is_there in zip(self._names, asked, present, strict=True) if is_there}
 
     def _with_feet(self, position: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
@@ -230,6 +234,8 @@ class Reconstructor:
         return self._depth.share(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
 
 
+_THREE = np.ones(3)
+"""(values * values).dot(_THREE) is the quickest sum over rows of three."""
 _BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
 
 

@@ -29,18 +29,22 @@ class IntakeTimes:
 
 
 class SensorIntake:
-    """`position` (k, 3) m and `present` (k,): what is asked, in the world, of each of k sensors."""
+    """`position` (k, 3) m and `present` (k,): what is asked, in the world, of each of k sensors. `all_present`: whether
+    something is asked of all."""
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
         self._times = times or IntakeTimes()
         self.position = np.zeros((count, 3))
         self.present: BoolArray = np.zeros(count, dtype=bool)
+        self.all_present = False
         self.measured = np.zeros((count, 3))
         self._offset = np.zeros((count, 3))
         self._lost_for = np.full(count, np.inf)
+        self._has_lost = True
         self._is_fading = False
         self._away = np.zeros((count, 3))  # [m] from who comes back by weight to where the body had it
         self._left = np.zeros(count)  # share of that
+        self._is_returning = False
         self._back: BoolArray = np.zeros(count, dtype=bool)  # who came back in this tick
 
     def start(self, position: FloatArray, valid: BoolArray) -> None:
@@ -48,10 +52,13 @@ class SensorIntake:
         self.position[:] = np.where(valid[:, None], position, 0.0)
         self.measured[:] = self.position
         self.present[:] = valid
+        self.all_present = bool(valid.all())
         self._offset[:] = 0.0
         self._lost_for[:] = np.where(valid, 0.0, np.inf)
+        self._has_lost = not self.all_present
         self._is_fading = False
         self._left[:] = 0.0
+        self._is_returning = False
 
     def step(
         self,
@@ -66,8 +73,8 @@ class SensorIntake:
         was lost has come back; None: everybody has."""
         moved = position - self.measured
         # NaN compares false: an invalid sensor never counts as a calm one.
-        calm = (moved * moved).sum(axis=1) <= (FASTEST_M_S * dt) ** 2
-        if not (calm & valid).all() or self._lost_for.any():
+        calm = np.einsum("ij,ij->i", moved, moved) <= (FASTEST_M_S * dt) ** 2
+        if self._has_lost or np.count_nonzero(calm & valid) != len(calm):
             self._take_irregular(position, valid, calm, reached=reached, dt=dt)
             if weight is not None:
                 self._begin_return(weight)
@@ -79,7 +86,7 @@ class SensorIntake:
             np.add(self.measured, self._offset, out=self.position)
         else:
             self.position[:] = self.measured
-        if self._left.any():
+        if self._is_returning:
             self._return(np.ones_like(self._left) if weight is None else weight, dt)
 
     def _begin_return(self, weight: FloatArray) -> None:
@@ -88,12 +95,14 @@ class SensorIntake:
         self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
         self._offset[slowly] = 0.0
         self._left[self._back & ~slowly] = 0.0
+        self._is_returning = bool(self._left.any())
 
     def _return(self, weight: FloatArray, dt: float) -> None:
         """What is left of the way back; it never grows, and is gone no faster than it may be."""
         far = np.linalg.norm(self._away, axis=1)
         fastest = self._times.speed * dt / np.maximum(far, self._times.speed * dt)
         self._left = np.maximum(np.minimum(1.0 - weight, self._left), self._left - fastest)
+        self._is_returning = bool(self._left.any())
         self.position += self._left[:, None] * self._away
 
     def _take_irregular(
@@ -110,5 +119,7 @@ class SensorIntake:
         self.measured[valid] = position[valid]
         self._lost_for[valid] = 0.0
         self._lost_for[~valid] += dt
+        self._has_lost = not valid.all()
         self.present[:] = self._lost_for <= self._times.hold
+        self.all_present = bool(self.present.all())
         self._is_fading = self._is_fading or bool(changed.any())

@@ -48,12 +48,13 @@ class WornSensors:
             names = sample.names
             self._columns = np.array([names.index(name) if name in names else 0 for name in self.names], dtype=np.int64)
             self._exists = np.array([name in sample.names for name in self.names])
-        position = sample.position[self._columns]
-        return position, sample.valid[self._columns] & self._exists & np.isfinite(position).all(axis=1)
+        position = sample.position.take(self._columns, axis=0)
+        known = np.logical_and.reduce(np.isfinite(position), axis=1)
+        return position, sample.valid.take(self._columns) & self._exists & known
 
     def weights(self, sample: SensorSample) -> FloatArray | None:
         """How far who was lost has come back (k,); None: everybody has. Call `read` with this sample first."""
-        return None if sample.weight is None else sample.weight[self._columns]
+        return None if sample.weight is None else sample.weight.take(self._columns)
 
     def orientations(self, sample: SensorSample) -> list[SensorTurn]:
         """Every orientation that is used and known. Call `read` with this sample first."""

@@ -24,6 +24,19 @@ def test_reads_what_the_body_has() -> None:
     assert reader.centre_of_mass(rows)[0, :2] == pytest.approx([1.0, 2.0], abs=0.1)
 
 
+def test_one_posture_is_read_as_many_are() -> None:
+    human = build_human(proportional_dimensions(1.75))
+    reader = PostureReader(human)
+    rows = np.stack([human.posture("crouch"), human.posture("stand")])
+    for i in (0, 1, 0):
+        joints, orientations, centre = reader.read(rows[i])
+        assert (joints == reader.joints(rows)[i]).all()
+        assert (orientations == reader.orientations(rows)[i]).all()
+        assert (centre == reader.centre_of_mass(rows)[i]).all()
+    with pytest.raises(ValueError, match="entries"):
+        reader.read(rows[0, 1:])
+
+
 def test_looked_up_by_name() -> None:
     joints, orientations = np.arange(69.0).reshape(23, 3), np.eye(4)[:3]
     posture = HumanPosture(

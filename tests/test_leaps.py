@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from retarget.live.last_poses import LastPoses
 from retarget.live.leaps import Leaps
 from retarget.live.trust_limits import TrustLimits
 from retarget.live.trust_state import TrustState
+from retarget.live.watched_sensors import watched_sensors
 
 PLACES = np.array([[0.0, 0.3, 1.0], [0.0, -0.3, 1.0], [0.0, 0.0, 1.0]])
 NAMES = ("l_wrist", "r_wrist", "pelvis")
@@ -15,7 +15,7 @@ class Line:
     """Leaps with the last poses that they are judged against."""
 
     def __init__(self) -> None:
-        self.last = LastPoses(3)
+        self.last = watched_sensors(3, TrustLimits())
         self.leaps = Leaps(NAMES, self.last, TrustLimits())
         self.tell(0.0, {row: PLACES[row] for row in range(3)})
 

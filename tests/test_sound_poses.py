@@ -1,12 +1,15 @@
-"""Which poses are sound, told apart by the quick question and the slow one alike."""
+"""Which poses are sound, and why the others are not."""
+
+from math import hypot
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from retarget.live.sound_poses import NOT_A_ROTATION, NOT_FINITE, OUT_OF_RANGE, UNTRACKED, SoundPoses
+from retarget.live.sound_poses import NOT_A_ROTATION, NOT_FINITE, OUT_OF_RANGE, REASONS, UNTRACKED
 from retarget.live.trust_limits import TrustLimits
+from retarget.live.watched_sensors import watched_sensors
 from retarget.rotations import FloatArray
 
 NAN, INF = float("nan"), float("inf")
@@ -18,12 +21,17 @@ def pose(*numbers: float) -> FloatArray:
     return np.array([numbers])
 
 
+def reasons(numbers: FloatArray, tracked: list[bool]) -> list[str]:
+    """Why each pose is refused, "" where it is not."""
+    count = len(numbers)
+    watched = watched_sensors(count, TrustLimits())
+    position, orientation = numbers[:, :3].copy(), numbers[:, 3:].copy()
+    found = watched.take(np.arange(count), 1.0, position, orientation, np.array(tracked, dtype=bool), False)
+    return [""] * count if found is None else [REASONS.get(verdict, "") for verdict in found[0].tolist()]
+
+
 def reason(numbers: FloatArray, tracked: bool = True) -> str:
-    sound = SoundPoses(TrustLimits())
-    verdict = sound.judge(numbers[:, :3], numbers[:, 3:], np.array([tracked]))
-    quick = sound.missing_turns(numbers, np.array([tracked]))
-    assert (quick is not None) == bool(verdict.sound[0])
-    return verdict.reasons[0][0] if verdict.reasons else ""
+    return reasons(numbers, [tracked])[0]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -61,13 +69,17 @@ def test_what_the_sender_does_not_vouch_for_is_refused() -> None:
 
 @settings(max_examples=100)
 @given(st.lists(st.tuples(st.lists(VALUES, min_size=7, max_size=7), st.booleans()), max_size=3))
-def test_both_questions_have_one_answer(rows: list[tuple[list[float], bool]]) -> None:
+def test_each_is_judged_by_itself_and_as_said(rows: list[tuple[list[float], bool]]) -> None:
     numbers = np.array([row for row, _ in rows], dtype=float).reshape(len(rows), 7)
-    tracked = np.array([vouched for _, vouched in rows], dtype=bool)
-    sound = SoundPoses(TrustLimits())
-    verdict = sound.judge(numbers[:, :3], numbers[:, 3:], tracked)
-    missing = sound.missing_turns(numbers, tracked)
-    assert (missing is not None) == bool(verdict.sound.all())
-    assert sum(count for _, count in verdict.reasons) == np.count_nonzero(~verdict.sound)
-    if missing is not None and missing.size:
-        assert (missing == ~verdict.oriented).all()
+    tracked = [vouched for _, vouched in rows]
+    limits, found = TrustLimits(), reasons(numbers, tracked)
+    for pose_, vouched, why in zip(numbers, tracked, found, strict=True):
+        assert why == reason(pose_[None], vouched)
+        place, turn = pose_[:3], pose_[3:]
+        missing, norm = bool(np.isnan(turn).all()), hypot(*turn.tolist())
+        inside = (np.abs(place[:2]) <= limits.reach).all() and limits.low <= place[2] <= limits.high
+        finite = np.isfinite(place).all() and (missing or np.isfinite(turn).all())
+        turned = missing or abs(norm - 1.0) <= limits.norm_tolerance
+        assert (why == "") == bool(vouched and inside and finite and turned)
+        assert (why == UNTRACKED) == (not vouched)
+        assert (why == OUT_OF_RANGE) == bool(vouched and finite and turned and not inside)

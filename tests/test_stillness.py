@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from retarget.live.last_poses import LastPoses
-from retarget.live.stillness import Stillness
 from retarget.live.trust_limits import TrustLimits
+from retarget.live.trust_state import TrustState
+from retarget.live.watched_sensors import watched_sensors
 
 COUNT = 5
 ROWS = np.arange(COUNT)
@@ -22,10 +22,9 @@ def found(
 ) -> np.ndarray:
     """Who is frozen, (k,), where all move for 0.2 s, then only some do, by `metres` a capture at 100 Hz; `back`
     moves again from 1 s on."""
-    last = LastPoses(COUNT)
-    stillness = Stillness(last, TrustLimits())
+    watched = watched_sensors(COUNT, TrustLimits())
     pose = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (COUNT, 1))
-    who: np.ndarray | None = None
+    who = np.zeros(COUNT, dtype=bool)
     for i in range(int(100 * (0.2 + seconds))):
         moving = ROWS if i < 20 else np.array(moves, dtype=int)
         if back is not None and i > 100:
@@ -33,10 +32,9 @@ def found(
         pose[moving, 0] = metres * (i % 10) if goes else 0.0
         pose[moving, 4] = metres * (i % 10) if turns else 0.0
         pose[:, 3] = np.sqrt(1.0 - pose[:, 4] ** 2)
-        last.put(ROWS, 0.01 * i, pose.copy())
-        stillness.remember(0.01 * i)
-        who = stillness.frozen(0.01 * i + 0.005)
-    return np.zeros(COUNT, dtype=bool) if who is None else who
+        watched.put(ROWS, 0.01 * i, pose.copy())
+        who = watched.judge(0.01 * i + 0.005) == TrustState.FROZEN
+    return who
 
 
 @pytest.mark.parametrize("turns", [False, True])

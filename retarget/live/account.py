@@ -57,7 +57,8 @@ class Tally:
 
     def count(self, states: StateArray, *, followed: bool) -> None:
         """One tick of following. states (k,): a `TrustState` each; followed: whether the performer was."""
-        self._lost += (states != TrustState.FRESH) & (states != TrustState.NOT_WORN)
+        if np.count_nonzero(states):  # FRESH is 0
+            self._lost += (states != TrustState.FRESH) & (states != TrustState.NOT_WORN)
         self._holds += self._followed and not followed
         self._followed, self._ever = followed, self._ever or followed
         self._held += self._ever and not followed

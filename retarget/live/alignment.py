@@ -26,20 +26,21 @@ class Alignment:
 
     def __post_init__(self) -> None:
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
-        object.__setattr__(self, "_matrix", np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]))
+        object.__setattr__(self, "_matrix", np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]))
         half = 0.5 * self.yaw
-        object.__setattr__(self, "_turn", np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
+        turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+        object.__setattr__(self, "_product", rotations.multiply(turn, np.eye(4)))
 
-    _matrix: FloatArray = field(init=False, repr=False)
-    _turn: FloatArray = field(init=False, repr=False)
+    _matrix: FloatArray = field(init=False, repr=False)  # row vectors are multiplied by it, and by the product
+    _product: FloatArray = field(init=False, repr=False)
 
     def positions(self, told: FloatArray) -> FloatArray:
         """Positions (..., 3) m of the stream's world -> ours."""
-        return np.asarray((told - self.origin) @ self._matrix.T)
+        return np.asarray((told - self.origin) @ self._matrix)
 
     def orientations(self, told: FloatArray) -> FloatArray:
         """Orientations (..., 4) wxyz of the stream's world -> ours."""
-        return rotations.multiply(self._turn, told)
+        return np.asarray(told @ self._product)
 
     def turned(self, yaw: float, about: FloatArray) -> "Alignment":
         """As this, and then turned by `yaw` rad about the vertical through a point (3,) m of our world."""
@@ -47,7 +48,7 @@ class Alignment:
         # The point that comes to lie at the origin: p with turn(yaw) @ (R (p - o) - about) + about = 0.
         cosine, sine = np.cos(yaw), np.sin(yaw)
         back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        return replace(self, yaw=self.yaw + yaw, origin=self.origin + self._matrix.T @ (about - back @ about))
+        return replace(self, yaw=self.yaw + yaw, origin=self.origin + self._matrix @ (about - back @ about))
 
 
 def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> Alignment:

@@ -4,10 +4,10 @@ from math import dist
 
 import numpy as np
 
+from retarget._solver import WatchedSensors
 from retarget.body import IntArray
 from retarget.frames import BoolArray, mirrored_name
 from retarget.live.exchange import exchanged
-from retarget.live.last_poses import LastPoses
 from retarget.live.trust_limits import TrustLimits
 from retarget.live.trust_state import StateArray, TrustState
 from retarget.rotations import FloatArray
@@ -45,7 +45,7 @@ class Leaps:
     `doubted_at` (k,): s, of the last refused pose. `resettled` (k,): whether it was believed again at a new place.
     """
 
-    def __init__(self, names: tuple[str, ...], last: LastPoses, limits: TrustLimits) -> None:
+    def __init__(self, names: tuple[str, ...], last: WatchedSensors, limits: TrustLimits) -> None:
         count = len(names)
         self._last = last
         self._limits = limits
@@ -70,13 +70,6 @@ class Leaps:
     def any_doubted(self) -> bool:
         """Whether a sensor is refused for where it is."""
         return bool(self._elsewhere)
-
-    def are_calm(self, time: float, step: FloatArray) -> bool:
-        """Whether steps (m, 7) from the last poses to ones at `time` need no second look. NaN: they do."""
-        if self._elsewhere or time <= self._last.latest:
-            return False
-        square: FloatArray = np.einsum("ij,ij->i", step[:, :3], step[:, :3])
-        return bool(np.count_nonzero(square <= CALM**2) == len(square))
 
     def take(self, rows: IntArray, time: float, position: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Which of the positions (m, 3) m of one capture may be used, and which are the place to go on from; (m,)

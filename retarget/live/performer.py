@@ -92,7 +92,8 @@ class LivePerformer:
         self._tally = Tally(names, self.dt)
         self._turning = TurningBack(len(names))
         self._message: str | None = None  # of what is wrong with the stream
-        self._leapt: BoolArray = np.zeros(len(names), dtype=bool)  # while it was followed
+        self._nobody: BoolArray = np.zeros(len(names), dtype=bool)
+        self._leapt = self._nobody  # while it was followed
         self._carrying = [names.index(name) for name in carrying(name for name in names if name not in lacking)]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
@@ -238,10 +239,13 @@ class LivePerformer:
             self._rejoin = Rejoin(len(heard.states))
             self._rejoin.start(heard.states)
             self.stream.trust.forget_mended()
-        took_part = self._rejoin.weights > 0.5
+        before = self._rejoin.weights
         weight = self._rejoin.step(heard.states, self.dt)
-        doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
-        self._leapt = doubted & (self._leapt | took_part)
+        if np.count_nonzero(heard.states):
+            doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
+            self._leapt = doubted & (self._leapt | (before > 0.5))
+        else:
+            self._leapt = self._nobody
         self._message = self._trouble.look(now)
         names = self.stream.roles.sensors
         sample = live_sample(
@@ -257,10 +261,10 @@ class LivePerformer:
     def _is_good(self, heard: Heard, now: float) -> bool:
         """Whether enough can be believed to move: somebody speaks, nobody has leapt, what carries is known, and it is
         not too late for it."""
-        fresh = heard.fresh
-        known = fresh.any() and fresh[self._carrying].all()
-        return bool(
+        fresh = heard.fresh.tolist()
+        known = any(fresh) and all(fresh[row] for row in self._carrying)
+        return (
             now - self.stream.last <= SILENCE_S
             and known
-            and not (self._pace.behind or self._leapt.any() or self._trouble.foreign)
+            and not (self._pace.behind or np.count_nonzero(self._leapt) or self._trouble.foreign)
         )

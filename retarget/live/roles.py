@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget import rotations
+from retarget._solver import SensorPlan
 from retarget.errors import Problem, UsageError, suggest
 from retarget.frames import SENSORS, BoolArray
 from retarget.performer import Performer
@@ -91,14 +92,10 @@ class SensorPoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plan:
-    """How poses of certain names become sensors: columns (m,) of the frame, -1 for none."""
+    """How poses of certain names become sensors: rows (m,) of these, and from where in the frame they come."""
 
     rows: Rows
-    points: Rows
-    segments: Rows
-    rest: FloatArray
-    offset: FloatArray
-    shifted: Rows
+    columns: SensorPlan
 
 
 class Roles:
@@ -111,6 +108,8 @@ class Roles:
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
         self.partial = partial
         self._plans: dict[tuple[str, ...], _Plan | None] = {}
+        self._names: tuple[str, ...] = ()
+        self._current: _Plan | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -135,23 +134,17 @@ class Roles:
         plan = self._plan(frame.names)
         if plan is None:
             return None
-        # A column of -1 is the last one: whatever stands there is replaced.
-        position = frame.position[plan.points]
-        position[plan.points < 0] = np.nan
-        tracked = frame.tracked[np.where(plan.points < 0, plan.segments, plan.points)]
-        if plan.shifted.size:
-            turned = frame.orientation[plan.points[plan.shifted]]
-            position[plan.shifted] -= rotations.rotate(turned, plan.offset[plan.shifted])
-        orientation = rotations.multiply(frame.orientation[plan.segments], plan.rest)
-        orientation[plan.segments < 0] = np.nan
-        return SensorPoses(plan.rows, position, orientation, tracked)
+        position, orientation = np.ascontiguousarray(frame.position), np.ascontiguousarray(frame.orientation)
+        return SensorPoses(plan.rows, *plan.columns.read(position, orientation, frame.tracked))
 
     def _plan(self, names: tuple[str, ...]) -> _Plan | None:
-        if names not in self._plans:
-            if len(self._plans) >= MAX_KNOWN:
-                self._plans.clear()
-            self._plans[names] = self._make(names)
-        return self._plans[names]
+        if names is not self._names:  # mostly it is the same tuple
+            if names not in self._plans:
+                if len(self._plans) >= MAX_KNOWN:
+                    self._plans.clear()
+                self._plans[names] = self._make(names)
+            self._names, self._current = names, self._plans[names]
+        return self._current
 
     def _make(self, names: tuple[str, ...]) -> _Plan | None:
         column = {name: index for index, name in enumerate(names)}
@@ -162,16 +155,14 @@ class Roles:
         ]
         if not told:
             return None
-        points = np.array([column.get(place.position, -1) for _, place in told])
-        offset = np.array([place.offset for _, place in told])
-        return _Plan(
-            rows=np.array([row for row, _ in told]),
-            points=points,
+        columns = SensorPlan(
+            len(names),
+            points=np.array([column.get(place.position, -1) for _, place in told]),
             segments=np.array([column.get(place.orientation, -1) for _, place in told]),
             rest=rotations.conjugate([place.rest for _, place in told]),
-            offset=offset,
-            shifted=np.flatnonzero((points >= 0) & offset.any(axis=1)),
+            offset=np.array([place.offset for _, place in told]),
         )
+        return _Plan(np.array([row for row, _ in told]), columns)
 
 
 def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:

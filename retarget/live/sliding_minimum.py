@@ -37,6 +37,8 @@ class SlidingMinimum:
         """Empty the buckets that were entered since; the index of the present one."""
         count = len(self._least)
         bucket = int(now // self._width)
+        if bucket == self._bucket:
+            return bucket % count
         if self._bucket is None:
             self._bucket = bucket
         for entered in range(max(self._bucket + 1, bucket - count + 1), bucket + 1):

@@ -1,11 +1,11 @@
 """A live stream at work: datagrams in as they arrive, the performer's sensors out, in the stream's world."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from retarget.body import IntArray
+from retarget._solver import PoseParts
 from retarget.frames import BoolArray
 from retarget.live.admission import Admission
 from retarget.live.clock_map import ClockMap
@@ -23,24 +23,24 @@ from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 
 __all__ = ["Heard", "LiveStream"]
 
-PARTNER_S = 0.1
-"""[s] A pose that is told in parts (position here, rotation there) is put together from parts this near in time."""
 _GONE = np.array([state not in (TrustState.FRESH, TrustState.FROZEN) for state in TrustState])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heard:
     """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
-    told; states (k,): a `TrustState` each."""
+    told; states (k,): a `TrustState` each. fresh (k,): who is believed and known."""
 
     position: FloatArray
     orientation: FloatArray
     states: StateArray
+    fresh: BoolArray = field(init=False)
 
-    @property
-    def fresh(self) -> BoolArray:
-        """Who is believed and known, (k,)."""
-        return np.asarray((self.states == TrustState.FRESH) & np.isfinite(self.position).all(axis=1))
+    def __post_init__(self) -> None:
+        fresh: BoolArray = np.isfinite(self.position[:, 0])
+        if np.count_nonzero(self.states):
+            fresh &= self.states == TrustState.FRESH
+        object.__setattr__(self, "fresh", fresh)
 
 
 class LiveStream:
@@ -71,9 +71,7 @@ class LiveStream:
         """Poses that the sender has told, by its own names; bounded."""
         self.tap, self._smooth = tap, smooth
         self._waiting: deque[Datagram] = deque()
-        count = len(roles.sensors)
-        self._position, self._position_at = np.full((count, 3), np.nan), np.full(count, -np.inf)
-        self._orientation, self._orientation_at = np.full((count, 4), np.nan), np.full(count, -np.inf)
+        self._parts = PoseParts(len(roles.sensors))
 
     @property
     def waiting(self) -> int:
@@ -104,8 +102,7 @@ class LiveStream:
         played, states = self.playout.read(now), self.trust.judge(now)
         if self._smooth is None:
             return Heard(played.position, played.orientation, states)
-        gone = _GONE[states]
-        if gone.any():  # where it comes back is no motion
+        if np.count_nonzero(states) and (gone := _GONE[states]).any():  # where it comes back is no motion
             self._smooth.reset(gone)
         position, orientation = self._smooth.step(played.time, played.position, played.orientation)
         return Heard(position, orientation, states)
@@ -124,24 +121,10 @@ class LiveStream:
                 self._keep(poses, time, datagram.arrival)
 
     def _keep(self, poses: SensorPoses, time: float, arrival: float) -> None:
-        rows = poses.rows
-        position, orientation = self._whole(rows, time, poses)
+        rows, position, orientation = poses.rows, poses.position, poses.orientation
+        self._parts.complete(rows, time, position, orientation)
         usable = self.trust.take(rows, time, position=position, orientation=orientation, tracked=poses.tracked)
         self.playout.push(rows, time, position, orientation, usable, arrival=arrival)
-
-    def _whole(self, rows: IntArray, time: float, poses: SensorPoses) -> tuple[FloatArray, FloatArray]:
-        """Positions and orientations of a frame, parts that it does not tell taken from what was told just before."""
-        position, orientation = poses.position, poses.orientation
-        placed, turned = np.isfinite(position[:, 0]), np.isfinite(orientation[:, 0])
-        self._position[rows[placed]], self._position_at[rows[placed]] = position[placed], time
-        self._orientation[rows[turned]], self._orientation_at[rows[turned]] = orientation[turned], time
-        if not placed.all():
-            recent = ~placed & (time - self._position_at[rows] <= PARTNER_S)
-            position[recent] = self._position[rows[recent]]
-        if not turned.all():
-            recent = ~turned & (time - self._orientation_at[rows] <= PARTNER_S)
-            orientation[recent] = self._orientation[rows[recent]]
-        return position, orientation
 
     def _note_names(self, frame: StreamFrame) -> None:
         if self.frames < 1000 and len(self.names) < 256:  # for messages at the start; later nobody asks

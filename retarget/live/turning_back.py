@@ -4,6 +4,7 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import SensorSample
+from retarget.rotations import FloatArray
 
 __all__ = ["TurningBack"]
 
@@ -12,14 +13,17 @@ class TurningBack:
     """Remembers of `count` sensors how they were turned while they took part in full."""
 
     def __init__(self, count: int) -> None:
-        self._last = np.full((count, 4), np.nan)
+        self._last: FloatArray = np.full((count, 4), np.nan)
 
     def step(self, sample: SensorSample) -> SensorSample:
         """The sample with the orientations of who has not come back yet on the way from the last one known."""
         if sample.weight is None:
             return sample
         whole = sample.valid & (sample.weight >= 1.0)
-        self._last[whole] = sample.orientation[whole]
+        if np.count_nonzero(whole) == len(whole):
+            self._last = sample.orientation
+            return sample
+        self._last = np.where(whole[:, None], sample.orientation, self._last)
         back = sample.valid & ~whole & np.isfinite(self._last[:, 0]) & np.isfinite(sample.orientation[:, 0])
         if not back.any():
             return sample

@@ -33,6 +33,7 @@ MAX_FRAME = 2**63 - 1
 
 _KEYS = {"axes", "quaternion", "time", "frame", "poses"}
 _POSE_KEYS = {"p", "q", "tracked"}
+_NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 _LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
 
@@ -101,7 +102,7 @@ def _parsed(datagram: bytes) -> dict[str, Any]:
     if len(datagram) > MAX_DATAGRAM:
         raise _Refused("datagram too long")
     try:
-        message = json.loads(datagram.decode("utf-8"), object_pairs_hook=_object, parse_constant=_no_constant)
+        message = _JSON.decode(datagram.decode("utf-8"))
     except _Refused:
         raise
     except (ValueError, RecursionError):  # not UTF-8, not JSON, a number of thousands of digits, brackets without end
@@ -120,6 +121,10 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _no_constant(_: str) -> NoReturn:
     raise _Refused("NaN or Infinity: leave the pose out, or say tracked: false")
+
+
+_JSON = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
+"""Made once: that costs as much as a pose."""
 
 
 def _axes(message: dict[str, Any]) -> Convention:
@@ -166,7 +171,7 @@ def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, A
     place: Any = _NOWHERE
     if "p" in pose:
         place = _numbers(pose["p"], 3)
-        if not all(-MAX_COORDINATE <= value <= MAX_COORDINATE for value in place):
+        if not max(map(abs, place)) <= MAX_COORDINATE:
             place = None
     return place, _turn(pose["q"], order) if "q" in pose else _NO_TURN, tracked
 
@@ -186,6 +191,6 @@ def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float,
 
 
 def _numbers(sent: object, count: int) -> list[Any]:
-    if type(sent) is not list or len(sent) != count or not all(type(value) in (float, int) for value in sent):
+    if type(sent) is not list or len(sent) != count or not _NUMBER.issuperset(map(type, sent)):
         raise _Refused('"p" is not 3 numbers or "q" not 4')
     return sent

@@ -1,4 +1,4 @@
-//! retarget._solver: kinematics, strict hierarchies, whole frames, smooth poses. Knows no file, no clock and no servo.
+//! retarget._solver: kinematics, strict hierarchies, whole frames, poses as they are heard. Knows no file, no clock, no servo.
 
 mod allocations;
 mod assemble;
@@ -11,9 +11,11 @@ pub mod frame;
 pub mod geometry;
 pub mod hierarchy;
 pub mod kinematics;
+pub mod last_poses;
 mod layout;
 pub mod math;
 pub mod observers;
+pub mod playout;
 mod progress;
 mod py_arrays;
 mod py_body;
@@ -22,14 +24,21 @@ mod py_braking;
 mod py_hierarchy;
 mod py_observers;
 mod py_path;
+mod py_playout;
 mod py_probe;
+mod py_sensor_plan;
 mod py_shapes;
 mod py_smooth;
 mod py_solver;
 mod py_task;
+mod py_watched;
 pub mod rows;
+pub mod sensor_plan;
 pub mod smooth;
+pub mod sound;
+pub mod stillness;
 pub mod task;
+pub mod watched;
 
 use pyo3::prelude::*;
 
@@ -49,6 +58,10 @@ fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(py_shapes::shape_distances, m)?)?;
     m.add_class::<py_smooth::PyPoseFilter>()?;
     m.add_function(wrap_pyfunction!(py_smooth::along_arc, m)?)?;
+    m.add_class::<py_playout::PyPoseRing>()?;
+    m.add_class::<py_sensor_plan::PySensorPlan>()?;
+    m.add_class::<py_sensor_plan::PyPoseParts>()?;
+    m.add_class::<py_watched::PyWatchedSensors>()?;
     m.add_function(wrap_pyfunction!(py_shapes::shape_gaps_at_least, m)?)?;
     Ok(())
 }

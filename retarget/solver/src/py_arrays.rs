@@ -1,7 +1,7 @@
 //! Checks of arrays that come from Python.
 
 use crate::math::Vec3;
-use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -30,5 +30,26 @@ pub fn finite(a: &[f64], what: &str) -> PyResult<()> {
     match a.iter().position(|v| !v.is_finite()) {
         Some(i) => Err(bad(format!("{what}[{i}] is {}, expected a finite number", a[i]))),
         None => Ok(()),
+    }
+}
+
+/// Rows of `WIDTH` numbers, NaN allowed.
+pub fn numbers<'a, const WIDTH: usize>(
+    a: &'a PyReadonlyArray2<'_, f64>,
+    count: usize,
+    what: &str,
+) -> PyResult<&'a [[f64; WIDTH]]> {
+    if a.shape() != [count, WIDTH] || !a.is_c_contiguous() {
+        return Err(bad(format!("{what} has shape {:?}, expected ({count}, {WIDTH}), C-contiguous", a.shape())));
+    }
+    Ok(a.as_slice()?.as_chunks::<WIDTH>().0)
+}
+
+/// Indices below `count`.
+pub fn indices<'a>(a: &'a PyReadonlyArray1<'_, i64>, count: usize) -> PyResult<&'a [i64]> {
+    let a = a.as_slice()?;
+    match a.iter().find(|i| !(0..count as i64).contains(*i)) {
+        Some(i) => Err(bad(format!("row {i} does not exist; there are {count}"))),
+        None => Ok(a),
     }
 }

@@ -1,24 +1,12 @@
 //! Smooth poses for Python.
 
-use crate::py_arrays::bad;
+use crate::py_arrays::{bad, numbers};
 use crate::smooth::{along_arc as one_arc, Cutoffs, SmoothPose};
-use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 type Poses<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
-
-/// Rows of `WIDTH` numbers, NaN allowed.
-fn rows<'a, const WIDTH: usize>(
-    a: &'a PyReadonlyArray2<'_, f64>,
-    count: usize,
-    what: &str,
-) -> PyResult<impl Iterator<Item = [f64; WIDTH]> + 'a> {
-    if a.shape() != [count, WIDTH] || !a.is_c_contiguous() {
-        return Err(bad(format!("{what} has shape {:?}, expected ({count}, {WIDTH}), C-contiguous", a.shape())));
-    }
-    Ok(a.as_slice()?.chunks_exact(WIDTH).map(|row| std::array::from_fn(|i| row[i])))
-}
 
 /// Orientations (k, 4) on short arcs; see `retarget/_solver.pyi`.
 #[pyfunction]
@@ -29,13 +17,13 @@ pub fn along_arc<'py>(
     share: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let share = share.as_slice()?;
-    let (a, b) = (rows::<4>(&a, share.len(), "a")?, rows::<4>(&b, share.len(), "b")?);
+    let (a, b) = (numbers::<4>(&a, share.len(), "a")?, numbers::<4>(&b, share.len(), "b")?);
     let out = PyArray2::zeros(py, [share.len(), 4], false);
     {
         let mut out = out.readwrite();
         let found = out.as_slice_mut()?;
         for (((found, a), b), share) in found.chunks_exact_mut(4).zip(a).zip(b).zip(share) {
-            found.copy_from_slice(&one_arc(a, b, *share));
+            found.copy_from_slice(&one_arc(*a, *b, *share));
         }
     }
     Ok(out)
@@ -80,7 +68,7 @@ impl PyPoseFilter {
             return Err(bad(format!("time has {} entries, expected {count}", time.len())));
         }
         let (places, turns) =
-            (rows::<3>(&position, count, "position")?, rows::<4>(&orientation, count, "orientation")?);
+            (numbers::<3>(&position, count, "position")?, numbers::<4>(&orientation, count, "orientation")?);
         let (moved, turned) = (PyArray2::zeros(py, [count, 3], false), PyArray2::zeros(py, [count, 4], false));
         {
             let (mut moved, mut turned) = (moved.readwrite(), turned.readwrite());
@@ -88,8 +76,8 @@ impl PyPoseFilter {
             let told = time.iter().zip(places).zip(turns);
             let answer = moved.chunks_exact_mut(3).zip(turned.chunks_exact_mut(4));
             for ((pose, ((time, place), turn)), (moved, turned)) in self.poses.iter_mut().zip(told).zip(answer) {
-                let place = self.position.map_or(place, |cutoffs| pose.step_position(&cutoffs, *time, place));
-                let turn = self.orientation.map_or(turn, |cutoffs| pose.step_orientation(&cutoffs, *time, turn));
+                let place = self.position.map_or(*place, |cutoffs| pose.step_position(&cutoffs, *time, *place));
+                let turn = self.orientation.map_or(*turn, |cutoffs| pose.step_orientation(&cutoffs, *time, *turn));
                 moved.copy_from_slice(&place);
                 turned.copy_from_slice(&turn);
             }

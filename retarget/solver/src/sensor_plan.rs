@@ -1,0 +1,74 @@
+//! From the poses that a sender tells to the sensors that a performer wears.
+
+use crate::math::{quat_mul, Quat, Vec3};
+
+/// A pose that is told in parts (position here, rotation there) is put together from parts this near in time (s).
+const PARTNER: f64 = 0.1;
+
+/// Where a sensor's pose is found. point, segment: columns of the frame, None where it tells none. rest: what its orientation is
+/// multiplied by. offset: from the joint to the point that is told, m, in the axes of that pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
+    pub point: Option<usize>,
+    pub segment: Option<usize>,
+    pub rest: Quat,
+    pub offset: Option<Vec3>,
+}
+
+impl Column {
+    /// Position, orientation and whether the sender vouches for it; NaN where there is none.
+    pub fn read(&self, position: &[Vec3], orientation: &[Quat], tracked: &[bool]) -> (Vec3, Quat, bool) {
+        let place = match (self.point, self.offset) {
+            (None, _) => [f64::NAN; 3],
+            (Some(point), None) => position[point],
+            (Some(point), Some(offset)) => {
+                let moved = turned(orientation[point], offset);
+                std::array::from_fn(|i| position[point][i] - moved[i])
+            }
+        };
+        let turn = self.segment.map_or([f64::NAN; 4], |segment| quat_mul(orientation[segment], self.rest));
+        (place, turn, self.point.or(self.segment).is_some_and(|column| tracked[column]))
+    }
+}
+
+/// A vector turned by a unit quaternion: v + 2 w (u x v) + 2 u x (u x v).
+pub fn turned(q: Quat, v: Vec3) -> Vec3 {
+    let [w, x, y, z] = q;
+    let t = [2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])];
+    [
+        v[0] + w * t[0] + y * t[2] - z * t[1],
+        v[1] + w * t[1] + z * t[0] - x * t[2],
+        v[2] + w * t[2] + x * t[1] - y * t[0],
+    ]
+}
+
+/// What one sensor was told to be last, part by part, each with its time, s.
+#[derive(Clone, Copy, Debug)]
+pub struct Parts {
+    position: (f64, Vec3),
+    orientation: (f64, Quat),
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self { position: (f64::NEG_INFINITY, [f64::NAN; 3]), orientation: (f64::NEG_INFINITY, [f64::NAN; 4]) }
+    }
+}
+
+impl Parts {
+    /// The pose with a part that is not told taken from what was told just before.
+    pub fn complete(&mut self, time: f64, position: Vec3, orientation: Quat) -> (Vec3, Quat) {
+        (part(&mut self.position, time, position), part(&mut self.orientation, time, orientation))
+    }
+}
+
+fn part<const N: usize>(kept: &mut (f64, [f64; N]), time: f64, told: [f64; N]) -> [f64; N] {
+    if told[0].is_finite() {
+        *kept = (time, told);
+        told
+    } else if time - kept.0 <= PARTNER {
+        kept.1
+    } else {
+        told
+    }
+}
