@@ -11,6 +11,7 @@ from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard, Halt, Think
 from hardware.guard_state import GuardState
+from retarget.frames import SensorSample
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
@@ -127,36 +128,19 @@ class Bench:
         assert prepared.side is not None and isinstance(prepared.samples, LivePerformer)
         self.side, self._ticks = prepared.side, prepared.samples.ticks
         self.guard = guard = prepared.side.guard
-        samples, trace = prepared.samples, self.trace
+        samples = prepared.samples
         tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
+        self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
         def ticking(think: Think, halt: Halt = lambda: None) -> GuardState:
             state = tick(self._thought(think), halt)
-            now = self.clock.now()
-            if trace.arrived is None and self.side.phase is not Phase.APPROACH:
-                trace.arrived = now
-            if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
-                trace.began = now
-            trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.slow))
-            if trace.rebased is None and self.stream.clock_map.jumps:
-                trace.rebased = now
-            self._act(now)
-            if now > self._duration + ENDLESS_S:
-                trace.endless = True
-                self.kill()
+            self._saw_tick(state)
             return state
-
-        place, valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
         def sampled(index: int) -> object:
             found = sample(index)
             if found is not None:
-                gone = frozenset(name for name, valid in zip(names, found.valid, strict=True) if not valid)
-                trace.out.append((self.clock.now(), gone))
-                both = found.valid & valid
-                step = np.linalg.norm(found.position[both] - place[both], axis=1).max(initial=0.0)
-                trace.steps.append((self.clock.now(), float(step)))
-                place[:], valid[:] = found.position, found.valid
+                self._saw_sample(found)
             return found
 
         guard.tick = ticking  # type: ignore[method-assign]
@@ -165,7 +149,29 @@ class Bench:
         try:
             prepared.run(Watch(self._leave, stop_asked=lambda: self.stop_asked))
         finally:
-            trace.stop = guard.stop_reason
+            self.trace.stop = guard.stop_reason
+
+    def _saw_tick(self, state: GuardState) -> None:
+        trace, guard, now = self.trace, self.guard, self.clock.now()
+        if trace.arrived is None and self.side.phase is not Phase.APPROACH:
+            trace.arrived = now
+        if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
+            trace.began = now
+        trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.slow))
+        if trace.rebased is None and self.stream.clock_map.jumps:
+            trace.rebased = now
+        self._act(now)
+        if now > self._duration + ENDLESS_S:
+            trace.endless = True
+            self.kill()
+
+    def _saw_sample(self, found: SensorSample) -> None:
+        gone = frozenset(name for name, valid in zip(self.stream.roles.sensors, found.valid, strict=True) if not valid)
+        self.trace.out.append((self.clock.now(), gone))
+        both = found.valid & self._valid
+        step = np.linalg.norm(found.position[both] - self._place[both], axis=1).max(initial=0.0)
+        self.trace.steps.append((self.clock.now(), float(step)))
+        self._place[:], self._valid[:] = found.position, found.valid
 
     def _thought(self, think: Think) -> Think:
         def thought(states: ServoStates) -> FloatArray | None:
