@@ -36,16 +36,16 @@ NOT_OURS = [
 ]
 READING = "read the bus"
 ASKED = "as asked (without reading the servos)"
-PARTS_OF_ALL = {READING: (Guard, "_read")}
+FOLLOWING = "follow, gate"
+PARTS_OF_ALL = {FOLLOWING: (RobotSide, "follow"), READING: (Guard, "_read")}
 """What is measured beside the tick itself where nothing else is."""
 PARTS = {
     "hear": (LivePerformer, "listen"),
     "reconstruct": (Pipeline, "_reconstruct"),
-    "follow, gate": (RobotSide, "follow"),
     **PARTS_OF_ALL,
 }
-SETTLED = 300
-"""Ticks that are left out: the way to the performer, and buffers that are made once."""
+SETTLED = 50
+"""Ticks of following that are left out: buffers that are made once."""
 
 
 class Meter:
@@ -120,7 +120,7 @@ def measure(seconds: float, *, parts: bool) -> dict[str, Floats]:
         trace = Bench(FakeSender(five()), duration=seconds).run()
     if trace.error:
         raise RuntimeError(trace.error)
-    ticks = meter.ticks[SETTLED:]
+    ticks = [tick for tick in meter.ticks if FOLLOWING in tick][SETTLED:]
     spent = {name: np.array([1e3 * tick.get(name, 0.0) for tick in ticks]) for name in ("tick", *wanted)}
     return spent | {ASKED: spent["tick"] - spent[READING]}
 
