@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from retarget import rotations
 from retarget.frames import BoolArray
 from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.rotations import FloatArray
@@ -38,7 +39,7 @@ class Reach:
         if self._anchor is None or not present[self._anchor]:
             return
         away = position - position[self._anchor]
-        distance = np.sqrt(np.einsum("ij,ij->i", away, away))
+        distance = np.sqrt(rotations.squares(away))
         too_far = present & (distance > self._furthest)
         if np.count_nonzero(too_far):
             share = self._furthest[too_far] / distance[too_far]

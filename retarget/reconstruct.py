@@ -8,6 +8,7 @@ from math import nan
 
 import numpy as np
 
+from retarget import rotations
 from retarget.balance import Balance
 from retarget.crouch import Crouch
 from retarget.frames import BoolArray, SensorSample
@@ -183,7 +184,7 @@ class Reconstructor:
         joints, orientations, centre_of_mass = self._reader.read(self._q)
         self._reached = joints.take(self._joints_of, axis=0)
         error = (self._intake.measured - self._reached)[: self._worn_count]
-        distance = np.sqrt((error * error).dot(_THREE))
+        distance = np.sqrt(rotations.squares(error))
         if not self._intake.all_present:
             distance[~self._intake.present[: self._worn_count]] = np.nan
         solver, balance = self._hierarchy.solver, self._balance_error
@@ -234,8 +235,6 @@ class Reconstructor:
         return self._depth.share(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
 
 
-_THREE = np.ones(3)
-"""(values * values).dot(_THREE) is the quickest sum over rows of three."""
 _BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "rotate",
     "shortest_arc",
     "slerp",
+    "squares",
     "to_euler",
     "to_matrix",
 ]
@@ -54,6 +55,15 @@ def _product() -> FloatArray:
         table[i, i, 0], table[0, i, i], table[i, 0, i] = -1.0, 1.0, 1.0
         table[j, k, i], table[k, j, i] = 1.0, -1.0
     return table.reshape(16, 4)
+
+
+_THREE: FloatArray = np.ones(3)
+_THREE.flags.writeable = False
+
+
+def squares(v: FloatArray) -> FloatArray:
+    """Squared lengths (k,) of a few vectors (k, 3), with the least overhead."""
+    return np.asarray((v * v).dot(_THREE))
 
 
 _PRODUCT = _product()

@@ -9,6 +9,7 @@ from math import exp
 
 import numpy as np
 
+from retarget import rotations
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
 
@@ -73,7 +74,7 @@ class SensorIntake:
         was lost has come back; None: everybody has."""
         moved = position - self.measured
         # NaN compares false: an invalid sensor never counts as a calm one.
-        calm = np.einsum("ij,ij->i", moved, moved) <= (FASTEST_M_S * dt) ** 2
+        calm = rotations.squares(moved) <= (FASTEST_M_S * dt) ** 2
         if self._has_lost or np.count_nonzero(calm & valid) != len(calm):
             self._take_irregular(position, valid, calm, reached=reached, dt=dt)
             if weight is not None:

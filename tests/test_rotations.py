@@ -147,3 +147,10 @@ def test_products_of_few_and_of_many_are_the_same() -> None:
         np.abs(rotations.multiply(a[0], b[:7]) - rotations.multiply(np.tile(a[0], (rotations.FEW, 1)), b)[:7]).max()
         < 1e-14
     )
+
+
+def test_squares_are_squared_lengths() -> None:
+    v = np.random.default_rng(5).normal(size=(7, 3))
+    v[3] = np.nan
+    assert rotations.squares(v) == pytest.approx(np.linalg.norm(v, axis=1) ** 2, nan_ok=True)
+    assert rotations.squares(v[:0]).shape == (0,)
