@@ -16,6 +16,7 @@ from retarget.joint_limits import JointLimits
 from retarget.landmarks import AskedLandmarks, LandmarkMap
 from retarget.loaded_speed import loaded_speed
 from retarget.observers import robot_observers
+from retarget.off_stops import off_stops
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
 from retarget.record import ModeArray
@@ -91,6 +92,7 @@ class Follower:
         self._limits = following_limits(robot, self.stance)
         if priorities.uphold is not None:
             self._limits = loaded_speed(robot, self._limits, reserve=priorities.uphold.reserve)
+            self._limits = off_stops(robot, self._limits, margin=priorities.uphold.off_stops)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
