@@ -8,6 +8,7 @@ import numpy as np
 
 from retarget.chase import TRUNK, Chase
 from retarget.envelope import Envelope, measure_envelope
+from retarget.followed_speed import followed_speed
 from retarget.following_limits import following_limits
 from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
@@ -92,6 +93,7 @@ class Follower:
         self._limits = following_limits(robot, self.stance)
         if priorities.uphold is not None:
             self._limits = loaded_speed(robot, self._limits, reserve=priorities.uphold.reserve)
+            self._limits = followed_speed(robot, self._limits, late=priorities.uphold.late)
             self._limits = off_stops(robot, self._limits, margin=priorities.uphold.off_stops)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
