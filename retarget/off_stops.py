@@ -17,20 +17,18 @@ MOST_SHARE = 0.25
 
 def off_stops(robot: RobotBody, limits: JointLimits, *, margin: float) -> JointLimits:
     """Limits (nv,) with the joints between root and soles kept `margin` rad off both ends of the range of their servos,
-    MOST_SHARE of it at most, and as far as `stand` and `rest` allow. A robot that does not stand keeps its limits."""
+    MOST_SHARE of it at most, and as far as `stand` allows. A robot that does not stand keeps its limits."""
     if not robot.stands or margin == 0.0:
         return limits
     lower, upper = limits.lower.copy(), limits.upper.copy()
-    postures = robot.profile.postures
-    columns = robot.servo_columns
-    needed = np.array([robot.posture(angles)[columns] for angles in (postures.stand, postures.rest)])  # (2, n)
+    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
     dofs = np.array([robot.body.dof_index(joint) for joint in robot.joint_map.joints], dtype=np.intp)
     carrying = standing_dofs(robot)[dofs]
     rows = dofs[carrying]
     first, last = robot.limits.lower[carrying], robot.limits.upper[carrying]
     off = np.minimum(margin, MOST_SHARE * (last - first))
     lowest, highest = first + off, last - off
-    needed = needed[:, carrying]
-    lower[rows] = np.maximum(lower[rows], np.minimum(lowest, needed.min(axis=0)))
-    upper[rows] = np.minimum(upper[rows], np.maximum(highest, needed.max(axis=0)))
+    stand = stand[carrying]
+    lower[rows] = np.maximum(lower[rows], np.minimum(lowest, stand))
+    upper[rows] = np.minimum(upper[rows], np.maximum(highest, stand))
     return replace(limits, lower=lower, upper=upper)
