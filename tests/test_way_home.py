@@ -28,11 +28,14 @@ def gone(home: WayHome, here: FloatArray) -> list[FloatArray]:
     return way
 
 
+def test_it_begins_when_it_is_asked() -> None:
+    assert not WayHome(op3(), dt=DT).begun
+
+
 def test_it_leads_to_the_rest_posture_in_time() -> None:
     home = WayHome(op3(), dt=DT)
-    assert not home.begun
     way = gone(home, angles("rest") + 0.3)
-    assert home.begun  # type: ignore[unreachable]
+    assert home.begun
     assert np.array_equal(way[-1], angles("rest")) and 10 < len(way) <= TICKS + 1
     assert home.next(way[-1], passed=False, stands=True) is None  # and nobody sets off again
 
