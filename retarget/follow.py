@@ -8,6 +8,7 @@ import numpy as np
 
 from retarget.chase import TRUNK, Chase
 from retarget.envelope import Envelope, measure_envelope
+from retarget.followed_speed import followed_speed
 from retarget.following_limits import following_limits
 from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
@@ -16,6 +17,7 @@ from retarget.joint_limits import JointLimits
 from retarget.landmarks import AskedLandmarks, LandmarkMap
 from retarget.loaded_speed import loaded_speed
 from retarget.observers import robot_observers
+from retarget.off_stops import off_stops
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
 from retarget.record import ModeArray
@@ -91,6 +93,8 @@ class Follower:
         self._limits = following_limits(robot, self.stance)
         if priorities.uphold is not None:
             self._limits = loaded_speed(robot, self._limits, reserve=priorities.uphold.reserve)
+            self._limits = followed_speed(robot, self._limits, late=priorities.uphold.late)
+            self._limits = off_stops(robot, self._limits, margin=priorities.uphold.off_stops)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])

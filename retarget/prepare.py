@@ -35,6 +35,7 @@ from retarget.scene_motion import SceneState
 from retarget.sensor_intake import IntakeTimes
 from retarget.stages import FollowingStage, ReconstructingStage
 from retarget.surroundings import Surroundings
+from retarget.way_home import LONGEST_HOME_S
 
 __all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for", "priority_names"]
 
@@ -55,8 +56,6 @@ WITH_MASS = "steady"
 """Of a robot on its own soles that can fall."""
 LONGEST_HOLD_S = 4.8
 """So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
-HOME_S = 2.5
-"""So long it may be on its way to where it is parked, which it goes as fast as that asks; then its torque goes off."""
 
 
 def _to_nobody(text: str) -> None:
@@ -256,7 +255,7 @@ def _robot_side(
     lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in servos.servos)
     limits = replace(robot.profile.guard_limits(), lag=lag)
     if parks:
-        limits = replace(limits, max_hold=LONGEST_HOLD_S, max_home_ticks=round(HOME_S / dt), period=dt)
+        limits = replace(limits, max_hold=LONGEST_HOLD_S, max_home_ticks=round(LONGEST_HOME_S / dt), period=dt)
     guard = Guard(bus=bus, joint_map=servos, goal_filter=last.goals, clock=clock, limits=limits)
     return RobotSide(
         robot=robot,

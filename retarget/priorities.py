@@ -70,6 +70,10 @@ class UpholdSettings(Schema):
     reserve: NotNegative = 0.25
     """Share by which the load of a crouch is exceeded in motion; what carries it is planned no faster than its motors
     turn under that."""
+    off_stops: Annotated[NotNegative, Field(le=0.5)] = 0.05
+    """[rad] What carries the robot keeps so far off the ends of its range, for what its servos overshoot."""
+    late: Annotated[NotNegative, Field(le=1.0)] = 0.03
+    """[s] So late its bus may be before a servo at the speed of the plan is so far behind that the guard stops it."""
 
 
 class Level(Schema):

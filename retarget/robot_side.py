@@ -289,7 +289,7 @@ class RobotSide:
         """The next goal on the way to where the robot is parked; None: it is there, cannot go on, or is to stay."""
         if not (self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home):
             return None
-        self._goal = self._way_home.next(self._sent, passed=self._passed, ticks=self.guard.limits.max_home_ticks)
+        self._goal = self._way_home.next(self._sent, passed=self._passed, stands=self._goals.at_rest)
         return self._goal
 
     def _take(self, q: FloatArray, goal: FloatArray) -> FloatArray:

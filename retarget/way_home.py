@@ -1,36 +1,81 @@
-"""The way of a robot that stands to where it is parked."""
+"""The way of a robot that stands to where it is parked: straight, or around what is in the way."""
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from retarget.approach import approach
 from retarget.robot_body import RobotBody
+from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
 
-__all__ = ["WayHome"]
+__all__ = ["HOME_S", "LONGEST_HOME_S", "WayHome"]
+
+HOME_S = 2.5
+"""So long the straight way takes at most, and each part of one around something; it goes as fast as that asks."""
+LONGEST_HOME_S = 15.0
+"""So long all of it takes at most, s; then its torque goes off where it is."""
 
 
 class WayHome:
-    """To the profile's rest posture, once, tick by tick of `dt` s; it ends where something is in the way."""
+    """To the profile's rest posture, tick by tick of `dt` s.
+
+    First straight there. Where something is in the way, from where the robot stands then: the arms aside, legs still;
+    then the whole robot to `stand`, and straight down from there. Arms are aside as in `attractor`; if that is not to
+    be had either, as in `stand`, then as in `neutral`. After that it stays.
+    """
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
         self._robot, self._dt = robot, dt
         self._way: Iterator[FloatArray] | None = None
+        self._tries = 0
+        self._arrived = False
 
     @property
     def begun(self) -> bool:
         """Whether the robot has set off, and perhaps arrived."""
         return self._way is not None
 
-    def next(self, here: FloatArray, *, passed: bool, ticks: int) -> FloatArray | None:
-        """The next goal (n,) rad; None: it is there, or cannot go on.
+    def next(self, here: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
+        """The next goal (n,) rad; None: it is there, cannot go on, or has to come to a stand first.
 
-        here (n,): rad, where the robot is; passed: whether the goal before was sent as it was; ticks: at most.
+        here (n,): rad, where the robot is; passed: whether the goal before was sent as it was; stands: whether nothing
+        is left to brake.
         """
         if self._way is None:
-            robot, dt = self._robot, self._dt
-            parked = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-            speed, within = robot.profile.safety.speed_caps.approach, (ticks - 1) * dt
-            self._way = approach(here, parked, robot.joint_map, speed=speed, dt=dt, within=within)
-        elif not passed:  # something is in the way
-            self._way = iter(())
-        return next(self._way, None)
+            self._way = self._next_try(here)
+        elif not (passed or self._arrived):  # something is in the way
+            self._way = self._next_try(here) if stands else iter(())
+            if not stands:
+                return None
+        goal = next(self._way, None)
+        self._arrived |= goal is None
+        return goal
+
+    def _next_try(self, here: FloatArray) -> Iterator[FloatArray]:
+        """Goals (n,) rad of one more try; none where all have been made."""
+        tried, self._tries = self._tries, self._tries + 1
+        postures = self._robot.profile.postures
+        stand, rest = self._angles(postures.stand), self._angles(postures.rest)
+        if tried == 0:
+            return self._through(here, [rest])
+        asides = (postures.attractor, postures.stand, postures.neutral)
+        if tried > len(asides):
+            return iter(())
+        return self._through(here, [self._arms_of(self._angles(asides[tried - 1]), here), stand, rest])
+
+    def _through(self, here: FloatArray, places: list[FloatArray]) -> Iterator[FloatArray]:
+        robot, dt = self._robot, self._dt
+        speed, within = robot.profile.safety.speed_caps.approach, HOME_S - dt
+        for place in places:
+            yield from approach(here, place, robot.joint_map, speed=speed, dt=dt, within=within)
+            here = place
+
+    def _angles(self, posture: dict[str, float]) -> FloatArray:
+        return self._robot.posture(posture)[self._robot.servo_columns]
+
+    def _arms_of(self, posture: FloatArray, legs: FloatArray) -> FloatArray:
+        """A posture (n,) with the joints that carry the robot as in another."""
+        robot = self._robot
+        dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
+        return np.where(standing_dofs(robot)[dofs], legs, posture)

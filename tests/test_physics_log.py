@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.arrays import FloatArray
 from physics_rig import PhysicsRig
 from sim.physics.log import BLOCK_ROWS, SLIP_RESOLUTION_M, PhysicsLog
 from sim.physics.state import PhysicsState
@@ -13,14 +12,36 @@ from sim.physics.state import PhysicsState
 STATE = PhysicsRig().bus.witness.state
 
 
+CORNERS = np.array([[0.06, 0.04], [-0.06, 0.04], [-0.06, -0.04], [0.06, -0.04]])
+"""Of a sole, m."""
+BESIDE = np.array([0.0, 0.05])
+"""From the middle to the left sole, m."""
+
+
 def log() -> PhysicsLog:
-    return PhysicsLog(servos=20, soles=2, nq=STATE.q.size, loaded=lambda load: np.asarray(load > 1.0))
+    return PhysicsLog(
+        servos=20, soles=2, corners=[0] * 4 + [1] * 4, nq=STATE.q.size, loaded=lambda load: np.asarray(load > 1.0)
+    )
 
 
-def at(x: float, load: tuple[float, float] = (15.0, 15.0), tilt: float = 0.0) -> PhysicsState:
-    sole: FloatArray = STATE.sole.copy()
-    sole[:, 0] += x
-    return replace(STATE, sole=sole, load=np.array(load), tilt=np.array([tilt, 0.0]))
+def at(
+    x: float,
+    load: tuple[float, float] = (15.0, 15.0),
+    tilt: float = 0.0,
+    turn: float = 0.0,
+    on: tuple[float, float, float, float] = (0.25, 0.25, 0.25, 0.25),
+) -> PhysicsState:
+    """Both soles x m ahead, turned on their spots by `turn` rad, with these shares of their load on their corners."""
+    cos, sin = np.cos(turn), np.sin(turn)
+    corners = CORNERS @ np.array([[cos, sin], [-sin, cos]]) + [x, 0.0]
+    pressed = np.concatenate([share * np.array(on) for share in load])
+    return replace(
+        STATE,
+        corner=np.concatenate([corners + BESIDE, corners - BESIDE]),
+        pressed=pressed,
+        load=np.array(load),
+        tilt=np.array([tilt, 0.0]),
+    )
 
 
 def test_slip_is_the_way_of_a_sole_that_carries() -> None:
@@ -29,6 +50,31 @@ def test_slip_is_the_way_of_a_sole_that_carries() -> None:
         one.add(at(float(x), load=(15.0, 0.0)))
     assert one.slip_m[0] == pytest.approx(0.01, abs=2 * SLIP_RESOLUTION_M)
     assert one.slip_m[1] == 0.0
+
+
+def test_to_and_fro_is_all_way() -> None:
+    one = log()
+    for x in (*np.linspace(0.0, 0.01, 51), *np.linspace(0.01, 0.0, 51)):
+        one.add(at(float(x)))
+    assert one.slip_m.tolist() == pytest.approx([0.02, 0.02], abs=4 * SLIP_RESOLUTION_M)
+
+
+def test_a_sole_that_turns_on_its_spot_slips() -> None:
+    one = log()
+    for turn in np.linspace(0.0, 0.3, 301):
+        one.add(at(0.0, turn=float(turn)))
+    assert one.slip_m[0] == pytest.approx(0.3 * float(np.hypot(0.06, 0.04)), rel=0.02)
+
+
+def test_what_turns_about_a_corner_that_carries_slips_only_by_the_others() -> None:
+    one, two = log(), log()
+    for turn in np.linspace(0.0, 0.3, 301):
+        there = CORNERS[0] @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        for each, on in ((one, (1.0, 0.0, 0.0, 0.0)), (two, (0.5, 0.5, 0.0, 0.0))):
+            state = at(0.0, turn=float(turn), on=on)
+            each.add(replace(state, corner=state.corner + CORNERS[0] - there))
+    assert one.slip_m[0] == 0.0
+    assert two.slip_m[0] == pytest.approx(0.3 * 0.12 * 0.5, rel=0.02)
 
 
 def test_a_creep_adds_up_and_a_tremble_does_not() -> None:
@@ -43,10 +89,19 @@ def test_a_creep_adds_up_and_a_tremble_does_not() -> None:
 def test_a_step_is_no_slip() -> None:
     one = log()
     one.add(at(0.0))
-    one.add(at(0.02, load=(0.0, 15.0), tilt=0.5))
-    one.add(at(0.05, load=(15.0, 15.0)))
+    for tick in range(1, 11):
+        one.add(replace(at(0.002 * tick, load=(0.0, 15.0), tilt=0.5), time=0.008 * tick))
+    one.add(replace(at(0.05, load=(15.0, 15.0)), time=0.088))
     assert one.slip_m[0] == 0.0 and one.slip_m[1] == pytest.approx(0.05)
     assert one.worst_tilt == 0.0  # of a sole in the air nobody asks
+
+
+def test_a_sole_that_trembles_as_it_slides_has_not_been_lifted() -> None:
+    one = log()
+    for tick in range(101):
+        load = 15.0 * (tick % 4 == 0)
+        one.add(replace(at(1e-4 * tick, load=(load, load)), time=0.008 * tick))
+    assert one.slip_m.tolist() == pytest.approx([0.01, 0.01], rel=0.05)
 
 
 def test_extremes_are_kept() -> None:

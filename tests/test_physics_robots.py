@@ -34,3 +34,23 @@ def test_it_stands(name: str) -> None:
     assert np.abs(robot.joint_map.turned(states.position - start)).max() < 0.06
     assert not witness.log.self_contact_ticks
     assert witness.state.load.sum() == pytest.approx(witness.simulation.world.weight, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_op3_at_rest_stays_when_its_torque_goes(seed: int) -> None:
+    robot, clock = load_robot("op3"), VirtualClock()
+    start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.rest)[robot.servo_columns])
+    bus = physics_bus(simulation_of(robot, start=start, seed=seed), clock)
+    bus.open()
+    bus.write(ServoGoals(bus.read().position))
+    bus.torque(True)
+    for on, seconds in ((True, 1.0), (False, 3.0)):
+        if not on:
+            bus.torque(False)
+        for _ in range(round(seconds / 0.008)):
+            clock.advance(0.008)
+            bus.read()
+            if on:
+                bus.write(ServoGoals(start))
+    witness = bus.witness
+    assert witness.parked and not witness.fallen and witness.toppled is None and not witness.state.touching

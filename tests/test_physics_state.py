@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from physics_rig import PhysicsRig
+from physics_rig import PhysicsRig, op3
+from sim.physics.ground import sole_corners
 from sim.physics.mount import Mount, Support
 from sim.physics.perturbation import Perturbation, Push
 
@@ -64,3 +65,46 @@ def test_what_lies_touches_the_floor() -> None:
     rig.bus.torque(False)
     rig.run(1.5)
     assert rig.bus.witness.state.touching
+
+
+def test_corners_are_where_the_soles_end_and_bear_what_they_bear() -> None:
+    rig = settled()
+    state = rig.bus.witness.state
+    soles = np.array(rig.bus.witness._reader.corner_soles)
+    assert soles.tolist() == [0] * 6 + [1] * 6
+    for sole, foot in enumerate(op3().profile.feet.values()):
+        corners = state.corner[soles == sole] - state.sole[sole, :2]
+        outline = sole_corners(np.array(foot.polygon))
+        assert np.abs(np.sort(corners, axis=0) - np.sort(outline, axis=0)).max() < 2e-3
+        assert state.pressed[soles == sole].sum() == pytest.approx(state.load[sole])
+    assert (state.pressed >= 0.0).all() and state.load.sum() == pytest.approx(30.9, rel=0.02)
+
+
+def test_a_foot_that_rocks_on_its_edge_does_not_slip() -> None:
+    push = Push((0.0, 5.5, 0.0), 1.5, 0.12, "neck")
+    rig = settled(perturbation=Perturbation(friction=1.5, pushes=(push,)))
+    rig.run(0.4)
+    log = rig.bus.witness.log
+    assert log.worst_tilt > np.radians(1.0)
+    assert log.slip_m.max() < 3e-4
+    rocked = log.column("sole")[:, :, 2].max()
+    assert rocked > 5e-4  # [m] a foot came up
+
+
+def test_feet_that_are_dragged_slip_by_what_they_are_dragged() -> None:
+    rig = settled(perturbation=Perturbation(friction=0.1))
+    simulation, log = rig.bus.simulation, rig.bus.witness.log
+    before, slipped = rig.bus.witness.state.sole.copy(), log.slip_m.copy()
+    simulation._model.opt.gravity[:] = [1.4, 0.0, -9.7]  # a slope of 8 degrees; friction holds on 6
+    while float((rig.bus.witness.state.sole - before)[:, 0].min()) < 0.010:
+        rig.run(0.008)
+    moved = np.linalg.norm((rig.bus.witness.state.sole - before)[:, :2], axis=1)
+    assert (log.slip_m - slipped).tolist() == pytest.approx(moved.tolist(), rel=0.1)
+
+
+def test_on_a_slope_that_friction_holds_feet_stay() -> None:
+    rig = settled(perturbation=Perturbation(friction=0.2))
+    rig.bus.simulation._model.opt.gravity[:] = [1.4, 0.0, -9.7]
+    slipped = rig.bus.witness.log.slip_m.copy()
+    rig.run(5.0)
+    assert (rig.bus.witness.log.slip_m - slipped).max() < 5e-4

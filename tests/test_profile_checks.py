@@ -136,10 +136,10 @@ WRONG = {
     ),
     "sole frame": (("left: {frame: l_sole", "left: {frame: l_soul"), "feet.left.frame: unknown frame; found 'l_soul'"),
     "posture limits": (
-        ("l_knee: 2.1", "l_knee: 2.6"),
+        ("l_knee: 2.15", "l_knee: 2.6"),
         "postures.rest.l_knee: posture outside the joint's limits; found 2.6 rad",
     ),
-    "posture joint": (("l_knee: 2.1", "l_kneee: 2.1"), "postures.rest.l_kneee: unknown joint; found 'l_kneee'"),
+    "posture joint": (("l_knee: 2.15", "l_kneee: 2.15"), "postures.rest.l_kneee: unknown joint; found 'l_kneee'"),
     "missing landmark": (("  head: {frame: head", "  hed: {frame: head"), "landmarks: landmarks are missing"),
     "landmark frame": (
         ("l_hand: {frame: l_hand", "l_hand: {frame: l_hnd"),
@@ -179,7 +179,7 @@ def test_all_errors_of_a_file_at_once(changed: Change) -> None:
         ("{id: 4,", "{id: 3,"),
         ("limits: [-1.413717, 1.413717]", "limits: [1.4, -1.4]"),
         ("geom: head_tilt_shell", "geom: none"),
-        ("l_knee: 2.1", "l_knee: 2.6"),
+        ("l_knee: 2.15", "l_knee: 2.6"),
         ("rate_hz: 125", "rate_hz: .inf"),
         ("retarget: servo", "retarget: servo\nname: again"),
     )

@@ -14,6 +14,7 @@ from retarget.observers import robot_observers
 from retarget.profile import load_profile
 from retarget.robot_body import load_robot
 from retarget.stance import plant
+from retarget.support import support_distance
 
 POSTURES = ("neutral", "stand", "rest", "attractor")
 STALL_SHARE = 0.82
@@ -87,7 +88,7 @@ def test_the_body_file_has_an_actuator_per_servo_in_their_order(body: PosedBody)
     assert list(body.profile.servos) == names
 
 
-@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize("posture", [posture for posture in POSTURES if posture != "rest"])
 def test_postures_stand_flat_and_balanced(body: PosedBody, posture: str) -> None:
     body.pose(getattr(body.profile.postures, posture))
     for foot in body.profile.feet.values():
@@ -95,6 +96,19 @@ def test_postures_stand_flat_and_balanced(body: PosedBody, posture: str) -> None
     assert np.ptp(body.sole_corners()[:, 2]) < 5e-4
     assert body.support_margin() > 0.05
     assert abs(body.com_in_stand_frame()[0]) < 0.01
+
+
+def test_at_rest_it_squats_flat_and_balanced_and_leans_little(name: str) -> None:
+    robot = load_robot(name)
+    rest = plant(robot, robot.profile.postures.rest)
+    lean = np.degrees(2.0 * np.arccos(min(abs(float(rest.q[3])), 1.0)))
+    assert lean < 5.0
+    turns = robot.orientations(rest.q[None], tuple(foot.frame for foot in robot.profile.feet.values()))[0]
+    assert np.abs(turns[:, 1:3]).max() < 1e-3  # no sole tilts
+    places = robot.points(rest.q[None], tuple(foot.frame for foot in robot.profile.feet.values()))[0]
+    assert np.abs(places[:, 2]).max() < 5e-4
+    com = robot.body.solver_body().centre_of_mass(rest.q[None])[0]
+    assert support_distance(com[:2], rest.edges(0.0)) > 0.03
 
 
 def test_the_stance_is_on_the_floor_with_bent_knees(name: str) -> None:

@@ -1,31 +1,83 @@
-"""A robot that stands is parked, once, and stays where something is in the way."""
+"""A robot that stands is parked: straight, or around what is in the way; and stays where there is no way."""
 
 import numpy as np
+import pytest
 
 from followers import DT, op3
-from retarget.way_home import WayHome
+from retarget.robot_reader import standing_dofs
+from retarget.rotations import FloatArray
+from retarget.way_home import HOME_S, LONGEST_HOME_S, WayHome
 
-TICKS = 312
+TICKS = round(HOME_S / DT)
+DOFS = [op3().body.dof_index(joint) for joint in op3().joint_map.joints]
+LEGS = standing_dofs(op3())[DOFS]
+
+
+def angles(name: str) -> FloatArray:
+    posture = getattr(op3().profile.postures, name)
+    return op3().posture(posture)[op3().servo_columns]
+
+
+def gone(home: WayHome, here: FloatArray) -> list[FloatArray]:
+    """Where it leads from where a goal was refused, or from the start, nothing else being in the way."""
+    way = [here]
+    goal = home.next(here, passed=False, stands=True)
+    while goal is not None:
+        way.append(goal)
+        goal = home.next(goal, passed=True, stands=False)
+    return way
+
+
+def test_it_begins_when_it_is_asked() -> None:
+    assert not WayHome(op3(), dt=DT).begun
 
 
 def test_it_leads_to_the_rest_posture_in_time() -> None:
-    robot, home = op3(), WayHome(op3(), dt=DT)
-    rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-    here = start = rest + 0.3
-    for ticks in range(TICKS + 1):
-        assert home.begun == (ticks > 0)
-        goal = home.next(here, passed=True, ticks=TICKS)
-        if goal is None:
-            break
-        here = goal
-    assert np.array_equal(here, rest) and 10 < ticks <= TICKS
-    assert home.next(start, passed=True, ticks=TICKS) is None
-
-
-def test_it_ends_where_a_goal_was_not_sent() -> None:
     home = WayHome(op3(), dt=DT)
-    here = np.zeros(20)
-    assert home.next(here, passed=False, ticks=TICKS) is not None
-    assert home.next(here, passed=True, ticks=TICKS) is not None
-    assert home.next(here, passed=False, ticks=TICKS) is None
-    assert home.next(here, passed=True, ticks=TICKS) is None
+    way = gone(home, angles("rest") + 0.3)
+    assert home.begun
+    assert np.array_equal(way[-1], angles("rest")) and 10 < len(way) <= TICKS + 1
+    assert home.next(way[-1], passed=False, stands=True) is None  # and nobody sets off again
+
+
+def test_where_something_is_in_the_way_it_stands_and_then_takes_the_arms_aside_first() -> None:
+    home, here = WayHome(op3(), dt=DT), angles("stand") + 0.1
+    first = home.next(here, passed=True, stands=True)
+    assert first is not None
+    assert home.next(first, passed=False, stands=False) is None  # refused: it brakes
+    assert home.next(first, passed=False, stands=False) is None
+    way = np.array(gone(home, first))
+    assert np.array_equal(way[-1], angles("rest"))
+    aside = int(np.argmax(np.abs(way - np.where(LEGS, first, angles("attractor"))).max(axis=1) < 1e-12))
+    assert aside > 10
+    assert not np.abs(way[: aside + 1, LEGS] - first[LEGS]).any()  # legs wait
+    assert (np.abs(way - angles("stand")).max(axis=1) < 1e-12).any()  # and all of it goes by `stand`
+
+
+def test_the_last_try_goes_by_neutral_and_then_it_stays() -> None:
+    home, here = WayHome(op3(), dt=DT), angles("stand") + 0.1
+    for _ in range(3):
+        goal = home.next(here, passed=False, stands=True)
+        assert goal is not None
+        here = goal
+    way = np.array(gone(home, here))
+    assert np.array_equal(way[-1], angles("rest"))
+    assert (np.abs(way[:, ~LEGS] - angles("neutral")[~LEGS]).max(axis=1) < 1e-12).any()
+
+    blocked, tries = WayHome(op3(), dt=DT), 0
+    while blocked.next(here, passed=False, stands=True) is not None:
+        tries += 1
+    assert tries == 4
+    assert blocked.next(here, passed=False, stands=True) is None
+
+
+@pytest.mark.parametrize("refused", [0, 1, 3])
+def test_every_try_keeps_the_speeds_of_the_servos_and_ends_in_time(refused: int) -> None:
+    home, here = WayHome(op3(), dt=DT), angles("stand") + 0.2
+    for _ in range(refused):
+        goal = home.next(here, passed=False, stands=True)
+        assert goal is not None
+        here = goal
+    steps = np.diff(np.array(gone(home, here)), axis=0)
+    assert (np.abs(steps).max(axis=0) <= op3().joint_map.max_velocity * DT + 1e-12).all()
+    assert len(steps) * DT <= LONGEST_HOME_S

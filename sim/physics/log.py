@@ -1,6 +1,6 @@
 """What happened to a simulated robot, tick by tick, and the numbers that a report takes from it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import hypot
 
 import numpy as np
@@ -16,17 +16,34 @@ MAX_ROWS = 450_000
 BLOCK_ROWS = 4096
 """Room is made for so many at a time, and nothing is ever moved."""
 SLIP_RESOLUTION_M = 1e-4
-"""A sole that carries has slipped when it is this far from where it was: what trembles within does not add up."""
+"""A sole that carries has slipped when its corners are this far from where they were: what trembles within does not add
+up."""
+
+
+LIFTED_S = 0.05
+"""A sole that bears nothing for longer has been lifted: where it comes down, it has not slipped to. One that slides
+trembles, and bears nothing for moments."""
 
 
 class PhysicsLog:
     """Rows of states, in single precision but for the time; `rows` says how many.
 
-    slip_m: horizontal way of all soles while they carried, added up. worst_tilt: of a sole that carried, rad.
+    slip_m (k,): horizontal way of each sole while it carried, added up: the mean of its corners, each by what presses
+    on it. So a sole slips that turns on its spot, and one that rocks on an edge that stays does not. worst_tilt: of a
+    sole that carried, rad.
     most_torque (n,), hottest (n,): of each servo. self_contact_ticks: with links touching each other.
     """
 
-    def __init__(self, *, servos: int, soles: int, nq: int, loaded: Callable[[FloatArray], FloatArray]) -> None:
+    def __init__(
+        self,
+        *,
+        servos: int,
+        soles: int,
+        corners: Sequence[int],
+        nq: int,
+        loaded: Callable[[FloatArray], FloatArray],
+    ) -> None:
+        """corners (c,): of which sole each corner is. loaded: which soles carry, by the load on each."""
         widths = {"q": nq, "root": 7, "com": 3, "zmp": 2, "load": soles, "sole": 3 * soles, "tilt": soles}
         widths |= {"torque": servos}
         self._slices: dict[str, slice] = {}
@@ -37,7 +54,9 @@ class PhysicsLog:
         self._blocks: list[NDArray[np.float32]] = []
         self._times: list[FloatArray] = []
         self._loaded = loaded
-        self._anchor: list[tuple[float, float] | None] = [None] * soles
+        self._corners = [[row for row, of in enumerate(corners) if of == sole] for sole in range(soles)]
+        self._anchors: list[list[tuple[float, float]] | None] = [None] * soles
+        self._borne = [-np.inf] * soles  # when each carried last, s
         self.rows = 0
         self.slip_m = np.zeros(soles)
         self.worst_tilt = 0.0
@@ -85,21 +104,28 @@ class PhysicsLog:
 
     def _sum(self, state: PhysicsState) -> None:
         """Sums and extremes."""
-        carries, places, tilts = self._loaded(state.load).tolist(), state.sole.tolist(), state.tilt.tolist()
-        for sole, (x, y, _) in enumerate(places):
+        carries, tilts = self._loaded(state.load).tolist(), state.tilt.tolist()
+        places, pressed = state.corner.tolist(), state.pressed.tolist()
+        for sole, corners in enumerate(self._corners):
             if not carries[sole]:
-                self._anchor[sole] = None
                 continue
+            if state.time - self._borne[sole] > LIFTED_S:
+                self._anchors[sole] = None
+            self._borne[sole] = state.time
             self.worst_tilt = max(self.worst_tilt, tilts[sole])
-            anchor = self._anchor[sole]
-            if anchor is None:  # it has just landed
-                self._anchor[sole] = (x, y)
-                continue
-            way = hypot(x - anchor[0], y - anchor[1])
-            if way > SLIP_RESOLUTION_M:
-                self.slip_m[sole] += way
-                self._anchor[sole] = (x, y)
+            self._slide(sole, [places[row] for row in corners], [pressed[row] for row in corners])
         np.maximum(self.most_torque, np.abs(state.torque), out=self.most_torque)
         np.maximum(self.hottest, state.temperature, out=self.hottest)
         self.self_contact_ticks += state.self_contacts > 0
         self.fixture_contact_ticks += state.fixture_contacts > 0
+
+    def _slide(self, sole: int, places: list[tuple[float, float]], pressed: list[float]) -> None:
+        """Hold where the corners of a sole that carries are against where they were. In plain floats: they are few."""
+        anchors, load = self._anchors[sole], sum(pressed)
+        if anchors is None or load <= 0.0:  # it has just landed
+            self._anchors[sole] = places
+            return
+        way = sum(force * hypot(x - u, y - v) for force, (x, y), (u, v) in zip(pressed, places, anchors, strict=True))
+        if way > SLIP_RESOLUTION_M * load:
+            self.slip_m[sole] += way / load
+            self._anchors[sole] = places

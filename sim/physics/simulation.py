@@ -13,6 +13,7 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray
 from hardware.errors import BusError, describe
 from retarget.body_file import engine
+from sim.physics.centripetal import SoleSteps
 from sim.physics.electrics import Electrics
 from sim.physics.hand import Hand
 from sim.physics.motors import SHAFT, Motors
@@ -43,7 +44,6 @@ class Simulation:
         mujoco = engine()
         self.world = world
         self.perturbation = perturbation
-        self._step_many = mujoco.mj_step
         mujoco.set_mju_user_warning(_told_here)
         self._model = model = world.model
         chance = np.random.default_rng(seed)
@@ -58,6 +58,7 @@ class Simulation:
         self.data.qpos[:] = world.start
         self._blur_start(chance)
         mujoco.mj_forward(model, self.data)
+        self._steps = SoleSteps(model, self.data)
         self.hand = Hand(model, self.data, world.root) if world.mount.support is Support.FLOOR else None
         self.electrics = Electrics(world.drives)
         self.motors.goal = self.motors.angle(self.data)
@@ -127,7 +128,7 @@ class Simulation:
             self.hand.ease(self.time)
         if self._pushes:
             self._apply_pushes()
-        self._step_many(self._model, self.data, nstep=steps)
+        self._steps.take(steps)
         if not isfinite(self.data.qvel.sum()):
             self._moves = False
             raise BusError(

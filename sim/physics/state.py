@@ -8,6 +8,7 @@ import numpy as np
 
 from hardware.arrays import FloatArray
 from retarget import rotations
+from sim.physics.ground import BALL_M, SOLE
 from sim.physics.simulation import Simulation
 from sim.physics.world import World
 
@@ -25,8 +26,9 @@ class PhysicsState:
     q (nq,): posture in the coordinates of the robot's own body, root included where it has one; root (7,): xyz and
     wxyz of the root link, and its velocity (3,). com (3,). zmp (2,): centre of pressure of the soles, NaN in the air
     and while a hand holds the robot. load (k,): N on each sole. sole (k, 3): where each is; tilt (k,): of each to the
-    floor, rad. gyro (3,) rad/s and accelerometer (3,) m/s^2 at the root link's origin, in its frame; at rest it shows
-    gravity upward. torque (n,) N m at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each
+    floor, rad. corner (c, 2): where the corners of all soles are on the floor; pressed (c,): N on each. gyro (3,) rad/s
+    and accelerometer (3,) m/s^2 at the root link's origin, in its frame; at rest it shows gravity upward. torque (n,)
+    N m at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each
     other; fixture_contacts; touching: whether anything but the soles touches the floor.
     """
 
@@ -39,6 +41,8 @@ class PhysicsState:
     load: FloatArray
     sole: FloatArray
     tilt: FloatArray
+    corner: FloatArray
+    pressed: FloatArray
     gyro: FloatArray
     accelerometer: FloatArray
     torque: FloatArray
@@ -49,7 +53,7 @@ class PhysicsState:
 
 
 class StateReader:
-    """Reads states off a simulation, each since the one before."""
+    """Reads states off a simulation, each since the one before. corner_soles (c,): of which sole each corner is."""
 
     def __init__(self, simulation: Simulation) -> None:
         world = simulation.world
@@ -60,6 +64,7 @@ class StateReader:
         self._places = np.array([sole.position for sole in world.soles]).reshape(-1, 3, 1)
         self._ups = np.array([rotations.rotate(sole.quat, np.array([0.0, 0.0, 1.0])) for sole in world.soles])
         self._ups = self._ups.reshape(-1, 3, 1)
+        self.corner_soles = self._find_corners()
         self._own_root = 7 if world.robot.body.root == "free" else 0
         self._q = world.robot.body.qpos0.copy()
         self._joints = world.robot.body.joint_qpos[world.robot.body.joint_type > 1]
@@ -74,9 +79,11 @@ class StateReader:
     def read(self) -> PhysicsState:
         """The state now."""
         simulation, data = self._simulation, self._simulation.data
-        load, zmp, counts = self._contacts(data)
+        load, pressed, zmp, counts = self._contacts(data)
         turns = data.xmat[self._feet].reshape(-1, 3, 3)
         sole = data.xpos[self._feet] + (turns @ self._places)[:, :, 0]
+        of = self._corner_rows
+        corner = data.xpos[self._feet[of]] + (turns[of] @ self._corners)[:, :, 0]
         up = np.minimum((turns @ self._ups)[:, 2, 0], 1.0)
         root, velocity, gyro, accelerometer = self._imu(data)
         self._q[self._joints] = data.qpos[self._world.columns]
@@ -92,6 +99,8 @@ class StateReader:
             load=load,
             sole=sole,
             tilt=np.arccos(up),
+            corner=corner[:, :2],
+            pressed=pressed,
             gyro=gyro,
             accelerometer=accelerometer,
             torque=simulation.motors.torque(data),
@@ -101,12 +110,24 @@ class StateReader:
             touching=counts[2],
         )
 
-    def _contacts(self, data: Any) -> tuple[FloatArray, FloatArray, tuple[int, int, bool]]:
-        """Load of the soles (k,) N, centre of pressure (2,) m, and counts: own links, fixtures, floor without soles.
+    def _find_corners(self) -> tuple[int, ...]:
+        """Find the balls in the corners of the soles: of which sole each is."""
+        model = self._world.model
+        balls = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith(SOLE)]
+        self._corner_of = {ball: row for row, ball in enumerate(balls)}
+        soles = tuple(int(self._world.owners[ball]) - 1 for ball in balls)
+        self._corner_rows = np.array(soles, dtype=np.intp)
+        # Of each ball, what touches the floor below a level sole: (c, 3, 1) [m], on the link.
+        self._corners = model.geom_pos[balls].reshape(-1, 3, 1) - BALL_M * self._ups[self._corner_rows]
+        return soles
+
+    def _contacts(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, tuple[int, int, bool]]:
+        """Load of the soles (k,) and of their corners (c,) N, centre of pressure (2,) m, and counts: own links,
+        fixtures, floor without soles.
 
         A contact's first row is its normal force (elliptic cone). In plain floats: there are a dozen contacts.
         """
-        load = [0.0] * len(self._feet)
+        load, pressed = [0.0] * len(self._feet), [0.0] * len(self._corner_of)
         own = fixtures = 0
         touching = False
         total = moment_x = moment_y = 0.0
@@ -124,12 +145,13 @@ class StateReader:
                 elif row >= 0:
                     force = forces[row]
                     load[high - 1] += force
+                    pressed[self._corner_of[first if owners[first] == high else second]] += force
                     total += force
                     moment_x += force * x
                     moment_y += force * y
         carried = total > self._least and not self._simulation.held
         zmp = (moment_x / total, moment_y / total) if carried else (nan, nan)
-        return np.array(load), np.array(zmp), (own, fixtures, touching)
+        return np.array(load), np.array(pressed), np.array(zmp), (own, fixtures, touching)
 
     def _imu(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Root (7,), its velocity (3,), and what a gyro and an accelerometer there read, averaged since the last

@@ -28,8 +28,13 @@ class Witness:
         self._powered = False
         self.parked = False
         self.state: PhysicsState = self._reader.read()
-        count = len(world.drives)
-        self.log = PhysicsLog(servos=count, soles=len(world.soles), nq=world.robot.body.nq, loaded=self._reader.loaded)
+        self.log = PhysicsLog(
+            servos=len(world.drives),
+            soles=len(world.soles),
+            corners=self._reader.corner_soles,
+            nq=world.robot.body.nq,
+            loaded=self._reader.loaded,
+        )
 
     @property
     def fall(self) -> Fall | None:

@@ -30,8 +30,11 @@ __all__ = ["STEP_S", "World", "build_world"]
 
 STEP_S = 0.002
 """Step of the engine, s."""
-ITERATIONS, LINE_ITERATIONS = 20, 10
-"""Most of the contact solver; it starts warm, and needs one or two."""
+ITERATIONS, LINE_ITERATIONS = 20, 50
+"""Most of the contact solver; it starts warm, and needs one or two. With fewer of the line search it ends far from the
+solution now and then, and soles leap."""
+IMPEDANCE_RATIO = 10.0
+"""How much firmer soles are along the floor than into it: else they creep under any load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +167,7 @@ def _set_options(spec: Any) -> None:
     option.timestep = STEP_S
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 1.0
+    option.impratio = IMPEDANCE_RATIO
     option.iterations, option.ls_iterations = ITERATIONS, LINE_ITERATIONS
     option.gravity = [0.0, 0.0, -9.81]
     # One robot is one island. What diverges is said (see `Simulation`) and not begun anew.
