@@ -19,6 +19,8 @@ from retarget.stance import Sole, Stance
 
 __all__ = ["CarriedLoad"]
 
+CARRIES_BELOW_M = 0.002
+"""A sole that is higher than this carries nothing; on its way there it carries ever less, so that no torque leaps."""
 UPWARD = np.array([0.0, 0.0, 9.81])
 """m/s^2: what holds against gravity."""
 
@@ -32,13 +34,16 @@ class CarriedLoad:
         self._soles = [(sole.frame, *_from_ground(sole)) for sole in stance.soles]
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (k, 2) [m]
 
-    def torques(self, q: FloatArray, acceleration: FloatArray) -> FloatArray:
+    def torques(self, q: FloatArray, acceleration: FloatArray, *, heights: FloatArray | None = None) -> FloatArray:
         """Of every DoF (nv,), N m, in a posture q (nq,) with its soles planted, whose centre of mass has an
-        acceleration (3,) m/s^2. A root that asks for any is out of balance."""
+        acceleration (3,) m/s^2. A root that asks for any is out of balance. heights (k,) m: of soles of which one may
+        be lifted; None: all are planted."""
         com = self._body.centre_of_mass(q[None])[0]
         force = self._mass * (UPWARD + acceleration)
         pressed = com[:2] - com[2] / force[2] * force[:2]
         shares = self._shares(pressed)
+        if heights is not None:
+            shares = _on_the_floor(shares, heights)
         beside = pressed - shares @ self._middles
         torque = force @ self._body.centre_of_mass_jacobian(q)
         for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):
@@ -58,6 +63,13 @@ class CarriedLoad:
         """Of a point (3,) m of a link, (3, nv)."""
         x, y, z = point.tolist()
         return self._body.frame_jacobian(q, frame.body, (x, y, z))[:3]
+
+
+def _on_the_floor(shares: FloatArray, heights: FloatArray) -> FloatArray:
+    """Shares (k,) of soles that are at heights (k,) m, the lowest on the floor: it takes what others cannot."""
+    kept = shares * np.clip(1.0 - heights / CARRIES_BELOW_M, 0.0, 1.0)
+    kept[int(heights.argmin())] += 1.0 - kept.sum()
+    return np.asarray(kept)
 
 
 def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:

@@ -66,6 +66,12 @@ class Envelope:
         length = hypot(x, y)
         return a * b * length / max(hypot(b * x, a * y), 1e-12)
 
+    def below(self, top: float) -> "Envelope":
+        """The part of it with the pelvis no higher than `top` m, where any is left."""
+        heights = np.linspace(self.lowest, min(max(top, float(self.heights[1])), self.highest), HEIGHTS)
+        columns = [np.interp(heights, self.heights, lean) for lean in self.lean.T]
+        return Envelope(heights, np.column_stack(columns))
+
 
 def measure_envelope(
     body: BodyModel,

@@ -1,6 +1,5 @@
 """The robot's stage: landmarks asked -> a posture of the robot, within the limits of its servos, on its soles."""
 
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
@@ -20,8 +19,8 @@ from retarget.observers import robot_observers
 from retarget.off_stops import off_stops
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
-from retarget.record import ModeArray
 from retarget.robot_body import RobotBody
+from retarget.robot_posture import RobotPosture
 from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
@@ -29,6 +28,8 @@ from retarget.second_thoughts import SecondThoughts
 from retarget.slow_time import SlowTime
 from retarget.stance import Stance, plant
 from retarget.standing_balance import StandingBalance
+from retarget.step_levels import stepping_priorities, swinging_frames
+from retarget.stepping import Stepping, reaching_aside
 from retarget.stopping import Stopping
 from retarget.surroundings import Surroundings
 
@@ -48,30 +49,9 @@ RESTING_SPEED = 0.1
 RESTING_TICKS = 5
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RobotPosture:
-    """One posture of the robot, in its own world: origin on the ground between the soles, x forward.
-
-    q (nq,): root_position (3,) m, root_quaternion (4,) wxyz (fixed robots: where the body file has it) and joints.
-    joint_positions (n,): rad, servo order. landmarks_asked, landmarks_reached (k, 3): m, in order of landmark_names.
-    centre_of_mass (3,) m; support_distance: m inside the support polygon of the soles, infinite without soles.
-    observer_modes (o,): 0 free, 1 preventive, 2 reactive, in the order of the profile.
-    """
-
-    q: FloatArray
-    joint_positions: FloatArray
-    root_position: FloatArray
-    root_quaternion: FloatArray
-    landmark_names: tuple[str, ...]
-    landmarks_asked: FloatArray
-    landmarks_reached: FloatArray
-    centre_of_mass: FloatArray
-    support_distance: float
-    observer_modes: ModeArray
-
-
 class Follower:
-    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick."""
+    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: of a robot that
+    steps, else None."""
 
     def __init__(
         self,
@@ -96,10 +76,19 @@ class Follower:
             self._limits = followed_speed(robot, self._limits, late=priorities.uphold.late)
             self._limits = off_stops(robot, self._limits, margin=priorities.uphold.off_stops)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
+        steps = legs_move and priorities.steps == "shift"
+        if steps:
+            priorities = stepping_priorities(priorities, tuple(sole.frame.name for sole in stance.soles))
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, self._balance.edges) if legs_move and self._balance else None
-        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope)
+        self.landmark_map = LandmarkMap(
+            robot.profile,
+            dimensions,
+            stance,
+            reaching_aside(envelope, robot, stance) if steps else envelope,
+            steps=steps,
+        )
         self.surroundings = Surroundings(scene)
         self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
@@ -114,7 +103,9 @@ class Follower:
         for sole in stance.soles:
             self.hierarchy.set_position(self._targets, sole.frame.name, sole.position)
             self.hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
-        self._stopping = Stopping(robot.body, self._limits, stance, carrying) if legs_move else None
+        stopping = partial(Stopping, robot.body, self._limits, carrying=carrying)
+        self._planted = stopping(stance) if legs_move else None
+        self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
         self._reader = RobotReader(robot, stance)
         self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
         self._approach = robot.profile.safety.speed_caps.approach
@@ -124,12 +115,17 @@ class Follower:
         self._q = stance.q
         self._time = SlowTime(robot.body, self._limits)
 
+    @property
+    def _stopping(self) -> Stopping | None:
+        """Ways to a stop on what carries."""
+        return self._planted if self.steps is None else self.steps.stopping
+
     def _hierarchy_of(self, priorities: Priorities, locked: BoolArray, *, iterations: int | None) -> Hierarchy:
         """The robot's hierarchy, with these DoFs (nv,) locked."""
         return Hierarchy.build(
             priorities,
             self._robot.body,
-            frames=robot_frames(self._robot),
+            frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles)),
             postures=robot_postures(self._robot, self.stance),
             limits=self._limits,
             locked=locked,
@@ -146,11 +142,13 @@ class Follower:
         self.surroundings.restart()
         self._q = self.stance.q
         self.hierarchy.solver.reset(self._q)
+        if self.steps is not None:
+            self.steps.restart()
         if self._stopping is not None:
             self._stopping.begin(self._q)
-        asked = self.landmark_map.ask(human, 0.0)
+        self._asked = self.landmark_map.ask(human, 0.0)
         self._reached = self._reader.read(self._q)
-        return self._posture(asked)
+        return self._posture(self._asked)
 
     def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
         """After `start`: the way to where the performer stands still, tick by tick, until the robot rests there.
@@ -159,30 +157,48 @@ class Follower:
         """
         way: list[RobotPosture] = []
         resting = 0
+        if self.steps is not None:
+            self.steps.waits = True
         while resting < RESTING_TICKS and len(way) * dt < ARRIVAL_S:
             before = self._q
             way.append(self.step(human, dt))
             resting = resting + 1 if float(np.abs(self._q - before).max()) < RESTING_SPEED * dt else 0
+        if self.steps is not None:
+            self.steps.waits = False
         self.surroundings.begin()
         return way
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
         self._since_start += dt
-        asked = self.landmark_map.ask(human, dt)
+        self._asked = self.landmark_map.ask(human, dt)
         haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
+        self._advance(self._asked, dt, haste=haste)
+        return self._posture(self._asked)
+
+    def _advance(self, asked: AskedLandmarks, dt: float, *, haste: float) -> None:
+        """Go on by `dt` s towards what is asked."""
         targets, hierarchy, pace = self._targets, self.hierarchy, self._time.pace
         self.surroundings.tick(hierarchy, dt, pace=pace)
         if self._second is not None:
             self._second.around = self.surroundings.now
         dt *= pace  # from here on the robot's own time
-        self._chase.aim(targets, asked, self._reached, dt, haste=haste)
-        if self._balance is not None:
+        if self.steps is not None:
+            asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
+        elif self._balance is not None:
             hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt))
+        self._chase.aim(targets, asked, self._reached, dt, haste=haste)
         hierarchy.set_previous(targets, self._q, dt)
         self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
         self._reached = self._reader.read(self._q)
-        return self._posture(asked)
+
+    def land(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) of a robot that steps on its way back to where it stands, a foot put down first; None:
+        it stands there, or does not step."""
+        if self.steps is None or not self.steps.ends(self.hierarchy.solver.velocity, dt):
+            return None
+        self._advance(self.landmark_map.standing, dt, haste=1.0)
+        return self._q
 
     def keep_pace(self, pace: float) -> None:
         """Follow at a share (0, 1] of all speeds, from the next tick on."""
@@ -253,6 +269,11 @@ class Follower:
             return com, np.zeros(3)
         return com, self._body.centre_of_mass_jacobian(self._q) @ self.hierarchy.solver.velocity
 
+    def _support_distance(self, com: FloatArray) -> float:
+        """How far (m) a centre of mass (3,) is inside the outline of the soles that carry."""
+        keeper = self._balance if self.steps is None else self.steps
+        return np.inf if keeper is None else keeper.inside(com)
+
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         q, reached = self._q, self._reached
         root = (q[:3], q[3:7]) if self._root is None else self._root
@@ -265,7 +286,7 @@ class Follower:
             landmarks_asked=np.array(asked.landmarks),
             landmarks_reached=reached.points,
             centre_of_mass=reached.centre_of_mass,
-            support_distance=np.inf if self._balance is None else self._balance.inside(reached.centre_of_mass),
+            support_distance=self._support_distance(reached.centre_of_mass),
             observer_modes=self.hierarchy.solver.observer_modes,
         )
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from retarget._solver import Probe
+from retarget.carrying_feet import Carrying
 from retarget.human import Human
 from retarget.human_dimensions import POINTS
 from retarget.record import ModeArray
@@ -28,7 +29,7 @@ class HumanPosture:
     wxyz of ORIENTED; the identity stands upright and faces x. centre_of_mass (3,) m. sensor_error (k,) m: distance of
     each worn sensor's joint from where it was last measured, NaN where it is missing. balance_error: distance of the
     centre of mass from its goal, m; NaN where there is none. heading: unit vector on the ground. observer_modes (o,):
-    0 free, 1 preventive, 2 reactive.
+    0 free, 1 preventive, 2 reactive. carrying: which feet carry.
     """
 
     q: FloatArray
@@ -40,6 +41,7 @@ class HumanPosture:
     balance_error: float
     heading: tuple[float, float]
     observer_modes: ModeArray = field(default_factory=_no_modes)
+    carrying: Carrying = Carrying.BOTH
 
     def joint(self, name: str) -> FloatArray:
         """Centre (3,) m of one joint."""

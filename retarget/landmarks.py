@@ -11,7 +11,7 @@ asked by the length of the arm.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
 from math import atan2, copysign, exp, hypot, sqrt
@@ -19,9 +19,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from retarget.carrying_feet import Carrying
 from retarget.envelope import Envelope
 from retarget.facing import Facing
 from retarget.human_dimensions import POINTS, HumanDimensions
+from retarget.pelvis_over_foot import PelvisOverFoot
 from retarget.profile import RobotProfile
 from retarget.profile_parts import Landmark
 from retarget.rotations import FloatArray
@@ -43,6 +45,8 @@ FEET = ({"l_toe": 1.0, "l_ankle": -1.0}, {"r_toe": 1.0, "r_ankle": -1.0})
 """The lines of the feet."""
 PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
+APART = ("l_ankle", "r_ankle")
+"""What a robot that steps is told the distance of."""
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -61,27 +65,49 @@ class AskedLandmarks:
     """What is asked at one instant, in the robot's world frame.
 
     landmarks: k points, m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity
-    when the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes.
+    when the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes. apart: their
+    left ankle from the right one, scaled as a leg, m, told to a robot that steps; carrying: which feet of theirs do.
     """
 
     landmarks: list[Vector]
     trunk: Quat
     gaze: Vector
+    apart: Vector = (0.0, 0.0, 0.0)
+    carrying: Carrying = Carrying.BOTH
+
+    def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
+        """The same for a body that is led aside, m: its pelvis by all of that, all others by a share."""
+        x, y, z = aside
+        part = (share * x, share * y, share * z)
+        landmarks = [plus(place, aside if row == pelvis else part) for row, place in enumerate(self.landmarks)]
+        return replace(self, landmarks=landmarks)
 
 
 class LandmarkMap:
-    """From the postures of one performer to landmarks of one robot. Its only state is the performer's heading."""
+    """From the postures of one performer to landmarks of one robot. Its only state is the performer's heading, and for
+    one that steps, which of the performer's feet carry."""
 
     def __init__(
-        self, profile: RobotProfile, dimensions: HumanDimensions, stance: Stance, envelope: Envelope | None
+        self,
+        profile: RobotProfile,
+        dimensions: HumanDimensions,
+        stance: Stance,
+        envelope: Envelope | None,
+        *,
+        steps: bool = False,
     ) -> None:
-        """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone)."""
+        """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone).
+        steps: whether the pelvis is asked over the foot that carries, and not over the middle of both."""
         self.names = tuple(profile.landmarks)
         self._envelope = envelope
         self._facing = Facing()
         rest = dict(zip(POINTS, dimensions.standing(), strict=True))
         entries = list(profile.landmarks.values())
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK, *FEET]
+        self._over_foot = PelvisOverFoot(*(stance.points[name] for name in APART)) if steps else None
+        if steps:
+            scale = _scale(profile.landmarks["pelvis"], rest)
+            self._sums.append({APART[0]: scale, APART[1]: -scale})
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
         line = _weights([TRUNK], POINTS) @ dimensions.standing()
@@ -109,9 +135,16 @@ class LandmarkMap:
             else:
                 self._roles.append(Role.BORNE if set(entry.measured_from) <= PELVIS_JOINTS else Role.LIMB)
 
+    @property
+    def standing(self) -> AskedLandmarks:
+        """What asks the robot to stand as in its stance."""
+        return AskedLandmarks(self._places, IDENTITY, FORWARD)
+
     def restart(self) -> None:
         """A new performance: take the heading of its first posture as it is."""
         self._facing.restart()
+        if self._over_foot is not None:
+            self._over_foot.restart()
 
     def ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
         """What this posture asks of the robot, `dt` s of the robot's clock after the one before."""
@@ -120,14 +153,19 @@ class LandmarkMap:
             self._joint_names = human.joint_names
         rows = (self._weights @ human.joints).tolist()  # k limbs, the trunk, two feet; performer's world
         pelvis_seen, chest_seen, head_seen = (_quat(row) for row in human.orientations.tolist())
-        x, y = self._facing.update(pelvis_seen, rows[-2], rows[-1], dt)
+        feet = len(self.names) + 1
+        x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt)
         limbs: list[Vector] = [(x * a + y * b, x * b - y * a, c) for a, b, c in rows]
         from_world = (sqrt(max(0.5 + 0.5 * x, 0.0)), 0.0, 0.0, -copysign(sqrt(max(0.5 - 0.5 * x, 0.0)), y))
         chest = product(from_world, chest_seen)
-        seen = product(product(arc(rotated(chest, UP), limbs[-3]), chest), self._upright)
+        seen = product(product(arc(rotated(chest, UP), limbs[feet - 1]), chest), self._upright)
         gaze = rotated(product(from_world, head_seen), FORWARD)
 
-        pelvis = self._pelvis_asked(limbs)
+        apart = (0.0, 0.0, 0.0) if self._over_foot is None else limbs[-1]
+        aside = None
+        if self._over_foot is not None and self._pelvis is not None:
+            aside = self._over_foot.step(limbs[self._pelvis], apart, human.carrying, dt)
+        pelvis = self._pelvis_asked(limbs, aside)
         trunk = self._trunk_asked(seen, pelvis[2])
         lean_less = product(trunk, inverse(seen))
         landmarks: list[Vector] = []
@@ -139,13 +177,14 @@ class LandmarkMap:
             else:
                 limb = rotated(lean_less, limbs[row]) if role is Role.BORNE else limbs[row]
                 landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), plus(limb, self._offset[row])))
-        return AskedLandmarks(landmarks, trunk, gaze)
+        return AskedLandmarks(landmarks, trunk, gaze, apart, human.carrying)
 
-    def _pelvis_asked(self, limbs: list[Vector]) -> Vector:
-        """The pelvis over the planted ankles, no lower than the robot gets."""
+    def _pelvis_asked(self, limbs: list[Vector], aside: Vector | None) -> Vector:
+        """The pelvis over the planted ankles, `aside` of their middle, no lower than the robot gets."""
         if self._envelope is None or self._pelvis is None:
             return self._pelvis_place
-        x, y, z = plus(plus(self._feet, limbs[self._pelvis]), self._offset[self._pelvis])
+        over = plus(plus(self._feet, limbs[self._pelvis]), self._offset[self._pelvis])
+        x, y, z = over if aside is None else plus(over, aside)
         low, high = self._envelope.lowest, self._envelope.highest
         return x, y, high - drawn_in(high - z, high - low, CROUCH_KNEE)
 
@@ -173,14 +212,18 @@ def drawn_in(value: float, most: float, knee: float) -> float:
 
 def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:
     """The limb vector of a landmark as a sum of human joints, scaled to the robot."""
-    chain = [np.mean([rest[name] for name in point], axis=0) for point in entry.human_length]
-    human_length = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
-    scale = entry.robot_length / human_length
+    scale = _scale(entry, rest)
     total: dict[str, float] = {}
     for names, sign in ((entry.follows, 1.0), (entry.measured_from, -1.0)):
         for name in names:
             total[name] = total.get(name, 0.0) + sign * scale / len(names)
     return total
+
+
+def _scale(entry: Landmark, rest: Mapping[str, FloatArray]) -> float:
+    """The length of a robot's limb over that of the performer's."""
+    chain = [np.mean([rest[name] for name in point], axis=0) for point in entry.human_length]
+    return entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
 
 
 def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) -> FloatArray:

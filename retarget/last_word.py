@@ -42,5 +42,6 @@ def last_word(robot: RobotBody, follower: Follower, priorities: Priorities, *, g
         plain = gate_with(clearance)
         return LastWord(plain, plain.passes, clearance)
     held = None if clearance is None else HeldPath(clearance)
-    upheld = UpheldGoals(gate_with(held), robot, follower.stance, dt=dt, settle=uphold.settle, held=held)
+    steps = follower.steps is not None
+    upheld = UpheldGoals(gate_with(held), robot, follower.stance, dt=dt, settle=uphold.settle, held=held, steps=steps)
     return LastWord(upheld, upheld.passes, clearance)

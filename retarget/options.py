@@ -9,6 +9,7 @@ from retarget.catalogue import HUMAN
 from retarget.clip import Parts, Playback
 from retarget.errors import UsageError, suggest
 from retarget.physics_options import PhysicsOptions
+from retarget.priorities import Steps
 
 __all__ = ["BUSES", "PHYSICS", "SIMULATED", "RunOptions"]
 
@@ -31,8 +32,9 @@ class RunOptions:
 
     priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
     the priority files say. scene: what is around the last stage's body. allow_contact: also where it touches at the
-    start. bus: a name of BUSES, or the path of a port: the robot's only one. faults: file of what goes wrong on the
-    emulator. physics: of the simulated mechanics.
+    start. steps: what the robot's feet do when the performer lifts one; None: as its priority file says. bus: a name of
+    BUSES, or the path of a port: the robot's only one. faults: file of what goes wrong on the emulator. physics: of the
+    simulated mechanics.
     """
 
     robot: str
@@ -41,6 +43,7 @@ class RunOptions:
     priorities: str | None = None
     iterations: int | None = None
     parts: Parts = "whole"
+    steps: Steps | None = None
     gate: bool = True
     scene: str | None = None
     allow_contact: bool = False
@@ -63,6 +66,8 @@ class RunOptions:
         if not self.gate and not self.simulated:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=f"--bus {self.bus}")
         _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
+        if self.steps is not None:
+            self._check_steps(self.steps)
         if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
             allowed = f"1 to {MAX_ITERATIONS}"
             raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
@@ -73,6 +78,13 @@ class RunOptions:
             raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
         if self.is_human and not self.gate:
             raise UsageError("there is no gate to leave out", where="--no-gate", found=f"--robot {HUMAN}")
+
+    def _check_steps(self, steps: str) -> None:
+        _one_of(steps, get_args(Steps), "--steps", "way to step")
+        if self.is_human:
+            raise UsageError("a human's feet are the performer's", where="--steps", found=f"--robot {HUMAN}")
+        if steps == "shift" and self.parts != "whole":
+            raise UsageError("legs that are kept still make no steps", where="--steps", found=f"--parts {self.parts}")
 
     @property
     def simulated(self) -> bool:

@@ -34,6 +34,8 @@ from retarget.scene import load_scene
 from retarget.scene_motion import SceneState
 from retarget.sensor_intake import IntakeTimes
 from retarget.stages import FollowingStage, ReconstructingStage
+from retarget.step_plan import StepTally
+from retarget.step_setting import with_steps
 from retarget.surroundings import Surroundings
 from retarget.way_home import LONGEST_HOME_S
 
@@ -83,6 +85,7 @@ class Prepared:
     observers: Observers | None = None
     intake: IntakeTimes = field(default_factory=IntakeTimes)
     surroundings: Surroundings | None = None
+    steps: StepTally | None = None
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
@@ -103,6 +106,7 @@ class Prepared:
             stop=None if self.side is None else self.side.guard.stop_reason,
             scene=self.scene,
             observers=self.observers,
+            steps=None if self.steps is None else replace(self.steps),
         )
 
 
@@ -181,8 +185,9 @@ def prepare_for(
     failed = True
     try:
         has_bus = options.bus != "none"
-        worn, around = (follower.observers, performance.intake), follower.surroundings
-        yield Prepared(samples, human, performer, reconstructor, side, stages, has_bus, notes, scene, *worn, around)
+        around, steps = follower.surroundings, None if follower.steps is None else follower.steps.plan.tally
+        known = (has_bus, notes, scene, follower.observers, performance.intake, around, steps)
+        yield Prepared(samples, human, performer, reconstructor, side, stages, *known)
         failed = side.guard.stop_reason is not None
     finally:
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
@@ -194,7 +199,8 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
     """The priority files of the stages, by name or path; `--priorities` is the last one's."""
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
-    usual = WITH_MASS if options.has_physics and robot.stands else robot.profile.retarget
+    has_mass = options.has_physics or options.steps == "shift"
+    usual = WITH_MASS if has_mass and robot.stands else robot.profile.retarget
     return robot.profile.reconstruct, options.priorities or usual
 
 
@@ -204,7 +210,10 @@ def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Prioritie
     first, *others = (load_priorities(name) for name in names)
     if robot is None:
         check_for_human(first, names[0])
-    return first, next(iter(others), None)
+    last = next(iter(others), None)
+    if robot is None or last is None:
+        return first, last
+    return first, with_steps(last, robot, options.steps, parts=options.parts)
 
 
 def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:

@@ -42,10 +42,15 @@ __all__ = [
     "PreventiveTask",
     "Priorities",
     "ReactiveTask",
+    "Steps",
     "Task",
     "UpholdSettings",
     "load_priorities",
 ]
+
+Steps = Literal["planted", "shift", "follow"]
+"""What the feet of a robot do when its performer lifts one: stay; lift as well, once the mass is over the other; or,
+where something else carries the robot, whatever the performer's do."""
 
 
 class ObserverSettings(Schema):
@@ -103,6 +108,9 @@ class Priorities(Schema):
     """How the heading of a performer is told from the sensors."""
     uphold: UpholdSettings | None = None
     """Goals that hold up a robot with mass on its own soles; absent: goals are postures."""
+    steps: Steps | None = None
+    """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
+    of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one."""
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from retarget import rotations
 from retarget.balance import Balance
+from retarget.carrying_feet import Carrying, CarryingFeet
 from retarget.crouch import Crouch
 from retarget.frames import BoolArray, SensorSample
 from retarget.heading import Heading
@@ -91,6 +92,8 @@ class Reconstructor:
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
         joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
         self._joints_of = np.array(joints_of, dtype=np.int64)
+        self._carrying: CarryingFeet | None = None
+        self._ankles = [POINTS.index(name) for name in _FEET]
         self._intake = SensorIntake(len(names), intake)
         self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
         self._source, self._slots = self._hierarchy.position_slots(names)
@@ -140,7 +143,8 @@ class Reconstructor:
                 break
         self._hierarchy.solver.reset(self._q)
         self._around.begin()
-        return self._posture()
+        self._carrying = CarryingFeet() if self._feet is None else None
+        return self._posture(0.0)
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
         """The posture `dt` seconds later. Missing sensors take no part, and come and go without a leap."""
@@ -158,7 +162,7 @@ class Reconstructor:
         turns = self._worn.orientations(sample)
         self._heading.step(points, _facing(turns), dt=dt)
         self._solve(points, turns, dt)
-        return self._posture()
+        return self._posture(dt)
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float) -> None:
         """Set all targets and solve one frame."""
@@ -180,7 +184,8 @@ class Reconstructor:
         self._around.tick(hierarchy, dt)
         self._q = hierarchy.solver.frame(targets, dt)
 
-    def _posture(self) -> HumanPosture:
+    def _posture(self, dt: float) -> HumanPosture:
+        """What there is to see, `dt` s after the posture before."""
         joints, orientations, centre_of_mass = self._reader.read(self._q)
         self._reached = joints.take(self._joints_of, axis=0)
         error = (self._intake.measured - self._reached)[: self._worn_count]
@@ -198,7 +203,14 @@ class Reconstructor:
             balance_error=nan if balance is None else float(solver.task_errors[balance]),
             heading=self._heading.forward,
             observer_modes=solver.observer_modes,
+            carrying=self._feet_that_carry(joints, dt),
         )
+
+    def _feet_that_carry(self, joints: FloatArray, dt: float) -> Carrying:
+        """Told from joint centres (m, 3) m, `dt` s after those before."""
+        if self._carrying is None:
+            return Carrying.BOTH
+        return self._carrying.step(joints[self._ankles].tolist(), dt)
 
     def _placed(self) -> FloatArray:
         """A natural posture (nq,) turned to the heading, in the middle of the sensors."""

@@ -22,6 +22,7 @@ __all__ = [
     "Report",
     "Soles",
     "Spread",
+    "StepsReport",
     "StopReport",
     "page_path",
     "report_path",
@@ -124,6 +125,16 @@ class Soles:
 
 
 @dataclass(frozen=True)
+class StepsReport:
+    """asked: times that the performer stood on one foot; made: times that the robot did; declined: all others, in which
+    it stayed planted."""
+
+    asked: int
+    made: int
+    declined: int
+
+
+@dataclass(frozen=True)
 class Report:
     """One run. Keys up to `stop` are stable; those after it say more and may grow.
 
@@ -141,6 +152,7 @@ class Report:
     a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of each
     hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
     asked; reachable_share: of the ticks that followed, those. fallen, physics: as the simulation saw it; null without.
+    steps: null of a robot that makes none.
     live: of the stream, null of a file.
     """
 
@@ -181,6 +193,7 @@ class Report:
     deep: DeepReport
     observers: ObserversReport | None
     physics: PhysicsReport | None
+    steps: StepsReport | None
     live: LiveReport | None
     robot: str
     source: str

@@ -56,16 +56,12 @@ class RobotSide:
         parks: bool = False,
         tell: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self.robot = robot
-        self.guard = guard
+        self.robot, self.guard = robot, guard
         self.phase = Phase.APPROACH
         """What the last tick was for."""
-        self._follower = follower
-        self._goals = goals
-        self._clearance = clearance
-        self._passes = passes
-        self._clock = clock
-        self._dt = dt
+        self._follower, self._goals = follower, goals
+        self._clearance, self._passes = clearance, passes
+        self._clock, self._dt = clock, dt
         self._deadline, self._awake = clock.now(), False
         self._kinematics = robot.body.solver_body()
         self._share = SpeedShare(robot, dt=dt)
@@ -82,9 +78,8 @@ class RobotSide:
         self._asked: FloatArray | None = None
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
-        self._lost = 0  # ticks in which no posture was found
-        self._parks, self._tell = parks, tell
-        self._way_home = WayHome(robot, dt=dt)
+        self._lost, self._parks, self._tell = 0, parks, tell  # lost: ticks in which no posture was found
+        self._way_home, self._lands = WayHome(robot, dt=dt), False
 
     @property
     def stopping_ticks(self) -> int:
@@ -160,8 +155,8 @@ class RobotSide:
             self._follower.reseed(self._before.copy(), self._velocity.copy())
             q = self._follower.halt(self._dt)
             if q is not None:
-                return self._take(q, q[self.robot.servo_columns])
-        return self._take(wanted, goal)
+                return self._take(q)
+        return self._take(wanted)
 
     def wait(self) -> None:
         """Until the tick that comes is due; what is late is not caught up with."""
@@ -274,7 +269,7 @@ class RobotSide:
         the way to where the robot is parked."""
         self.phase = Phase.BRAKE
         self._measure()
-        if self._goals.at_rest or self._way_home.begun:
+        if self._goals.at_rest or self._way_home.begun or self._lands:
             return self._homeward()
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
@@ -283,17 +278,21 @@ class RobotSide:
             self._goal = self._sent + slower_in_line(self._moved, self._change)
             return self._goal
         q = self._follower.halt(self._dt)
-        return None if q is None else self._take(q, q[self.robot.servo_columns])
+        return None if q is None else self._take(q)
 
     def _homeward(self) -> FloatArray | None:
         """The next goal on the way to where the robot is parked; None: it is there, cannot go on, or is to stay."""
         if not (self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home):
             return None
+        q = None if self._way_home.begun else self._follower.land(self._dt)
+        if q is not None:
+            self._lands = True
+            return self._take(q)
         self._goal = self._way_home.next(self._sent, passed=self._passed, stands=self._goals.at_rest)
         return self._goal
 
-    def _take(self, q: FloatArray, goal: FloatArray) -> FloatArray:
-        """Remember what is asked in this tick: posture (nq,), and of it the servos' joints, rad (n,)."""
-        self._q[:] = q
-        self._goal, self._rooted = goal, True
+    def _take(self, q: FloatArray) -> FloatArray:
+        """Remember what is asked in this tick: posture (nq,). Returns of it the servos' joints, rad (n,)."""
+        self._q[:], self._rooted = q, True
+        self._goal = goal = q[self.robot.servo_columns]
         return goal

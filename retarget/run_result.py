@@ -18,6 +18,7 @@ from retarget.record import Record
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
+from retarget.step_plan import StepTally
 
 __all__ = ["RunResult"]
 
@@ -26,10 +27,11 @@ __all__ = ["RunResult"]
 class RunResult:
     """A run. Everything per tick has the rows of `record`.
 
-    human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the
-    stages. state, reason: how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered.
-    stop: the guard's, None without one. scene: what was around the last stage's body; observers: of that body.
-    physics: what a simulation saw, None without one. live: what there is to tell of a stream, None of a file.
+    human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the stages. state, reason:
+    how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered. stop: the guard's, None
+    without one. scene: what was around the last stage's body; observers: of that body. physics: what a simulation
+    saw, None without one; steps: None of a robot that makes none. live: what there is to tell of a stream, None of a
+    file.
     """
 
     record: Record
@@ -48,6 +50,7 @@ class RunResult:
     scene: SceneState | None = None
     observers: Observers | None = None
     physics: PhysicsRun | None = None
+    steps: StepTally | None = None
     live: LiveReport | None = None
 
     @property

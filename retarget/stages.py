@@ -48,6 +48,11 @@ class FollowingStage(Protocol):
         """The next posture (nq,) on a way to a stop; None: none is known."""
         ...
 
+    def land(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) of a robot that steps on its way back to where it stands, a foot put down first; None:
+        it stands there, or does not step."""
+        ...
+
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
         ...

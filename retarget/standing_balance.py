@@ -20,7 +20,7 @@ from retarget.pursuit import braking_displacement
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
 
-__all__ = ["StandingBalance"]
+__all__ = ["GRAVITY", "Edges", "StandingBalance", "moving_spaces", "shrunk"]
 
 BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
@@ -41,14 +41,14 @@ class StandingBalance:
         self._drawn_in: Edges = self.edges.tolist()
         share = min((task.moving for task in tasks if task.moving is not None), default=None)
         self.looks_at_motion = share is not None
-        self._room: Edges = [] if share is None else _shrunk(self.edges, share, stance).tolist()
+        self._room: Edges = [] if share is None else shrunk(self.edges, share, stance).tolist()
 
     def spaces(self, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
         m/s."""
         if not self.looks_at_motion:
             return _braked(self._drawn_in, com, dt)
-        return _moving(self._room, com, velocity, dt)
+        return moving_spaces(self._room, com, velocity, dt)
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
@@ -56,7 +56,7 @@ class StandingBalance:
         return float(min(offset - nx * x - ny * y for nx, ny, offset in self._outline))
 
 
-def _shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
+def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
     """Edges (e, 3) of the polygon at a share of its size about the middle of the soles."""
     middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
     at = edges[:, :2] @ middle
@@ -74,7 +74,7 @@ def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
     return np.array(drawn)
 
 
-def _moving(edges: Edges, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
+def moving_spaces(edges: Edges, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
     """Capture point and zero-moment point inside of edges."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()

@@ -17,6 +17,7 @@ import numpy as np
 from hardware.arrays import FloatArray
 from hardware.servo_lag import loop_lag
 from retarget.carried_load import CarriedLoad
+from retarget.either_sole import EitherSole
 from retarget.gate import Gate, PathCheck
 from retarget.planted_root import plant_root
 from retarget.robot_body import RobotBody
@@ -85,11 +86,13 @@ class UpheldGoals:
         dt: float,
         settle: float,
         held: HeldPath | None = None,
+        steps: bool = False,
     ) -> None:
-        """settle: time constant, s, of the load. held: what `gate` asks about collision."""
+        """settle: time constant, s, of the load. held: what `gate` asks about collision. steps: whether the robot may
+        stand on either sole alone."""
         self._gate, self._robot, self._held, self._dt = gate, robot, held, dt
         self._stance = stance
-        self._load = CarriedLoad(robot, stance)
+        self._load, self._either = CarriedLoad(robot, stance), EitherSole(robot, stance) if steps else None
         self._body = robot.body.solver_body()
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         self._give = servo_give(robot)
@@ -181,12 +184,16 @@ class UpheldGoals:
     def _thought_of(self, posture: FloatArray) -> _Thought:
         q = self._stance.q.copy()
         q[self._robot.servo_columns] = posture
-        plant_root(self._robot, self._stance.q, q)
+        heights = None
+        if self._either is None:
+            plant_root(self._robot, self._stance.q, q)
+        else:
+            heights = self._either.plant(q)
         now = self._body.centre_of_mass(q[None])[0]
         com, velocity = (now, self._velocity) if self._com is None else (self._com, self._velocity)
         then = self._settled(com, velocity, now)
         acceleration = np.clip((then - velocity) / self._dt, -MOST_ACCELERATION, MOST_ACCELERATION)
-        torque = self._load.torques(q, acceleration)[self._dofs]
+        torque = self._load.torques(q, acceleration, heights=heights)[self._dofs]
         wanted = np.clip(self._give @ torque, -MOST_RAD, MOST_RAD)
         speed = self._settled(self._upheld, self._moved / self._dt, wanted)
         most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most

@@ -91,6 +91,9 @@ class StubFollower:
     def halt(self, dt: float) -> FloatArray | None:
         return None
 
+    def land(self, dt: float) -> FloatArray | None:
+        return None
+
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())
 

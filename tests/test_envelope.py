@@ -54,3 +54,13 @@ def test_in_a_direction_it_is_what_was_measured() -> None:
     for row, height in enumerate(envelope().heights):
         for column, (x, y) in enumerate([(1.0, 0.0), (0.0, 2.0), (-3.0, 0.0), (0.0, -1.0)]):
             assert np.isclose(envelope().most_lean(float(height), x, y), envelope().lean[row, column])
+
+
+def test_below_some_height_the_lean_is_what_it_was() -> None:
+    top = 0.5 * (envelope().lowest + envelope().highest)
+    part = envelope().below(top)
+    assert part.highest == top and part.lowest == envelope().lowest
+    for height in (part.lowest, 0.5 * (part.lowest + top), top):
+        assert abs(part.most_lean(height, 1.0, 0.0) - envelope().most_lean(height, 1.0, 0.0)) < 0.02
+    assert envelope().below(1.0).highest == envelope().highest
+    assert envelope().below(0.0).highest > envelope().lowest, "some of it is always left"

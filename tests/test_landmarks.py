@@ -1,6 +1,7 @@
 """What is asked of a robot: scaled limb by limb, in the performer's heading, within what the robot can do."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from followers import DT, dimensions, follower, op3, performer, postures
 from retarget import rotations
+from retarget.carrying_feet import Carrying
 from retarget.envelope import Envelope
 from retarget.human_dimensions import POINTS
 from retarget.human_posture import HumanPosture
@@ -145,3 +147,42 @@ def test_what_is_asked_does_not_depend_on_the_robot() -> None:
 
 def hips() -> FloatArray:
     return np.asarray(0.5 * (size()[POINTS.index("l_hip")] + size()[POINTS.index("r_hip")]))
+
+
+def stepping_map() -> LandmarkMap:
+    stance = plant(op3(), op3().profile.postures.stand)
+    return LandmarkMap(op3().profile, dimensions(performer()), stance, WIDE, steps=True)
+
+
+def test_a_robot_that_steps_is_asked_the_same_of_who_stands_on_both() -> None:
+    one, other = landmark_map().ask(human(), DT), stepping_map().ask(human(), DT)
+    assert np.allclose(one.landmarks, other.landmarks, atol=1e-12)
+    assert 0.0 < other.apart[1] < 0.1 and one.apart == (0.0, 0.0, 0.0)
+
+
+def test_who_lifts_a_foot_asks_a_robot_that_steps_for_no_crouch() -> None:
+    lifted = replace(
+        human(changed(lambda n, p: p + np.array([0.0, 0.0, 0.3]) if n == "r_ankle" else p)), carrying=Carrying.LEFT
+    )
+    where, row = stepping_map(), stepping_map().names.index("pelvis")
+    upright = where.ask(human(), DT).landmarks[row][2]
+    for _ in range(300):
+        asked = where.ask(lifted, DT)
+    assert abs(asked.landmarks[row][2] - upright) < 1e-3
+    assert landmark_map().ask(lifted, DT).landmarks[row][2] < upright - 0.02
+    assert asked.apart[2] < -0.05 and asked.carrying is Carrying.LEFT
+
+
+def test_a_body_that_is_led_aside_goes_there_as_a_whole_or_the_pelvis_alone() -> None:
+    asked = stepping_map().ask(human(), DT)
+    row, aside = stepping_map().names.index("pelvis"), (0.01, 0.04, 0.0)
+    for share in (0.0, 0.5, 1.0):
+        moved = np.array(asked.led(row, aside, share).landmarks) - np.array(asked.landmarks)
+        assert np.allclose(moved[row], aside)
+        assert np.allclose(np.delete(moved, row, axis=0), share * np.array(aside))
+
+
+def test_what_asks_a_robot_to_stand_is_its_stance() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    asked = dict(zip(landmark_map().names, landmark_map().standing.landmarks, strict=True))
+    assert all(np.allclose(asked[name], stance.points[op3().profile.landmarks[name].frame]) for name in asked)

@@ -10,6 +10,7 @@ import pytest
 import people
 from reconstructions import Run, reconstruct, thinned, turned
 from retarget import rotations
+from retarget.carrying_feet import Carrying
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human_speeds import human_limits
 from sim.performer import synthetic_performer
@@ -159,3 +160,9 @@ def test_nothing_valid_at_the_start_stands_still() -> None:
 
     run = reconstruct(frames, "human", change=late)
     assert np.isfinite(run.q).all() and np.isnan(run.errors_mm[:5]).all()
+
+
+def test_which_feet_carry_is_told_from_five_sensors(shared: Path) -> None:
+    frames = thinned(people.trial(shared, "49_18"), 8).cut(0.0, 4.0)
+    assert {posture.carrying for posture in reconstruct(frames, "human").postures} == {Carrying.LEFT}
+    assert {posture.carrying for posture in reconstruct(frames, "human", performer="three").postures} == {Carrying.BOTH}

@@ -18,6 +18,7 @@ from retarget.live.begin import LiveOptions
 from retarget.live.smoothing import LIGHT
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
+from retarget.priorities import Steps
 
 LIVE = "Live streams"
 PHYSICS = "Physics"
@@ -71,6 +72,14 @@ def run(
     parts: Annotated[
         str, typer.Option(help="What follows; 'upper' keeps the legs still.", metavar="whole|upper")
     ] = "whole",
+    steps: Annotated[
+        str | None,
+        typer.Option(
+            help="When the performer lifts a foot: stay, or step in place once the mass is over the other; 'follow' "
+            "for a robot that hangs. Usually as the priority file says: planted.",
+            metavar="planted|shift|follow",
+        ),
+    ] = None,
     mirror: Annotated[bool, typer.Option("--mirror", help="Exchange left and right.")] = False,
     speed: Annotated[float, typer.Option(help="1 is the performer's speed.", metavar="X")] = 1.0,
     start: Annotated[float | None, typer.Option(help="Begin at this time of the recording.", metavar="S")] = None,
@@ -221,6 +230,7 @@ def run(
         priorities=priorities,
         iterations=n_ik,
         parts=cast(Parts, parts),  # RunOptions refuses any other
+        steps=cast(Steps | None, steps),
         gate=not no_gate,
         scene=scene,
         allow_contact=allow_contact,

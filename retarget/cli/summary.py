@@ -81,6 +81,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "penetration", _penetration(report)
     yield "observers", _observers(report)
     yield "gate", _gate(report)
+    yield "steps", _steps(report)
     yield "stream", stream_line(report.live)
     yield from physics_facts(report.physics)
     yield "cost per tick", _cost(report)
@@ -91,6 +92,13 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
         if report.stop.state
         else (report.stop.reason or ""),
     )
+
+
+def _steps(report: Report) -> str:
+    steps = report.steps
+    if steps is None:
+        return ""
+    return f"{steps.made} made of {steps.asked} asked; {steps.declined} declined, for it could not be in time"
 
 
 def _number(value: float | None, unit: str, *, digits: int = 1) -> str:

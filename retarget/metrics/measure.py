@@ -23,6 +23,7 @@ from retarget.report import (
     ServoExtreme,
     Soles,
     Spread,
+    StepsReport,
     StopReport,
 )
 from retarget.rotations import FloatArray
@@ -78,6 +79,7 @@ def measure(run: RunResult) -> Report:
         deep=DeepReport(clear.deep, clear.closest_obstacle),
         observers=observers,
         physics=physics_report(run),
+        steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),
         robot="human" if run.robot is None else run.robot.profile.name,
         live=live,
         source=live.address if live else clip.frames.source,

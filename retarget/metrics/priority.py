@@ -14,6 +14,10 @@ from retarget.run_result import RunResult
 __all__ = ["top_level_error", "top_tasks"]
 
 
+LIFTED_M = 1e-4
+"""A sole of a robot that steps is not locked to the floor when it is higher than this."""
+
+
 def top_tasks(priorities: Priorities) -> tuple[Task, ...]:
     """The tasks of the first level that asks for anything; observers, which only react, do not count."""
     for level in priorities.levels:
@@ -50,13 +54,23 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
     elif isinstance(task, PositionTask):
         names, asked, reached = run.followed
         errors = tracking.distances(asked * _rows(task), reached * _rows(task))
-        yield from (errors[:, names.index(name)] for name in task.of if name in names)
+        yield from (_locked(run, name, errors[:, names.index(name)]) for name in task.of if name in names)
     elif robot is not None and sent is not None:
         if isinstance(task, OrientationTask):
             flat = {foot.frame for foot in robot.profile.feet.values()}
-            yield from (_from_upright(robot, sent.q, name) for name in task.of if name in flat)
+            yield from (_locked(run, name, _from_upright(robot, sent.q, name)) for name in task.of if name in flat)
         elif isinstance(task, AxisTask):
             yield from (_off_axis(task, robot, sent.q, name) for name in task.of if name in robot.profile.frames)
+
+
+def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
+    """The error (T,) of a sole while it is on the floor: one that swings is no task of this level. All of others."""
+    robot, sent = run.robot, run.record.robot
+    if run.steps is None or robot is None or sent is None:
+        return error
+    if name not in {foot.frame for foot in robot.profile.feet.values()}:
+        return error
+    return np.where(robot.points(sent.q, (name,))[:, 0, 2] > LIFTED_M, np.nan, error)
 
 
 def _rows(task: PositionTask) -> FloatArray:

@@ -122,6 +122,10 @@ class RecordedGoals:
         """None is known: each joint brakes on its own."""
         return None
 
+    def land(self, dt: float) -> FloatArray | None:
+        """No foot is off the floor, as far as anybody knows."""
+        return None
+
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Something else was sent."""
         moved = velocity[self._dofs] * self._dt

@@ -14,6 +14,7 @@ from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
 from retarget.prepare import Prepared, priority_names
+from retarget.priorities import Steps
 from retarget.robot_body import RobotBody
 from retarget.sensor_intake import IntakeTimes
 
@@ -62,6 +63,7 @@ class Session(_Strict):
     priorities: str | None
     iterations: int | None
     parts: Literal["whole", "upper"]
+    steps: Steps | None = None  # in recordings of before there were any
     gate: bool
     scene: str | None
     allow_contact: bool
@@ -92,6 +94,7 @@ class Session(_Strict):
             priorities=self.priorities,
             iterations=self.iterations,
             parts=self.parts,
+            steps=self.steps,
             gate=self.gate,
             scene=self.scene,
             allow_contact=self.allow_contact,
@@ -128,6 +131,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, parks: b
         priorities=options.priorities,
         iterations=options.iterations,
         parts=options.parts,
+        steps=options.steps,
         gate=options.gate,
         scene=options.scene,
         allow_contact=options.allow_contact,

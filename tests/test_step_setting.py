@@ -1,0 +1,73 @@
+"""`steps` of a priority file and of the command line: one setting, and what refuses it."""
+
+from pathlib import Path
+
+import pytest
+
+from followers import op3
+from retarget.errors import ConfigError, RetargetError, UsageError
+from retarget.options import RunOptions
+from retarget.prepare import priority_names
+from retarget.priorities import Priorities, load_priorities
+from retarget.robot_body import load_robot
+from retarget.step_setting import with_steps
+
+STEADY = Path(__file__).parent.parent / "configs" / "priorities" / "steady.yaml"
+
+
+def written(folder: Path, steps: str) -> Priorities:
+    file = folder / "mine.yaml"
+    file.write_text(f"steps: {steps}\n" + STEADY.read_text())
+    return load_priorities(file)
+
+
+def test_the_option_goes_before_the_file(tmp_path: Path) -> None:
+    mine = written(tmp_path, "shift")
+    assert with_steps(mine, op3(), None, parts="whole").steps == "shift"
+    assert with_steps(mine, op3(), "planted", parts="whole").steps == "planted"
+    steady = load_priorities("steady")
+    assert with_steps(steady, op3(), None, parts="whole") is steady and steady.steps is None
+
+
+def test_a_file_with_another_word_is_refused_with_its_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"mine\.yaml.*1.*steps.*hop.*planted.*shift.*follow"):
+        written(tmp_path, "hop")
+
+
+@pytest.mark.parametrize(
+    ("steps", "root", "parts", "says"),
+    [
+        ("follow", "free", "whole", "stands on its own soles.*shift"),
+        ("shift", "suspended", "whole", "does not stand.*follow"),
+        ("shift", "free", "upper", "legs that are kept still.*whole"),
+    ],
+)
+def test_what_a_robot_cannot_do_is_refused(tmp_path: Path, steps: str, root: str, parts: str, says: str) -> None:
+    assert root in ("free", "suspended") and steps in ("follow", "shift")
+    robot = load_robot("op3", root="free" if root == "free" else "suspended")
+    asked = "follow" if steps == "follow" else "shift"
+    with pytest.raises(UsageError, match=f"--steps.*{says}"):
+        with_steps(load_priorities("steady"), robot, asked, parts=parts)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=f"priorities steady, steps.*{says}"):
+        with_steps(written(tmp_path, steps), robot, None, parts=parts)
+
+
+def test_a_robot_that_hangs_may_follow() -> None:
+    robot = load_robot("op3", root="suspended")
+    assert with_steps(load_priorities("steady"), robot, "follow", parts="whole").steps == "follow"
+
+
+def test_options_are_checked_before_any_file() -> None:
+    for options, says in (
+        ({"steps": "walk"}, "unknown way to step.*walk.*planted, shift, follow"),
+        ({"steps": "shift", "parts": "upper"}, "--parts upper"),
+    ):
+        with pytest.raises(RetargetError, match=says):
+            RunOptions(robot="op3", **options)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="a human's feet"):
+        RunOptions(robot="human", steps="shift")
+
+
+def test_who_steps_has_mass() -> None:
+    assert priority_names(op3(), RunOptions(robot="op3", steps="shift"))[1] == "steady"
+    assert priority_names(op3(), RunOptions(robot="op3", steps="planted"))[1] == "servo"

@@ -1,0 +1,169 @@
+"""A follower that steps in place: its soles, its balance and its limits, on postures alone; then with mass."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from followers import DT, Followed, assert_within_limits, collect, dimensions, op3, performer, postures
+from hardware.clock import VirtualClock
+from retarget.carrying_feet import Carrying
+from retarget.cli.physics_bench import PhysicsBench
+from retarget.clip import Playback
+from retarget.follow import Follower
+from retarget.human_posture import HumanPosture
+from retarget.metrics.measure import measure
+from retarget.options import RunOptions
+from retarget.pipeline import Watch
+from retarget.prepare import prepare
+from retarget.priorities import load_priorities
+from retarget.rotations import FloatArray
+from retarget.sources.open import open_source
+from retarget.step_balance import StepBalance
+from retarget.step_plan import StepState
+
+BOTH, LEFT, RIGHT = Carrying.BOTH, Carrying.LEFT, Carrying.RIGHT
+STANDS: HumanPosture = postures(performer())[0]
+
+
+def stepper() -> Follower:
+    priorities = load_priorities("steady").model_copy(update={"steps": "shift"})
+    return Follower(op3(), priorities, dimensions(performer()))
+
+
+def lifting(carrying: Carrying, high: float = 0.3) -> HumanPosture:
+    """The performer, standing, one ankle lifted."""
+    joints = STANDS.joints.copy()
+    if carrying in (LEFT, RIGHT):
+        joints[STANDS.joint_names.index("r_ankle" if carrying is LEFT else "l_ankle"), 2] += high
+    return replace(STANDS, joints=joints, carrying=carrying)
+
+
+def played(robot: Follower, story: Sequence[tuple[Carrying, float]]) -> Followed:
+    """Each for so many seconds."""
+    rows = [robot.start(STANDS)]
+    for carrying, seconds in story:
+        human = lifting(carrying)
+        rows += [robot.step(human, DT) for _ in range(round(seconds / DT))]
+    return collect(rows)
+
+
+@cache
+def two_steps() -> tuple[Follower, Followed]:
+    robot = stepper()
+    return robot, played(robot, ((BOTH, 0.5), (LEFT, 3.0), (RIGHT, 4.0), (BOTH, 3.0)))
+
+
+def soles(q: FloatArray) -> FloatArray:
+    """Places (T, 2, 3) m."""
+    return op3().points(q, ("l_sole", "r_sole"))
+
+
+def test_each_foot_is_lifted_in_turn_and_put_down_in_its_place() -> None:
+    robot, done = two_steps()
+    height = soles(done.q)[..., 2]
+    assert robot.steps is not None and robot.steps.plan.state is StepState.BOTH
+    assert (robot.steps.plan.tally.asked, robot.steps.plan.tally.made) == (2, 2)
+    assert (height.max(axis=0) > 0.03).all() and height.min() > -2e-4
+    assert (height < 2e-4).any(axis=1).all(), "one is always down"
+    places = np.array([sole.position for sole in robot.stance.soles])
+    assert np.abs(soles(done.q[-1:])[0] - places).max() < 2e-4
+
+
+def test_it_keeps_its_limits_and_the_sole_that_carries() -> None:
+    robot, done = two_steps()
+    assert_within_limits(done.joints)
+    places = np.array([sole.position for sole in robot.stance.soles])
+    off = np.linalg.norm(soles(done.q) - places, axis=2)
+    assert off.min(axis=1).max() < 2e-4
+    quats = op3().orientations(done.q, ("l_sole", "r_sole"))
+    tilt = 2.0 * np.arcsin(np.hypot(quats[..., 1], quats[..., 2]))
+    assert tilt.max() < 0.02
+
+
+def test_no_foot_is_off_the_floor_before_the_balance_is_over_the_other() -> None:
+    robot, done = two_steps()
+    balance = StepBalance(robot.stance, 0.25)
+    com = op3().body.solver_body().centre_of_mass(np.ascontiguousarray(done.q))
+    velocity = np.gradient(com, DT, axis=0)
+    height = soles(done.q)[..., 2]
+    still = np.zeros(3)
+    for foot in (0, 1):
+        for row in np.flatnonzero(height[:, 1 - foot] > 5e-4):
+            assert balance.depth(balance.over[foot], com[row], velocity[row], still) > 0.0
+    assert done.support.min() > 0.02
+
+
+def test_who_is_too_fast_is_declined_and_stays_planted() -> None:
+    robot = stepper()
+    done = played(robot, ((BOTH, 0.5), *((LEFT, 0.2), (BOTH, 0.3)) * 3, (BOTH, 2.0)))
+    assert robot.steps is not None
+    tally = robot.steps.plan.tally
+    assert (tally.asked, tally.made, tally.declined) == (3, 0, 3)
+    assert soles(done.q)[..., 2].max() < 1e-4
+    assert robot.steps.stands
+
+
+def test_on_its_way_to_the_first_posture_it_makes_no_step() -> None:
+    robot = stepper()
+    robot.start(lifting(LEFT))
+    way = robot.arrive(lifting(LEFT), DT)
+    assert max(float(soles(posture.q[None])[..., 2].max()) for posture in way) < 1e-4
+    for _ in range(300):
+        robot.step(lifting(LEFT), DT)
+    assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
+
+
+def test_a_stop_on_one_foot_keeps_it_and_landing_ends_on_both() -> None:
+    robot = stepper()
+    played(robot, ((LEFT, 3.0),))
+    assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
+    for _ in range(30):
+        q = robot.halt(DT)
+        assert q is not None and np.abs(soles(q[None])[0, 0] - robot.stance.soles[0].position).max() < 1e-3
+    landed = []
+    while (q := robot.land(DT)) is not None and len(landed) < 500:
+        landed.append(q)
+    assert len(landed) < 500 and robot.steps.stands
+    assert np.abs(soles(np.array(landed[-1:]))[0, :, 2]).max() < 2e-4
+    assert_within_limits(np.array(landed)[:, op3().servo_columns])
+
+
+def test_planted_priorities_make_no_steps() -> None:
+    robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    robot.start(STANDS)
+    assert robot.steps is None and robot.land(DT) is None
+
+
+@pytest.mark.parametrize("carrying", [LEFT, RIGHT])
+def test_whatever_goes_on_from_elsewhere_steps_on(carrying: Carrying) -> None:
+    """Something else was sent, as after a refusal of the gate."""
+    robot = stepper()
+    played(robot, ((carrying, 2.5),))
+    q = robot.step(lifting(carrying), DT).q.copy()
+    robot.reseed(q, np.zeros(op3().body.nv))
+    done = [robot.step(lifting(BOTH), DT) for _ in range(500)]
+    assert robot.steps is not None and robot.steps.stands
+    assert np.abs(soles(np.array([done[-1].q]))[0, :, 2]).max() < 2e-4
+
+
+@pytest.mark.long
+def test_with_mass_it_stands_on_one_foot_and_is_parked_on_both(shared: Path) -> None:
+    """A performer who balances on the left foot, for two seconds."""
+    source = shared / "mocap" / "cmu_asfamc" / "49_18.amc"
+    options = RunOptions(robot="op3", bus="physics", steps="shift", playback=Playback(end=1.5))
+    bench = PhysicsBench(options, lambda text: None)
+    clock = VirtualClock()
+    with prepare(lambda: open_source(source), options, clock=clock, make_bus=bench.make_bus, parks=True) as prepared:
+        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+    report = measure(bench.seen(run))
+    assert report.steps is not None and (report.steps.asked, report.steps.made, report.steps.declined) == (1, 1, 0)
+    assert report.fallen is False and report.gated_frames == 0 and report.stop.reason is None
+    assert report.physics is not None and report.soles is not None
+    assert report.soles.height_mm > 20.0 and report.physics.sole_tilt_max_deg < 3.0
+    assert report.physics.foot_slip_mm["total"] < 10.0
+    assert report.priority_violation_max is not None and report.priority_violation_max < 1.0
+    assert '"steps": {' in report.as_json()
