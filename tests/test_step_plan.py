@@ -30,7 +30,7 @@ def swinging() -> StepPlan:
 
 def test_a_step_from_its_beginning_to_its_end() -> None:
     plan = swinging()
-    assert plan.feet == (True, False) and not plan.lowers
+    assert plan.feet == (True, False)
     off = replace(OVER_LEFT, down=False)
     assert told(plan, off, 100) is StepState.SWING
     back = replace(off, performer=Carrying.BOTH)

@@ -124,7 +124,7 @@ def test_a_stop_on_one_foot_keeps_it_and_landing_ends_on_both() -> None:
     for _ in range(30):
         q = robot.halt(DT)
         assert q is not None and np.abs(soles(q[None])[0, 0] - robot.stance.soles[0].position).max() < 1e-3
-    landed = []
+    landed: list[FloatArray] = []
     while (q := robot.land(DT)) is not None and len(landed) < 500:
         landed.append(q)
     assert len(landed) < 500 and robot.steps.stands
