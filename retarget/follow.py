@@ -82,13 +82,8 @@ class Follower:
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, self._balance.edges) if legs_move and self._balance else None
-        self.landmark_map = LandmarkMap(
-            robot.profile,
-            dimensions,
-            stance,
-            reaching_aside(envelope, robot, stance) if steps else envelope,
-            steps=steps,
-        )
+        envelope = reaching_aside(envelope, robot, stance) if steps else envelope
+        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.surroundings = Surroundings(scene)
         self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
