@@ -72,6 +72,8 @@ pub struct FrameSolver {
     pub(crate) first_sides: (Vec<Side>, Vec<Side>),
     pub(crate) clip_sides: (Vec<Side>, Vec<Side>),
     pub(crate) pose: Pose,
+    /// The pose is that of `q`.
+    posed: bool,
     pub(crate) frame_box: Vec<FrameBox>,
     pub(crate) done: Vec<f64>,
     pub(crate) step: Vec<f64>,
@@ -126,6 +128,7 @@ impl FrameSolver {
             work: Workspace::default(),
             first_sides,
             pose: body.new_pose(),
+            posed: false,
             frame_box: vec![FrameBox::default(); body.nv],
             done: vec![0.0; body.nv],
             step: vec![0.0; body.nv],
@@ -149,6 +152,7 @@ impl FrameSolver {
     /// Start from posture `q`, moving at `velocity`. The active set stays, as a guess.
     pub fn reset(&mut self, q: &[f64], velocity: &[f64]) {
         self.q.copy_from_slice(q);
+        self.posed = false;
         self.velocity.copy_from_slice(velocity);
         self.problem.z.fill(0.0);
         self.progress.reset();
@@ -197,8 +201,11 @@ impl FrameSolver {
 
     /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
     fn look(&mut self, targets: &[f64], moment: Moment, done: usize, dt: f64) {
-        self.body.forward(&self.q, &mut self.pose);
-        self.body.mass_properties(&mut self.pose);
+        if moment != Moment::Start || !self.posed {
+            self.body.forward(&self.q, &mut self.pose);
+            self.body.mass_properties(&mut self.pose);
+            self.posed = true;
+        }
         let mut violation: &[f64] = &[];
         if let Some(watch) = &mut self.watch {
             match moment {

@@ -71,7 +71,7 @@ impl Factor {
             for r in problem.level(k) {
                 self.row_norm[r] = if problem.present[r] {
                     let row = problem.row(r);
-                    row.iter().map(|c| c * c).sum::<f64>().sqrt()
+                    dot::<false>(row, row).sqrt()
                 } else {
                     0.0
                 };
