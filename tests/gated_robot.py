@@ -11,7 +11,7 @@ from retarget.gate import Gate
 from retarget.observer_pairs import placed
 from retarget.observers import Observers, robot_observers
 from retarget.path_clearance import KEPT_SHARE, PathClearance
-from retarget.planted_root import plant_root
+from retarget.planted_root import plant_roots
 from retarget.rotations import FloatArray
 from retarget.scene import Scene
 from retarget.scene_motion import SceneState
@@ -74,7 +74,7 @@ class GatedRobot:
         """Postures (T, nq) with these servo angles (T, n), on the sole that is planted now."""
         q = np.repeat(self.q[None], len(rows), axis=0)
         q[:, self.robot.servo_columns] = rows
-        plant_root(self.robot, np.repeat(self.q[None], len(rows), axis=0), q)
+        plant_roots(self.robot, np.repeat(self.q[None], len(rows), axis=0), q)
         return q
 
     def between(self, rows: FloatArray, substeps: int = SUBSTEPS) -> FloatArray:

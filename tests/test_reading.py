@@ -2,6 +2,7 @@
 
 import json
 import struct
+from contextlib import suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -31,16 +32,16 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def chunk_ends(path: Path) -> list[tuple[int, int]]:
-    """Of every chunk: where it ends, and how many ticks are in the file until there."""
-    ends, content, count = [], path.read_bytes(), 0
+    """Of every chunk from the first tick on: where it ends, and how many ticks are in the file until there."""
+    ends, content = [], path.read_bytes()
     with path.open("rb") as stream:
         for one in StreamReader(stream, emit_chunks=True).records:
             if isinstance(one, Chunk):
                 end = content.index(one.data) + len(one.data)
                 path_until = path.with_suffix(".until")
                 path_until.write_bytes(content[:end])
-                count = len(read_recording(path_until).topic(TICK).rows)
-                ends.append((end, count))
+                with suppress(InputError):  # a slow machine writes a first chunk without a tick
+                    ends.append((end, len(read_recording(path_until).topic(TICK).rows)))
     return ends
 
 
