@@ -26,8 +26,8 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A recording of several chunks."""
     path = tmp_path_factory.mktemp("reading") / "run.mcap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("retarget.recording.writing.FLUSH_S", 0.05)
-        record(path)
+        patch.setattr("retarget.recording.writing.FLUSH_S", 0.01)
+        record(path, seconds=1.0)
     return path.read_bytes()
 
 
