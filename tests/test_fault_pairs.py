@@ -129,3 +129,15 @@ def test_the_first_is_judged_alone_where_its_time_is_over_before_the_second() ->
     assert missing(trace, Struck(silent, 0.2), Struck(lost, 0.34)) == ["stream silent: not held in time"]
     assert missing(trace, Struck(silent, 0.36), Struck(lost, 0.38)) == []
     assert missing(trace, Struck(silent, 2.0), Struck(lost, 2.1)) == []
+
+
+def test_each_of_two_that_wait_for_their_cue_is_timed_from_its_own() -> None:
+    trace = seen(*((0.01 * k, MOVING if k < 46 else HOLDING, False) for k in range(100)))
+    trace.began = 0.0
+    two = Struck(row("solver not finite once"), 0.3), Struck(row("deadline missed"), 0.42)
+    trace.acted = [0.305]
+    assert missing(trace, *two) == ["deadline missed: not held in time"]
+    trace.acted = [0.305, 0.432]
+    assert missing(trace, *two) == []
+    trace.acted = [0.305, 0.428]
+    assert missing(trace, *two) == ["deadline missed: not held in time"]

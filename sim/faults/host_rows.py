@@ -50,20 +50,31 @@ def _follower(
 
     def hurt(bench: Bench) -> None:
         follower, left = bench.side._follower, [times]
-        step = follower.step
+        step, cued = follower.step, _cue(bench)
 
         def changed(human: HumanPosture, dt: float) -> RobotPosture:
             posture = step(human, dt)
             if left[0] == 0:
                 return posture
             left[0] = None if left[0] is None else left[0] - 1
-            if bench.trace.acted is None:
-                bench.trace.acted = bench.clock.now()
+            cued()
             return change(bench, posture)
 
         follower.step = changed  # type: ignore[method-assign]
 
     return hurt
+
+
+def _cue(bench: Bench) -> Callable[[], None]:
+    """Notes when it is first called."""
+    known: list[float] = []
+
+    def cued() -> None:
+        if not known:
+            known.append(bench.clock.now())
+            bench.trace.acted.extend(known)
+
+    return cued
 
 
 def _when_following(act: Callable[[Bench], None]) -> Callable[[Bench, float], object]:
@@ -75,14 +86,13 @@ def _late(times: int | None = None) -> Callable[[Bench], None]:
     """To find a goal takes longer than a tick may, so many times."""
 
     def hurt(bench: Bench) -> None:
-        left = [times]
+        left, cued = [times], _cue(bench)
 
         def dawdle() -> None:
             if left[0] == 0:
                 return
             left[0] = None if left[0] is None else left[0] - 1
-            if bench.trace.acted is None:
-                bench.trace.acted = bench.clock.now()
+            cued()
             bench.clock.advance(OVERRUN / bench.robot.profile.safety.rate_hz)
 
         bench.thinking.append(dawdle)

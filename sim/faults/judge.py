@@ -84,8 +84,8 @@ def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
 
 def _onset(trace: Trace, since: float | None) -> float | None:
     """When the fault was done, after the first tick that ended late enough; or first took effect."""
-    if trace.acted is not None:
-        return trace.acted
+    if trace.acted:
+        return trace.acted[0]
     return next((tick.time for tick in trace.ticks if since is not None and tick.time >= since + ONSET), None)
 
 

@@ -49,8 +49,9 @@ def _onset(trace: Trace, at: float) -> float | None:
     if trace.began is None:
         return None
     done = next((tick.time for tick in trace.ticks if tick.time >= (trace.began or 0.0) + at), None)
-    cued = trace.acted
-    return cued if done is not None and cued is not None and done <= cued < done + CUED_S else done
+    if done is None:
+        return None
+    return next((cued for cued in trace.acted if done <= cued < done + CUED_S), done)
 
 
 def judged_pair(

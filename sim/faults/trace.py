@@ -27,7 +27,7 @@ class Trace:
     when which servo (id) stopped driving by itself or was told to: its torque went, or its watchdog stopped it.
 
     began: when following began. arrived: when the robot was where it follows from. gone: when the host was killed.
-    acted: when a fault that waits for its cue had it. rebased: when a leap of the sender's clock was
+    acted: when faults that wait for their cue had it, each once. rebased: when a leap of the sender's clock was
     understood. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all servos in the end.
     mute: the host could not write any more. left: nobody looked at how it ended. endless: it did not end.
     """
@@ -39,10 +39,10 @@ class Trace:
     let_go: list[tuple[float, int]] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     asked: list[tuple[float, FloatArray]] = field(default_factory=list)
+    acted: list[float] = field(default_factory=list)
     stop: Stop | None = None
     began: float | None = None
     arrived: float | None = None
-    acted: float | None = None
     gone: float | None = None
     rebased: float | None = None
     ended: float = 0.0
