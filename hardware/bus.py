@@ -52,6 +52,8 @@ class ServoStates:
     """Requests that had to be repeated since the bus was opened, of all servos."""
     rough: float = 0.0
     """Share of the last cycles (0.05 s) in which answers came damaged, and had to be asked for more than once."""
+    soles: BoolArray | None = None
+    """Which soles press on the floor, (k,) in the order of the profile's feet; None where nothing feels it."""
 
 
 @dataclass(frozen=True)

@@ -216,6 +216,11 @@ class Follower:
         self._reached = self._reader.read(self._q)
         return self._q
 
+    def feel(self, soles: BoolArray | None) -> None:
+        """Which soles (k,) press on the floor from now on; None: nobody knows. Who steps waits for it."""
+        if self.steps is not None:
+            self.steps.felt = soles
+
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
         self._q = q

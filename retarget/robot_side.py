@@ -28,7 +28,6 @@ from retarget.way_there import require_finite, way_there
 __all__ = ["GATED_RAD", "RobotSide"]
 
 INSISTED = "torque off before the robot stood, as the user insisted"
-
 GATED_RAD = 1e-8
 """A goal that is sent differs from the one asked by more than this, rad, where the filter changed it."""
 
@@ -259,8 +258,9 @@ class RobotSide:
             self._clearance.sent(sent, self._before)
 
     def _measure(self) -> None:
-        """Let the gate hear where the servos are."""
+        """Let the gate hear where the servos are, and the follower what the soles feel."""
         states = self.guard.states
+        self._follower.feel(None if states is None else states.soles)
         if self._clearance is not None and states is not None:
             self._clearance.measure(self.robot.joint_map.to_radians(states.position))
 

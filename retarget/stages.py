@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Protocol
 
-from retarget.frames import SensorSample
+from retarget.frames import BoolArray, SensorSample
 from retarget.rotations import FloatArray
 
 if TYPE_CHECKING:
@@ -42,6 +42,10 @@ class FollowingStage(Protocol):
     def keep_pace(self, pace: float) -> None:
         """From the next tick on, follow at a share (0, 1] of all speeds, called before every `step`: the robot lags
         behind what is too fast for that, and catches up smoothly."""
+        ...
+
+    def feel(self, soles: BoolArray | None) -> None:
+        """Which soles (k,) of the robot press on the floor from now on; None: nobody knows."""
         ...
 
     def halt(self, dt: float) -> FloatArray | None:

@@ -18,6 +18,8 @@ OVER_M = 0.003
 """How far (m) inside the region over one sole the balance is before the other may lift."""
 HELD_S = 0.15
 """So long it has been there by then: servos are behind their goals."""
+UNFELT_S = 1.0
+"""So long (s) a sole that is in its place, and does not feel the floor, is waited for."""
 
 _STANDS_ON = {Carrying.LEFT: 0, Carrying.RIGHT: 1}
 
@@ -49,12 +51,14 @@ class StepTally:
 class Sight:
     """What is seen in a tick. performer: which feet of theirs carry. over: how far (m) the robot's balance is inside
     the region over its left sole, and over its right one; settled: whether its mass is where standing on both asks for
-    it. down: whether the foot that swings is in its place on the floor."""
+    it. down: whether the foot that swings is in its place on the floor. felt: whether the left sole presses on it, and
+    the right one, as far as anybody feels that."""
 
     performer: Carrying
     over: tuple[float, float]
     settled: bool
     down: bool
+    felt: tuple[bool, bool] = (True, True)
 
 
 class StepPlan:
@@ -68,7 +72,7 @@ class StepPlan:
     def restart(self) -> None:
         """Planted; what was counted stays."""
         self.state, self.onto, self.lowers = StepState.BOTH, None, False
-        self._performer, self._pending, self._held = Carrying.BOTH, False, 0.0
+        self._performer, self._pending, self._held, self._unfelt = Carrying.BOTH, False, 0.0, 0.0
 
     state: StepState
     onto: int | None
@@ -83,7 +87,7 @@ class StepPlan:
         self._count(sight.performer)
         wanted = _STANDS_ON.get(sight.performer)
         if self.state is StepState.SWING:
-            self._swing(sight, wanted)
+            self._swing(sight, wanted, dt)
         elif wanted is not None:
             self._shift(sight, wanted, dt)
         elif self.state is not StepState.BOTH:
@@ -101,15 +105,16 @@ class StepPlan:
     def _shift(self, sight: Sight, wanted: int, dt: float) -> None:
         if self.state is not StepState.SHIFT or self.onto != wanted:
             self.state, self.onto, self._held = StepState.SHIFT, wanted, 0.0
-        self._held = self._held + dt if sight.over[wanted] > OVER_M else 0.0
+        self._held = self._held + dt if sight.over[wanted] > OVER_M and sight.felt[wanted] else 0.0
         if self._held > HELD_S and self._pending:
             self.state, self.lowers = StepState.SWING, False
             self._pending = False
             self.tally.made += 1
 
-    def _swing(self, sight: Sight, wanted: int | None) -> None:
+    def _swing(self, sight: Sight, wanted: int | None, dt: float) -> None:
         """A foot that is on its way down goes on to the floor, whatever is asked meanwhile."""
         self.lowers = self.lowers or wanted != self.onto
-        if self.lowers and sight.down:
+        self._unfelt = self._unfelt + dt if self.lowers and sight.down else 0.0
+        if self._unfelt > 0.0 and (all(sight.felt) or self._unfelt > UNFELT_S):
             self.state, self.lowers, self._held = StepState.BACK, False, 0.0
             self.onto = None

@@ -8,6 +8,7 @@ import numpy as np
 from retarget.carrying_feet import Carrying
 from retarget.chase import Reached
 from retarget.envelope import Envelope
+from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
 from retarget.landmarks import AskedLandmarks
 from retarget.priorities import Priorities
@@ -60,7 +61,8 @@ def reaching_aside(envelope: Envelope | None, robot: RobotBody, stance: Stance) 
 
 class Stepping:
     """The feet of one robot. `stopping`: ways to a stop on what carries now. `plan`: what they do, and how often.
-    `waits`: it makes no new step, and ends the one that it makes."""
+    `waits`: it makes no new step, and ends the one that it makes. `felt`: which soles (2,) press on the floor, left and
+    right, where somebody feels it."""
 
     def __init__(
         self, robot: RobotBody, priorities: Priorities, stance: Stance, hierarchy: Hierarchy, *, stopping: StoppingOn
@@ -86,6 +88,7 @@ class Stepping:
         self.plan = StepPlan()
         self._pelvis = list(robot.profile.landmarks).index("pelvis")
         self.waits = False
+        self.felt: BoolArray | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -154,7 +157,8 @@ class Stepping:
         slow = float(np.abs(moving[:2]).max()) < SETTLED_SPEED
         settled = near and slow and balance.depth(balance.both, com, moving, acceleration) > 0.0
         down = self.plan.state is not StepState.SWING or self._off(q, 1 - int(self.plan.onto or 0)) < DOWN_M
-        self.plan.look(Sight(performer, (left, right), settled, down), dt)
+        felt = (True, True) if self.felt is None else (bool(self.felt[0]), bool(self.felt[1]))
+        self.plan.look(Sight(performer, (left, right), settled, down, felt), dt)
 
     def _change_feet(self, q: FloatArray, velocity: FloatArray) -> None:
         """Stop on what carries from now on; what swings begins in its place."""

@@ -6,7 +6,7 @@ from hardware.clock import VirtualClock
 from hardware.guard import Guard
 from retarget.clip import Clip, Playback, lay_on_ticks
 from retarget.follow import RobotPosture
-from retarget.frames import SensorSample
+from retarget.frames import BoolArray, SensorSample
 from retarget.gate import Gate
 from retarget.human import Human, build_human
 from retarget.human_dimensions import POINTS, proportional_dimensions
@@ -71,6 +71,7 @@ class StubFollower:
         self.script = script
         self.tick = 0
         self.reseeded: list[FloatArray] = []
+        self.felt: list[BoolArray | None] = []
         self.paces: list[float] = []
         self.stance = plant(robot, robot.profile.postures.stand)
 
@@ -93,6 +94,9 @@ class StubFollower:
 
     def land(self, dt: float) -> FloatArray | None:
         return None
+
+    def feel(self, soles: BoolArray | None) -> None:
+        self.felt.append(soles)
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())

@@ -35,6 +35,7 @@ def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
     assert np.degrees(bus.witness.log.worst_tilt) < 0.5
     assert 0.005 < rig.error(states) < 0.05  # P gains without an I gain sag
     assert bus.witness.state.load.sum() == pytest.approx(bus.simulation.world.weight, rel=0.01)
+    assert states.soles is not None and states.soles.tolist() == [True, True]
     assert bus.witness.state.load[0] == pytest.approx(bus.witness.state.load[1], rel=0.1)
 
 
@@ -43,7 +44,7 @@ def test_before_torque_a_hand_holds_it() -> None:
     rig.clock.advance(5.0)
     assert rig.bus.read().position.tolist() == rig.start.tolist()
     assert not rig.bus.witness.fallen and rig.bus.witness.log.rows == 0
-    assert rig.bus.simulation.held
+    assert rig.bus.simulation.held and rig.bus.read().soles is None, "in a hand nothing is told of soles"
 
 
 def test_the_hand_lets_go_without_a_jolt() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from retarget.carrying_feet import Carrying
-from retarget.step_plan import HELD_S, OVER_M, Sight, StepPlan, StepState
+from retarget.step_plan import HELD_S, OVER_M, UNFELT_S, Sight, StepPlan, StepState
 
 DT = 0.008
 IDLE = Sight(Carrying.BOTH, (-0.04, -0.04), settled=True, down=True)
@@ -39,6 +39,22 @@ def test_a_step_from_its_beginning_to_its_end() -> None:
     assert told(plan, replace(back, settled=False)) is StepState.BACK
     assert told(plan, replace(IDLE, settled=True)) is StepState.BOTH
     assert (plan.tally.asked, plan.tally.made, plan.tally.declined) == (1, 1, 0)
+
+
+def test_a_sole_is_locked_again_when_it_feels_the_floor_or_has_been_waited_for() -> None:
+    back = replace(OVER_LEFT, performer=Carrying.BOTH, felt=(True, False))
+    plan = swinging()
+    assert told(plan, back, round(0.5 * UNFELT_S / DT)) is StepState.SWING
+    assert told(plan, replace(back, felt=(True, True))) is StepState.BACK
+    plan = swinging()
+    told(plan, back, round(0.9 * UNFELT_S / DT))
+    assert told(plan, back) is StepState.SWING and told(plan, back, round(0.2 * UNFELT_S / DT)) is StepState.BACK
+
+
+def test_no_weight_is_trusted_to_a_sole_that_does_not_feel_the_floor() -> None:
+    plan = StepPlan()
+    assert told(plan, replace(OVER_LEFT, felt=(False, True)), 10 * TICKS) is StepState.SHIFT
+    assert told(plan, replace(OVER_LEFT, felt=(True, False)), TICKS) is StepState.SWING
 
 
 def test_the_weight_is_held_over_the_foot_before_the_other_lifts() -> None:
@@ -83,22 +99,24 @@ def test_a_foot_that_comes_down_is_put_down_before_it_lifts_again() -> None:
             st.tuples(st.sampled_from([-0.04, 0.01]), st.sampled_from([-0.04, 0.01])),
             st.booleans(),
             st.booleans(),
+            st.tuples(st.booleans(), st.booleans()),
             st.integers(1, 40),
         ),
         max_size=30,
     )
 )
 def test_whatever_happens_one_sole_is_locked_and_the_counts_agree(
-    story: list[tuple[Carrying, tuple[float, float], bool, bool, int]],
+    story: list[tuple[Carrying, tuple[float, float], bool, bool, tuple[bool, bool], int]],
 ) -> None:
     plan = StepPlan()
-    for performer, over, settled, down, ticks in story:
+    for performer, over, settled, down, felt, ticks in story:
         for _ in range(ticks):
             before, feet = plan.state, plan.feet
-            plan.look(Sight(performer, over, settled, down), DT)
+            plan.look(Sight(performer, over, settled, down, felt), DT)
             assert any(plan.feet)
             if feet == (True, True) and plan.feet != feet:
                 assert before is StepState.SHIFT and plan.onto is not None and over[plan.onto] > OVER_M
+                assert felt[plan.onto]
             if feet != (True, True) and plan.feet == (True, True):
                 assert down and plan.state is StepState.BACK
     assert 0 <= plan.tally.made <= plan.tally.asked and plan.tally.declined >= 0

@@ -23,7 +23,7 @@ from retarget.priorities import load_priorities
 from retarget.rotations import FloatArray
 from retarget.sources.open import open_source
 from retarget.step_balance import StepBalance
-from retarget.step_plan import StepState
+from retarget.step_plan import UNFELT_S, StepState
 
 BOTH, LEFT, RIGHT = Carrying.BOTH, Carrying.LEFT, Carrying.RIGHT
 STANDS: HumanPosture = postures(performer())[0]
@@ -49,6 +49,11 @@ def played(robot: Follower, story: Sequence[tuple[Carrying, float]]) -> Followed
         human = lifting(carrying)
         rows += [robot.step(human, DT) for _ in range(round(seconds / DT))]
     return collect(rows)
+
+
+def state(robot: Follower) -> StepState:
+    assert robot.steps is not None
+    return robot.steps.plan.state
 
 
 @cache
@@ -136,6 +141,20 @@ def test_planted_priorities_make_no_steps() -> None:
     robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
     robot.start(STANDS)
     assert robot.steps is None and robot.land(DT) is None
+
+
+def test_a_foot_that_does_not_feel_the_floor_is_waited_for() -> None:
+    took = []
+    for felt in (None, (True, True), (True, False)):
+        robot = stepper()
+        played(robot, ((LEFT, 3.0),))
+        robot.feel(None if felt is None else np.array(felt))
+        ticks = 0
+        while state(robot) is StepState.SWING:
+            q, ticks = robot.step(STANDS, DT).q, ticks + 1
+        took.append(ticks * DT)
+        assert ticks > 0 and soles(q[None])[0, 1, 2] < 3e-4
+    assert took[1] == took[0] and took[2] - took[0] == pytest.approx(UNFELT_S, abs=2.0 * DT)
 
 
 @pytest.mark.parametrize("carrying", [LEFT, RIGHT])

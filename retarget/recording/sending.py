@@ -13,7 +13,7 @@ from retarget.approach import slower_in_line
 from retarget.clip import Clip
 from retarget.errors import InputError
 from retarget.follow import RobotPosture
-from retarget.frames import SensorFrames, SensorSample
+from retarget.frames import BoolArray, SensorFrames, SensorSample
 from retarget.options import RunOptions
 from retarget.paced_way import PacedWay
 from retarget.performer import Performer
@@ -125,6 +125,9 @@ class RecordedGoals:
     def land(self, dt: float) -> FloatArray | None:
         """No foot is off the floor, as far as anybody knows."""
         return None
+
+    def feel(self, soles: BoolArray | None) -> None:
+        """It makes no difference."""
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Something else was sent."""

@@ -111,6 +111,7 @@ class PhysicsBus:
             age=np.zeros(count),
             valid=self._here.copy(),
             driven=motors.driven.copy(),
+            soles=self.witness.soles,
         )
 
     def _require_open(self, action: str) -> None:

@@ -6,7 +6,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.arrays import FloatArray
+from hardware.arrays import BoolArray, FloatArray
 from sim.physics.state import PhysicsState
 
 __all__ = ["SLIP_RESOLUTION_M", "PhysicsLog"]
@@ -41,7 +41,7 @@ class PhysicsLog:
         soles: int,
         corners: Sequence[int],
         nq: int,
-        loaded: Callable[[FloatArray], FloatArray],
+        loaded: Callable[[FloatArray], BoolArray],
     ) -> None:
         """corners (c,): of which sole each corner is. loaded: which soles carry, by the load on each."""
         widths = {"q": nq, "root": 7, "com": 3, "zmp": 2, "load": soles, "sole": 3 * soles, "tilt": soles}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.arrays import FloatArray
+from hardware.arrays import BoolArray, FloatArray
 from retarget import rotations
 from sim.physics.ground import BALL_M, SOLE
 from sim.physics.simulation import Simulation
@@ -72,9 +72,9 @@ class StateReader:
         self._rest = np.zeros(3)
         self._gain = np.array([0.0, 0.0, GRAVITY])  # of velocity, less what falls
 
-    def loaded(self, load: FloatArray) -> FloatArray:
+    def loaded(self, load: FloatArray) -> BoolArray:
         """Which soles carry, by the load (k,) N on each."""
-        return np.asarray(load > self._least)
+        return np.asarray(load > self._least, dtype=np.bool_)
 
     def read(self) -> PhysicsState:
         """The state now."""

@@ -1,5 +1,6 @@
 """Who watches a simulated robot through a run: its present state, its log, and whether it fell."""
 
+from hardware.arrays import BoolArray
 from sim.physics.fall import Fall, FallWatch
 from sim.physics.log import PhysicsLog
 from sim.physics.mount import Support
@@ -40,6 +41,14 @@ class Witness:
     def fall(self) -> Fall | None:
         """The first fall; None: it has not fallen, or hangs."""
         return None if self._watch is None else self._watch.fall
+
+    @property
+    def soles(self) -> BoolArray | None:
+        """Which soles (k,) carried at the last look; None: a hand holds the robot, or its feet are in the air for
+        good."""
+        if self._watch is None or self.simulation.held:
+            return None
+        return self._reader.loaded(self.state.load)
 
     @property
     def fallen(self) -> bool:

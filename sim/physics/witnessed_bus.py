@@ -1,5 +1,7 @@
 """Any bus above a simulated robot, with somebody who watches the robot at each read."""
 
+from dataclasses import replace
+
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from sim.physics.witness import Witness
 
@@ -19,10 +21,10 @@ class WitnessedBus:
         self._bus.open()
 
     def read(self) -> ServoStates:
-        """Read it, and look at the robot. Raises BusError as it does."""
+        """Read it, look at the robot, and feel its soles. Raises BusError as it does."""
         states = self._bus.read()
         self.witness.look()
-        return states
+        return replace(states, soles=self.witness.soles)
 
     def write(self, goals: ServoGoals) -> None:
         """Write to it. Raises BusError as it does."""
