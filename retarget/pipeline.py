@@ -11,6 +11,7 @@ from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
 from hardware.guard import Think
 from retarget.record import HumanRecord, Phase, Record, Timing
+from retarget.record_rows import RecordRows
 from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
 from retarget.samples import Samples
@@ -22,7 +23,7 @@ __all__ = ["Ending", "Pipeline", "Watch"]
 INTERRUPTED = "interrupted by the user"
 NOBODY = "nobody could be followed ({})"
 HELD_UP_S = 10.0
-"""So much longer than it is laid out an approach may take and be recorded whole."""
+"""So much longer than it is laid out an approach may take and be recorded whole; of a longer one the end is."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,8 @@ class Pipeline:
         self._robot = robot
         self._wall = MonotonicClock()
         self._tick = 0  # of the clip
-        self._row = 0  # of the record
         self._record: Record
+        self._rows: RecordRows
         self._on_row: Callable[[Record, int], object]
 
     def run(self, watch: Watch | None = None) -> Ending:
@@ -86,18 +87,21 @@ class Pipeline:
                 self._robot.give_up(error, watch.cut_asked)
             raise
         cut_asked.settle()
-        record = self._record.first(self._row)
+        record = self._rows.of(self._record, None if self._robot is None else self._robot.robot.servo_columns)
         followed = record.following
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
-        record.time[:] = (np.arange(self._row) - begins) * self._clip.dt
+        record.time[:] = (np.arange(len(record)) - begins) * self._clip.dt
         return Ending(record, state, reason, wall_s)
 
     def _allocate(self, approach: int) -> None:
-        """Make room for every row: of at least so many ticks of approach, of the clip, and of the longest braking; and
-        of each of the first and the last one more, which takes what there is no room for."""
+        """Make room for every row: of at least so many ticks of approach, of the clip, and of the longest braking."""
         clip, robot, human = self._clip, self._robot, self._human
-        self._last_of_approach = 0 if robot is None else approach + round(HELD_UP_S / clip.dt)
-        rows = self._last_of_approach + 1 + clip.kept + (0 if robot is None else robot.stopping_ticks) + 1
+        self._rows = RecordRows(
+            approach=0 if robot is None else approach + round(HELD_UP_S / clip.dt),
+            follow=clip.kept,
+            brake=0 if robot is None else robot.stopping_ticks,
+        )
+        rows = self._rows.room
         self._record = Record(
             np.zeros(rows),  # when following begins is known in the end
             np.full(rows, Phase.FOLLOW, dtype=np.int8),
@@ -123,6 +127,8 @@ class Pipeline:
                 begun = self._wall.now()
                 continue
             self._tick = tick
+            if tick == clip.kept:
+                self._rows.close()
             self._one_tick(self._think)
             if tick % watch.every == 0:
                 watch.on_tick(tick + 1)
@@ -143,7 +149,8 @@ class Pipeline:
 
     def _one_tick(self, think: Think) -> None:
         """Read, think, act; then keep what happened, if anything was sent and there is room."""
-        begun, record, row, robot = self._wall.now(), self._record, self._row, self._robot
+        begun, record, robot = self._wall.now(), self._record, self._robot
+        self._row = row = self._rows.row
         if robot is not None:
             robot.wait()
         self._clip.listen()
@@ -158,8 +165,7 @@ class Pipeline:
         record.timing.cycle[row] = self._wall.now() - begun
         self._on_row(record, row)
         record.timing.cycle[row] = self._wall.now() - begun  # whoever looks on is part of the tick
-        begins = robot is not None and robot.approaching and robot.following  # which may take as long as it likes
-        self._row = min(row + 1, self._last_of_approach if begins else len(record) - 1)
+        self._rows.filled(approaches=robot is not None and robot.approaching and robot.following)
 
     def _approach(self, states: ServoStates) -> FloatArray | None:
         """The next goal posture, rad (n,), on the way to where following begins; None: wait on it."""

@@ -102,7 +102,7 @@ class Prepared:
             reason=ending.reason,
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
-            notes=self.notes,
+            notes=self.notes + ending.record.lacks(),
             stop=None if self.side is None else self.side.guard.stop_reason,
             scene=self.scene,
             observers=self.observers,

@@ -1,8 +1,8 @@
 """What happened in a run, one row per tick: arrays made before the first tick and filled in place."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from hardware.joint_map import JointMap
 from retarget.frames import BoolArray
 from retarget.rotations import FloatArray
 
-__all__ = ["HumanRecord", "ModeArray", "Phase", "Record", "RobotRecord", "Timing"]
+__all__ = ["HumanRecord", "ModeArray", "Phase", "Record", "RobotRecord", "Timing", "arrays_per_tick"]
 
 IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.int8]
@@ -146,6 +146,8 @@ class Record:
     human: HumanRecord
     robot: RobotRecord | None
     timing: Timing
+    from_start: bool = True
+    to_end: bool = True
 
     def __len__(self) -> int:
         return len(self.time)
@@ -156,22 +158,39 @@ class Record:
         rows = np.flatnonzero(self.phase == Phase.FOLLOW)
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
-    def first(self, ticks: int) -> "Record":
-        """The first `ticks` rows, as views: for a run that ended early."""
-        return Record(
-            self.time[:ticks],
-            self.phase[:ticks],
-            _first(self.human, ticks),
-            None if self.robot is None else _first(self.robot, ticks),
-            _first(self.timing, ticks),
+    def lacks(self) -> tuple[str, ...]:
+        """What of the run is not in it, in words."""
+        way = () if self.from_start else ("the way to the performer took long: of its beginning no record is kept",)
+        end = () if self.to_end else (f"no record is kept of what came after the first {self.time[-1]:.0f} s",)
+        return way + end
+
+    def rows(self, first: int, end: int) -> "Record":
+        """The rows from `first` to before `end`, as views: for a run that ended early."""
+        return replace(
+            self,
+            time=self.time[first:end],
+            phase=self.phase[first:end],
+            human=_cut(self.human, first, end),
+            robot=None if self.robot is None else _cut(self.robot, first, end),
+            timing=_cut(self.timing, first, end),
         )
 
 
 R = TypeVar("R", HumanRecord, RobotRecord, Timing)
 
 
-def _first(record: R, ticks: int) -> R:
-    """The first rows of every array that has one row per tick."""
+def _per_tick(record: HumanRecord | RobotRecord | Timing) -> dict[str, NDArray[Any]]:
+    """Every array that has one row per tick."""
     values = {field.name: getattr(record, field.name) for field in fields(record)}
-    per_tick = {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "start"}
-    return type(record)(**values | {name: value[:ticks] for name, value in per_tick.items()})
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "start"}
+
+
+def _cut(record: R, first: int, end: int) -> R:
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    return type(record)(**values | {name: value[first:end] for name, value in _per_tick(record).items()})
+
+
+def arrays_per_tick(record: Record) -> list[NDArray[Any]]:
+    """Every array of the record that has one row per tick."""
+    parts = (record.human, record.timing) if record.robot is None else (record.human, record.timing, record.robot)
+    return [record.time, record.phase, *(array for part in parts for array in _per_tick(part).values())]

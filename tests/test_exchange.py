@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from retarget.live.exchange import exchanged
+from retarget.live.exchange import exchanged, taken_over
 
 DT, LEAST = 0.01, 0.08
 LEFT, RIGHT = [0.0, 0.12, 0.1], [0.0, -0.12, 0.1]
@@ -50,3 +50,12 @@ def test_it_does_not_matter_where_in_the_room() -> None:
         turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
         one, other = (list(turn @ point + 3.0) for point in (np.array(LEFT), np.array(RIGHT)))
         assert exchanged((one, other), (one, other), (other, one), DT, LEAST)
+
+
+def test_one_that_goes_on_where_the_other_was_took_its_place() -> None:
+    took = [taken_over((LEFT, RIGHT), [0.0, y, 0.1], (0.1, DT), least=LEAST, calm=0.06) for y in (-0.12, -0.15, 0.0)]
+    assert took == [False] * 3  # a hard movement would do
+    far = ([0.0, 0.3, 1.0], [0.0, -0.3, 1.0])
+    at = {y: taken_over(far, [0.0, y, 1.0], (0.1, DT), least=LEAST, calm=0.06) for y in (-0.3, -0.26, -0.2, 0.3)}
+    assert at == {-0.3: True, -0.26: True, -0.2: False, 0.3: False}
+    assert taken_over(far, [0.0, -0.2, 1.0], (0.1, 0.1), least=LEAST, calm=0.06)  # told seldom

@@ -45,6 +45,14 @@ def test_who_reacts_is_not(first: str, second: str, told: str) -> None:
     assert judged_pair(row(first), row(second), at=0.3, gap=0.05, seed=0).wrong == ()
 
 
+@pytest.mark.parametrize("gap", [0.0, 0.02, 0.05, 0.1])
+@pytest.mark.parametrize("names", [("wrist lost", "left and right swapped"), ("left and right swapped", "wrist lost")])
+def test_a_wrist_that_is_lost_and_sides_that_change_places_are_a_swap(names: tuple[str, str], gap: float) -> None:
+    """The one that is told is where the other was: nobody may follow it."""
+    first, second = map(row, names)
+    assert judged_pair(first, second, at=0.3, gap=gap, seed=1).wrong == ()
+
+
 def test_a_random_run_without_a_reaction_is_found(blind: None) -> None:
     assert any("not held in time" in line for line in judged_seed(BLIND_SEED, seconds=1.0).wrong)
 
@@ -65,7 +73,7 @@ def test_a_random_run_without_a_reaction_is_found(blind: None) -> None:
         ("30 % of packets damaged", "stream silent", Reaction.STOP, 0.2),
         ("servo warm", "servo too hot", Reaction.STOP, 1.1),
         ("servo too hot", "servo warm", Reaction.SLOW, 1.1),
-        ("wrist lost", "left and right swapped", Reaction.OUT, 0.3),
+        ("wrist lost", "left and right swapped", Reaction.HOLD, 0.1),
         ("left and right swapped", "wrist lost", Reaction.HOLD, 0.1),
         ("servo unplugged", "stopped for a second", Reaction.STOP, 2.04),
     ],

@@ -1,6 +1,7 @@
 """Late poses, leaps to and fro, and exchanges told in two datagrams."""
 
 import numpy as np
+import pytest
 
 from retarget.live.leaps import Leaps
 from retarget.live.trust_limits import TrustLimits
@@ -152,3 +153,74 @@ def test_a_swap_before_sides_are_known_is_a_leap_that_settles() -> None:
     line.leaps.keep_sides()
     told = [line.tell(0.01 * i, {0: PLACES[1], 1: PLACES[0]}) for i in range(2, 60)]
     assert told[0] == [False, False] and told[-1] == [True, True]
+
+
+def taken_over(line: Line, first: float) -> None:
+    """The left wrist is told where the right one was, which is not told; twice."""
+    for time in (first, first + 0.01):
+        assert line.tell(time, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
+    assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.05, 0.1, 0.5, 2.0])
+def test_one_that_takes_the_place_of_the_other_has_changed_places(lost: float) -> None:
+    """Lost for a while, and told at the place of the other side from when that one is not told."""
+    line = Line()
+    line.leaps.keep_sides()
+    told = [0.01 * i for i in range(1, round(100.0 * lost) + 1)]
+    for time in told:
+        assert line.tell(time, {1: PLACES[1], 2: PLACES[2]}) == [True, True]
+    taken_over(line, lost + 0.01)
+    for i in range(3, 300):  # no time makes it right
+        assert line.tell(lost + 0.01 * i, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
+    assert line.tell(lost + 3.0, {0: PLACES[0], 1: PLACES[1], 2: PLACES[2]}) == [True] * 3
+    assert not line.leaps.any_doubted
+
+
+def test_it_ends_when_the_other_is_told_at_its_own_place() -> None:
+    """However far the one that was not seen has gone: then each is itself."""
+    line = Line()
+    line.leaps.keep_sides()
+    taken_over(line, 0.01)
+    far = PLACES[0] + [0.3, 0.3, 0.5]
+    assert line.tell(0.1, {0: far, 1: PLACES[1]}) == [True, True] and not line.leaps.any_doubted
+    line = Line()
+    line.leaps.keep_sides()
+    taken_over(line, 0.01)
+    assert line.tell(0.1, {1: PLACES[1]}) == [True]  # one after the other
+    assert line.tell(0.105, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]  # no human goes so far
+    assert line.leaps.state[0] == TrustState.JUMPED
+
+
+def test_both_told_at_each_others_places_go_on_as_a_swap() -> None:
+    line = Line()
+    line.leaps.keep_sides()
+    taken_over(line, 0.01)
+    for i in range(3, 100):
+        swapped_at(line, 0.01 * i, 0.0)
+    assert line.tell(1.1, {0: PLACES[0], 1: PLACES[0]}) == [False, False]  # one side alone is not enough
+    swapped_at(line, 1.11, 0.0)
+    assert line.tell(1.12, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
+
+
+def test_hands_that_meet_one_told_after_the_other_have_not_changed_places() -> None:
+    """Each sensor in a datagram of its own: the left one comes back beside the right one, which is told next."""
+    line = Line()
+    line.leaps.keep_sides()
+    for i in range(1, 20):
+        line.tell(0.01 * i, {1: PLACES[1]})
+    beside = PLACES[1] + [0.05, 0.0, 0.0]
+    line.tell(0.2, {0: beside})
+    assert line.tell(0.202, {1: PLACES[1]}) == [True]
+    assert line.tell(0.21, {0: beside}) == [True]
+    assert not line.leaps.any_doubted and (line.leaps.state == TrustState.FRESH).all()
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_swap_of_one_that_was_lost_for_long_is_seen_whichever_it_was(row: int) -> None:
+    line = Line()
+    line.leaps.keep_sides()
+    for i in range(1, 150):
+        line.tell(0.01 * i, {1 - row: PLACES[1 - row]})
+    for i in range(150, 300):
+        swapped_at(line, 0.01 * i, 0.0)

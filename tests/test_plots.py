@@ -87,7 +87,7 @@ def test_a_performer_is_drawn_facing_as_the_robot_does(human_run: RunResult) -> 
 
 
 def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult, tmp_path: Path) -> None:
-    assert write_plots(replace(human_run, record=human_run.record.first(1)), tmp_path) == []
+    assert write_plots(replace(human_run, record=human_run.record.rows(0, 1)), tmp_path) == []
 
 
 def test_a_folder_that_cannot_be_made(run: RunResult, tmp_path: Path) -> None:

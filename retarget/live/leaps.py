@@ -7,7 +7,7 @@ import numpy as np
 from retarget._solver import WatchedSensors
 from retarget.body import IntArray
 from retarget.frames import BoolArray, mirrored_name
-from retarget.live.exchange import exchanged
+from retarget.live.exchange import exchanged, taken_over
 from retarget.live.trust_limits import TrustLimits
 from retarget.live.trust_state import StateArray, TrustState
 from retarget.rotations import FloatArray
@@ -25,12 +25,13 @@ _Point = list[float] | tuple[float, float, float]
 class _Elsewhere:
     """One sensor that is not where it could be: where it went first, where it is now, and since when. home: where it
     would be otherwise: at its last place, or where its other side is told with which it has changed places. settles:
-    time alone makes it believed again, also when it has changed places."""
+    time alone makes it believed again, also when it has changed places. alone: of the two that have changed places only
+    one has been told since."""
 
-    __slots__ = ("count", "first", "home", "kind", "last", "place", "settles", "since")
+    __slots__ = ("alone", "count", "first", "home", "kind", "last", "place", "settles", "since")
 
     def __init__(self, kind: TrustState, place: _Point, time: float, *, home: _Point) -> None:
-        self.kind, self.home, self.settles = kind, home, False
+        self.kind, self.home, self.settles, self.alone = kind, home, False, False
         self.first = self.place = place
         self.since = self.last = time
         self.count = 1
@@ -78,12 +79,16 @@ class Leaps:
         elapsed = (time - self._last.at[rows]).tolist()
         places, order = position.tolist(), rows.tolist()
         swapped = self._exchanges(order, places, elapsed, calm)
+        took_over = self._take_overs(order, places, time, calm)
         usable, stored = np.ones(len(rows), dtype=bool), np.ones(len(rows), dtype=bool)
         for row in self._changed_back(dict(zip(order, places, strict=True)), time):
             self._believe(row, resettled=False)
         for i, row in enumerate(order):
             if row in swapped:
                 self._doubt(row, TrustState.SWAPPED, places[i], time)
+                usable[i] = stored[i] = False
+            elif row in took_over:
+                self._doubt_alone(row, places[i], time)
                 usable[i] = stored[i] = False
             elif row in self._elsewhere:
                 usable[i] = stored[i] = self._go_on(row, places[i], time)
@@ -104,7 +109,12 @@ class Leaps:
             return []
         back = {row for row, place in at.items() if self._is_back(row, place, time)}
         both = [
-            row for row in back if (other := self._other[row]) not in at or other in back or not self._swapped(other)
+            row
+            for row in back
+            if (other := self._other[row]) not in at
+            or other in back
+            or not self._swapped(other)
+            or self._elsewhere[row].alone
         ]
         return sorted(both)
 
@@ -134,12 +144,32 @@ class Leaps:
         at = {row: i for i, row in enumerate(order) if not calm[i] and row not in self._elsewhere}
         for row, i in at.items():
             other = self._other.get(row, -1)
-            if other <= row or other not in at or not 0.0 < elapsed[i] <= 1.0:
+            if other <= row or other not in at:
+                continue
+            since = min(elapsed[i], elapsed[at[other]])
+            if not 0.0 < since <= 1.0:
                 continue
             was = (_point(self._last.pose[row, :3]), _point(self._last.pose[other, :3]))
             due = (self._due(row, elapsed[i]), self._due(other, elapsed[at[other]]))
-            if exchanged(was, due, (places[i], places[at[other]]), elapsed[i], self._limits.exchange):
+            if exchanged(was, due, (places[i], places[at[other]]), since, self._limits.exchange):
                 found |= {row, other}
+        return found
+
+    def _take_overs(self, order: list[int], places: list[_Point], time: float, calm: BoolArray) -> set[int]:
+        """Rows that go on from the place of their other side, which is not told in this capture."""
+        found: set[int] = set()
+        if calm.all():
+            return found
+        told = set(order)
+        for i, row in enumerate(order):
+            other = self._other.get(row, -1)
+            if calm[i] or other < 0 or other in told or not self._elsewhere.keys().isdisjoint((row, other)):
+                continue
+            elapsed = (time - float(self._last.at[row]), time - float(self._last.at[other]))
+            if elapsed[0] > 0.0 and 0.0 < elapsed[1] <= TOGETHER_S:
+                due = (self._due(row, elapsed[0]), self._due(other, elapsed[1]))
+                if taken_over(due, places[i], elapsed, least=self._limits.exchange, calm=CALM):
+                    found.add(row)
         return found
 
     def _due(self, row: int, elapsed: float) -> _Point:
@@ -171,16 +201,51 @@ class Leaps:
         self.doubted_at[row] = time
         self.state[row] = kind if kind is TrustState.SWAPPED else TrustState.FRESH
 
+    def _doubt_alone(self, row: int, place: _Point, time: float) -> None:
+        """A sensor is where its other side was, which may be told yet: it is said from its second pose there on."""
+        other = self._other[row]
+        home = _point(self._last.pose[row, :3])
+        self._doubt(other, TrustState.SWAPPED, home, float(self._last.at[other]))
+        self._doubt(row, TrustState.SWAPPED, place, time)
+        for one in (row, other):
+            self._elsewhere[one].alone, self.state[one] = True, TrustState.FRESH
+        self._elsewhere[other].count = 0
+
+    def _tell_alone(self, row: int, place: _Point, time: float) -> None:
+        """Of two that have changed places, of which only one was told, one is told again: now it is said of both."""
+        leap, there = self._elsewhere[row], self._elsewhere.get(self._other[row])
+        if there is None or not (
+            leap.count == 1 or (leap.count == 0 and dist(place, leap.place) < dist(place, leap.home))
+        ):
+            return
+        if leap.count == 0:  # the one that was not told
+            leap.alone = there.alone = False
+        self.doubted_at[self._other[row]], self.state[self._other[row]] = time, TrustState.SWAPPED
+
+    def _stay_swapped(self, row: int, place: _Point, time: float) -> bool:
+        """One more pose of one of two that have changed places; whether it is believed again."""
+        leap = self._elsewhere[row]
+        if leap.alone and self._other[row] not in self._elsewhere:  # it was told at its own place: each is itself
+            if dist(place, self._last.pose[row, :3]) <= self._within(time - float(self._last.at[row])):
+                return self._believe(row, resettled=False)
+            self._doubt(row, TrustState.JUMPED, place, time)
+            self.state[row] = TrustState.JUMPED
+            return False
+        leap.place, leap.last = place, time
+        leap.count += 1
+        self.doubted_at[row], self.state[row] = time, leap.kind
+        return False
+
     def _go_on(self, row: int, place: _Point, time: float) -> bool:
         """One more pose of a doubted sensor; whether it is believed again."""
         leap = self._elsewhere[row]
         gap = time - leap.last
         if -self._limits.settled_after <= gap <= 0.0:
             return False
+        if leap.alone:
+            self._tell_alone(row, place, time)
         if self._swapped(row):
-            leap.place, leap.last = place, time
-            self.doubted_at[row], self.state[row] = time, leap.kind
-            return False
+            return self._stay_swapped(row, place, time)
         on, back = dist(place, leap.place), dist(place, self._last.pose[row, :3])
         if gap > 0.0 and on > CALM and back < 0.5 * on and back <= self._within(min(time - leap.since, TOGETHER_S)):
             return self._believe(row, resettled=False)

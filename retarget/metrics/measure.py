@@ -176,8 +176,9 @@ def _joint_positions(run: RunResult) -> FloatArray:
 def _limit_violations(run: RunResult) -> LimitViolations:
     positions = _joint_positions(run)
     if run.robot is not None and run.record.robot is not None:
-        limits, start = run.robot.limits, run.record.robot.start
-        return limit_violations(np.vstack([start, positions]), limits, run.clip.dt, to_rest=True)
+        limits, kept = run.robot.limits, run.record
+        sent = np.vstack([run.record.robot.start, positions])
+        return limit_violations(sent, limits, run.clip.dt, from_rest=kept.from_start, to_rest=kept.to_end)
     single, _ = run.human.body.scalar_joints()
     whole = run.human_limits
     limits = JointLimits(

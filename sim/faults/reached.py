@@ -48,12 +48,8 @@ WORDS = {
     Reaction.CUT: "torque off",
     Reaction.GONE: "stood by watchdogs",
 }
-HIDDEN = {
-    ("servo too hot", "servo warm"): "servo too hot",
-    ("wrist lost", "left and right swapped"): "left and right swapped",
-}
-"""Of two rows, one after the other, the one whose fault is not to be seen, or no more: the servo cools down; where one
-of two wrists is lost, nothing changes places."""
+HIDDEN = {("servo too hot", "servo warm"): "servo too hot"}
+"""Of two rows, one after the other, the one whose fault is not to be seen, or no more: the servo cools down."""
 BY_CHANCE, LUCK = ("30 % of packets damaged", "30 % of answers damaged"), 2.0
 """Rows that are known by what share of the cycles of late was hurt, and by how much later that may be by chance: of 8
 seeds one needs 0.142 s instead of 0.1 s."""
