@@ -122,6 +122,17 @@ class Live:
         out, err = self.run.communicate(timeout=within)
         return self.run.returncode, " ".join([*self.said, *out.decode().split(), *err.decode().split()])
 
+    def stick(self) -> None:
+        """From now on the pipes of stdout and stderr are full, and nobody reads them."""
+        for stream in (self.run.stdout, self.run.stderr):
+            assert stream is not None
+            fill = os.open(f"/proc/self/fd/{stream.fileno()}", os.O_WRONLY | os.O_NONBLOCK)
+            for size in (4096, 1):
+                with suppress(BlockingIOError):
+                    while True:
+                        os.write(fill, b"x" * size)
+            os.close(fill)
+
     def sent(self) -> list[tuple[float, bytes]]:
         """What the run has put on the wire, and when, s."""
         rows = [line.split() for line in self.log.read_text(encoding="ascii").splitlines()]

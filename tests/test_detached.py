@@ -7,6 +7,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -14,8 +15,9 @@ from pathlib import Path
 import pytest
 import typer
 
-from hardware.clock import MonotonicClock
+from hardware.clock import MonotonicClock, VirtualClock
 from live_processes import PATIENCE_S, Performer, _free_port
+from retarget.cli import detached
 from retarget.cli.boundary import STOPPED
 from retarget.cli.detached import MOST, Detached, detached_screens
 from retarget.cli.progress import progress_bar
@@ -101,6 +103,28 @@ def test_a_pipe_that_nobody_reads_holds_nobody_up(full_pipe: tuple[int, int]) ->
         with suppress(BlockingIOError):
             size += os.read(reading, 1 << 20).count(b"text")
     assert size == MOST  # somebody reads again: the latest are there
+
+
+def test_the_end_waits_for_both_at_once(full_pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, waited = VirtualClock(), list[float]()
+
+    def join(self: threading.Thread, timeout: float) -> None:
+        waited.append(timeout)
+        clock.advance(timeout)
+
+    with os.fdopen(full_pipe[1], "w", closefd=False) as stuck, monkeypatch.context() as patch:
+        patch.setattr(detached, "MonotonicClock", lambda: clock)
+        patch.setattr(threading.Thread, "join", join)
+        patch.setattr(sys, "stdout", stuck)
+        patch.setattr(sys, "stderr", stuck)
+        with detached_screens():
+            sys.stdout.write("text")
+            sys.stderr.write("text")
+    assert sum(waited) == pytest.approx(detached.PATIENCE_S) and len(waited) == 2
+    os.read(full_pipe[0], 1 << 20)
+    for thread in threading.enumerate():
+        if thread.name == "screen":
+            thread.join(PATIENCE_S)
 
 
 def test_a_reader_that_has_left_is_counted(capsys: pytest.CaptureFixture[str]) -> None:

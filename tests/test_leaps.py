@@ -1,5 +1,7 @@
 """Late poses, leaps to and fro, and exchanges told in two datagrams."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -224,3 +226,16 @@ def test_a_swap_of_one_that_was_lost_for_long_is_seen_whichever_it_was(row: int)
         line.tell(0.01 * i, {1 - row: PLACES[1 - row]})
     for i in range(150, 300):
         swapped_at(line, 0.01 * i, 0.0)
+
+
+def test_one_that_was_never_heard_takes_nobodys_place() -> None:
+    last = watched_sensors(3, TrustLimits())
+    leaps = Leaps(NAMES, last, TrustLimits())
+    rows, pose = np.array([1]), np.array([[*PLACES[1], 1.0, 0.0, 0.0, 0.0]])
+    last.put(rows, 0.0, pose)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        usable, _ = leaps.take(np.array([0]), 0.01, PLACES[1:2])
+        assert usable.tolist() == [True]
+        usable, _ = leaps.take(np.array([0, 1]), 0.01, PLACES[[1, 0]])
+        assert usable.tolist() == [True, False] and leaps.state[0] == TrustState.FRESH

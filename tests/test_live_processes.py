@@ -80,6 +80,20 @@ def test_asked_to_end_it_brakes_is_parked_and_torque_is_off(tmp_path: Path, numb
         assert live.tripped() == [] and live.registers(TORQUE) == [0] * 20
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_asked_to_end_it_does_not_wait_for_a_terminal_that_takes_nothing(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    with live_run(tmp_path) as live:
+        live.raise_arms()
+        live.stick()
+        asked = CLOCK.now()
+        live.run.send_signal(number)
+        assert live.run.wait(2.0 * ENDS_S) == STOPPED
+        assert CLOCK.now() - asked <= ENDS_S
+        assert live.tripped() == [] and live.registers(TORQUE) == [0] * 20
+
+
 def test_unplugged_it_is_latched_and_the_servos_stop_by_themselves(tmp_path: Path) -> None:
     with live_run(tmp_path) as live:
         live.raise_arms()

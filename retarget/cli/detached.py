@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO, cast
 
+from hardware.clock import MonotonicClock
 from retarget.cli.screen import Screen
 
 __all__ = ["Detached", "detached_screens"]
@@ -16,7 +17,7 @@ __all__ = ["Detached", "detached_screens"]
 MOST = 1000
 """Texts that wait for a stream that takes none (Ctrl-S, a link that hangs, a pipe nobody reads); then the oldest go."""
 PATIENCE_S = 0.4
-"""How long the end waits for such a stream."""
+"""How long the end waits for such streams, in all."""
 
 
 class Detached:
@@ -53,12 +54,16 @@ class Detached:
     def flush(self) -> None:
         """Everything is on its way already."""
 
-    def close(self) -> None:
-        """Write the rest; waits PATIENCE_S at most. Twice does no harm."""
+    def end(self) -> None:
+        """Write the rest, and nothing that comes; waits for nothing."""
         with self._changed:
             self._ended = True
             self._changed.notify()
-        self._thread.join(PATIENCE_S)
+
+    def close(self, patience: float = PATIENCE_S) -> None:
+        """Write the rest; waits so many s at most. Twice does no harm."""
+        self.end()
+        self._thread.join(max(patience, 0.0))
 
     def isatty(self) -> bool:
         """Whether a terminal is behind it. More of the stream is not shown: `buffer` would lead past the thread."""
@@ -110,9 +115,12 @@ def detached_screens() -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = stdout, stderr
-        for one in (out, err):
-            if one is not None:
-                one.close()
+        streams, clock = [one for one in (out, err) if one is not None], MonotonicClock()
+        last = clock.now() + PATIENCE_S
+        for one in streams:
+            one.end()
+        for one in streams:
+            one.close(last - clock.now())
         if out is not None and out.failure is not None and isinstance(stdout, Screen):
             stdout.lose(out.failure)
 

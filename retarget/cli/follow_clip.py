@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
+from hardware.guard_state import StopCause
 from retarget.cli.boundary import DONE, STOPPED
 from retarget.cli.detached import detached_screens
 from retarget.cli.in_time import in_time
@@ -17,6 +18,7 @@ from retarget.cli.progress import progress_bar
 from retarget.cli.summary import show_summary
 from retarget.cli.viewing import viewing
 from retarget.frames import SensorFrames
+from retarget.metrics.latest import measure_latest
 from retarget.metrics.measure import measure
 from retarget.options import RunOptions
 from retarget.pipeline import Watch
@@ -65,8 +67,10 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
 
 
 def finished(run: RunResult, outputs: Outputs) -> int:
-    """Write the files of a run, show its summary, return the exit code."""
-    report = measure(run)
+    """Write the files of a run, show its summary, return the exit code. Who asked it to end, and for no file that is
+    measured, does not wait for the whole of it to be."""
+    hurry = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
+    report = measure_latest(run) if hurry else measure(run)
     written = outputs.write(run, report)
     _tell(report, written)
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE

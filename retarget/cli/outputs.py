@@ -37,6 +37,11 @@ class Outputs:
     view: int | None = None
     overwrite: bool = False
 
+    @property
+    def measured(self) -> bool:
+        """Whether a file is asked for that is written of the whole run."""
+        return not (self.report is None and self.page is None and self.save is None and self.plots is None)
+
     @classmethod
     def checked(
         cls,

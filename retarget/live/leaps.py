@@ -1,6 +1,6 @@
 """Which positions no human can have reached: jumps, and left and right changing places."""
 
-from math import dist
+from math import dist, inf, isinf
 
 import numpy as np
 
@@ -147,7 +147,7 @@ class Leaps:
             if other <= row or other not in at:
                 continue
             since = min(elapsed[i], elapsed[at[other]])
-            if not 0.0 < since <= 1.0:
+            if not 0.0 < since <= 1.0 or isinf(max(elapsed[i], elapsed[at[other]])):
                 continue
             was = (_point(self._last.pose[row, :3]), _point(self._last.pose[other, :3]))
             due = (self._due(row, elapsed[i]), self._due(other, elapsed[at[other]]))
@@ -166,7 +166,7 @@ class Leaps:
             if calm[i] or other < 0 or other in told or not self._elsewhere.keys().isdisjoint((row, other)):
                 continue
             elapsed = (time - float(self._last.at[row]), time - float(self._last.at[other]))
-            if elapsed[0] > 0.0 and 0.0 < elapsed[1] <= TOGETHER_S:
+            if 0.0 < elapsed[0] < inf and 0.0 < elapsed[1] <= TOGETHER_S:
                 due = (self._due(row, elapsed[0]), self._due(other, elapsed[1]))
                 if taken_over(due, places[i], elapsed, least=self._limits.exchange, calm=CALM):
                     found.add(row)

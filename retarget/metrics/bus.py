@@ -3,10 +3,11 @@
 import numpy as np
 
 from hardware.guard_state import StopCause
+from retarget.report import BusReport, Percentiles, ServoExtreme
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
-__all__ = ["fault_count", "longest_period", "missed_ticks", "tick_rate"]
+__all__ = ["bus_report", "fault_count", "longest_period", "missed_ticks", "percentiles", "tick_rate"]
 
 LATE = 1.5
 """Periods between two ticks from which on one is missing between them."""
@@ -49,3 +50,38 @@ def missed_ticks(times: FloatArray, dt: float) -> int | None:
         return None
     periods = np.diff(known) / dt
     return int(np.rint(periods[periods > LATE] - 1.0).sum())
+
+
+def bus_report(run: RunResult) -> BusReport | None:
+    """What the bus said; None without one."""
+    sent = run.record.robot
+    if sent is None or not run.has_bus:
+        return None
+    longest = longest_period(sent.bus_time)
+    return BusReport(
+        rate_hz=tick_rate(sent.bus_time),
+        cycle_ms=percentiles(run.record.timing.cycle, 1e3),
+        faults=fault_count(run),
+        longest_period_ms=None if longest is None else 1e3 * longest,
+        missed_ticks=missed_ticks(sent.bus_time, run.clip.dt),
+        retries=int(sent.retries.max(initial=0)),
+        hottest=_extreme(run, sent.temperature),
+        lowest_voltage=_extreme(run, -sent.voltage, sign=-1.0),
+    )
+
+
+def percentiles(seconds: FloatArray, scale: float) -> Percentiles:
+    """Of those that are known, times `scale`."""
+    seconds = seconds[np.isfinite(seconds)]  # a stage that did not run in a tick has no cost there
+    if not seconds.size:
+        return Percentiles(float("nan"), float("nan"), float("nan"))
+    p50, p99 = np.percentile(seconds, [50, 99])
+    return Percentiles(scale * float(p50), scale * float(p99), scale * float(seconds.max()))
+
+
+def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoExtreme | None:
+    """The servo with the largest of the values (T, n), which are told times `sign`."""
+    if run.robot is None or not np.isfinite(values).any():
+        return None
+    column = int(np.nanargmax(values)) % values.shape[1]
+    return ServoExtreme(run.robot.joint_map.joints[column], sign * float(np.nanmax(values)))

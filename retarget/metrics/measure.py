@@ -15,12 +15,9 @@ from retarget.metrics.physics import physics_report
 from retarget.metrics.priority import top_level_error
 from retarget.metrics.reach import reachable_hands
 from retarget.report import (
-    BusReport,
     DeepReport,
     ObserversReport,
-    Percentiles,
     Report,
-    ServoExtreme,
     Soles,
     Spread,
     StepsReport,
@@ -29,7 +26,7 @@ from retarget.report import (
 from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 
-__all__ = ["UNSENSED", "measure"]
+__all__ = ["UNSENSED", "limits_broken", "measure"]
 
 UNSENSED = ("pelvis", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder", "neck")
 """Joints by which a reconstruction is judged, where no sensor sits on them."""
@@ -46,9 +43,9 @@ def measure(run: RunResult) -> Report:
         duration_s=max(float(run.record.time[-1]), 0.0) if len(run.record) else 0.0,
         rate_hz=run.clip.rate_hz,
         frames_per_s=played / max(run.wall_s, 1e-9),
-        solve_us=_percentiles(run.record.timing.reconstruct + run.record.timing.retarget, 1e6),
-        reconstruct_us=_percentiles(run.record.timing.reconstruct, 1e6),
-        retarget_us=None if run.record.robot is None else _percentiles(run.record.timing.retarget, 1e6),
+        solve_us=bus.percentiles(run.record.timing.reconstruct + run.record.timing.retarget, 1e6),
+        reconstruct_us=bus.percentiles(run.record.timing.reconstruct, 1e6),
+        retarget_us=None if run.record.robot is None else bus.percentiles(run.record.timing.retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, run.clip.dt),
         hand_path_ratio=_hand_path_ratio(names, asked, reached),
@@ -57,14 +54,14 @@ def measure(run: RunResult) -> Report:
         min_clearance_mm=clear.geoms,
         penetrating_frames=clear.penetrating,
         gated_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.gated)),
-        limit_violations=_limit_violations(run),
+        limit_violations=limits_broken(run),
         priority_violation_max=_mm(top_level_error(run)),
         com_outside_support_frames=stand.outside,
         foot_slide_mm=_mm(stand.slide),
         jerk_p95=jerk_p95(_joint_positions(run)[run.record.following], run.clip.dt),
         fallen=None if run.physics is None else run.physics.fall is not None,
         mode_switches_per_s=switches,
-        bus=_bus(run),
+        bus=bus.bus_report(run),
         stop=StopReport(run.state, run.reason),
         sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
         servo_tracking_mm=_servo_tracking(run),
@@ -173,7 +170,8 @@ def _joint_positions(run: RunResult) -> FloatArray:
     return np.asarray(run.record.human.q[:, address[single]])
 
 
-def _limit_violations(run: RunResult) -> LimitViolations:
+def limits_broken(run: RunResult) -> LimitViolations:
+    """Of what was sent; of a human alone, of its posture."""
     positions = _joint_positions(run)
     if run.robot is not None and run.record.robot is not None:
         limits, kept = run.robot.limits, run.record
@@ -246,31 +244,6 @@ def _servo_error(run: RunResult) -> dict[str, Spread] | None:
     return _spread_of(robot.joint_map.joints, off)
 
 
-def _bus(run: RunResult) -> BusReport | None:
-    sent = run.record.robot
-    if sent is None or not run.has_bus:
-        return None
-    longest = bus.longest_period(sent.bus_time)
-    return BusReport(
-        rate_hz=bus.tick_rate(sent.bus_time),
-        cycle_ms=_percentiles(run.record.timing.cycle, 1e3),
-        faults=bus.fault_count(run),
-        longest_period_ms=None if longest is None else 1e3 * longest,
-        missed_ticks=bus.missed_ticks(sent.bus_time, run.clip.dt),
-        retries=int(sent.retries.max(initial=0)),
-        hottest=_extreme(run, sent.temperature),
-        lowest_voltage=_extreme(run, -sent.voltage, sign=-1.0),
-    )
-
-
-def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoExtreme | None:
-    """The servo with the largest of the values (T, n), which are told times `sign`."""
-    if run.robot is None or not np.isfinite(values).any():
-        return None
-    column = int(np.nanargmax(values)) % values.shape[1]
-    return ServoExtreme(run.robot.joint_map.joints[column], sign * float(np.nanmax(values)))
-
-
 def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
     """Mean, 95th percentile and largest distance, mm, of each track that is known at all."""
     return _spread_of(names, MM * tracking.distances(asked, reached))
@@ -284,14 +257,6 @@ def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
         if known.size:
             spreads[name] = Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max()))
     return spreads
-
-
-def _percentiles(seconds: FloatArray, scale: float) -> Percentiles:
-    seconds = seconds[np.isfinite(seconds)]  # a stage that did not run in a tick has no cost there
-    if not seconds.size:
-        return Percentiles(float("nan"), float("nan"), float("nan"))
-    p50, p99 = np.percentile(seconds, [50, 99])
-    return Percentiles(scale * float(p50), scale * float(p99), scale * float(seconds.max()))
 
 
 def _mm(metres: float | None) -> float | None:
