@@ -57,7 +57,8 @@ class Envelope:
     def most_lean(self, height: float, x: float, y: float) -> float:
         """Most lean (rad) towards the ground direction (x, y) with the pelvis at `height` m; quarters of ellipses."""
         span = float(self.heights[-1] - self.heights[0])
-        place = min(max((height - float(self.heights[0])) / span, 0.0), 1.0) * (len(self.heights) - 1)
+        share = (height - float(self.heights[0])) / span if span > 0.0 else 0.0  # some robots cannot crouch at all
+        place = min(max(share, 0.0), 1.0) * (len(self.heights) - 1)
         below = min(int(place), len(self.heights) - 2)
         share = place - below
         rows = self.lean[below], self.lean[below + 1]

@@ -207,6 +207,8 @@ def drawn_in(value: float, most: float, knee: float) -> float:
     if value <= free:
         return value
     room = most - free
+    if room <= 0.0:  # a robot that cannot crouch at all
+        return most
     return most - room * exp(-(value - free) / room)
 
 

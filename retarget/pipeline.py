@@ -10,6 +10,7 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
 from hardware.guard import Think
+from retarget.frames import SensorSample
 from retarget.record import HumanRecord, Phase, Record, Timing
 from retarget.record_rows import RecordRows
 from retarget.robot_side import RobotSide
@@ -59,6 +60,7 @@ class Pipeline:
         self._robot = robot
         self._wall = MonotonicClock()
         self._tick = 0  # of the clip
+        self._said: SensorSample | None = None  # of which the human was made; None: nothing that was believed
         self._record: Record
         self._rows: RecordRows
         self._on_row: Callable[[Record, int], object]
@@ -74,7 +76,7 @@ class Pipeline:
         watch, self._on_row = replace(watch, cut_asked=cut_asked), watch.on_row
         first = self._clip.sample(0)
         assert first is not None, "nobody is followed from the start"
-        self._human = self._reconstructor.start(first)
+        self._human, self._said = self._reconstructor.start(first), first
         try:
             self._allocate(0 if self._robot is None else self._robot.begin(self._human))
             with _collector_at_rest():
@@ -95,7 +97,8 @@ class Pipeline:
 
     def _allocate(self, approach: int) -> None:
         """Make room for every row: of at least so many ticks of approach, of the clip, and of the longest braking."""
-        clip, robot, human = self._clip, self._robot, self._human
+        clip, robot, human, said = self._clip, self._robot, self._human, self._said
+        assert said is not None, "somebody is there at first"
         self._rows = RecordRows(
             approach=0 if robot is None else approach + round(HELD_UP_S / clip.dt),
             follow=clip.kept,
@@ -106,7 +109,11 @@ class Pipeline:
             np.zeros(rows),  # when following begins is known in the end
             np.full(rows, Phase.FOLLOW, dtype=np.int8),
             HumanRecord.empty(
-                rows, nq=human.q.size, joint_names=tuple(human.joint_names), observers=human.observer_modes.size
+                rows,
+                nq=human.q.size,
+                joint_names=tuple(human.joint_names),
+                observers=human.observer_modes.size,
+                sensors=len(said.names),
             ),
             None if robot is None else robot.new_record(rows),
             Timing.empty(rows),
@@ -192,7 +199,7 @@ class Pipeline:
         """From what the sensors say at this tick to the posture of the human. Returns thread CPU at its end, s; None
         where they say nothing that can be trusted: then the human stays."""
         begun = thread_cpu()
-        sample = self._clip.sample(self._tick)
+        sample = self._said = self._clip.sample(self._tick)
         if sample is None:
             return None
         if self._tick > 0:  # the first posture is where the reconstructor was started
@@ -206,6 +213,7 @@ class Pipeline:
         kept.q[row] = self._human.q
         kept.joints[row] = self._human.joints
         kept.observer_modes[row] = self._human.observer_modes
+        kept.sensors[row] = np.nan if self._said is None else self._said.position
         kept.balance_error[row] = self._human.balance_error if error else np.nan
 
     def _finish(self, *, interrupted: str | None) -> tuple[str | None, str | None]:

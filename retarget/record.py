@@ -36,7 +36,7 @@ class HumanRecord:
     """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
 
     balance_error (T,) m: of the centre of mass from its goal. Outside of following the human stands still, and only the
-    error is NaN. observer_modes (T, o).
+    error is NaN. observer_modes (T, o). sensors (T, s, 3) m, world: what the posture was made of; NaN: not believed.
     """
 
     joint_names: tuple[str, ...]
@@ -44,9 +44,12 @@ class HumanRecord:
     joints: FloatArray
     balance_error: FloatArray
     observer_modes: ModeArray
+    sensors: FloatArray
 
     @classmethod
-    def empty(cls, ticks: int, *, nq: int, joint_names: tuple[str, ...], observers: int = 0) -> "HumanRecord":
+    def empty(
+        cls, ticks: int, *, nq: int, joint_names: tuple[str, ...], observers: int = 0, sensors: int = 0
+    ) -> "HumanRecord":
         """Room for so many ticks, not yet written: a long run is not filled before its first tick."""
         return cls(
             joint_names=joint_names,
@@ -54,6 +57,7 @@ class HumanRecord:
             joints=np.empty((ticks, len(joint_names), 3)),
             balance_error=np.empty(ticks),
             observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
+            sensors=np.empty((ticks, sensors, 3)),
         )
 
 

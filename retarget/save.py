@@ -57,7 +57,8 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     landmarks_reached (T, k, 3) m (of a human: its sensors); gated (T,); human_joint_names (m,), human_joint_positions
     (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
     or `brake`; servo_positions (T, n) rad as the servos said them, NaN without; human_q (T, nq) with human_mjcf, the
-    text of its body; dt s; motion_dt s. Before and after following, landmarks_asked and human_truth stand still.
+    text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
+    believed; dt s; motion_dt s. Before and after following, landmarks_asked, human_truth and sensors stand still.
     """
     record, human, mjcf = run.record, run.record.human, run.human.mjcf
     arrays = {
@@ -71,6 +72,8 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
         "human_joint_positions": human.joints,
         "human_q": human.q,
         "human_mjcf": np.array(mjcf),
+        "sensor_names": np.array(run.sensors),
+        "sensor_positions": human.sensors,
         "dt": np.array(run.clip.dt),
         "motion_dt": np.array(run.clip.motion_dt),
     }

@@ -1,6 +1,7 @@
 """The scene of a page: what moves is told, what stands still is not, and what is hidden costs nothing."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from retarget.viewer.drawing import Drawing
 from retarget.viewer.limb_colours import LOAD, PLAIN, TEMPERATURE
 from retarget.viewer.palette import COLD, HOT, LEGEND, OUTSIDE, ZMP
 from retarget.viewer.server import open_server
-from viewed import cast_of_a_human, cast_of_op3, moment
+from viewed import cast_of_a_human, cast_of_op3, moment, person
 
 pytest.importorskip("viser", reason="the viewer's extra is not installed")
 
@@ -93,13 +94,39 @@ def test_limbs_have_the_colour_that_was_chosen(server: Any) -> None:
     assert drawing.scale is None
 
 
+def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
+    """Beside the robot, as small as the performer there."""
+    drawing = Drawing(server, cast_of_op3())
+    start = person().body.qpos0.copy()
+    worn = np.array([start[:3] + 0.1, [np.nan] * 3])
+    drawing.show(moment(human=start, sensors=worn))
+    wrist, _ = (ball for ball, _ in drawing._balls["sensors"]._balls)
+    assert drawing._place is not None
+    np.testing.assert_allclose(wrist.position, drawing._place.of(worn[0]), atol=1e-6)
+    assert wrist.position[1] > 0.3 and wrist.visible
+    drawing.see("sensors", visible=False)
+    assert not wrist.visible
+    drawing.see("sensors", visible=True)
+    drawing.show(moment(human=start, sensors=worn + np.nan))
+    assert not wrist.visible, "nobody believes it"
+
+
+def test_landmarks_that_are_named_later_can_be_hidden_from_the_beginning(server: Any) -> None:
+    """A run names them with its first moment; the boxes of the page are made before."""
+    drawing = Drawing(server, replace(cast_of_op3(), landmarks=()))
+    assert {"asked", "reached"} <= set(drawing.parts)
+
+
 def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     cast = cast_of_a_human()
     drawing = Drawing(server, cast)
     start = cast.human.body.qpos0.copy()
     start[:2] = (3.0, -4.0)
-    com = np.array([3.0, -4.0, 0.9])
-    drawing.show(moment(human=start, com=com, asked=com[None], reached=np.full((1, 3), np.nan)))
-    ball = drawing._asked._balls[0][0]
-    assert tuple(ball.position) == pytest.approx((0.0, 0.0, 0.9), abs=1e-6)
+    com, none = np.array([3.0, -4.0, 0.9]), np.zeros((0, 3))
+    worn = np.array([[3.0, -4.0, 1.2], [np.nan] * 3])
+    drawing.show(moment(human=start, com=com, asked=none, reached=none, sensors=worn))
+    wrist, head = (ball for ball, _ in drawing._balls["sensors"]._balls)
+    assert tuple(wrist.position) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
+    assert wrist.visible and not head.visible, "the head's is not believed"
+    assert {"human", "sensors"} < set(drawing.parts) and not {"asked", "reached"} & set(drawing.parts)
     assert "human" in drawing.parts and "robot" not in drawing.parts and drawing.colourings == ()

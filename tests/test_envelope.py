@@ -56,6 +56,12 @@ def test_in_a_direction_it_is_what_was_measured() -> None:
             assert np.isclose(envelope().most_lean(float(height), x, y), envelope().lean[row, column])
 
 
+def test_a_robot_that_cannot_crouch_has_one_lean() -> None:
+    stiff = Envelope(np.full(9, 0.4), np.full((9, 4), 0.2))
+    for one in (stiff, stiff.below(0.3)):
+        assert np.allclose([one.most_lean(0.3, 1.0, 0.0), one.most_lean(0.5, 0.0, 1.0)], 0.2)
+
+
 def test_below_some_height_the_lean_is_what_it_was() -> None:
     top = 0.5 * (envelope().lowest + envelope().highest)
     part = envelope().below(top)

@@ -64,3 +64,18 @@ def test_a_port_of_the_profile_is_doubted_as_one_of_the_command_line(op3: RobotP
         assert len(file.doubts) == 1 and file.doubts[0].startswith(f"{terminal} leads to a pseudo-terminal")
         assert replace(file, own=False).doubts == []
     assert of(written, "/dev/ttyUSB0").doubts == []
+
+
+def test_a_named_file_that_is_there_is_kept_unless_asked(op3: RobotProfile, own: Path) -> None:
+    """The robot's own calibration is replaced all the same: the one before stays beside it."""
+    there = own / "a.yaml"
+    there.write_text("mine")
+    for bus in ("profile", "mock"):
+        with pytest.raises(UsageError, match=r"--out: something is there already.*a\.yaml.*--overwrite"):
+            of(op3, bus, there)
+        assert HomedFile.of(op3, RunOptions(robot="op3", bus=bus), there, overwrite=True).path == there
+    assert there.read_text() == "mine"
+    usual = calibration_path("op3")
+    usual.parent.mkdir(parents=True)
+    usual.write_text("before")
+    assert of(op3, "profile").path == of(op3, "profile", usual).path == usual

@@ -113,3 +113,17 @@ def test_a_body_that_faces_y_is_turned(tmp_path: Path) -> None:
     mujoco.mj_kinematics(written, data)
     assert data.body("p1").xpos[1] == pytest.approx(0.05)  # its left is y now
     alike(turned.model, written)
+
+
+def test_default_classes_may_name_materials_and_their_pictures(tmp_path: Path) -> None:
+    """What is written has neither pictures nor their files."""
+    (tmp_path / "paint.xml").write_text(
+        '<mujoco><asset><texture name="t" type="2d" builtin="flat" width="4" height="4"/>'
+        '<texture name="f" type="2d" file="gone.png"/><material name="m" texture="t" rgba="1 0 0 1"/></asset>'
+        '<default><geom material="m"/></default></mujoco>'
+    )
+    text = two().replace("<mujoco>", '<mujoco><include file="paint.xml"/>')
+    body = drafted(text.replace('<geom size="0.02"/>', '<geom size="0.02" material="m"/>'), tmp_path)
+    written = mujoco.MjModel.from_xml_string(body.content.decode())
+    assert written.ntex == 0 and b"gone.png" not in body.content
+    alike(body.model, written)

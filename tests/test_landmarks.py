@@ -101,6 +101,11 @@ def test_the_trunk_leans_and_twists_with_the_performer(lean: float, twist: float
     assert np.allclose(asked.gaze, rotations.rotate(turn, np.array([1.0, 0.0, 0.0])), atol=1e-9)
 
 
+def test_where_there_is_no_room_nothing_is_drawn_in_but_cut() -> None:
+    """A robot that cannot crouch at all."""
+    assert drawn_in(0.1, 0.0, 0.5) == 0.0 and drawn_in(-0.1, 0.0, 0.5) == -0.1
+
+
 def test_a_lean_beyond_the_robots_is_drawn_in() -> None:
     turn = rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), 1.2)
     legs = ("hip", "knee", "ankle", "toe")

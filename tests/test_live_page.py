@@ -33,6 +33,7 @@ def row(tick: int, *, state: str = "following", truth: bool = False) -> LiveRow:
         modes=np.full(len(robot.profile.observers), tick % 3, dtype=np.uint8),
         around=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
         truth=np.arange(9.0 + joints) if truth else np.zeros(0),
+        sensors=np.array([[0.01 * tick, 0.0, 1.0], [np.nan] * 3]),
     )
 
 

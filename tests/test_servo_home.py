@@ -239,14 +239,22 @@ def test_a_file_that_is_named_is_the_only_one_that_is_written(words: tuple[str, 
     lab.home()
     before = calibration_path("op3").read_bytes()
     lab.shift = {0: 30}
-    for word in ("", ", which is there already"):
-        code, out, err = lab.home(*words, "--out", str(own / "zeros.yaml"), typed="y\n" * 4)
+    for word, more in (("", ()), (", which is there already", ("--overwrite",))):
+        code, out, err = lab.home(*words, "--out", str(own / "zeros.yaml"), *more, typed="y\n" * 4)
         assert (code, err) == (0, "")
         text = out.replace("\n", "")
         assert f"Write this to {own / 'zeros.yaml'}{word}? [" in text and f"{own / 'zeros.yaml'}" in out.splitlines()[0]
     assert "tick: 2078" in (own / "zeros.yaml").read_text()
     assert calibration_path("op3").read_bytes() == before
     assert _files(own) == [str(calibration_path("op3").relative_to(own)), "zeros.yaml"]
+
+
+@pytest.mark.parametrize("bus", ["emulator", "profile"])
+def test_a_named_file_that_is_there_is_refused_before_a_bus_is_opened(bus: str, lab: Lab, own: Path) -> None:
+    (own / "zeros.yaml").write_text("mine")
+    code, _, err = lab.home("--bus", bus, "--out", str(own / "zeros.yaml"))
+    assert code == 2 and "something is there already" in err and "--overwrite" in err and lab.buses == []
+    assert (own / "zeros.yaml").read_text() == "mine"
 
 
 def test_a_file_that_cannot_be_is_refused_before_a_bus_is_opened(lab: Lab, own: Path) -> None:

@@ -2,6 +2,7 @@
 
 import socket
 import subprocess
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -19,6 +20,7 @@ from retarget.viewer.live_process import _serve, announced
 from retarget.viewer.wire import RowSizes, unpack
 
 TICKS = 50
+SIZES = RowSizes(robot=27, human=60, servos=20, landmarks=2, observers=21, sensors=3)
 
 
 def record() -> Record:
@@ -26,8 +28,8 @@ def record() -> Record:
     for array in (robot.q, robot.present, robot.temperature, robot.landmarks_asked):
         array[:] = 0.25
     robot.bus_time[:] = np.arange(TICKS) / 125.0
-    human = HumanRecord.empty(TICKS, nq=60, joint_names=("head",))
-    human.q[:] = 0.5
+    human = HumanRecord.empty(TICKS, nq=60, joint_names=("head",), sensors=3)
+    human.q[:], human.sensors[:] = 0.5, 0.75
     return Record(np.zeros(TICKS), np.zeros(TICKS, dtype=np.int8), human, robot, Timing.empty(TICKS))
 
 
@@ -61,9 +63,10 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
         run.on_row(whole, row)
     told = announced(page.recv(4096))
     assert told.landmarks == ("l_hand", "r_hand") and told.observers == 21
-    rows = [unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21)) for _ in range(10)]
+    rows = [unpack(page.recv(1 << 16), SIZES) for _ in range(10)]
     assert all(row is not None and row.state == "holding" and row.why == "the stream is silent" for row in rows)
     assert all(row is not None and (row.current == 1.25).all() for row in rows)
+    assert all(row is not None and (row.sensors == 0.75).all() and row.sensors.shape == (3, 3) for row in rows)
     assert [row.time for row in rows if row] == [pytest.approx(i / 125.0) for i in range(4, TICKS, 5)]
     with pytest.raises(BlockingIOError):
         page.recv(1)
@@ -79,7 +82,7 @@ def test_what_is_beside_the_record_is_shown_too() -> None:
     run.on_row(record(), 0)
     told = announced(page.recv(4096))
     assert (told.around, told.truth) == (2, 29)
-    row = unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21, told.around, told.truth))
+    row = unpack(page.recv(1 << 16), replace(SIZES, around=told.around, truth=told.truth))
     assert row is not None and np.isnan(row.current).all(), "nobody knows what the servos draw"
     np.testing.assert_array_equal(row.around, [[0.5, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0]] * 2)
     np.testing.assert_array_equal(row.truth, truth.numbers())
@@ -104,7 +107,7 @@ def test_the_end_is_shown_also_where_no_row_was_sent_for_it() -> None:
         run.on_row(record(), 3)
         run.beside = Beside(words=lambda: ("stopped", "the bus is dead"))
     announced(page.recv(4096))
-    row = unpack(page.recv(1 << 16), RowSizes(27, 60, 20, 2, 21))
+    row = unpack(page.recv(1 << 16), SIZES)
     assert row is not None and (row.state, row.why) == ("stopped", "the bus is dead")
     assert page.recv(1) == b""
 
@@ -123,9 +126,8 @@ def test_whatever_is_shown_last_is_not_lost_with_the_link() -> None:
         run.on_row(whole, row)
     page.recv(4096)
     run._link.close()
-    sizes = RowSizes(27, 60, 20, 2, 21)
     page.setblocking(True)
-    _serve(page, cast(Any, SimpleNamespace(show=lambda row: shown.append(row.time))), sizes)
+    _serve(page, cast(Any, SimpleNamespace(show=lambda row: shown.append(row.time))), SIZES)
     assert shown == [pytest.approx(2 / 125.0)]
 
 

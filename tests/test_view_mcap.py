@@ -60,6 +60,8 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
         np.testing.assert_array_equal(moment.temperature, sent.temperature[row])
         assert moment.current is not None and moment.current.min() > 0.01
         assert moment.modes is not None and moment.modes.shape == sent.observer_modes[row].shape
+        assert moment.sensors is not None and seen.cast.sensors == run.sensors
+        np.testing.assert_array_equal(moment.sensors, run.record.human.sensors[row])
         assert np.abs(moment.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
     track = seen.track(4)
     np.testing.assert_allclose(track.sent, sent.q[:, columns[4]], atol=1e-6)
@@ -77,9 +79,12 @@ def test_why_it_stopped_is_said(path: Path, run: RunResult) -> None:
 
 def test_a_human_alone(tmp_path: Path) -> None:
     path = tmp_path / "human.mcap"
-    recorded(path, robot="human")
+    run = recorded(path, robot="human")
     seen = open_viewed(path)
-    assert seen.cast.robot is None and np.isfinite(seen.moment(10).com).all()
+    moment = seen.moment(10)
+    assert seen.cast.robot is None and np.isfinite(moment.com).all()
+    assert moment.sensors is not None and moment.zmp is not None and np.isfinite(moment.zmp).all()
+    np.testing.assert_array_equal(moment.sensors, run.record.human.sensors[10])
 
 
 def test_half_of_it_is_seen_and_nothing_is_refused(path: Path, run: RunResult, tmp_path: Path) -> None:

@@ -58,8 +58,20 @@ def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: RecordedRun) -
 def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:
     run = open_recorded(saved_run(tmp_path / "human.npz", robot="human"))
     moment = run.moment(5)
-    assert run.cast.robot is None and run.cast.joints == ()
+    assert run.cast.robot is None and run.cast.joints == () and run.cast.landmarks == ()
+    assert run.cast.sensors and moment.sensors is not None and np.isfinite(moment.sensors).all()
     assert np.isfinite(moment.com).all() and np.isnan(moment.off)
+
+
+def test_sensors_are_shown_where_they_were_kept(path: Path, run: RecordedRun, tmp_path: Path) -> None:
+    with np.load(path) as saved:
+        arrays = {key: saved[key] for key in saved}
+    moment = run.moment(40)
+    assert run.cast.sensors == tuple(arrays["sensor_names"]) and moment.sensors is not None
+    np.testing.assert_array_equal(moment.sensors, arrays["sensor_positions"][40])
+    older = tmp_path / "older.npz"
+    np.savez(older, **{key: value for key, value in arrays.items() if not key.startswith("sensor_")})
+    assert open_recorded(older).cast.sensors == () and open_recorded(older).moment(40).sensors is None
 
 
 def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
@@ -72,6 +84,9 @@ def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
         (lambda a: _without(a, "phase"), "without phase"),
         (lambda a: a | {"time": a["time"][:0]}, "no tick at all"),
         (lambda a: a | {"human_q": a["human_q"][:-1]}, "another shape of human_q"),
+        (lambda a: a | {"servo_positions": a["servo_positions"][:-1]}, "another shape of servo_positions"),
+        (lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]}, "another shape of sensor_positions"),
+        (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "another shape of sensor_positions"),
         (lambda a: a | {"joint_positions": a["joint_positions"] * np.nan}, "joint_positions with what is no number"),
         (lambda a: a | {"body": np.array("/nowhere/body.xml")}, "nowhere"),
         (lambda a: a | {"joint_names": a["joint_names"][::-1].astype("U20") + np.array(["x"])}, "other joints"),

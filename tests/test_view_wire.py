@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from retarget.viewer.wire import LiveRow, RowSizes, pack, unpack
 
-SIZES = RowSizes(robot=27, human=55, servos=20, landmarks=6, observers=21, around=2, truth=29)
+SIZES = RowSizes(robot=27, human=55, servos=20, landmarks=6, observers=21, around=2, truth=29, sensors=5)
 
 
 def row(*, state: str = "following", why: str = "") -> LiveRow:
@@ -24,6 +24,7 @@ def row(*, state: str = "following", why: str = "") -> LiveRow:
         random.integers(0, 3, 21).astype(np.uint8),
         random.normal(size=(2, 7)),
         random.normal(size=29),
+        np.vstack([random.normal(size=(4, 3)), np.full((1, 3), np.nan)]),
     )
 
 
@@ -32,7 +33,7 @@ def test_a_row_arrives() -> None:
     got = unpack(pack(sent), SIZES)
     assert got is not None
     assert (got.time, got.state, got.why) == (sent.time, sent.state, sent.why)
-    for name in ("robot", "human", "present", "temperature", "current", "asked", "modes", "around", "truth"):
+    for name in ("robot", "human", "present", "temperature", "current", "asked", "modes", "around", "truth", "sensors"):
         np.testing.assert_allclose(getattr(got, name), getattr(sent, name), atol=1e-5)
 
 

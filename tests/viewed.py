@@ -10,6 +10,8 @@ from retarget.human import Human, build_human
 from retarget.viewer.moment import Cast, Moment, Obstacle, actor
 from retarget.viewer.solids import shape_mesh
 
+SENSORS = ("l_wrist", "head")
+
 
 @cache
 def person() -> Human:
@@ -22,13 +24,13 @@ def cast_of_op3(*, simulated: bool = False) -> Cast:
     shown = actor(compile_body(robot.profile.body_path, root="free"))
     human = actor(compile_body_text(person().mjcf, source="human", root="free"))
     ball = Obstacle("ball/1", shape_mesh(0, (0.05, 0.0, 0.0)))
-    return Cast("test", shown, human, robot.joint_map.joints, ("l_hand",), robot, (ball,), simulated)
+    return Cast("test", shown, human, robot.joint_map.joints, ("l_hand",), robot, (ball,), simulated, SENSORS)
 
 
 @cache
 def cast_of_a_human() -> Cast:
     human = actor(compile_body_text(person().mjcf, source="human", root="free"))
-    return Cast("test", None, human, (), ("head",))
+    return Cast("test", None, human, (), (), sensors=SENSORS)
 
 
 def moment(**changed: object) -> Moment:

@@ -100,6 +100,7 @@ def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
         scene="" if options.scene is None else str(options.scene),
         human_mjcf=prepared.human.mjcf,
         simulated=options.has_physics,
+        sensors=tuple(prepared.performer.sensors),
     )
 
 

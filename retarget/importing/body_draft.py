@@ -54,7 +54,7 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
             rewrite |= _absent_meshes(spec, source, relaxed, notes)
             rewrite |= _passive(spec, source, relaxed, notes)
             rewrite |= bool(list(spec.meshes) or list(spec.hfields) or list(spec.skins))
-            rewrite |= any(texture.file for texture in spec.textures)
+            rewrite |= _unpainted(spec)
         spec.compiler.fusestatic = False
         rewrite |= _named(spec, notes)
         model = _compiled(spec)
@@ -107,18 +107,25 @@ def _rewritten(spec: Any, model: Any, notes: list[str]) -> bytes:
     count = replace_meshes(spec, model, link_geometries(model)[0]) if model.nmesh else 0
     if count:
         notes.append(f"meshes of {count} links are capsules and boxes around them in the body that is written")
-    for kind in ("sensors", "equalities", "tendons", "textures", "meshes", "hfields", "skins", "lights", "cameras"):
+    for kind in ("sensors", "equalities", "tendons", "meshes", "hfields", "skins", "lights", "cameras"):
         for part in list(getattr(spec, kind)):
             spec.delete(part)
     for geom in list(spec.worldbody.geoms):
         spec.delete(geom)
-    for thing in (*spec.geoms, *spec.sites):
-        thing.material = ""
-    for material in list(spec.materials):
-        spec.delete(material)
+    _unpainted(spec)  # of a URDF
     spec.meshdir, spec.texturedir = "", ""
     spec.compile()
     return str(spec.to_xml()).encode()
+
+
+def _unpainted(spec: Any) -> bool:
+    """Leave out textures; materials stay, as default classes may name them. Returns whether one was a file."""
+    files = any(texture.file or any(texture.cubefiles) for texture in spec.textures)
+    for material in (*spec.materials, spec.default.material):
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):
+        spec.delete(texture)
+    return files
 
 
 def _named(spec: Any, notes: list[str]) -> bool:

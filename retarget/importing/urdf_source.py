@@ -2,22 +2,22 @@
 
 import copy
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree
 
-from retarget.body_file import MAX_BYTES
 from retarget.errors import InputError, Problem
+from retarget.importing.mesh_files import READABLE, find_mesh
 from retarget.importing.source import Source
 
 __all__ = ["ReadyUrdf", "Relaxed", "ready_urdf", "stated_speeds"]
 
 TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
+DROPPED = "collision meshes that cannot be read are left out, these links have other shapes"
+TWINS = "meshes of a kind that is not read were read from the file of the same name beside them"
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-READABLE = (".stl", ".obj", ".msh")
-"""Meshes that MuJoCo reads."""
 
 
 @dataclass(frozen=True)
@@ -46,20 +46,18 @@ def ready_urdf(source: Source, relaxed: Relaxed) -> ReadyUrdf:
     notes: list[str] = []
     problems += _joints(root, source, relaxed, notes)
     problems += _masses(root, source, notes)
-    meshes, missing, dropped = _meshes(root, source.path)
-    if missing and not relaxed.no_meshes:
-        problems.append(_missing_meshes(source, missing))
-    elif missing:
-        _drop(root, missing)
-        notes.append(f"{len(missing)} meshes that cannot be read are left out: {_listed(missing)}")
-    if dropped:
-        notes.append(
-            f"collision meshes that cannot be read are left out, these links have other shapes: {_listed(dropped)}"
-        )
+    meshes = _meshes(root, source.path)
+    if meshes.missing and not relaxed.no_meshes:
+        problems.append(_missing_meshes(source, meshes.missing))
+    elif meshes.missing:
+        _drop(root, meshes.missing)
+        notes.append(f"{len(meshes.missing)} meshes that cannot be read are left out: {_listed(meshes.missing)}")
+    for told, names in ((DROPPED, meshes.dropped), (TWINS, meshes.twins)):
+        notes += [f"{told}: {_listed(names)}"] if names else []
     if problems:
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
     text = ElementTree.tostring(root, encoding="unicode")
-    return ReadyUrdf(text, meshes, bool(notes) or bool(meshes), tuple(notes))
+    return ReadyUrdf(text, meshes.contents, bool(notes) or bool(meshes.contents), tuple(notes))
 
 
 def stated_speeds(source: Source) -> dict[str, float]:
@@ -158,55 +156,46 @@ def _positive(text: str | None) -> bool:
         return False
 
 
-def _meshes(root: ElementTree.Element, path: Path) -> tuple[dict[str, bytes], list[str], list[str]]:
-    """Meshes by new names, which the elements now bear; the names of those that cannot be read; and those shapes, told
-    by link, that are dropped because they cannot be read and their links have others.
+@dataclass(frozen=True, eq=False)
+class _Meshes:
+    """contents: by new names, which the elements now bear. missing: names of those that cannot be read. dropped:
+    shapes, told by link, that cannot be read and whose links have others. twins: those read in the place of others."""
 
-    A picture that cannot be read is no loss where the link has another shape: of that nothing is told.
-    """
-    contents: dict[str, bytes] = {}
-    missing: list[str] = []
-    dropped: list[str] = []
+    contents: dict[str, bytes] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+    twins: list[str] = field(default_factory=list)
+
+
+def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
+    """Find them. A picture that cannot be read is no loss where the link has another shape: of that nothing is told."""
+    found = _Meshes()
+    missing: dict[str, None] = {}
     for link in root.findall("link"):
         unread, usable = [], 0
         for shape in [shape for kind in ("collision", "visual") for shape in link.findall(kind)]:
             mesh = shape.find("geometry/mesh")
-            file = None if mesh is None else _found(mesh.get("filename", ""), path)
+            name = "" if mesh is None else mesh.get("filename", "")
+            file = None if mesh is None else find_mesh(name, path)
             if mesh is not None and file is None:
-                unread.append((shape, mesh.get("filename", "")))
+                unread.append((shape, name))
                 continue
             usable += 1
             if mesh is not None and file is not None:
-                key = f"mesh_{len(contents)}{file.suffix.lower()}"
-                contents[key] = file.read_bytes()
+                key = f"mesh_{len(found.contents)}{file.path.suffix.lower()}"
+                found.contents[key] = file.content()
                 mesh.set("filename", key)
+                if file.twin and file.path.name not in found.twins:
+                    found.twins.append(file.path.name)
         for shape, name in unread:
             if not usable:
-                missing.append(name)
+                missing[name] = None
                 continue
             link.remove(shape)
             if shape.tag == "collision":
-                dropped.append(f"{link.get('name', 'without a name')} ({name})")
-    return contents, list(dict.fromkeys(missing)), dropped
-
-
-def _found(name: str, path: Path) -> Path | None:
-    """The mesh of a name: beside the file, or in a folder above it that holds the package's path."""
-    if Path(name).suffix.lower() not in READABLE:
-        return None
-    plain = name.removeprefix("file://")
-    parts = Path(name.split("://", 1)[1]).parts if name.startswith(("package://", "model://")) else None
-    places = [path.parent / plain]
-    if parts is not None:
-        above = path.absolute().parents[:6]
-        places = [folder.joinpath(*rest) for folder in above for rest in (parts, parts[1:])]
-    for place in places:
-        try:
-            if place.is_file() and 0 < place.stat().st_size <= MAX_BYTES:
-                return place
-        except (OSError, ValueError):
-            continue
-    return None
+                found.dropped.append(f"{link.get('name', 'without a name')} ({name})")
+    found.missing.extend(missing)
+    return found
 
 
 def _missing_meshes(source: Source, missing: list[str]) -> Problem:
@@ -215,7 +204,8 @@ def _missing_meshes(source: Source, missing: list[str]) -> Problem:
         str(source.path),
         _listed(missing),
         f"files {', '.join(READABLE)}, beside the URDF, or in its package above it",
-        "Put them there (of .dae, convert to .stl), or give --no-meshes to leave them out",
+        "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl of the same name "
+        "in the same folder (Blender, MeshLab, or trimesh: see docs/own-robot.md); the URDF may stay as it is",
     )
 
 

@@ -12,7 +12,7 @@ from retarget.viewer.ground import Balance, Pressure, Soles
 from retarget.viewer.limb_colours import LimbColours, Scale
 from retarget.viewer.moment import Actor, Cast, Moment
 from retarget.viewer.overlays import Around, Observing
-from retarget.viewer.palette import ASKED, GOAL, HUMAN, REACHED, ROBOT, Colour
+from retarget.viewer.palette import ASKED, GOAL, HUMAN, REACHED, ROBOT, SENSOR, Colour
 
 if TYPE_CHECKING:
     import viser
@@ -21,11 +21,13 @@ __all__ = ["Drawing"]
 
 GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
 """A goal is seen where the robot is not."""
+HUMAN_OPACITY = 0.65
+"""Sensors are inside of the performer."""
 SEEN_THROUGH = 0.4
 BESIDE, FARTHEST = 1.15, 2.5
 """The performer stands so many heights of the robot to its left, or beyond what is there, as tall as it."""
-BALL = 0.018
-"""Radius of a landmark, as a share of the height of the robot."""
+BALL, SENSOR_BALL = 0.018, 0.026
+"""Radius of a landmark and of a sensor, as a share of the height of the robot: a sensor is thicker than a wrist."""
 
 
 class _Part(Protocol):
@@ -53,9 +55,12 @@ class Drawing:
             self._goal = Figure(self._scene, "goal", cast.robot, colour=GOAL, opacity=GOAL_OPACITY, shrunk=GOAL_SIZE)
             if cast.profile is not None:
                 self._limbs = LimbColours(cast.profile, self._robot.meshes)
-        self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, scale=height / cast.human.height)
+        scale = height / cast.human.height
+        self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, opacity=HUMAN_OPACITY, scale=scale)
         self._place: Place | None = None  # of the performer, known from the first moment on
-        self._asked, self._reached = (_Balls(self._scene, name, height) for name in ("asked", "reached"))
+        radii = {"sensors": SENSOR_BALL, "asked": BALL, "reached": BALL}
+        self._balls = {name: _Balls(self._scene, name, radius * height) for name, radius in radii.items()}
+        self._balls["sensors"].make(cast.sensors, SENSOR)
         self._overlays = self._overlaid(cast)
         self.name_landmarks(cast.landmarks)
 
@@ -64,8 +69,8 @@ class Drawing:
         """What can be hidden, by its names in `LEGEND`."""
         human = self._robot is None
         bodies = ("human",) if human else ("body" if self._cast.simulated else "robot", "goal", "performer")
-        balls = ("asked", "reached") if self._asked.names else ()
-        return (*bodies, *balls, *self._overlays)
+        landmarks = ("asked", "reached") if self._balls["asked"].names or not human else ()  # live, named later
+        return (*bodies, *(("sensors",) if self._cast.sensors else ()), *landmarks, *self._overlays)
 
     @property
     def colourings(self) -> tuple[str, ...]:
@@ -80,8 +85,8 @@ class Drawing:
     def name_landmarks(self, names: Sequence[str]) -> None:
         """Of which landmarks a moment tells."""
         with self._lock:
-            self._asked.make(names, ASKED)
-            self._reached.make(names, REACHED)
+            self._balls["asked"].make(names, ASKED)
+            self._balls["reached"].make(names, REACHED)
 
     def colour_by(self, choice: str) -> None:
         """Colour the limbs by one of `colourings`."""
@@ -89,11 +94,12 @@ class Drawing:
             self._limbs.by = choice
             self._again()
 
-    def see_through(self, *, robot: bool) -> None:
-        """Let the centre of mass be seen, which is inside of the robot; or no more."""
+    def see_through(self, *, bodies: bool) -> None:
+        """Let what is inside of robot and performer be seen: centre of mass, sensors; or no more."""
         with self._lock:
-            if self._robot is not None:
-                self._robot.see_through(SEEN_THROUGH if robot else None)
+            for figure in (self._robot, self._human):
+                if figure is not None:
+                    figure.see_through(SEEN_THROUGH if bodies else None)
 
     def see(self, part: str, *, visible: bool) -> None:
         """Show or hide one of `parts`."""
@@ -105,7 +111,7 @@ class Drawing:
             elif part in self._overlays:
                 self._overlays[part].see(visible=visible)
             else:
-                {"asked": self._asked, "reached": self._reached}[part].see(visible=visible)
+                self._balls[part].see(visible=visible)
         self._again()
 
     def show(self, moment: Moment) -> None:
@@ -119,8 +125,10 @@ class Drawing:
                 self._robot.place(moment.robot)
                 self._goal.place(moment.goal)
             self._human.place(moment.human, self._place)
-            self._asked.show(moment.asked)
-            self._reached.show(moment.reached)
+            self._balls["asked"].show(moment.asked)
+            self._balls["reached"].show(moment.reached)
+            if moment.sensors is not None:
+                self._balls["sensors"].show(moment.sensors)
             if self._limbs is not None:
                 self._limbs.show(moment)
             for overlay in self._overlays.values():
@@ -168,15 +176,16 @@ class Drawing:
         to = np.array([0.0, left * self._height, 0.0])
         origin = first.human[:3] * (1.0, 1.0, 0.0)
         self._place = Place(self._height / human.height, origin, _ahead(human, first), to)
+        self._balls["sensors"].at = self._place
         if alone:
-            self._balance.at = self._asked.at = self._reached.at = self._place
+            self._balance.at = self._balls["asked"].at = self._balls["reached"].at = self._place
 
 
 class _Balls:
-    """Landmarks, each a ball."""
+    """Points, each a ball of some radius, m."""
 
-    def __init__(self, scene: "viser.SceneApi", name: str, height: float) -> None:
-        self._scene, self._name, self._radius = scene, name, BALL * height
+    def __init__(self, scene: "viser.SceneApi", name: str, radius: float) -> None:
+        self._scene, self._name, self._radius = scene, name, radius
         self._balls: list[tuple[viser.IcosphereHandle, Movable]] = []
         self._shown = True
         self.names: tuple[str, ...] = ()

@@ -43,7 +43,7 @@ SAME_CODE = (
 class PageSetup:
     """What the process of a page is told at its start. robot: name or file of the profile, "" for a human alone; root:
     how it stands in the world, "" as its profile says; scene: file or name, "" for none. simulated: it has mass, and
-    rows tell where it really is."""
+    rows tell where it really is. sensors: of the performer, names."""
 
     title: str
     port: int
@@ -52,6 +52,7 @@ class PageSetup:
     scene: str
     human_mjcf: str
     simulated: bool = False
+    sensors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -170,8 +171,8 @@ def _row(record: Record, row: int, beside: Beside, *, time: float) -> LiveRow:
     none, poses = np.zeros(0), np.zeros((0, 7)) if around is None else placed(around)
     if robot is None:
         points, modes = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
-        human = record.human.q[row]
-        return LiveRow(time, state, why, none, human, none, none, none, points, modes, poses, none)
+        human, sensors = record.human.q[row], record.human.sensors[row]
+        return LiveRow(time, state, why, none, human, none, none, none, points, modes, poses, none, sensors)
     current, truth = beside.current(), beside.truth()
     return LiveRow(
         time=float(robot.bus_time[row]),
@@ -186,4 +187,5 @@ def _row(record: Record, row: int, beside: Beside, *, time: float) -> LiveRow:
         modes=robot.observer_modes[row],
         around=poses,
         truth=none if truth is None else truth.numbers(),
+        sensors=record.human.sensors[row],
     )

@@ -66,8 +66,9 @@ class Figure:
         scale: float = 1.0,
         shrunk: float = 1.0,
     ) -> None:
-        """shrunk: every link by this about its middle, so that it is inside of one that is where it is."""
-        self._body, self._scale = actor.body.solver_body(), scale
+        """shrunk: every link by this about its middle, so that it is inside of one that is where it is; then it casts
+        no shadow."""
+        self._body, self._opacity = actor.body.solver_body(), opacity
         self._parent = np.asarray(actor.body.parent)
         self._top = scene.add_frame(f"/{name}", show_axes=False)
         self.meshes: list[tuple[int, viser.MeshHandle]] = []
@@ -84,7 +85,7 @@ class Figure:
             middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
             vertices = (scale * (middle + shrunk * (mesh.vertices - middle))).astype(np.float32)
             shown = scene.add_mesh_simple(
-                paths[-1], vertices, mesh.faces, color=colour, opacity=opacity, cast_shadow=opacity is None
+                paths[-1], vertices, mesh.faces, color=colour, opacity=opacity, cast_shadow=shrunk == 1.0
             )
             self.meshes.append((link, shown))
             self._links.append(Movable(shown))
@@ -101,7 +102,7 @@ class Figure:
     def see_through(self, opacity: float | None) -> None:
         """Let what is inside be seen; None: no more."""
         for _, handle in self.meshes:
-            handle.opacity = opacity
+            handle.opacity = self._opacity if opacity is None else opacity
 
     def place(self, q: FloatArray, at: Place = HERE) -> None:
         """Pose it in posture q (nq,), in the scene; nothing, while it is hidden."""

@@ -11,6 +11,7 @@ from retarget.errors import InputError
 from retarget.human import build_human
 from retarget.record import Phase
 from retarget.recording.configs import as_then
+from retarget.recording.cycles import Cycles, Done
 from retarget.recording.note import STATES
 from retarget.recording.played import played
 from retarget.recording.reading import MAGIC, Recording, TopicRows, read_recording
@@ -46,12 +47,13 @@ class RecordedCycles:
         index = self._cycles.index[self._rows]
         self.times: FloatArray = (index - index[follows[0] if follows.size else 0]) * session.dt
         self._reasons = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _tells_why(who, text))
+        self._sensors = _believed(self._cycles)
         self._points: FloatArray | None = None
         title = recording.path.name
         self._scene = SceneThen(session, self._cycles.taken(self._rows))
         self.notes += self._scene.notes
         if not session.joints:
-            self.cast = Cast(title, None, human, (), (), around=self._scene.obstacles)
+            self.cast = Cast(title, None, human, (), (), around=self._scene.obstacles, sensors=session.sensors)
             return
         with as_then(recording) as configs:
             robot, self.notes = configs.robot, (*self.notes, *configs.told)
@@ -59,7 +61,8 @@ class RecordedCycles:
             shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
         asked = recording.topics.get(LANDMARKS)
         names = tuple(robot.profile.landmarks) if asked is not None else ()
-        self.cast = Cast(title, shown, human, robot.joint_map.joints, names, robot, self._scene.obstacles)
+        around, joints = self._scene.obstacles, robot.joint_map.joints
+        self.cast = Cast(title, shown, human, joints, names, robot, around, sensors=session.sensors)
         self._rest = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
         if asked is not None:
             self._points = _spread(asked, self._cycles.index, "poses")[..., :3]
@@ -71,11 +74,13 @@ class RecordedCycles:
         at, robot, time = int(self._rows[row]), self.cast.profile, float(self.times[row])
         human, around = self._human[at], self._scene.at(row)
         state = SAID.get(int(self._cycles.state[at]), PHASE_WORDS[Phase(int(self._cycles.phase[at]))])
-        if robot is None:
-            none, com = np.zeros(0), self.cast.human.body.solver_body().centre_of_mass(human[None])[0]
-            points = _NO_POINTS
-            return Moment(time, state, none, none, human, none, none, points, points, com, around=around)
         rows = list(around_row(self.times, row))
+        if robot is None:
+            none, points = np.zeros(0), _NO_POINTS
+            com = self.cast.human.body.solver_body().centre_of_mass(self._human[self._rows[rows]])
+            alone = (none, none, human, none, none, points, points)
+            zmp = zero_moment_point(self.times[rows], com)
+            return Moment(time, state, *alone, com[1], zmp=zmp, sensors=self._sensors[at], around=around)
         goals = self._goals(self._rows[rows])
         goal, present = goals[1], self._present[at]
         there = goal.copy()
@@ -94,6 +99,7 @@ class RecordedCycles:
             com=com[1],
             why=self._why(at, state),
             zmp=zero_moment_point(self.times[rows], com),
+            sensors=self._sensors[at],
             around=around,
             modes=self._modes[at].astype(np.uint8),
             temperature=self._cycles.temperature[at],
@@ -144,6 +150,15 @@ def open_viewed(path: Path) -> Viewed:
 def _tells_why(who: str, text: str) -> bool:
     """Whether an event is a failure or a stop: of those the cause is told, and then the reason."""
     return who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)
+
+
+def _believed(cycles: Cycles) -> FloatArray:
+    """Sensors (T, s, 3) m at every cycle, as they were said last, or first; NaN: they were not believed."""
+    said = cycles.sampled != Done.NOT
+    position = np.where((cycles.sampled == Done.WELL)[:, None, None], cycles.sensor_position, np.nan)
+    position[~cycles.sensor_valid] = np.nan
+    last = np.maximum.accumulate(np.where(said, np.arange(len(cycles)), -1))
+    return np.asarray(position[np.maximum(last, np.flatnonzero(said)[0])])
 
 
 _NO_POINTS = np.zeros((0, 3))

@@ -104,8 +104,10 @@ def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: fl
     robot, none, time = cast.profile, np.zeros(0), row.time - begun
     if robot is None:
         com = cast.human.body.solver_body().centre_of_mass(row.human[None])[0]
-        nothing, zmp = np.full((len(landmarks), 3), np.nan), mass.look(row.time, com)
-        return Moment(time, row.state, none, none, row.human, none, none, nothing, nothing, com, row.why, zmp)
+        nothing, zmp, said = np.full((len(landmarks), 3), np.nan), mass.look(row.time, com), row.sensors
+        around = row.around if row.around.size else None
+        alone = (none, none, row.human, none, none, nothing, nothing)
+        return Moment(time, row.state, *alone, com, row.why, zmp, sensors=said, around=around)
     columns, goal = robot.servo_columns, row.robot
     there, pressure = goal.copy(), None
     there[columns] = np.where(np.isfinite(row.present), row.present, goal[columns])
@@ -126,6 +128,7 @@ def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: fl
         why=row.why,
         zmp=mass.look(row.time, com),
         pressure=pressure,
+        sensors=row.sensors,
         around=row.around if row.around.size else None,
         modes=row.modes,
         temperature=row.temperature,

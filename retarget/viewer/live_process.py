@@ -79,6 +79,7 @@ def _sizes(cast: Cast, told: Announced) -> RowSizes:
         observers=told.observers,
         around=told.around,
         truth=told.truth,
+        sensors=len(cast.sensors),
     )
 
 
@@ -103,13 +104,13 @@ def _setup(text: str) -> PageSetup:
 def _cast(setup: PageSetup) -> Cast:
     human = actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free"))
     if not setup.robot:
-        return Cast(setup.title, None, human, (), (), around=_around(setup.scene))
+        return Cast(setup.title, None, human, (), (), around=_around(setup.scene), sensors=tuple(setup.sensors))
     roots: dict[str, Root] = {"free": "free", "fixed": "fixed", "suspended": "suspended"}
     root = roots.get(setup.root)
     robot = load_robot(setup.robot, root=root)
     shown = actor(compile_body(robot.profile.body_path, root=root or robot.profile.root))
     around, joints = _around(setup.scene), robot.joint_map.joints
-    return Cast(setup.title, shown, human, joints, (), robot, around, setup.simulated)
+    return Cast(setup.title, shown, human, joints, (), robot, around, setup.simulated, tuple(setup.sensors))
 
 
 def _around(scene: str) -> tuple[Obstacle, ...]:

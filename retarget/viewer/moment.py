@@ -52,7 +52,8 @@ class Obstacle:
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, and landmarks (k): names.
+    """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, landmarks (k) of the robot
+    and sensors (s) of the performer: names.
 
     profile: of the robot, where it is known: its soles, observers and servos. around: obstacles in its world.
     simulated: it has mass, and its moments know where it really is.
@@ -66,6 +67,7 @@ class Cast:
     profile: RobotBody | None = None
     around: tuple[Obstacle, ...] = ()
     simulated: bool = False
+    sensors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +77,9 @@ class Moment:
     robot, goal (nq,): posture of the robot as its servos say, or as its physics has it, and as it was told; human
     (nq,). present, sent (n,): rad, of the joints that a plot can show; NaN: no servo said. asked, reached (k, 3) m:
     landmarks. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre of pressure of the soles of
-    a simulated robot, NaN where not known. around (o, 7): position, m, and quaternion of the obstacles. modes (o,) of
-    the observers, temperature (s,), degrees Celsius, and current (s,), A, of the servos. None: not known.
+    a simulated robot, NaN where not known. sensors (s, 3) m: of the performer, NaN: not believed. around (o, 7):
+    position, m, and quaternion of the obstacles. modes (o,) of the observers, temperature (s,), degrees Celsius, and
+    current (s,), A, of the servos. None: not known.
     """
 
     time: float
@@ -92,6 +95,7 @@ class Moment:
     why: str = ""
     zmp: FloatArray | None = None
     pressure: FloatArray | None = None
+    sensors: FloatArray | None = None
     around: FloatArray | None = None
     modes: ModeArray | None = None
     temperature: FloatArray | None = None

@@ -16,6 +16,7 @@ __all__ = [
     "PRESSURE",
     "REACHED",
     "ROBOT",
+    "SENSOR",
     "SOLES",
     "ZMP",
     "Colour",
@@ -30,6 +31,7 @@ ROBOT: Colour = (74, 98, 132)
 GOAL: Colour = (242, 158, 46)
 HUMAN: Colour = (176, 186, 196)
 ASKED: Colour = (214, 64, 69)
+SENSOR: Colour = (226, 88, 168)
 REACHED: Colour = (46, 134, 84)
 BALANCE: Colour = (126, 87, 194)
 ZMP: Colour = (0, 150, 160)
@@ -61,6 +63,7 @@ LEGEND = {
     "goal": Entry("goal", ((GOAL, "goal that was sent, where the robot is not"),)),
     "performer": Entry("performer", ((HUMAN, "performer, as tall as the robot"),)),
     "human": Entry("performer", ((HUMAN, "performer"),)),
+    "sensors": Entry("sensors of the performer", ((SENSOR, "sensor, where it is believed to be"),)),
     "asked": Entry("asked of hands, feet, head", ((ASKED, "where hands, feet and head were asked to be"),)),
     "reached": Entry("reached by the goal", ((REACHED, "where the goal has them"),)),
     "balance": Entry(

@@ -44,7 +44,7 @@ def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
         boxes = {part: gui.add_checkbox(LEGEND[part].box, LEGEND[part].at_first) for part in parts}
         choices = drawing.colourings
         chosen = gui.add_dropdown("limbs coloured by", choices, initial_value=choices[0]) if choices else None
-        clear = gui.add_checkbox("see through the robot", False, visible=bool(choices))
+        clear = gui.add_checkbox("see through bodies", False)
     with gui.add_folder("what it means"):
         meaning = gui.add_html("")
 
@@ -58,7 +58,7 @@ def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
     for part, box in boxes.items():
         see(part)
         box.on_update(lambda _, part=part: see(part))  # type: ignore[misc]
-    clear.on_update(lambda _: drawing.see_through(robot=bool(clear.value)))
+    clear.on_update(lambda _: drawing.see_through(bodies=bool(clear.value)))
     if chosen is not None:
         picked = chosen
 

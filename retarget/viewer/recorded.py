@@ -32,11 +32,14 @@ KEYS = {
     "human_mjcf": 0,
 }
 """What a saved run must have, and how many axes each has."""
+OPTIONAL = {"servo_positions": 2, "sensor_names": 1, "sensor_positions": 3}
+"""What it may lack."""
 PER_TICK = ("phase", "joint_positions", "root_position", "root_quaternion", "goal_ticks", "landmarks_asked", "human_q")
 STATES = {phase.name.lower(): word for phase, word in PHASE_WORDS.items()}
 MOST_BYTES = 4 << 30
 
 Arrays = dict[str, NDArray[Any]]
+_NO_SENSORS = np.zeros((1, 0, 3))
 
 
 class RecordedRun:
@@ -64,13 +67,16 @@ class RecordedRun:
         has_robot = bool((arrays["goal_ticks"] >= 0).any())
         self._present = arrays.get("servo_positions", np.full_like(arrays["joint_positions"], np.nan))
         self._solver = model.solver_body()
+        sensors = tuple(str(name) for name in arrays.get("sensor_names", ()))
+        followed = tuple(str(name) for name in arrays["landmark_names"])  # of a human its sensors
         self.cast = Cast(
             title,
             robot if has_robot else None,
             actor(human),
             tuple(names) if has_robot else (),
-            tuple(str(name) for name in arrays["landmark_names"]),
+            followed if has_robot or not sensors else (),
             _profile(Path(str(arrays["body"]))) if has_robot else None,
+            sensors=sensors,
         )
 
     def moment(self, row: int) -> Moment:
@@ -92,6 +98,7 @@ class RecordedRun:
             reached=arrays["landmarks_reached"][row],
             com=com[1],
             zmp=zero_moment_point(self.times[rows], com),
+            sensors=arrays["sensor_positions"][row] if self.cast.sensors else None,
         )
 
     def track(self, joint: int) -> Tracks:
@@ -131,7 +138,7 @@ def _read(path: Path) -> Arrays:
             missing = [key for key in KEYS if key not in file.files]
             if missing:
                 raise ValueError(f"without {', '.join(missing)}")
-            arrays = {key: file[key] for key in (*KEYS, *(("servo_positions",) if "servo_positions" in file else ()))}
+            arrays = {key: file[key] for key in (*KEYS, *(key for key in OPTIONAL if key in file.files))}
     except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
         raise _refused(path, getattr(error, "strerror", None) or str(error)) from error
     _check(arrays, path)
@@ -142,8 +149,11 @@ def _check(arrays: Arrays, path: Path) -> None:
     ticks = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
     if not ticks:
         raise _refused(path, "no tick at all")
-    wrong = [key for key, axes in KEYS.items() if arrays[key].ndim != axes]
-    wrong += [key for key in PER_TICK if key not in wrong and len(arrays[key]) != ticks]
+    wrong = [key for key, axes in (KEYS | OPTIONAL).items() if key in arrays and arrays[key].ndim != axes]
+    ticking = (*PER_TICK, *(key for key in ("servo_positions", "sensor_positions") if key in arrays))
+    wrong += [key for key in ticking if key not in wrong and len(arrays[key]) != ticks]
+    if not wrong and arrays.get("sensor_positions", _NO_SENSORS).shape[1:] != (len(arrays.get("sensor_names", ())), 3):
+        wrong.append("sensor_positions")
     if wrong:
         raise _refused(path, f"another shape of {', '.join(wrong)}")
     numbers = [key for key in (*PER_TICK[1:], "time") if key != "landmarks_asked"]

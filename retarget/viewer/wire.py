@@ -17,7 +17,7 @@ _HEAD = struct.Struct("<d48s256s")
 @dataclass(frozen=True)
 class RowSizes:
     """How many numbers a row has: of q of robot and human, of servos, landmarks, observers and obstacles, and of the
-    truth about a simulated body."""
+    truth about a simulated body, and of sensors."""
 
     robot: int
     human: int
@@ -26,19 +26,21 @@ class RowSizes:
     observers: int
     around: int = 0
     truth: int = 0
+    sensors: int = 0
 
     @property
     def lengths(self) -> tuple[int, ...]:
         """Of every part of a row after its head, in their order."""
         servos = (self.servos,) * 3
-        return (self.robot, self.human, *servos, 3 * self.landmarks, self.observers, 7 * self.around, self.truth)
+        points, poses = 3 * self.landmarks, 7 * self.around
+        return (self.robot, self.human, *servos, points, self.observers, poses, self.truth, 3 * self.sensors)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveRow:
     """time: s of the run. robot (nq,): posture sent; human (nq,). present (s,) rad, temperature (s,) degrees Celsius
     and current (s,) A of the servos; asked (k, 3) m of the landmarks; modes (o,) of the observers; around (m, 7): poses
-    of the obstacles; truth: the numbers of a `Truth`, or none."""
+    of the obstacles; truth: the numbers of a `Truth`, or none; sensors (s, 3) m."""
 
     time: float
     state: str
@@ -52,12 +54,14 @@ class LiveRow:
     modes: ModeArray
     around: FloatArray
     truth: FloatArray
+    sensors: FloatArray
 
 
 def pack(row: LiveRow) -> bytes:
     """Bytes of a row, as 32-bit numbers: a tenth of a micrometre of a robot."""
     servos = (row.present, row.temperature, row.current)
-    parts = (row.robot, row.human, *servos, row.asked.reshape(-1), row.modes, row.around.reshape(-1), row.truth)
+    flat = [points.reshape(-1) for points in (row.asked, row.modes, row.around, row.truth, row.sensors)]
+    parts = (row.robot, row.human, *servos, *flat)
     head = _HEAD.pack(row.time, row.state.encode(errors="replace")[:48], row.why.encode(errors="replace")[:256])
     return head + np.concatenate(parts).astype(np.float32).tobytes()
 
@@ -69,7 +73,7 @@ def unpack(data: bytes, sizes: RowSizes) -> LiveRow | None:
     time, state, why = _HEAD.unpack_from(data)
     numbers = np.frombuffer(data, dtype=np.float32, offset=_HEAD.size).astype(np.float64)
     parts = np.split(numbers, np.cumsum(sizes.lengths)[:-1])
-    robot, human, present, temperature, current, asked, modes, around, truth = parts
+    robot, human, present, temperature, current, asked, modes, around, truth, sensors = parts
     return LiveRow(
         time=time,
         state=_text(state),
@@ -83,6 +87,7 @@ def unpack(data: bytes, sizes: RowSizes) -> LiveRow | None:
         modes=np.nan_to_num(modes).astype(np.uint8),
         around=around.reshape(-1, 7),
         truth=truth,
+        sensors=sensors.reshape(-1, 3),
     )
 
 

@@ -14,6 +14,7 @@ from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock, VirtualClock, today
 from retarget.cli.ask import ask
 from retarget.cli.buses import make_bus
+from retarget.cli.overwrite import Overwrite
 from retarget.cli.servo.homed_file import HomedFile
 from retarget.errors import UsageError
 from retarget.homing import FAR, Homing, calibration_of, homed_columns
@@ -45,6 +46,7 @@ def home(
     out: Annotated[
         Path | None, typer.Option(help="Write this file, and not the robot's calibration.", metavar="FILE")
     ] = None,
+    overwrite: Overwrite = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and touch nothing.")] = False,
 ) -> None:
     """Find the zero of each servo: with torque off a person places the robot in a known posture, and keeps it still.
@@ -59,11 +61,8 @@ def home(
     chosen = homed_columns(body.joint_map, names)
     old = _old(body, names)
     options = RunOptions(robot=robot, bus=bus)
-    if bus == "none":
-        raise UsageError(
-            "there is no servo to read", where="--bus", found=bus, allowed="profile, a port, emulator, mock"
-        )
-    file = HomedFile.of(body.profile, options, out)
+    _refuse_no_bus(bus)
+    file = HomedFile.of(body.profile, options, out, overwrite=overwrite)
     if dry_run:
         _say_all(body, posture, chosen, options, file, pose)
         return
@@ -88,6 +87,13 @@ def home(
         new = ServoCalibration(robot=new.robot, servos=old.servos | new.servos)
     _refuse(body, homing, new, force=force)
     file.write(new, lambda question: agree(question, False))
+
+
+def _refuse_no_bus(bus: str) -> None:
+    if bus == "none":
+        raise UsageError(
+            "there is no servo to read", where="--bus", found=bus, allowed="profile, a port, emulator, mock"
+        )
 
 
 def _say_all(

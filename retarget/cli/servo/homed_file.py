@@ -10,7 +10,7 @@ import typer
 from retarget.catalogue import calibration_path
 from retarget.errors import UsageError
 from retarget.options import RunOptions
-from retarget.outputs import check_place
+from retarget.outputs import check_place, refuse_existing
 from retarget.profile import RobotProfile
 from retarget.servo_calibration import ServoCalibration, previous_path, write_calibration
 
@@ -31,12 +31,18 @@ class HomedFile:
     looks: str = ""
 
     @classmethod
-    def of(cls, profile: RobotProfile, options: RunOptions, out: Path | None) -> "HomedFile":
-        """Raises UsageError for a file that cannot be written, and for emulated servos as the robot's calibration."""
+    def of(
+        cls, profile: RobotProfile, options: RunOptions, out: Path | None, *, overwrite: bool = False
+    ) -> "HomedFile":
+        """overwrite: a file that was named and is there may be replaced; the robot's own calibration always may, as the
+        one before is kept beside it. Raises UsageError for a file that cannot be written or is there, and for emulated
+        servos as the robot's calibration."""
         usual = calibration_path(profile.name)
         own = out is None or out.resolve() == usual.resolve()
         if out is not None and not own:
             check_place(out, option="--out")
+            if not overwrite:
+                refuse_existing(out, option="--out")
         if not options.simulated:
             ports = [bus.port for bus in profile.bus_specs()] if options.bus == "profile" else [options.bus]
             looks = "; ".join(filter(None, map(_pseudo_terminal, ports)))
