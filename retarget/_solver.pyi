@@ -131,6 +131,10 @@ class Task:
         """The centre of mass stays inside half-spaces: max_edges times (nx, ny, nz, d), nx x + ny y + nz z <= d, as
         over the edges of a support polygon; unused ones are 0, 0, 0, 0."""
     @staticmethod
+    def lever(body: int, point: tuple[float, float, float], max_edges: int, *, max_error: float = 0.05) -> Task:
+        """The centre of mass c and a point p of a link stay inside half-spaces of both: max_edges times (nx, ny, nz,
+        mx, my, mz, d), n . c + m . p <= d; unused ones are 0. What a joint at p carries, say."""
+    @staticmethod
     def look_at(
         body: int,
         point: tuple[float, float, float],

@@ -28,6 +28,7 @@ from retarget.second_thoughts import SecondThoughts
 from retarget.slow_time import SlowTime
 from retarget.stance import Stance, plant
 from retarget.standing_balance import StandingBalance
+from retarget.standing_strength import carrying_frames, standing_strength
 from retarget.step_levels import stepping_priorities, swinging_frames
 from retarget.stepping import Stepping, reaching_aside
 from retarget.stopping import Stopping
@@ -80,6 +81,7 @@ class Follower:
         if steps:
             priorities = stepping_priorities(priorities, tuple(sole.frame.name for sole in stance.soles))
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
+        self._strength = standing_strength(robot, priorities) if legs_move and not steps else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, self._balance.edges) if legs_move and self._balance else None
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
@@ -87,13 +89,11 @@ class Follower:
         self.surroundings = Surroundings(scene)
         self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
-
         build = partial(self._hierarchy_of, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
         still = frozenset(sole.frame.name for sole in stance.soles)
-        self._second = (
-            SecondThoughts(build, priorities, self.hierarchy, soles=still, carrying=carrying) if legs_move else None
-        )
+        second = partial(SecondThoughts, build, priorities, self.hierarchy)
+        self._second = second(soles=still, carrying=carrying) if legs_move else None
         self._targets = self.hierarchy.blank()
         for sole in stance.soles:
             self.hierarchy.set_position(self._targets, sole.frame.name, sole.position)
@@ -104,7 +104,6 @@ class Follower:
         self._reader = RobotReader(robot, stance)
         self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
         self._approach = robot.profile.safety.speed_caps.approach
-        self._names = self.landmark_map.names
         self._servos = robot.servo_columns
         self._since_start = 0.0
         self._q = stance.q
@@ -120,7 +119,8 @@ class Follower:
         return Hierarchy.build(
             priorities,
             self._robot.body,
-            frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles)),
+            frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))
+            | carrying_frames(self._robot),
             postures=robot_postures(self._robot, self.stance),
             limits=self._limits,
             locked=locked,
@@ -182,9 +182,12 @@ class Follower:
             asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
         elif self._balance is not None:
             hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt))
+        if self._strength is not None:
+            self._strength.aim(hierarchy, targets, self._q, self._mass(), dt)
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
         hierarchy.set_previous(targets, self._q, dt)
-        self._q = self._safe(hierarchy.solver.frame(targets, dt), dt)
+        first = self._second.first(targets, self._q, dt) if self._second else hierarchy.solver.frame(targets, dt)
+        self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
 
     def land(self, dt: float) -> FloatArray | None:
@@ -211,6 +214,8 @@ class Follower:
         step = None if self._stopping is None else self._stopping.follow(dt * self._time.pace)
         if step is None:
             return None
+        if self._second is not None and self._stopping is not None:
+            self._second.parts = self._stopping.stands
         self._q, velocity = step
         self.hierarchy.solver.reset(self._q, velocity)
         self._reached = self._reader.read(self._q)
@@ -282,7 +287,7 @@ class Follower:
             joint_positions=q[self._servos],
             root_position=root[0],
             root_quaternion=root[1],
-            landmark_names=self._names,
+            landmark_names=self.landmark_map.names,
             landmarks_asked=np.array(asked.landmarks),
             landmarks_reached=reached.points,
             centre_of_mass=reached.centre_of_mass,

@@ -169,6 +169,15 @@ class Hierarchy:
             targets[place.start + 1 : end] = spaces.ravel()
             targets[end : place.stop] = 0.0
 
+    def set_strength(self, targets: FloatArray, joint: str, spaces: FloatArray) -> None:
+        """What a joint that carries allows: at most STRENGTH_EDGES half-spaces (k, 7) n . c + m . o <= d for the centre
+        of mass c and the joint's place o."""
+        for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
+            end = place.start + 1 + spaces.size
+            targets[place.start] = 1.0
+            targets[place.start + 1 : end] = spaces.ravel()
+            targets[end : place.stop] = 0.0
+
     def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:
         """The heading (x, y), a unit vector on the ground, to every heading task and every axis task."""
         cosine, sine = heading

@@ -54,8 +54,6 @@ Tell = Callable[[str], object]
 """Hears a sentence."""
 
 HUMAN_PRIORITIES = "human"
-WITH_MASS = "steady"
-"""Of a robot on its own soles that can fall."""
 LONGEST_HOLD_S = 4.8
 """So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
 
@@ -200,7 +198,7 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
     has_mass = options.has_physics or options.steps == "shift"
-    usual = WITH_MASS if has_mass and robot.stands else robot.profile.retarget
+    usual = robot.profile.standing if has_mass and robot.stands else robot.profile.retarget
     return robot.profile.reconstruct, options.priorities or usual
 
 

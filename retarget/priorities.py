@@ -24,6 +24,7 @@ from retarget.priority_tasks import (
     PostureTask,
     PreventiveTask,
     ReactiveTask,
+    StrengthTask,
     Task,
 )
 from retarget.schema import Integer, Name, NotNegative, Positive, Schema, Text, read_model
@@ -43,6 +44,7 @@ __all__ = [
     "Priorities",
     "ReactiveTask",
     "Steps",
+    "StrengthTask",
     "Task",
     "UpholdSettings",
     "load_priorities",

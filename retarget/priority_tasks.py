@@ -19,6 +19,7 @@ __all__ = [
     "PostureTask",
     "PreventiveTask",
     "ReactiveTask",
+    "StrengthTask",
     "Task",
 ]
 
@@ -144,6 +145,16 @@ class CentreOfMassTask(_Weighed):
     """[m/s] The weight falls as 1 / (1 + (v / fade_speed)^4) with the speed v of the body; absent: never."""
 
 
+class StrengthTask(Schema):
+    """Joints of the legs carry no more than their servos can for long, of a robot that stands on two soles (see
+    `retarget.standing_strength`)."""
+
+    type: Literal["strength"]
+    """Of the task."""
+    share: Annotated[Positive, Field(le=1.0)]
+    """Of the stall torque of each servo, what it may carry for long; more only where `stand` alone needs it."""
+
+
 class PostureTask(_Weighed):
     """Joints are drawn to a posture of the body."""
 
@@ -192,6 +203,7 @@ Task = Annotated[
     | HeadingTask
     | LookAtTask
     | CentreOfMassTask
+    | StrengthTask
     | PostureTask
     | ReactiveTask
     | PreventiveTask,

@@ -67,6 +67,8 @@ class RobotProfile(Schema):
     """Priority file of the first stage: sensors to human posture."""
     retarget: Name
     """Priority file of the second stage: human posture to robot posture."""
+    standing: Name = "steady"
+    """The same for a robot with mass on its own soles, in physics or where it steps."""
 
     _path: Path = PrivateAttr(default=Path())
 

@@ -9,6 +9,10 @@ one point c at height z,
 To stay able to stop, its capture point c + c' / sqrt(g / z) (J. Pratt et al., Humanoids 2006) is kept in there as well:
 from there it can be stopped with the zero-moment point inside. Both are half-spaces for the centre of mass after the
 tick, which the hierarchy keeps like any others: where more is asked, the robot lags.
+
+Who has got out of that room - a stop brakes as hard as servos can - could stand there for ever: there is no way back
+in with the zero-moment point inside, for the mass is pushed in by pressing farther out. So from there the zero-moment
+point may go as far again beyond the edge as the capture point is, and does: that brings it back in.
 """
 
 from math import sqrt
@@ -20,12 +24,18 @@ from retarget.pursuit import braking_displacement
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
 
-__all__ = ["GRAVITY", "Edges", "StandingBalance", "moving_spaces", "shrunk"]
+__all__ = ["BEYOND_M", "GRAVITY", "Edges", "StandingBalance", "moving_spaces", "shrunk"]
 
 BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
 GRAVITY = 9.81
 """m/s^2"""
+BEYOND_M = 0.0003
+"""How far (m) beyond an edge the capture point of a robot that follows may be by rounding: the way back is not asked
+for."""
+SPARE = 0.5
+"""Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
+out."""
 
 Edges = list[list[float]]
 
@@ -48,7 +58,7 @@ class StandingBalance:
         m/s."""
         if not self.looks_at_motion:
             return _braked(self._drawn_in, com, dt)
-        return moving_spaces(self._room, com, velocity, dt)
+        return moving_spaces(self._room, com, velocity, dt, outer=self._drawn_in)
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
@@ -74,16 +84,45 @@ def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
     return np.array(drawn)
 
 
-def moving_spaces(edges: Edges, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
-    """Capture point and zero-moment point inside of edges."""
+def moving_spaces(
+    edges: Edges, com: FloatArray, velocity: FloatArray, dt: float, *, outer: Edges | None = None
+) -> FloatArray:
+    """Capture point and zero-moment point inside of edges; outer: inside of which the latter brings the former back
+    where it is out, None: it does not."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
     settle = sqrt(z / GRAVITY) / dt
+    capture = (x + settle * dt * vx, y + settle * dt * vy)
+    push = None if outer is None else _pushed_back(edges, outer, capture)
     rows = []
     for nx, ny, offset in edges:
         at, speed = nx * x + ny * y, nx * vx + ny * vy
-        rows.append((nx, ny, 0.0, (offset + settle * at) / (1.0 + settle)))
+        inside = (offset + settle * at) / (1.0 + settle)
+        if push is not None:
+            pressed = nx * push[0] + ny * push[1]
+            if nx * capture[0] + ny * capture[1] > offset:
+                inside = max(inside, at + speed * dt + GRAVITY / z * (at - pressed) * dt * dt)
+            offset = max(offset, pressed + push[2])
+        rows.append((nx, ny, 0.0, inside))
         # (n.c - d)(g + z'') <= z n.c'', times dt^2 / z, with n.c and z as they are now
         lever = (at - offset) / z
         rows.append((-nx, -ny, lever, lever * (z + vz * dt - GRAVITY * dt * dt) - at - speed * dt))
     return np.array(rows)
+
+
+def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tuple[float, float, float] | None:
+    """Zero-moment point (x, y) m that brings back a capture point beyond an edge, and what it may be off; None: it is
+    inside.
+
+    As far beyond as the capture point again, but inside of outer: so that falls as exp(-t / sqrt(z / g)).
+    """
+    x, y = capture
+    beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in edges)
+    if beyond <= BEYOND_M:
+        return None
+    way = beyond
+    for ex, ey, offset in outer:
+        along = ex * nx + ey * ny
+        if along > 0.0:
+            way = min(way, max(offset - ex * x - ey * y, 0.0) / along)
+    return x + way * nx, y + way * ny, SPARE * way

@@ -21,14 +21,20 @@ from retarget.priorities import (
     PostureTask,
     PreventiveTask,
     ReactiveTask,
+    StrengthTask,
     Task,
 )
 from retarget.rotations import FloatArray
 
-__all__ = ["SUPPORT_EDGES", "Slot", "SlotKind", "compile_task", "preventive"]
+__all__ = ["CARRIES", "STRENGTH_EDGES", "SUPPORT_EDGES", "Slot", "SlotKind", "compile_task", "preventive"]
 
 SUPPORT_EDGES = 32
 """Most half-spaces of a support task: two for each edge of the convex hull of two feet of eight corners each."""
+
+STRENGTH_EDGES = 2
+"""Most half-spaces of what a joint carries: its torque at rest, and while the mass is thrown up."""
+CARRIES = "carried by "
+"""With it begin the names of frames at joints that carry a robot on its soles."""
 
 _LEFT = np.array([0.0, 1.0, 0.0])
 """Axis that a heading turns: it says nothing of bending forward, as the forward axis would."""
@@ -45,6 +51,7 @@ class SlotKind(Enum):
     OVER_ROOT = "over_root"
     OVER_FEET = "over_feet"
     SUPPORT = "support"
+    STRENGTH = "strength"
     POSTURE = "posture"
     PREVIOUS = "previous"
     REACTIVE = "reactive"
@@ -86,6 +93,8 @@ def compile_task(
         return _posture(task, body)
     if isinstance(task, CentreOfMassTask):
         return [_centre_of_mass(task, body, is_soft=is_soft)]
+    if isinstance(task, StrengthTask):
+        return _strength(frames)
     if isinstance(task, ReactiveTask | PreventiveTask):
         return _observing(task, observers, is_soft=is_soft)
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
@@ -150,6 +159,15 @@ def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, *, is_soft: bool) -
     root = int(body.joint_body[0]) if over_root else None
     made = SolverTask.centre_of_mass(weight=rows, over=root, gain=task.gain, max_error=cap)
     return Slot(SlotKind.OVER_ROOT if over_root else SlotKind.OVER_FEET, task.mode, made)
+
+
+def _strength(frames: Mapping[str, Frame]) -> list[Slot]:
+    """One slot for each joint that carries."""
+    joints = [(name.removeprefix(CARRIES), frame) for name, frame in frames.items() if name.startswith(CARRIES)]
+    return [
+        Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, _triple(frame.position), STRENGTH_EDGES))
+        for joint, frame in joints
+    ]
 
 
 def preventive(task: PreventiveTask, observers: Sequence[str], *, group: int) -> Slot:

@@ -27,7 +27,7 @@ KEYS = [
         "feet",
         "postures",
     ),
-    *("landmarks", "safety", "reconstruct", "retarget"),
+    *("landmarks", "safety", "reconstruct", "retarget", "standing"),
 ]
 
 

@@ -1,14 +1,17 @@
 """Where the first thought is not safe: soles before all else, then what the legs carry alone."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from followers import DT, follower, performer, postures
 from retarget.follow import Follower
+from retarget.hierarchy import Hierarchy
 from retarget.priorities import load_priorities
 from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
-from retarget.second_thoughts import soles_first
+from retarget.second_thoughts import parted_first, soles_first
 from retarget.stopping import Stopping
 
 SOLES = frozenset({"l_sole", "r_sole"})
@@ -26,6 +29,41 @@ def test_the_level_of_the_soles_comes_first_and_the_others_keep_their_order() ->
     order = soles_first(levels, SOLES)
     assert levels[order[0]].name == "soles"
     assert order[1:] == [k for k in range(len(levels)) if k != order[0]]
+
+
+def test_where_limbs_are_parted_nothing_comes_before_that() -> None:
+    levels = load_priorities("steady").levels
+    names = [levels[k].name for k in parted_first(levels, SOLES)]
+    assert names[:4] == ["self collision", "fixtures", "soles", "balance"]
+
+
+def test_who_stands_refused_thinks_once_of_parting_limbs(monkeypatch: pytest.MonkeyPatch) -> None:
+    human = postures(performer())[:120]
+    robot = follower(priorities="steady")
+    robot.start(human[0])
+    second = robot._second
+    assert second is not None and not second.parts
+    thought, asked = second._thought, []
+
+    def heard(hierarchy: Hierarchy, *rest: Any) -> tuple[FloatArray, FloatArray]:
+        asked.append(hierarchy is second._parted)
+        return thought(hierarchy, *rest)
+
+    monkeypatch.setattr(second, "_thought", heard)
+    assert robot.halt(DT) is not None
+    rows = np.array([robot.step(posture, DT).q for posture in human])
+    assert asked == [True]
+    assert np.abs(rows - followed(follower(priorities="steady"), 120)).max() < 0.05  # it asks for the same
+
+
+def test_a_halt_in_motion_changes_no_thought() -> None:
+    human = postures(performer())[:200]
+    robot = follower()
+    robot.start(human[0])
+    for posture in human:
+        robot.step(posture, DT)
+    assert robot.halt(DT) is not None
+    assert robot._second is not None and not robot._second.parts
 
 
 def test_with_soles_first_the_same_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:

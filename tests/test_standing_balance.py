@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from followers import DT, follower, op3, performer, postures
 from retarget.follow import Follower
 from retarget.priorities import Priorities, load_priorities
 from retarget.rotations import FloatArray
 from retarget.stance import plant
-from retarget.standing_balance import GRAVITY, StandingBalance
+from retarget.standing_balance import BEYOND_M, GRAVITY, StandingBalance
 from retarget.support import support_distance
 
 HEIGHT = 0.25
@@ -61,6 +62,28 @@ def test_at_rest_inside_it_may_stay_and_outside_it_must_come_back() -> None:
     out = np.array([0.05, 0.0, HEIGHT])
     spaces = keeps.spaces(out, still, DT)
     assert (spaces[:, :3] @ out > spaces[:, 3]).any()
+
+
+@pytest.mark.parametrize("away", [0.002, 0.01])
+@pytest.mark.parametrize("edge", range(8))
+def test_from_outside_there_is_a_way_back_in(away: float, edge: int) -> None:
+    """Whom a stop left beyond the room, at rest, gets back there, and never presses beyond the soles for it."""
+    keeps, room = balance(), shrunk()
+    way = room[edge, :2]
+    before = com = np.array([*((room[edge, 2] + away) * way), HEIGHT])
+    for _ in range(round(2.0 / DT)):
+        spaces = keeps.spaces(com, (com - before) / DT, DT)
+        room_left = 1e6 * (spaces[:, 3] - spaces[:, :3] @ com)  # [um]
+        found = linprog(way, spaces[:, :2], room_left, bounds=(None, None))
+        assert found.success, "there is always somewhere to go"
+        after = com + 1e-6 * np.array([*found.x, 0.0])
+        zmp = com - HEIGHT / GRAVITY * (after - 2.0 * com + before) / DT**2
+        assert support_distance(zmp, keeps.edges) > -1e-6
+        capture = after + (after - com) / DT * np.sqrt(HEIGHT / GRAVITY)
+        before, com = com, after
+        if support_distance(capture, room) > -BEYOND_M:
+            return
+    pytest.fail("it stays outside")
 
 
 def test_without_motion_the_margin_alone_counts() -> None:

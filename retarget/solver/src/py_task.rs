@@ -26,6 +26,13 @@ fn make(kind: TaskKind, weight: Vec<f64>, gain: f64, max_error: f64, link: Optio
     Ok(PyTask { task: Task { kind, weight, gain, max_error }, link })
 }
 
+fn few(max_edges: usize) -> PyResult<usize> {
+    if max_edges == 0 || max_edges > 64 {
+        return Err(bad(format!("max_edges is {max_edges}, expected 1 to 64")));
+    }
+    Ok(max_edges)
+}
+
 /// A task of observers; `of` by number, all of them where it is not given.
 fn observers(reactive: bool, of: Option<Vec<usize>>, against: &str, speed: f64, group: usize) -> PyResult<PyTask> {
     let (with_self, with_scene) = match against {
@@ -77,10 +84,14 @@ impl PyTask {
     #[staticmethod]
     #[pyo3(signature = (max_edges, *, max_error=0.05))]
     fn support(max_edges: usize, max_error: f64) -> PyResult<Self> {
-        if max_edges == 0 || max_edges > 64 {
-            return Err(bad(format!("max_edges is {max_edges}, expected 1 to 64")));
-        }
-        make(TaskKind::Support { max_edges }, vec![], 1.0, max_error, None)
+        make(TaskKind::Support { max_edges: few(max_edges)? }, vec![], 1.0, max_error, None)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (body, point, max_edges, *, max_error=0.05))]
+    fn lever(body: usize, point: [f64; 3], max_edges: usize, max_error: f64) -> PyResult<Self> {
+        let kind = TaskKind::Lever { link: body, point, max_edges: few(max_edges)? };
+        make(kind, vec![], 1.0, max_error, Some(body))
     }
 
     #[staticmethod]

@@ -4,7 +4,7 @@ use crate::body::Body;
 use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 use crate::math::*;
-use crate::task::{edges, tangents, Task, TaskKind};
+use crate::task::{edges, levers, tangents, Task, TaskKind};
 
 /// The velocity coordinates that take part, packed: `(coordinate, column)` of each link's chain.
 pub struct Columns {
@@ -88,6 +88,9 @@ impl RowWriter<'_> {
                 });
             }
             TaskKind::Support { max_edges } => self.support_rows(task, target, *max_edges, first),
+            TaskKind::Lever { link, point, max_edges } => {
+                self.lever_rows(task, target, (*link, *point), *max_edges, first)
+            }
             TaskKind::Posture => self.posture_rows(task, first, strength),
             TaskKind::Observers(_) => {} // they write their own
         }
@@ -173,6 +176,28 @@ impl RowWriter<'_> {
             self.problem.upper[r] = room.max(-task.max_error);
             for &(dof, c) in &columns.all {
                 self.problem.row_mut(r)[c] = dot(n, body.com_column(pose, dof));
+            }
+        }
+    }
+
+    /// n . (c + J dq) + m . (p + Jp dq) <= d for every half-space.
+    fn lever_rows(&mut self, task: &Task, target: &[f64], of: (usize, Vec3), max_edges: usize, first: usize) {
+        let (body, pose, columns) = (self.body, self.pose, self.columns);
+        for r in first..first + max_edges {
+            self.problem.present[r] = false;
+        }
+        let p = body.point(pose, of.0, of.1);
+        for (k, (n, m, d)) in levers(target, max_edges).enumerate() {
+            let r = first + k;
+            self.equality(r, 0.0);
+            self.problem.lower[r] = f64::NEG_INFINITY;
+            let room = d - dot(n, pose.com) - dot(m, p);
+            self.problem.upper[r] = room.max(-task.max_error);
+            for &(dof, c) in &columns.all {
+                self.problem.row_mut(r)[c] = dot(n, body.com_column(pose, dof));
+            }
+            for &(dof, c) in &columns.chain[of.0] {
+                self.problem.row_mut(r)[c] += dot(m, body.point_column(pose, dof, p));
             }
         }
     }

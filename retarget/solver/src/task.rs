@@ -17,6 +17,8 @@ pub enum TaskKind {
     CentreOfMass { over: Option<usize> },
     /// The centre of mass stays inside at most `max_edges` half-spaces: those over a support polygon, and what motion asks for.
     Support { max_edges: usize },
+    /// The centre of mass and a point of a link stay inside at most `max_edges` half-spaces of both: what a joint carries.
+    Lever { link: usize, point: Vec3, max_edges: usize },
     /// An axis of a link, from a point of it, aims at a world point.
     LookAt { link: usize, point: Vec3, axis: Vec3 },
     /// Every coordinate goes to that of a posture.
@@ -42,6 +44,7 @@ impl Task {
         match self.kind {
             TaskKind::Orientation { .. } => 4,
             TaskKind::Support { max_edges } => 4 * max_edges,
+            TaskKind::Lever { max_edges, .. } => 7 * max_edges,
             TaskKind::Posture => body.nq,
             TaskKind::Observers(_) => 0,
             _ => 3,
@@ -51,7 +54,7 @@ impl Task {
     /// Rows of the hierarchy that this task may use.
     pub fn row_count(&self) -> usize {
         match self.kind {
-            TaskKind::Support { max_edges } => max_edges,
+            TaskKind::Support { max_edges } | TaskKind::Lever { max_edges, .. } => max_edges,
             TaskKind::Observers(ref task) => task.rows,
             _ => self.weight.iter().filter(|w| **w > 0.0).count(),
         }
@@ -80,7 +83,7 @@ pub fn tangents(a: Vec3) -> (Vec3, Vec3) {
 }
 
 impl Task {
-    /// Unweighted error of a three-row task (m or rad, world frame). Support and posture have none.
+    /// Unweighted error of a three-row task (m or rad, world frame). Limits and posture have none.
     pub fn error(&self, body: &Body, pose: &Pose, target: &[f64]) -> Vec3 {
         let goal = [target[1], target[2], target[3]];
         match &self.kind {
@@ -102,7 +105,7 @@ impl Task {
                 let now = mat_vec(&pose.rotation[*link], *axis);
                 turn_error(now, unit_or(sub(goal, eye), now))
             }
-            TaskKind::Support { .. } | TaskKind::Posture | TaskKind::Observers(_) => [0.0; 3],
+            TaskKind::Support { .. } | TaskKind::Lever { .. } | TaskKind::Posture | TaskKind::Observers(_) => [0.0; 3],
         }
     }
 
@@ -112,6 +115,12 @@ impl Task {
         match &self.kind {
             TaskKind::Support { max_edges } => {
                 let depth = edges(target, *max_edges).map(|(n, d)| dot(n, pose.com) - d);
+                let deepest = depth.fold(0.0, f64::max);
+                (deepest, deepest * deepest)
+            }
+            TaskKind::Lever { link, point, max_edges } => {
+                let p = body.point(pose, *link, *point);
+                let depth = levers(target, *max_edges).map(|(n, m, d)| dot(n, pose.com) + dot(m, p) - d);
                 let deepest = depth.fold(0.0, f64::max);
                 (deepest, deepest * deepest)
             }
@@ -140,4 +149,13 @@ pub fn edges(target: &[f64], max_edges: usize) -> impl Iterator<Item = (Vec3, f6
         .take(max_edges)
         .filter(|e| e[..3].iter().any(|n| *n != 0.0))
         .map(|e| ([e[0], e[1], e[2]], e[3]))
+}
+
+/// Half-spaces (normal of the centre of mass, of the point, offset) of a lever target that are in use.
+pub fn levers(target: &[f64], max_edges: usize) -> impl Iterator<Item = (Vec3, Vec3, f64)> + '_ {
+    target[1..]
+        .chunks_exact(7)
+        .take(max_edges)
+        .filter(|e| e[..6].iter().any(|n| *n != 0.0))
+        .map(|e| ([e[0], e[1], e[2]], [e[3], e[4], e[5]], e[6]))
 }
