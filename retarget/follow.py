@@ -7,16 +7,13 @@ import numpy as np
 
 from retarget.chase import TRUNK, Chase
 from retarget.envelope import Envelope, measure_envelope
-from retarget.followed_speed import followed_speed
 from retarget.following_limits import following_limits
 from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
 from retarget.joint_limits import JointLimits
 from retarget.landmarks import AskedLandmarks, LandmarkMap
-from retarget.loaded_speed import loaded_speed
 from retarget.observers import robot_observers
-from retarget.off_stops import off_stops
 from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
 from retarget.robot_body import RobotBody
@@ -71,11 +68,7 @@ class Follower:
         """
         self._robot, self._body = robot, robot.body.solver_body()
         self.stance = plant(robot, robot.profile.postures.stand)
-        self._limits = following_limits(robot, self.stance)
-        if priorities.uphold is not None:
-            self._limits = loaded_speed(robot, self._limits, reserve=priorities.uphold.reserve)
-            self._limits = followed_speed(robot, self._limits, late=priorities.uphold.late)
-            self._limits = off_stops(robot, self._limits, margin=priorities.uphold.off_stops)
+        self._limits = following_limits(robot, self.stance, priorities.uphold)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
         steps = legs_move and priorities.steps == "shift"
         if steps:

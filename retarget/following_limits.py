@@ -2,7 +2,11 @@
 
 import numpy as np
 
+from retarget.followed_speed import followed_speed
 from retarget.joint_limits import JointLimits
+from retarget.loaded_speed import loaded_speed
+from retarget.off_stops import off_stops
+from retarget.priorities import UpholdSettings
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
@@ -20,8 +24,9 @@ SAMPLES = 181
 """Angles at which a joint is tried."""
 
 
-def following_limits(robot: RobotBody, stance: Stance) -> JointLimits:
-    """Limits of every DoF (nv,). A free root has none; speeds are capped by the profile's share for following."""
+def following_limits(robot: RobotBody, stance: Stance, uphold: UpholdSettings | None = None) -> JointLimits:
+    """Limits of every DoF (nv,). A free root has none; speeds are capped by the profile's share for following. uphold:
+    of a robot with mass, which keeps off its stops, and to speeds of loaded servos."""
     servos, body = robot.limits, robot.body
     dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
     columns = []
@@ -38,7 +43,14 @@ def following_limits(robot: RobotBody, stance: Stance) -> JointLimits:
     for middle, ends in LIMBS.items():
         for side in ("l", "r"):
             _keep_bent(robot, stance, [f"{side}_{part}" for part in (ends[0], middle, ends[1])], lower, upper)
-    return JointLimits(lower, upper, max_velocity, max_acceleration)
+    limits = JointLimits(lower, upper, max_velocity, max_acceleration)
+    return limits if uphold is None else _upheld(robot, limits, uphold)
+
+
+def _upheld(robot: RobotBody, limits: JointLimits, uphold: UpholdSettings) -> JointLimits:
+    limits = loaded_speed(robot, limits, reserve=uphold.reserve)
+    limits = followed_speed(robot, limits, late=uphold.late)
+    return off_stops(robot, limits, margin=uphold.off_stops)
 
 
 def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:

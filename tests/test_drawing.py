@@ -103,10 +103,10 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     wrist, _ = (ball for ball, _ in drawing._balls["sensors"]._balls)
     assert drawing._place is not None
     np.testing.assert_allclose(wrist.position, drawing._place.of(worn[0]), atol=1e-6)
-    assert wrist.position[1] > 0.3 and wrist.visible
-    drawing.see("sensors", visible=False)
-    assert not wrist.visible
-    drawing.see("sensors", visible=True)
+    assert wrist.position[1] > 0.3
+    for visible in (False, True):
+        drawing.see("sensors", visible=visible)
+        assert wrist.visible is visible
     drawing.show(moment(human=start, sensors=worn + np.nan))
     assert not wrist.visible, "nobody believes it"
 

@@ -20,8 +20,7 @@ from sim.faults.sender import FakeSender
 def filled(approach: int, follow: int, brake: int, *, close_at: int | None = None) -> Record:
     """The times of so many ticks of each phase, with room for 4, 3 and 2 of them."""
     rows = RecordRows(approach=4, follow=3, brake=2)
-    none, modes = np.zeros((rows.room, 0)), np.zeros((rows.room, 0), dtype=np.uint8)
-    human = HumanRecord((), none, np.zeros((rows.room, 0, 3)), np.zeros(rows.room), modes)
+    human = HumanRecord.empty(rows.room, nq=0, joint_names=())
     phase = np.zeros(rows.room, dtype=np.int8)
     record = Record(np.zeros(rows.room), phase, human, None, Timing.empty(rows.room))
     for tick in range(approach + follow + brake):
