@@ -69,6 +69,8 @@ class LiveStream:
         self.last = -np.inf
         self.names: dict[str, None] = {}
         """Poses that the sender has told, by its own names; bounded."""
+        self.unread = b""
+        """The last datagram that held no poses."""
         self.tap, self._smooth = tap, smooth
         self._waiting: deque[Datagram] = deque()
         self._parts = PoseParts(len(roles.sensors))
@@ -109,6 +111,8 @@ class LiveStream:
 
     def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
         frames = self.decoder.decode(datagram.payload)
+        if not frames:
+            self.unread = datagram.payload
         if not frames or not self.admission.confirm(datagram.source, now=now, moving=moving):
             return
         for frame in frames:
