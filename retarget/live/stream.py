@@ -80,6 +80,11 @@ class LiveStream:
         """Datagrams that the last poll gave and that are not decoded yet; at most what one poll may give."""
         return len(self._waiting)
 
+    def tells(self, sensor: str) -> bool:
+        """Whether the sender has told a sensor so far, well or not."""
+        place = self.roles.places[self.roles.sensors.index(sensor)]
+        return not self.names.keys().isdisjoint({place.position, place.orientation} - {""})
+
     def listen(self, now: float, *, moving: bool) -> None:
         """Take what has arrived until `now`, s. moving: while the robot follows, nobody else takes over the stream.
 
