@@ -52,11 +52,16 @@ def json_poses(time: float, poses: dict[str, dict[str, list[float]]], **more: ob
     return json.dumps({"axes": "rep103", "time": time, "poses": poses} | more).encode()
 
 
-def heard(*faults: SenderFault, sender: FakeSender | None = None, seconds: float = 5.0) -> Listening:
+def heard(
+    *faults: SenderFault,
+    sender: FakeSender | None = None,
+    performer: Performer | None = None,
+    seconds: float = 5.0,
+) -> Listening:
     """A sender of JSON whose performer begins to move after 2 s."""
     sender = sender or FakeSender(frames=FRAMES)
     sender.faults += faults
-    return listen_to(live_stream(sender, five()), clock=VirtualClock(), seconds=seconds)
+    return listen_to(live_stream(sender, performer or five()), clock=VirtualClock(), seconds=seconds)
 
 
 def played(

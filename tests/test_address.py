@@ -114,7 +114,7 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
         ("natnet://0.0.0.0", "not the address of one computer"),
         ("natnet://1.2.3.4?version=4.9", "allowed: 3.0, 3.1, 4.0"),
         ("natnet://1.2.3.4?multicast=10.0.0.1", "239.255.42.99"),
-        ("natnet://1.2.3.4?interface=eth0", "IPv4 address of an interface"),
+        ("natnet://1.2.3.4?interface=eth0", "address of an interface of this machine: 127.0.0.1 (lo)"),
         ("natnet://1.2.3.4?interface=0.0.0.0", "IPv4 address of an interface"),
         ("natnet://1.2.3.4?allow=any", "unknown option"),
         ("mvn://?tcp=10.0.0.2&allow=any", "Write mvn://:9763?tcp=10.0.0.2"),

@@ -18,7 +18,7 @@ from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S
 from retarget.performer import Performer, load_performer
 from retarget.rotations import FloatArray, from_axis_angle, rotate
 from retarget.samples import Performance
-from sim.faults.sender import FakeSender, Poses, SenderFault, silent
+from sim.faults.sender import FakeSender, Poses, SenderFault, lost, silent
 
 COUNTDOWN_S = 0.2
 
@@ -176,3 +176,11 @@ def test_a_busy_machine_is_not_taken_for_a_silent_stream() -> None:
         options = LiveOptions(patience=6.0, countdown=0.0)
         measure(stream, options, None, clock=clock, where=WHERE, tell=said.append)
     assert stream.arrived > 600 and not any("nothing has arrived" in text for text in said)
+
+
+def test_nobody_stands_still_for_a_sensor_that_the_sender_never_tells() -> None:
+    """Who takes what there is, takes it at once; one that was told and is lost is waited for."""
+
+    took = [begun(lost("l_toe", since, 1e9), person=None, performer=load_performer("all"))[2] for since in (0.0, 0.1)]
+    assert took[0] < begun(person=None, performer=load_performer("all"))[2] + 0.1
+    assert took[1] > took[0] + 0.5

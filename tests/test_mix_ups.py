@@ -2,8 +2,8 @@
 
 import pytest
 
-from retarget.doctor.mix_ups import SENDERS, advice_for
 from retarget.live.address import KINDS
+from retarget.live.mix_ups import SENDERS, advice_for
 from retarget.sources.datagram_kinds import Recognised
 
 

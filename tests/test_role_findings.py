@@ -61,3 +61,11 @@ def test_vrchat_has_no_wrists() -> None:
 
 def test_nothing_is_said_of_nothing() -> None:
     assert role_findings(five(), "json", played([])) == []
+
+
+def test_who_takes_what_there_is_misses_only_what_measures() -> None:
+    everything = load_performer("all")
+    found = role_findings(everything, "json", heard(lost("l_toe", 0.0, 99.0), performer=everything))
+    assert not mends(found) and "tells no l_toe: they take no part" in text_of(found)
+    lines = mends(role_findings(everything, "json", heard(lost("head", 0.0, 99.0), performer=everything)))
+    assert any("tells no head; it tells" in line for line in lines)

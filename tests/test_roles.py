@@ -110,3 +110,18 @@ def test_what_a_kind_of_sender_never_tells_is_refused_once_with_what_to_do(conve
     with pytest.raises(UsageError, match=told) as refusal:
         roles_of(FIVE, convention, where="five.yaml")
     assert len(refusal.value.problems) == 1
+
+
+def test_who_takes_what_there_is_leaves_out_what_a_kind_of_sender_never_tells() -> None:
+    everything = load_performer("all")
+    roles = roles_of(everything, "slimevr", where="all.yaml")
+    assert roles.sensors == tuple(everything.sensors) and roles.partial
+    assert {name for name, place in zip(roles.sensors, roles.places, strict=True) if not place.position} == {
+        f"{side}_{joint}" for side in "lr" for joint in ("shoulder", "hip", "toe")
+    }
+    poses = roles.take(frame({"human://HEAD": ([0.0, 0.0, 1.6], None), "": ([0.0, 0.0, 1.0], None)}))
+    assert poses is not None and poses.rows.tolist() == [roles.sensors.index("head")]
+    with pytest.raises(UsageError, match="tells no l_wrist, r_wrist"):
+        roles_of(everything, "slimevr_vrchat", where="all.yaml")
+    with pytest.raises(UsageError, match="tells no l_shoulder"):
+        roles_of(everything.model_copy(update={"partial": False}), "slimevr", where="all.yaml")

@@ -4,7 +4,7 @@ import pytest
 
 from hardware.clock import VirtualClock
 from live_rig import five, live_stream
-from mvn_packets import mvn
+from mvn_packets import mvn, quaternions, standing
 from retarget.errors import InputError
 from retarget.live.address import StreamAddress, parse_address
 from retarget.live.begin import LiveOptions, begin_live
@@ -23,7 +23,7 @@ DT = 0.01
 HERE = "natnet://127.0.0.1"
 
 
-def refused(sender: FakeSender, *, decoder: MvnDecoder | None = None) -> str:
+def refused(sender: FakeSender, *, decoder: MvnDecoder | None = None, where: str = "here") -> str:
     """Why a run with this sender does not begin."""
     stream = live_stream(sender, five())
     if decoder is not None:
@@ -35,7 +35,7 @@ def refused(sender: FakeSender, *, decoder: MvnDecoder | None = None) -> str:
             LiveOptions(countdown=0.0, patience=1.0),
             clock=clock,
             rate_hz=100.0,
-            where="here",
+            where=where,
             tell=lambda text: None,
         )
     return str(refusal.value)
@@ -51,6 +51,18 @@ def garbled(payload: bytes, first: float = 0.0, last: float = 1e9) -> FakeSender
 def test_nothing_arrives() -> None:
     text = refused(FakeSender(faults=[silent(0.0, 1e9)]))
     assert text.startswith("here: nothing arrives, waited 1 s.") and "firewall" in text
+
+
+def test_what_arrives_instead_is_named() -> None:
+    text = refused(garbled(quaternions(standing())), where="json://:7000")
+    assert "datagrams: MVN. " in text and "Listen with mvn://:7000" in text and "9763" in text
+    text = refused(FakeSender(), decoder=MvnDecoder(), where="mvn://:7000")
+    assert "datagrams: poses as JSON" in text and "Listen with json://:7000" in text
+
+
+def test_a_stream_that_has_ended_is_told_as_such() -> None:
+    text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9), silent(0.05, 1e9)]))
+    assert "nothing has arrived for 1.0 s, and before that" in text and "see that" in text.lower(), text
 
 
 def test_something_else_arrives() -> None:

@@ -1,12 +1,13 @@
 """Which of the performer's sensors the sender tells, and which of those can be believed."""
 
 from retarget.catalogue import Kind, entries
-from retarget.doctor.finding import Finding, mend, ok
+from retarget.doctor.finding import Finding, mend, note, ok
 from retarget.doctor.listening import Listening
 from retarget.errors import RefusedError
 from retarget.live.roles import CONVENTIONS, Place
 from retarget.live.trust_state import TrustState
 from retarget.performer import Performer, load_performer
+from retarget.rest_pose import REQUIRED
 
 __all__ = ["UNNAMED", "role_findings"]
 
@@ -60,8 +61,11 @@ def role_findings(performer: Performer, convention: str, listening: Listening) -
 
 def _missing(performer: Performer, convention: str, missing: list[tuple[str, Place]], listening: Listening) -> Finding:
     names = ", ".join(
-        sensor if place.position in (UNNAMED, sensor) else f"{sensor} ({place.position})" for sensor, place in missing
+        sensor if place.position in (UNNAMED, sensor, "") else f"{sensor} ({place.position})"
+        for sensor, place in missing
     )
+    if performer.partial and set(REQUIRED).isdisjoint(sensor for sensor, _ in missing):
+        return note("sensors", f"the stream tells no {names}: they take no part")
     told = list(dict.fromkeys(name for frame in listening.frames[-RECENT:] for name in frame.names))
     shown = ", ".join(told[:SHOWN]) + (f" and {len(told) - SHOWN} more" if len(told) > SHOWN else "")
     unnamed = any(place.position == UNNAMED for _, place in missing)

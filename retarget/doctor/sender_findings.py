@@ -5,9 +5,9 @@ from ipaddress import AddressValueError, IPv4Address
 
 from retarget.doctor.finding import Finding, mend, note, ok
 from retarget.doctor.listening import Listening
-from retarget.doctor.mix_ups import SENDERS, advice_for
 from retarget.live.address import StreamAddress
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
+from retarget.live.mix_ups import SENDERS, advice_for
 from retarget.sources.datagram_kinds import DAMAGED
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.vmc import VmcDecoder

@@ -5,9 +5,9 @@ from ipaddress import IPv4Address
 from retarget.doctor.elsewhere import Stray
 from retarget.doctor.finding import Finding, mend, note
 from retarget.doctor.firewall import firewall_findings
-from retarget.doctor.mix_ups import SENDERS
 from retarget.live.address import EVERYWHERE, LOOPBACK, StreamAddress, for_others
 from retarget.live.interfaces import local_interfaces
+from retarget.live.mix_ups import SENDERS
 from retarget.sources.natnet_wire import DATA_PORT
 
 __all__ = ["silence_findings", "stray_finding"]

@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Literal, TypeVar
 
 from retarget.errors import UsageError, suggest
+from retarget.live.interfaces import local_interfaces
 
 __all__ = ["ANYBODY", "RECORDED", "AddressOptions", "Bones", "UpAxis", "address_number", "bad_address", "read_options"]
 
@@ -67,7 +68,7 @@ def read_options(text: str, query: str, known: tuple[str, ...]) -> AddressOption
             options = _with(options, name, value)
         except ValueError:
             what = f"the option '{name}' cannot be {'read' if value else 'empty'}"
-            raise bad_address(text, what, found=value, allowed=_ALLOWED[name]) from None
+            raise bad_address(text, what, found=value, allowed=_ALLOWED[name] + _present(name)) from None
     return options
 
 
@@ -113,6 +114,12 @@ def _with(options: AddressOptions, name: str, value: str) -> AddressOptions:
             return replace(options, kind=_chosen(value, value in RECORDED))
     assert name == "loop"
     return replace(options, loop=_chosen(value, value in {"0", "1"}) == "1")
+
+
+def _present(name: str) -> str:
+    """Addresses that an option may name here."""
+    found = local_interfaces() if name == "interface" else {}
+    return f": {', '.join(f'{address} ({own})' for own, address in found.items())}" if found else ""
 
 
 def _networks(value: str) -> tuple[IPv4Network, ...]:

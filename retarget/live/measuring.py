@@ -120,7 +120,7 @@ def _captured(
                 if now >= end:
                     raise refused[tries.most_common(1)[0][0]] from None
                 continue
-            if found.missing and now < end:  # it may be fresh soon
+            if now < end and any(stream.tells(name) for name in found.missing):  # it may be fresh soon
                 continue
             return found
 

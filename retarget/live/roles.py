@@ -11,6 +11,7 @@ from retarget._solver import SensorPlan
 from retarget.errors import Problem, UsageError, suggest
 from retarget.frames import SENSORS, BoolArray
 from retarget.performer import Performer
+from retarget.rest_pose import REQUIRED
 from retarget.rotations import FloatArray
 from retarget.sources.mvn_roles import MVN_SENSORS
 from retarget.sources.stream_frame import StreamFrame
@@ -77,6 +78,8 @@ _STEPS = {
     "natnet": "Motive's names are your own: --performer optitrack, or a copy of it with the names of your rigid bodies",
 }
 """What to do about sensors that a sender of a convention does not tell."""
+UNTOLD = Place("", "")
+"""Of a sensor that a kind of sender does not know, and that is not waited for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +150,7 @@ class Roles:
         return self._current
 
     def _make(self, names: tuple[str, ...]) -> _Plan | None:
-        column = {name: index for index, name in enumerate(names)}
+        column = {name: index for index, name in enumerate(names) if name}  # "" is no name of a place
         told = [
             (row, place)
             for row, place in enumerate(self.places)
@@ -168,7 +171,8 @@ class Roles:
 def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
     """The performer's sensors by a convention's names, or by those of the performer's file, which come first.
 
-    where: the performer's file, for messages. Raises UsageError with every sensor that the sender cannot tell.
+    where: the performer's file, for messages. Raises UsageError with every sensor that the sender cannot tell; one
+    that takes what there is only for those that measure.
     """
     if convention not in CONVENTIONS:
         raise UsageError(
@@ -193,7 +197,8 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
             )
         else:
             lacking.append(name)
-    if lacking:
+            places.append(UNTOLD)
+    if lacking and not (performer.partial and set(REQUIRED).isdisjoint(lacking)):
         problems.append(
             Problem(
                 f"sender of kind {convention} tells no {', '.join(lacking)}",

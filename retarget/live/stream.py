@@ -69,6 +69,8 @@ class LiveStream:
         self.last = -np.inf
         self.names: dict[str, None] = {}
         """Poses that the sender has told, by its own names; bounded."""
+        self.unread = b""
+        """The last datagram that held no poses."""
         self.tap, self._smooth = tap, smooth
         self._waiting: deque[Datagram] = deque()
         self._parts = PoseParts(len(roles.sensors))
@@ -77,6 +79,11 @@ class LiveStream:
     def waiting(self) -> int:
         """Datagrams that the last poll gave and that are not decoded yet; at most what one poll may give."""
         return len(self._waiting)
+
+    def tells(self, sensor: str) -> bool:
+        """Whether the sender has told a sensor so far, well or not."""
+        place = self.roles.places[self.roles.sensors.index(sensor)]
+        return not self.names.keys().isdisjoint({place.position, place.orientation} - {""})
 
     def listen(self, now: float, *, moving: bool) -> None:
         """Take what has arrived until `now`, s. moving: while the robot follows, nobody else takes over the stream.
@@ -109,6 +116,8 @@ class LiveStream:
 
     def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
         frames = self.decoder.decode(datagram.payload)
+        if not frames:
+            self.unread = datagram.payload
         if not frames or not self.admission.confirm(datagram.source, now=now, moving=moving):
             return
         for frame in frames:

@@ -5,10 +5,12 @@ from collections import Counter
 from ipaddress import IPv4Address
 
 from retarget.errors import InputError, Problem
-from retarget.live.address import for_others
+from retarget.live.address import for_others, parse_address
+from retarget.live.mix_ups import SENDERS, advice_for
 from retarget.live.natnet_receiver import NatnetReceiver
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
+from retarget.sources.datagram_kinds import recognise
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, OLDEST
 from retarget.sources.natnet_trouble import natnet_problems
@@ -33,11 +35,19 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
     if stream.arrived == 0:
         return _nothing(stream, waited, where=where)
     if stream.frames == 0:
+        other, step = _something_else(stream, where)
         return InputError(
             "what arrives cannot be used",
             where=where,
-            found=f"{stream.arrived} datagrams: {reasons or 'no poses in them'}",
-            next_step=_step(stream),
+            found=f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}",
+            next_step=step or _step(stream),
+        )
+    if (silence := now - stream.last) >= 0.5 * SILENT_S:
+        return InputError(
+            f"nothing has arrived for {silence:.1f} s, and before that {stream.frames} frames",
+            where=where,
+            found=", ".join(f"no {name}" for name in missing),
+            next_step="See that the sender still runs, and sends here",
         )
     wanted = {name: stream.roles.places[stream.roles.sensors.index(name)].position for name in missing}
     return InputError(
@@ -48,6 +58,14 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         allowed=", ".join(list(stream.names)[:MOST_NAMES]),
         next_step="Wear and switch on these, or choose another --performer",
     )
+
+
+def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
+    """What arrives instead of what the address reads, and what to do; "" each where it is not known."""
+    kind, got = where.partition("://")[0], recognise(stream.unread)
+    if kind not in SENDERS or not got.kind or got.kind == kind:
+        return "", ""
+    return got.text, advice_for(kind, got, port=parse_address(where).port)
 
 
 def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
