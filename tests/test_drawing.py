@@ -100,7 +100,7 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     start = person().body.qpos0.copy()
     worn = np.array([start[:3] + 0.1, [np.nan] * 3])
     drawing.show(moment(human=start, sensors=worn))
-    wrist, _ = (ball for ball, _ in drawing._balls["sensors"]._balls)
+    wrist: Any = drawing._balls["sensors"]._balls[0][0]
     assert drawing._place is not None
     np.testing.assert_allclose(wrist.position, drawing._place.of(worn[0]), atol=1e-6)
     assert wrist.position[1] > 0.3
@@ -125,7 +125,7 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     com, none = np.array([3.0, -4.0, 0.9]), np.zeros((0, 3))
     worn = np.array([[3.0, -4.0, 1.2], [np.nan] * 3])
     drawing.show(moment(human=start, com=com, asked=none, reached=none, sensors=worn))
-    wrist, head = (ball for ball, _ in drawing._balls["sensors"]._balls)
+    wrist, head = (ball[0] for ball in drawing._balls["sensors"]._balls)
     assert tuple(wrist.position) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
     assert wrist.visible and not head.visible, "the head's is not believed"
     assert {"human", "sensors"} < set(drawing.parts) and not {"asked", "reached"} & set(drawing.parts)

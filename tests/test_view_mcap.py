@@ -1,10 +1,12 @@
 """A recorded run, looked at: every tick as it was, with what observers and servos did."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from followers import op3
 from hardware.clock import VirtualClock
 from retarget.cli.buses import make_bus
 from retarget.clip import Playback
@@ -13,15 +15,20 @@ from retarget.options import RunOptions
 from retarget.pipeline import Watch
 from retarget.prepare import prepare
 from retarget.recording.recorder import Recorder
+from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 from retarget.viewer.from_mcap import RecordedCycles, open_viewed
 from sim.performer import synthetic_performer
 
+Told = Callable[[], FloatArray | None] | None
 
-def recorded(path: Path, *, robot: str, stop: int = 10**9) -> RunResult:
-    """The first second of the performer; somebody stops it after so many ticks."""
-    options = RunOptions(robot=robot, playback=Playback(end=1.0))
-    recorder = Recorder(path, options, clock=VirtualClock(), parks=False, tell=lambda text: None)
+
+def recorded(path: Path, *, robot: str, stop: int = 10**9, scene: str | None = None, truth: Told = None) -> RunResult:
+    """The first second of the performer; somebody stops it after so many ticks. truth: as if there were physics."""
+    bus = "mock" if truth is None else "physics"
+    options = RunOptions(robot=robot, bus=bus, scene=scene, playback=Playback(end=1.0))
+    knows, clock = truth or (lambda: None), VirtualClock()
+    recorder = Recorder(path, options, clock=clock, parks=False, tell=lambda text: None, truth=knows)
     asked = 0
 
     def stop_asked() -> bool:
@@ -29,7 +36,7 @@ def recorded(path: Path, *, robot: str, stop: int = 10**9) -> RunResult:
         asked += 1
         return asked > stop
 
-    make = recorder.make_bus(lambda body, clock: make_bus(options.bus, body, clock))
+    make = recorder.make_bus(lambda body, clock: make_bus("mock", body, clock))
     with (
         prepare(synthetic_performer, options, clock=recorder.clock, make_bus=make) as prepared,
         recorder.recording(prepared, source="synthetic") as taped,
@@ -85,6 +92,33 @@ def test_a_human_alone(tmp_path: Path) -> None:
     assert seen.cast.robot is None and np.isfinite(moment.com).all()
     assert moment.sensors is not None and moment.zmp is not None and np.isfinite(moment.zmp).all()
     np.testing.assert_array_equal(moment.sensors, run.record.human.sensors[10])
+
+
+def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
+    """Fallen, say, with bent knees; until somebody knows, it is where its servos have it."""
+    path, ticks, robot = tmp_path / "run.mcap", 0, op3()
+    truth = np.concatenate([[0.5, 0.25, 0.125, 0.0, 1.0, 0.0, 0.0], np.linspace(-0.5, 0.5, 20), [0.0625, -0.25]])
+
+    def told() -> FloatArray | None:
+        nonlocal ticks
+        ticks += 1
+        return truth if ticks > 100 else None
+
+    run = recorded(path, robot="op3", truth=told)
+    seen = open_viewed(path)
+    assert seen.cast.simulated and run.record.robot is not None
+    before, after = seen.moment(50), seen.moment(len(seen.times) - 1)
+    assert before.pressure is None
+    np.testing.assert_allclose(before.robot[robot.servo_columns], run.record.robot.present[50], atol=1e-9)
+    np.testing.assert_array_equal(after.robot[:7], truth[:7])
+    np.testing.assert_allclose(after.robot[7:], truth[7:-2], atol=1e-6)
+    assert after.pressure is not None and after.pressure.tolist() == [0.0625, -0.25]
+    assert not open_viewed(other_run(tmp_path)).cast.simulated
+
+
+def other_run(folder: Path) -> Path:
+    recorded(folder / "mock.mcap", robot="op3")
+    return folder / "mock.mcap"
 
 
 def test_half_of_it_is_seen_and_nothing_is_refused(path: Path, run: RunResult, tmp_path: Path) -> None:

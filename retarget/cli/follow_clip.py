@@ -41,7 +41,15 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         clock = VirtualClock() if outputs.view is None else PacedClock()
     bench = PhysicsBench(options, _note)
     parks = options.has_physics  # without torque it would fall from where it stands
-    recorder = Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note, overwrite=outputs.overwrite)
+    recorder = Recorder(
+        outputs.record,
+        options,
+        clock=clock,
+        parks=parks,
+        tell=_note,
+        overwrite=outputs.overwrite,
+        truth=bench.truth_numbers,
+    )
     with detached_screens(), ExitStack() as signals:
         with prepare(
             read,

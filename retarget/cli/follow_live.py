@@ -88,7 +88,7 @@ def follow_live(
         clock = VirtualClock() if outputs.view is None else PacedClock()
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _tell)
-    recorder = Recorder(outputs.record, options, clock=clock, parks=True, tell=_tell, overwrite=outputs.overwrite)
+    recorder = _recorder(outputs, options, clock, bench)
     tell = recorder.hears(_tell)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
@@ -123,6 +123,18 @@ def follow_live(
             tell("nobody was followed: the stream was over before following began")
         told = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
+
+
+def _recorder(outputs: Outputs, options: RunOptions, clock: Clock, bench: PhysicsBench) -> Recorder:
+    return Recorder(
+        outputs.record,
+        options,
+        clock=clock,
+        parks=True,
+        tell=_tell,
+        overwrite=outputs.overwrite,
+        truth=bench.truth_numbers,
+    )
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:

@@ -14,6 +14,7 @@ from retarget.options import RunOptions
 from retarget.prepare import Prepared
 from retarget.record import Phase
 from retarget.robot_body import RobotBody, load_robot
+from retarget.rotations import FloatArray
 from retarget.run_result import RunResult
 from retarget.scene import load_scene
 from retarget.standing import check_stand
@@ -86,6 +87,11 @@ class PhysicsBench:
             return None
         state, body = self._bus.witness.state, self._robot.body
         return Truth(state.root, state.q[body.joint_qpos[body.joint_type > JointType.BALL]], state.zmp)
+
+    def truth_numbers(self) -> FloatArray | None:
+        """The same as numbers, for a recording."""
+        truth = self.truth()
+        return None if truth is None else truth.numbers()
 
     def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
         from sim.physics.mount import mount_of

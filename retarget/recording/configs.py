@@ -17,7 +17,7 @@ from retarget.recording.session import ConfigFile
 from retarget.robot_body import RobotBody, load_robot, robot_of
 from retarget.servo_calibration import read_calibration
 
-__all__ = ["PROFILE", "Configs", "as_now", "as_then"]
+__all__ = ["PROFILE", "Configs", "as_now", "as_then", "scene_as_then"]
 
 PROFILE, CALIBRATION, PERFORMER, SCENE = "robot.yaml", "calibration.yaml", "performer.yaml", "scene.yaml"
 PRIORITIES_OF = "priorities_of_the_{}.yaml"
@@ -71,6 +71,16 @@ def as_now(recording: Recording, options: RunOptions, *, robot: str | None = Non
             found = load_robot(options.robot, root=options.root)
             _tell_of_robot(files, found)
             yield _configs(files, options, found)
+
+
+@contextmanager
+def scene_as_then(recording: Recording) -> Iterator[tuple[str | None, tuple[str, ...]]]:
+    """The scene alone, as it was: its name or file, None without one, and what is told of it. Raises RetargetError."""
+    scene = recording.session.scene
+    with TemporaryDirectory(prefix="retarget.") as folder:
+        files = _Files(recording, Path(folder), now=False)
+        found = None if scene is None else _named(files, SCENE, Kind.SCENE, scene)
+        yield found, tuple(files.told)
 
 
 class _Files:

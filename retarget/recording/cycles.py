@@ -45,7 +45,7 @@ class Done(IntEnum):
 @dataclass(frozen=True)
 class Shape:
     """How many there are: sensors, servos, columns of q that no servo moves, q of the human, its joints, landmarks,
-    observers of the robot, and of the human."""
+    observers of the robot, and of the human; and numbers that tell the truth about a simulated body."""
 
     sensors: int
     servos: int
@@ -55,6 +55,7 @@ class Shape:
     landmarks: int
     observers: int
     human_observers: int
+    truth: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ class Cycles:
     (T, READINGS) s: what the clock said, `readings` (T,) times. asked (T,): `Asked`. tick (T,): of the performance.
     sampled, read, written (T,): `Done`. goal (T, n) ticks. kept (T,): the pipeline has a row of it; then
     phase (T,), gated, unled, q (T, n) rad as sent, before rounding, rest (T, r): the other columns of q, and so on.
-    cost (T, 3) s of thread CPU of both stages and of wall time of the tick.
+    cost (T, 3) s of thread CPU of both stages and of wall time of the tick. truth (T, t): see `beside.Truth`.
     """
 
     index: NDArray[np.int64]
@@ -110,6 +111,7 @@ class Cycles:
     human_joints: FloatArray
     human_observer_modes: NDArray[np.uint8]
     cost: FloatArray
+    truth: FloatArray
 
     @classmethod
     def empty(cls, rows: int, shape: Shape) -> "Cycles":
@@ -123,7 +125,7 @@ class Cycles:
         wide |= {"sensor_position": (k, 3), "sensor_orientation": (k, 4), "sensor_valid": (k,), "sensor_weight": (k,)}
         wide |= {"landmarks": (shape.landmarks, 3), "observer_modes": (shape.observers,)}
         wide |= {"human_q": (shape.human,), "human_joints": (shape.joints, 3)}
-        wide |= {"human_observer_modes": (shape.human_observers,)}
+        wide |= {"human_observer_modes": (shape.human_observers,), "truth": (shape.truth,)}
         return cls(**{one.name: np.zeros((rows, *wide.get(one.name, ())), _kind(one.type)) for one in fields(cls)})
 
     def __len__(self) -> int:

@@ -1,5 +1,7 @@
 """What the taps write into: the cycle that runs, its events, and what the guard made of it."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,7 @@ from retarget.recording.cycles import Asked, Done
 from retarget.recording.events import Event, Events, Level
 from retarget.recording.ring import Ring
 from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
 
 __all__ = ["STATES", "Note"]
 
@@ -19,9 +22,13 @@ STATES = {state: place for place, state in enumerate(GuardState)}
 
 
 class Note:
-    """Of one run. ring: None before it begins and after it has ended: nothing is noted. now: s, read last."""
+    """Of one run. ring: None before it begins and after it has ended: nothing is noted. now: s, read last.
 
-    def __init__(self) -> None:
+    truth: numbers of the truth about a simulated body, (t,); None: nobody knows it.
+    """
+
+    def __init__(self, truth: Callable[[], FloatArray | None] = lambda: None) -> None:
+        self._truth = truth
         self.ring: Ring | None = None
         self.events = Events()
         self.now = 0.0
@@ -128,6 +135,9 @@ class Note:
         own, modes = rows.observer_modes[at], robot.observer_modes[row]
         own[: modes.size] = modes[: own.size]
         rows.gated[at], rows.unled[at] = robot.gated[row], robot.unled[row]
+        if rows.truth.shape[1]:
+            truth = self._truth()
+            rows.truth[at] = np.nan if truth is None else truth
         if record.phase[row] != self._phase:
             self._phase = int(record.phase[row])
             self.say("run", Phase(self._phase).name.lower())

@@ -23,7 +23,9 @@ from retarget.recording.taps import TappedBus, TappedClock, TappedSamples
 from retarget.recording.topics import Topic, topics
 from retarget.recording.writing import WritingThread
 from retarget.robot_body import RobotBody
+from retarget.rotations import FloatArray
 from retarget.unfailing import Onlooker
+from retarget.viewer.beside import truth_names
 
 __all__ = ["Recorder"]
 
@@ -49,10 +51,11 @@ class Recorder:
         parks: bool,
         tell: Tell,
         overwrite: bool = False,
+        truth: Callable[[], FloatArray | None] = lambda: None,
     ) -> None:
         """Raises UsageError for a place at which no recording can be, or where something is, or without the library.
 
-        overwrite: what is there goes as the recording begins.
+        overwrite: what is there goes as the recording begins. truth: about a simulated body, its numbers.
         """
         if path is not None:
             check_target(path)
@@ -60,7 +63,7 @@ class Recorder:
                 refuse_existing(path, option=OPTION)
         self._overwrite = overwrite
         self._path, self._options, self._parks, self._tell = path, options, parks, tell
-        self._note = Note()
+        self._note = Note(truth)
         self._clock = clock
         self._thread: WritingThread | None = None
         self._keeps = Onlooker(self._note.kept)
@@ -137,7 +140,7 @@ class Recorder:
         if self._overwrite:
             remove(self._path, option=OPTION)
         file = RecordingFile(self._path, session, config_files(self._options, robot))
-        shape, messages = _layout(prepared)
+        shape, messages = _layout(prepared, simulated=self._options.has_physics)
         file.announce(messages)
         ring = Ring(shape, patient=isinstance(self._clock, VirtualClock))
         thread = WritingThread(
@@ -174,13 +177,14 @@ class Recorder:
             self._tell(f"warning: the recording is not whole, the robot goes on: {self._path}: {self.trouble}")
 
 
-def _layout(prepared: Prepared) -> tuple[Shape, list[Topic]]:
+def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]:
     """How wide a cycle is, and the topics."""
     robot = None if prepared.side is None else prepared.side.robot
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
     landmarks = () if robot is None else tuple(robot.profile.landmarks)
     worn = 0 if prepared.observers is None else len(prepared.observers.names)
     sensors = tuple(prepared.performer.sensors)
+    truth = truth_names(robot.body) if robot is not None and simulated else ()
     shape = Shape(
         sensors=len(sensors),
         servos=0 if robot is None else len(robot.joint_map),
@@ -190,6 +194,7 @@ def _layout(prepared: Prepared) -> tuple[Shape, list[Topic]]:
         landmarks=len(landmarks),
         observers=0 if robot is None else worn,
         human_observers=0 if own is None else len(own.names),
+        truth=len(truth),
     )
-    made = topics(shape, sensors=sensors, human_joints=POINTS, landmarks=landmarks, dt=prepared.samples.dt, robot=robot)
-    return shape, made
+    names = {"sensors": sensors, "human_joints": POINTS, "landmarks": landmarks, "truth": truth}
+    return shape, topics(shape, dt=prepared.samples.dt, robot=robot, **names)

@@ -12,11 +12,23 @@ from retarget.recording.cycles import READINGS, Cycles, Done, Shape
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 
-__all__ = ["EVENTS", "GOALS", "HUMAN_JOINTS", "HUMAN_POSTURE", "JOINTS", "SENSORS", "SERVOS", "TICK", "Topic", "topics"]
+__all__ = [
+    "EVENTS",
+    "GOALS",
+    "HUMAN_JOINTS",
+    "HUMAN_POSTURE",
+    "JOINTS",
+    "SENSORS",
+    "SERVOS",
+    "TICK",
+    "TRUTH",
+    "Topic",
+    "topics",
+]
 
 SENSORS, JOINTS, GOALS, SERVOS, TICK = "/sensors", "/joint_states", "/goals", "/servos", "/tick"
 LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", "/human/posture", "/tf"
-EVENTS = "/events"
+EVENTS, TRUTH = "/events", "/truth"
 WORLD = "world"
 EVERY_S, SELDOM_S = 0.04, 0.08
 """Between two messages of what is there to be looked at, and can be computed again from the rest."""
@@ -63,8 +75,9 @@ def topics(
     landmarks: tuple[str, ...],
     dt: float,
     robot: RobotBody | None,
+    truth: tuple[str, ...] = (),
 ) -> list[Topic]:
-    """Every topic with cycles in it; those of a robot only where there is one."""
+    """Every topic with cycles in it; those of a robot only where there is one. truth: names of its numbers."""
     often, seldom = _every(EVERY_S, dt), _every(SELDOM_S, dt)
     own = [
         _sensors(sensors),
@@ -76,6 +89,7 @@ def topics(
         return own
     servos = robot.joint_map
     own += [_joints(servos, often), _goals(servos.joints), _servos(servos), _frames(robot, seldom)]
+    own += [_truth(truth, often)] if truth else []
     return [*own, _points(LANDMARKS, landmarks, often, lambda cycles: cycles.landmarks)]
 
 
@@ -135,6 +149,16 @@ def _posture(size: int, which: Callable[[Cycles], Mask]) -> Topic:
 
     layout = CdrBuilder().header(WORLD).sequence("q", "float32", size).build()
     return Topic(HUMAN_POSTURE, "retarget_msgs/msg/Posture", (), layout, which, fill)
+
+
+def _truth(names: tuple[str, ...], which: Callable[[Cycles], Mask]) -> Topic:
+    """Where a simulated body really was."""
+
+    def fill(rows: Rows, cycles: Cycles) -> None:
+        rows["q"] = cycles.truth
+
+    layout = CdrBuilder().header(WORLD).sequence("q", "float32", len(names)).build()
+    return Topic(TRUTH, "retarget_msgs/msg/Posture", names, layout, which, fill)
 
 
 def _joints(servos: JointMap, which: Callable[[Cycles], Mask]) -> Topic:

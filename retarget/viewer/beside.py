@@ -9,7 +9,7 @@ from retarget.body import BodyModel, JointType
 from retarget.rotations import FloatArray
 from retarget.scene_motion import ObstaclePoses
 
-__all__ = ["Beside", "Truth", "in_truth"]
+__all__ = ["Beside", "Truth", "in_truth", "truth_names"]
 
 ROOT, PRESSURE = 7, 2
 
@@ -26,6 +26,12 @@ class Truth:
     def numbers(self) -> FloatArray:
         """All of it, (7 + j + 2,)."""
         return np.concatenate([self.root, self.angles, self.pressure])
+
+
+def truth_names(body: BodyModel) -> tuple[str, ...]:
+    """What the numbers of a `Truth` about a body are."""
+    joints = [name for name, kind in zip(body.joint_names, body.joint_type, strict=True) if kind > JointType.BALL]
+    return ("x", "y", "z", "qw", "qx", "qy", "qz", *joints, "pressure_x", "pressure_y")
 
 
 def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:

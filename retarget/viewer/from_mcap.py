@@ -15,8 +15,9 @@ from retarget.recording.cycles import Cycles, Done
 from retarget.recording.note import STATES
 from retarget.recording.played import played
 from retarget.recording.reading import MAGIC, Recording, TopicRows, read_recording
-from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK
+from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK, TRUTH
 from retarget.rotations import FloatArray
+from retarget.viewer.beside import in_truth, truth_names
 from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, Tracks, Viewed, actor
 from retarget.viewer.recorded import open_recorded
 from retarget.viewer.scene_then import SceneThen
@@ -49,20 +50,25 @@ class RecordedCycles:
         self._reasons = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _tells_why(who, text))
         self._sensors = _believed(self._cycles)
         self._points: FloatArray | None = None
+        self._truth: FloatArray | None = None
         title = recording.path.name
-        self._scene = SceneThen(session, self._cycles.taken(self._rows))
+        self._scene = SceneThen(recording, self._cycles.taken(self._rows))
         self.notes += self._scene.notes
         if not session.joints:
             self.cast = Cast(title, None, human, (), (), around=self._scene.obstacles, sensors=session.sensors)
             return
         with as_then(recording) as configs:
-            robot, self.notes = configs.robot, (*self.notes, *configs.told)
+            robot, self.notes = configs.robot, tuple(dict.fromkeys((*self.notes, *configs.told)))
             assert robot is not None, "there are joints"
             shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
         asked = recording.topics.get(LANDMARKS)
         names = tuple(robot.profile.landmarks) if asked is not None else ()
         around, joints = self._scene.obstacles, robot.joint_map.joints
-        self.cast = Cast(title, shown, human, joints, names, robot, around, sensors=session.sensors)
+        truth = recording.topics.get(TRUTH)
+        if truth is not None and truth.rows["q"].shape[1] == len(truth_names(robot.body)):
+            self._truth = _spread(truth, self._cycles.index, "q")
+        simulated = self._truth is not None
+        self.cast = Cast(title, shown, human, joints, names, robot, around, simulated, session.sensors)
         self._rest = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
         if asked is not None:
             self._points = _spread(asked, self._cycles.index, "poses")[..., :3]
@@ -83,8 +89,10 @@ class RecordedCycles:
             return Moment(time, state, *alone, com[1], zmp=zmp, sensors=self._sensors[at], around=around)
         goals = self._goals(self._rows[rows])
         goal, present = goals[1], self._present[at]
-        there = goal.copy()
+        there, pressure = goal.copy(), None
         there[robot.servo_columns] = present
+        if self._truth is not None and np.isfinite(self._truth[at, :-2]).all():
+            there, pressure = in_truth(robot.body, goal, self._truth[at])
         com, names = robot.body.solver_body().centre_of_mass(goals), self.cast.landmarks
         return Moment(
             time=time,
@@ -99,6 +107,7 @@ class RecordedCycles:
             com=com[1],
             why=self._why(at, state),
             zmp=zero_moment_point(self.times[rows], com),
+            pressure=pressure,
             sensors=self._sensors[at],
             around=around,
             modes=self._modes[at].astype(np.uint8),

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from retarget.errors import RefusedError
 from retarget.record import Phase
+from retarget.recording.configs import scene_as_then
 from retarget.recording.cycles import Cycles
-from retarget.recording.session import Session
+from retarget.recording.reading import Recording
 from retarget.rotations import FloatArray
 from retarget.scene import load_scene
 from retarget.scene_motion import SceneState
@@ -16,20 +17,21 @@ __all__ = ["SceneThen"]
 
 
 class SceneThen:
-    """kept: the cycles that are shown, a row each. notes: why it is not shown, if so.
+    """kept: the cycles that are shown, a row each. notes: why it is not shown, or that its file is another one now.
 
-    A recording names its scene. Obstacles that were told of live are shown where the scene file has them.
+    A recording has its scene attached. Obstacles that were told of live are shown where the scene file has them.
     """
 
-    def __init__(self, session: Session, kept: Cycles) -> None:
+    def __init__(self, recording: Recording, kept: Cycles) -> None:
         self.obstacles: tuple[Obstacle, ...] = ()
         self.notes: tuple[str, ...] = ()
         self._state: SceneState | None = None
-        self._times = session.dt * _ticks(kept)
-        if session.scene is None:
-            return
+        self._times = recording.session.dt * _ticks(kept)
         try:
-            self._state = SceneState(load_scene(session.scene))
+            with scene_as_then(recording) as (scene, self.notes):
+                if scene is None:
+                    return
+                self._state = SceneState(load_scene(scene))
         except RefusedError as error:
             self.notes = (f"its scene is not shown: {error}",)
             return

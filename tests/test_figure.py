@@ -1,0 +1,84 @@
+"""A body on a page: links where the solver has them, in a place, and told only where they move."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from followers import op3
+from retarget import rotations
+from retarget.viewer.figure import STEP_M, Figure, Movable, Place
+from retarget.viewer.palette import ROBOT
+from retarget.viewer.server import open_server
+from viewed import cast_of_op3
+
+pytest.importorskip("viser", reason="the viewer's extra is not installed")
+
+
+@pytest.fixture
+def server() -> Iterator[Any]:
+    opened, _ = open_server(0, title="test")
+    yield opened
+    opened.stop()
+
+
+def test_a_place_is_scaled_and_turned_about_its_origin() -> None:
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.pi / 2)
+    place = Place(0.5, np.array([1.0, 2.0, 0.0]), turn, np.array([0.0, 3.0, 0.0]))
+    points = np.array([[1.0, 2.0, 0.0], [2.0, 2.0, 4.0]])
+    np.testing.assert_allclose(place.of(points), [[0.0, 3.0, 0.0], [0.0, 3.5, 2.0]], atol=1e-12)
+
+
+def test_what_hardly_moves_is_not_told_but_never_drifts() -> None:
+    """Small steps add up: the node is never further off than one of them."""
+
+    class Node:
+        position = (0.0, 0.0, 0.0)
+        wxyz = (1.0, 0.0, 0.0, 0.0)
+
+    node = Node()
+    there: Any = Movable(node)  # type: ignore[arg-type]
+    for step in range(1, 20):
+        there.move(np.array([0.4 * STEP_M * step, 0.0, 0.0]))
+        assert abs(node.position[0] - 0.4 * STEP_M * step) <= STEP_M
+    assert node.position[0] > 0.0
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.3])
+def test_links_are_where_the_body_has_them(scale: float, server: Any) -> None:
+    shown = cast_of_op3().robot
+    assert shown is not None
+    figure = Figure(server.scene, "robot", shown, colour=ROBOT, scale=scale)
+    q = op3().body.qpos0.copy()
+    q[:3], q[op3().servo_columns] = (0.5, -0.25, 0.3), np.linspace(-0.4, 0.4, 20)
+    place = Place(scale, to=np.array([0.0, 1.0, 0.0]))
+    figure.place(q, place)
+    positions, turns = shown.body.solver_body().forward(q)
+    found, parents = {0: (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))}, shown.body.parent
+    for link, node in enumerate(figure._links, start=1):
+        at, turn = found[int(parents[link])]
+        handle = node.handle
+        found[link] = (
+            at + rotations.rotate(turn, np.array(handle.position)),
+            rotations.multiply(turn, np.array(handle.wxyz)),
+        )
+        np.testing.assert_allclose(found[link][0], place.of(positions[link]), atol=2e-4)
+        assert rotations.angle_between(found[link][1], turns[link]) < 2e-3
+
+
+def test_what_was_seen_through_is_as_it_was_again(server: Any) -> None:
+    shown = cast_of_op3().human
+    figure = Figure(server.scene, "performer", shown, colour=ROBOT, opacity=0.65)
+    for opacity, seen in ((0.4, 0.4), (None, 0.65)):
+        figure.see_through(opacity)
+        assert {handle.opacity for _, handle in figure.meshes} == {seen}
+
+
+def test_a_hidden_body_does_not_move(server: Any) -> None:
+    shown = cast_of_op3().robot
+    assert shown is not None
+    figure = Figure(server.scene, "robot", shown, colour=ROBOT)
+    figure.visible = False
+    figure.place(op3().body.qpos0 + 0.1)
+    assert not figure.visible and tuple(figure._links[0].handle.position) == (0.0, 0.0, 0.0)
