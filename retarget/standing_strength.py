@@ -10,6 +10,8 @@ and joint together, which the hierarchy keeps like any others: where it carries 
 less. And the mass is not thrown up faster than the most loaded joint can.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from retarget import rotations
@@ -25,7 +27,7 @@ from retarget.stance import Stance, plant
 from retarget.standing_balance import GRAVITY
 from retarget.task_slots import CARRIES
 
-__all__ = ["StandingStrength", "carrying_frames", "leg_joints", "standing_strength"]
+__all__ = ["StandingStrength", "carrying_frames", "heaviest_loads", "leg_joints", "standing_strength"]
 
 STANDING_SPARE = 1.1
 """A joint may carry so many times what it does in `stand`, however much that is."""
@@ -59,9 +61,10 @@ class StandingStrength:
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (2, 2) [m]
         self._weight = GRAVITY * body.total_mass  # [N]
         servos = {servo.joint: servo for servo in robot.joint_map.servos}
-        stall = np.array([servos[name].model.stall_torque * abs(servos[name].gear) for name in joints])
+        self.stall = np.array([servos[name].model.stall_torque * abs(servos[name].gear) for name in joints])
+        """Stall torque of each joint's servo (k,), N m."""
         at_rest = np.abs(self._load.torques(stance.q, np.zeros(3))[self._dofs])
-        self.most = np.maximum(share * stall, STANDING_SPARE * at_rest)
+        self.most = np.maximum(share * self.stall, STANDING_SPARE * at_rest)
         """What each joint (k,) may carry for long, N m."""
 
     @property
@@ -119,6 +122,35 @@ class StandingStrength:
         shifted = np.where(self._foot == 0, -1.0, 1.0)[:, None] * (along / length if between else 0.0 * along)
         by_com = -self._weight * (arm[:, None] * shifted + shares[:, None] * moved)
         return by_com, self._weight * shares[:, None] * u, places
+
+
+@dataclass(frozen=True)
+class PostureLoad:
+    """What the joint that is nearest to its strength carries in a posture at rest, and the stall torque of its servo
+    there, N m."""
+
+    posture: str
+    joint: str
+    torque: float
+    stall: float
+
+    def __str__(self) -> str:
+        share = 100.0 * self.torque / self.stall
+        return f"in {self.posture} {self.joint} {self.torque:.2f} N m, {share:.0f}% of its stall torque"
+
+
+def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
+    """Of the legs of a robot with two soles, in `stand` and in `rest`; of another none."""
+    stance, found = plant(robot, robot.profile.postures.stand), []
+    if len(stance.soles) != 2:
+        return []
+    keeps = StandingStrength(robot, stance, share=1.0)
+    for posture in ("stand", "rest"):
+        q = plant(robot, getattr(robot.profile.postures, posture)).q
+        torque = np.abs(keeps.torques(q))
+        worst = int((torque / keeps.stall).argmax())
+        found.append(PostureLoad(posture, keeps.names[worst], float(torque[worst]), float(keeps.stall[worst])))
+    return found
 
 
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:

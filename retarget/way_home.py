@@ -22,7 +22,9 @@ class WayHome:
 
     First straight there. Where something is in the way, from where the robot stands then: the arms aside, legs still;
     then the whole robot to `stand`, and straight down from there. Arms are aside as in `attractor`; if that is not to
-    be had either, as in `stand`, then as in `neutral`. After that it stays.
+    be had either, as in `stand`, then as in `neutral`. Then joint by joint, the outermost first: one joint of an arm
+    alone goes aside, then the rest as before - what keeps a hand off its own forearm may be a wrist that goes first.
+    After that it stays.
     """
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
@@ -30,6 +32,7 @@ class WayHome:
         self._way: Iterator[FloatArray] | None = None
         self._tries = 0
         self._arrived = False
+        self._outermost = _outermost(robot)
 
     @property
     def begun(self) -> bool:
@@ -60,9 +63,16 @@ class WayHome:
         if tried == 0:
             return self._through(here, [rest])
         asides = (postures.attractor, postures.stand, postures.neutral)
+        first = here
         if tried > len(asides):
-            return iter(())
-        return self._through(here, [self._arms_of(self._angles(asides[tried - 1]), here), stand, rest])
+            alone = tried - len(asides) - 1
+            if alone >= len(self._outermost):
+                return iter(())
+            first = here.copy()
+            first[self._outermost[alone]] = self._angles(postures.attractor)[self._outermost[alone]]
+            tried = 1
+        aside = self._arms_of(self._angles(asides[tried - 1]), here)
+        return self._through(here, [first, aside, stand, rest])
 
     def _through(self, here: FloatArray, places: list[FloatArray]) -> Iterator[FloatArray]:
         robot, dt = self._robot, self._dt
@@ -79,3 +89,15 @@ class WayHome:
         robot = self._robot
         dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         return np.where(standing_dofs(robot)[dofs], legs, posture)
+
+
+def _outermost(robot: RobotBody) -> list[int]:
+    """Columns, in servo order, of the joints that do not carry the robot, those farthest from the root first."""
+    body = robot.body
+    depth = np.zeros(len(body.parent), dtype=np.int64)
+    for link in range(1, len(body.parent)):  # a parent comes before its children
+        depth[link] = depth[body.parent[link]] + 1
+    joints = robot.joint_map.joints
+    free = ~standing_dofs(robot)[[body.dof_index(joint) for joint in joints]]
+    depths = depth[[body.joint_body[body.joint_index(joint)] for joint in joints]]
+    return sorted(np.flatnonzero(free).tolist(), key=lambda column: -depths[column])

@@ -54,7 +54,7 @@ def test_where_something_is_in_the_way_it_stands_and_then_takes_the_arms_aside_f
     assert (np.abs(way - angles("stand")).max(axis=1) < 1e-12).any()  # and all of it goes by `stand`
 
 
-def test_the_last_try_goes_by_neutral_and_then_it_stays() -> None:
+def test_the_fourth_try_goes_by_neutral_then_joint_by_joint_and_then_it_stays() -> None:
     home, here = WayHome(op3(), dt=DT), angles("stand") + 0.1
     for _ in range(3):
         goal = home.next(here, passed=False, stands=True)
@@ -64,10 +64,14 @@ def test_the_last_try_goes_by_neutral_and_then_it_stays() -> None:
     assert np.array_equal(way[-1], angles("rest"))
     assert (np.abs(way[:, ~LEGS] - angles("neutral")[~LEGS]).max(axis=1) < 1e-12).any()
 
-    blocked, tries = WayHome(op3(), dt=DT), 0
-    while blocked.next(here, passed=False, stands=True) is not None:
-        tries += 1
-    assert tries == 4
+    blocked, moved = WayHome(op3(), dt=DT), []
+    while (goal := blocked.next(here, passed=False, stands=True)) is not None:
+        moved.append(np.flatnonzero(goal != here).tolist())
+    free = np.flatnonzero(~LEGS)
+    assert all(len(joints) > 1 for joints in moved[:4])
+    assert sorted(joint for (joint,) in moved[4:]) == free.tolist()
+    elbows = {op3().joint_map.joints.index(joint) for joint in ("l_el", "r_el")}
+    assert {moved[4][0], moved[5][0]} == elbows
     assert blocked.next(here, passed=False, stands=True) is None
 
 

@@ -23,6 +23,7 @@ from retarget.scene_parts import Obstacle
 from retarget.schema import Schema
 from retarget.schema_errors import unknown_name
 from retarget.standing import check_stand
+from retarget.standing_strength import heaviest_loads
 from retarget.strict_yaml import Document, read_text, scan
 
 TELLING_KEYS: dict[Kind, frozenset[str]] = {
@@ -144,11 +145,15 @@ def _robot(path: Path) -> str:
             **(
                 {}
                 if margin is None
-                else {"stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"}
+                else {
+                    "stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles",
+                    "carries": "; ".join(map(str, heaviest_loads(robot))),
+                }
             ),
             "tick": f"{profile.safety.rate_hz:g} Hz",
             **safety_facts(profile.safety),
-            "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}",
+            "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
+            + (f", with mass {profile.standing}" if robot.stands else ""),
             **_drafts(path),
         },
     )
@@ -193,7 +198,7 @@ def _watchdog(bus: BusSpec) -> str:
 def _unknown_priorities(document: Document) -> list[Problem]:
     """Priority files that the profile names and that do not exist."""
     known = tuple(entry.name for entry in entries(Kind.PRIORITIES))
-    named = {key: document.data.get(key) for key in ("reconstruct", "retarget")}
+    named = {key: document.data.get(key) for key in ("reconstruct", "retarget", "standing")}
     return [
         unknown_name(document, (key,), Kind.PRIORITIES.label, name, known)
         for key, name in named.items()
