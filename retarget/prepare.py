@@ -56,6 +56,8 @@ Tell = Callable[[str], object]
 HUMAN_PRIORITIES = "human"
 WITH_MASS = "steady"
 """Of a robot on its own soles that can fall."""
+HELD_WITH_MASS = "held"
+"""Of a robot that hangs or is bolted down, whose servos lag behind."""
 LONGEST_HOLD_S = 4.8
 """So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
 
@@ -200,8 +202,8 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
     has_mass = options.has_physics or options.steps == "shift"
-    usual = WITH_MASS if has_mass and robot.stands else robot.profile.retarget
-    return robot.profile.reconstruct, options.priorities or usual
+    with_mass = WITH_MASS if robot.stands else HELD_WITH_MASS
+    return robot.profile.reconstruct, options.priorities or (with_mass if has_mass else robot.profile.retarget)
 
 
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:
