@@ -23,12 +23,13 @@ __all__ = ["HEAD", "TRUNK", "Chase", "Reached"]
 
 TRUNK, HEAD = "neck", "head"
 """Frames of the profile that carry the trunk's orientation and the eyes."""
-OWN_SHARE, CATCH_SHARE = 0.5, 0.2
-"""Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up.
+STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
+"""Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
+its speed for catching up. Of a robot on its soles, and of one that something else holds.
 
-What a joint makes of a limb's acceleration depends on the posture; a fifth leaves room for unfavourable ones."""
-SPEED_SHARE = 0.5
-"""Share of a servo's speed for catching up."""
+What a joint makes of a limb's acceleration depends on the posture; a fifth leaves room for unfavourable ones, and what
+swings then tips nobody who is held. The own motion of a limb is that of several joints, of which one alone is looked at
+here; a foot that kicks may have what two can."""
 FAR = 1e3
 """How far (m) away the point is that the eyes are turned to: a direction."""
 
@@ -51,14 +52,24 @@ class Reached:
 class Chase:
     """Goals of the hands, the pelvis and other landmarks, of the trunk and of the eyes."""
 
-    def __init__(self, robot: RobotBody, hierarchy: Hierarchy, *, still: frozenset[str], trunk_at_stance: Quat) -> None:
-        """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance."""
+    def __init__(
+        self,
+        robot: RobotBody,
+        hierarchy: Hierarchy,
+        *,
+        still: frozenset[str],
+        trunk_at_stance: Quat,
+        ahead: float = 0.0,
+    ) -> None:
+        """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
+        ahead: s, see `Pursuit`."""
         names = tuple(robot.profile.landmarks)
         moving = [name for name in names if name not in still and hierarchy.uses(SlotKind.POSITION, name)]
         soles = [foot.frame for foot in robot.profile.feet.values()]
         self._rows = [names.index(name) for name in moving]
-        self._points = [Pursuit(_landmark_pace(robot, robot.profile.landmarks[name])) for name in moving]
-        self._trunk, self._gaze = Pursuit(_pace(robot, TRUNK, soles)), Pursuit(_pace(robot, HEAD, [TRUNK]))
+        self._points = [Pursuit(_landmark_pace(robot, robot.profile.landmarks[name]), ahead=ahead) for name in moving]
+        self._trunk = Pursuit(_pace(robot, TRUNK, soles), ahead=ahead)
+        self._gaze = Pursuit(_pace(robot, HEAD, [TRUNK]), ahead=ahead)
         self._source, self._slots = hierarchy.position_slots(moving)
         self._hierarchy = hierarchy
         self._trunk_at_stance = trunk_at_stance
@@ -100,4 +111,5 @@ def _pace(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.
     limits, movers = robot.limits, joints_between(robot, frame, others)
     acceleration = lever * float(limits.max_acceleration[movers].min())
     speed = lever * float(limits.max_velocity[movers].min())
-    return Pace(OWN_SHARE * acceleration, CATCH_SHARE * acceleration, SPEED_SHARE * speed)
+    own, catch_up, fast = STANDING if robot.stands else HELD
+    return Pace(own * acceleration, catch_up * acceleration, fast * speed)

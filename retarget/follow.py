@@ -88,6 +88,7 @@ class Follower:
         second = partial(SecondThoughts, build, priorities, self.hierarchy)
         self._second = second(soles=still, carrying=carrying) if legs_move else None
         self._targets = self.hierarchy.blank()
+        self.hierarchy.set_heading(self._targets, (1.0, 0.0))
         for sole in stance.soles:
             self.hierarchy.set_position(self._targets, sole.frame.name, sole.position)
             self.hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
@@ -95,7 +96,8 @@ class Follower:
         self._planted = stopping(stance) if legs_move else None
         self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
         self._reader = RobotReader(robot, stance)
-        self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=self._reader.trunk_at_stance)
+        upright = self._reader.trunk_at_stance
+        self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=upright, ahead=priorities.ahead)
         self._approach = robot.profile.safety.speed_caps.approach
         self._servos = robot.servo_columns
         self._since_start = 0.0

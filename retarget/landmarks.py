@@ -4,10 +4,12 @@ The robot's world has its origin on the ground between the planted soles, x forw
 and from constants of the robot (profile, stance, envelope), never from what the robot does: a robot that lags behind or
 stands still does not look better than it is.
 
-Feet are asked where they are planted. The pelvis is asked over the ankles by the length of the legs, its height within
-the robot's envelope. The trunk leans and twists as the line from the hips to the base of the neck and the chest do, its
-lean within the envelope at that height. The trunk carries the robot's own shoulders, and from each of them a hand is
-asked by the length of the arm.
+Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
+other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles by the length of the legs, its
+height within the robot's envelope. The trunk leans and twists as the line from the hips to the base of the neck and the
+chest do, its lean within the envelope at that height. The trunk carries the robot's own shoulders, and from each of
+them a hand is asked by the length of the arm. A trunk that stays where it is carries the head: it is asked where it
+stands.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +24,7 @@ import numpy as np
 from retarget.carrying_feet import Carrying
 from retarget.envelope import Envelope
 from retarget.facing import Facing
+from retarget.feet_apart import feet_apart
 from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.pelvis_over_foot import PelvisOverFoot
 from retarget.profile import RobotProfile
@@ -45,6 +48,8 @@ FEET = ({"l_toe": 1.0, "l_ankle": -1.0}, {"r_toe": 1.0, "r_ankle": -1.0})
 """The lines of the feet."""
 PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
+HEAD = ("head",)
+"""What a landmark follows that no joint of a limb moves."""
 APART = ("l_ankle", "r_ankle")
 """What a robot that steps is told the distance of."""
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
@@ -113,6 +118,7 @@ class LandmarkMap:
         line = _weights([TRUNK], POINTS) @ dimensions.standing()
         self._upright = arc(_vector(line[0]), UP)
         self._plan(profile, entries, stance)
+        self._feet_apart = None if stance.soles else feet_apart(profile, stance, self.names)
 
     def _plan(self, profile: RobotProfile, entries: list[Landmark], stance: Stance) -> None:
         """What each landmark is, and where its anchor is in the stance."""
@@ -132,6 +138,8 @@ class LandmarkMap:
                 self._roles.append(Role.STILL)
             elif name == "pelvis":
                 self._roles.append(Role.PELVIS)
+            elif self._envelope is None and entry.follows == HEAD:
+                self._roles.append(Role.STILL)
             else:
                 self._roles.append(Role.BORNE if set(entry.measured_from) <= PELVIS_JOINTS else Role.LIMB)
 
@@ -177,6 +185,8 @@ class LandmarkMap:
             else:
                 limb = rotated(lean_less, limbs[row]) if role is Role.BORNE else limbs[row]
                 landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), plus(limb, self._offset[row])))
+        if self._feet_apart is not None:
+            self._feet_apart.ask(landmarks)
         return AskedLandmarks(landmarks, trunk, gaze, apart, human.carrying)
 
     def _pelvis_asked(self, limbs: list[Vector], aside: Vector | None) -> Vector:

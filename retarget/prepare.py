@@ -54,6 +54,8 @@ Tell = Callable[[str], object]
 """Hears a sentence."""
 
 HUMAN_PRIORITIES = "human"
+HELD_WITH_MASS = "held"
+"""Of a robot that hangs or is bolted down, whose servos lag behind."""
 LONGEST_HOLD_S = 4.8
 """So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
 
@@ -198,8 +200,8 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
     has_mass = options.has_physics or options.steps == "shift"
-    usual = robot.profile.standing if has_mass and robot.stands else robot.profile.retarget
-    return robot.profile.reconstruct, options.priorities or usual
+    with_mass = robot.profile.standing if robot.stands else HELD_WITH_MASS
+    return robot.profile.reconstruct, options.priorities or (with_mass if has_mass else robot.profile.retarget)
 
 
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:

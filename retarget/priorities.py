@@ -113,6 +113,8 @@ class Priorities(Schema):
     steps: Steps | None = None
     """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
     of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
+    ahead: Annotated[NotNegative, Field(le=0.2)] = 0.0
+    """[s] So far ahead of what is asked a robot aims, by the asked motion's own velocity: its servos are behind it."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one."""
 

@@ -35,8 +35,9 @@ class Pace:
 class Pursuit:
     """Steps of one channel, a vector of three: a point, or a rotation as rotation vectors."""
 
-    def __init__(self, pace: Pace) -> None:
-        self._pace = pace
+    def __init__(self, pace: Pace, *, ahead: float = 0.0) -> None:
+        """ahead: s; it aims at where the motion will be then, if it keeps its own velocity."""
+        self._pace, self._ahead = pace, ahead
         self._own: Vector = (0.0, 0.0, 0.0)
         self._before = 0.0
 
@@ -58,8 +59,10 @@ class Pursuit:
         scale = min(1.0, pace.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
         ox, oy, oz = self._own = (ox + scale * cx, oy + scale * cy, oz + scale * cz)
 
+        a = self._ahead
+        ex, ey, ez = error[0] + a * ox, error[1] + a * oy, error[2] + a * oz
         ox, oy, oz = ox * dt, oy * dt, oz * dt
-        rx, ry, rz = error[0] - ox, error[1] - oy, error[2] - oz
+        rx, ry, rz = ex - ox, ey - oy, ez - oz
         gap = sqrt(rx * rx + ry * ry + rz * rz)
         change = pace.catch_up * haste * dt * dt
         ahead = min(braking_displacement(gap, change), self._before + change)

@@ -7,9 +7,10 @@ import pytest
 
 from followers import DT, follower, op3, performer, postures
 from hardware.joint_map import JointMap
-from retarget.chase import Chase
+from retarget.chase import HELD, STANDING, Chase
 from retarget.hierarchy import Hierarchy
 from retarget.landmarks import AskedLandmarks
+from retarget.robot_body import load_robot
 from retarget.robot_reader import RobotReader
 from retarget.scalar_rotations import Vector
 from retarget.stance import plant
@@ -81,3 +82,18 @@ def test_the_pace_of_a_limb_is_that_of_its_own_joints() -> None:
     assert steps["l_ank_roll", "pelvis"] == pytest.approx(0.1 * steps["none", "pelvis"])
     for weak, name in (("l_el", "r_hand"), ("l_el", "pelvis"), ("l_ank_roll", "l_hand")):
         assert steps[weak, name] == steps["none", name] > 0.0
+
+
+def test_who_is_held_goes_after_what_is_asked_with_more_of_its_servos() -> None:
+    steps = []
+    for root in ("free", "suspended"):
+        robot = load_robot("op3", root=root)
+        stance = plant(robot, robot.profile.postures.stand)
+        reader, hierarchy = RobotReader(robot, stance), follower().hierarchy
+        reached = reader.read(stance.q)
+        chase = Chase(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        targets, there = hierarchy.blank(), [(x + 0.1, y, z) for x, y, z in reached.landmarks]
+        chase.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, DT, haste=1.0)
+        row = list(robot.profile.landmarks).index("l_hand")
+        steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - reached.landmarks[row][0])
+    assert steps[1] == pytest.approx(HELD[1] / STANDING[1] * steps[0])

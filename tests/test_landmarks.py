@@ -15,6 +15,7 @@ from retarget.envelope import Envelope
 from retarget.human_dimensions import POINTS
 from retarget.human_posture import HumanPosture
 from retarget.landmarks import LandmarkMap, drawn_in
+from retarget.robot_body import load_robot
 from retarget.rotations import FloatArray
 from retarget.stance import plant
 
@@ -191,3 +192,15 @@ def test_what_asks_a_robot_to_stand_is_its_stance() -> None:
     stance = plant(op3(), op3().profile.postures.stand)
     asked = dict(zip(landmark_map().names, landmark_map().standing.landmarks, strict=True))
     assert all(np.allclose(asked[name], stance.points[op3().profile.landmarks[name].frame]) for name in asked)
+
+
+def test_a_robot_that_hangs_keeps_its_feet_apart_and_its_head_on_its_trunk() -> None:
+    robot = load_robot("op3", root="suspended")
+    stance = plant(robot, robot.profile.postures.stand)
+    where = LandmarkMap(robot.profile, dimensions(performer()), stance, None)
+    beside = {"l_ankle": np.array([0.0, -0.2, 0.0]), "head": np.array([0.1, 0.0, -0.1])}  # a foot across, a bent neck
+    joints = changed(lambda name, point: point + beside.get(name, 0.0))
+    asked = dict(zip(where.names, map(np.array, where.ask(human(joints), DT).landmarks), strict=True))
+    apart = stance.points["l_sole"][1] - stance.points["r_sole"][1]
+    assert apart <= asked["l_sole"][1] - asked["r_sole"][1] < 1.1 * apart
+    assert np.allclose(asked["head"], stance.points["head"]) and np.allclose(asked["pelvis"], stance.points["pelvis"])

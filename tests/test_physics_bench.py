@@ -19,12 +19,14 @@ from retarget.cli.physics_bench import AFTER_FALL_S, PhysicsBench
 from retarget.clip import Playback
 from retarget.errors import ConfigError, UsageError
 from retarget.frames import SensorFrames
+from retarget.metrics.measure import measure
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
 from retarget.pipeline import Watch
 from retarget.prepare import prepare
 from retarget.robot_body import load_robot
 from retarget.run_result import RunResult
+from retarget.sources.asf_amc import read_amc
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.fall import Fall
@@ -124,6 +126,24 @@ def test_held_robots_follow_with_the_whole_body(mount: str, hook: str | None) ->
     assert run.physics is not None and run.physics.fall is None and run.physics.least_margin is None
     assert run.robot is not None and not run.robot.stands
     assert run.reason is None and run.physics.mount == mount
+
+
+@pytest.mark.parametrize(("mount", "hook"), [("stand", None), ("gantry", "neck")])
+def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, shared: Path) -> None:
+    """Landmarks, feet that would cross among them, on average 20 mm off at most: where it was sent and where it is."""
+    asked = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount=mount, hook=hook))
+    bench = PhysicsBench(asked, lambda text: None)
+
+    def walk() -> SensorFrames:
+        return read_amc(shared / "mocap" / "cmu_asfamc" / "02_01.amc")
+
+    with prepare(walk, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
+        run = bench.seen(prepared.run())
+    assert [priorities.name for priorities in run.priorities] == ["human", "held"]
+    report = measure(run)
+    assert report.servo_tracking_mm is not None and report.fallen is False
+    for tracks in (report.tracking_mm, report.servo_tracking_mm):
+        assert np.mean([spread.mean for spread in tracks.values()]) <= 20.0
 
 
 def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> None:

@@ -1,6 +1,7 @@
 """Going after what is asked: no lag on smooth motion, no overshoot after a jump, little of the noise."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -69,3 +70,17 @@ def test_a_restart_forgets_the_motion() -> None:
         pursuit.step((0.002, 0.0, 0.0), (0.002, 0.0, 0.0), DT)
     pursuit.restart()
     assert pursuit.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), DT) == (0.0, 0.0, 0.0)
+
+
+def test_ahead_of_an_even_motion_by_just_so_much_time() -> None:
+    """Of a jump, which has no motion of its own that is believed at once, it is not ahead for long."""
+    ahead, speed = 0.05, 0.3
+    asked = speed * DT * np.arange(150)
+    pursuit, here, last = Pursuit(PACE, ahead=ahead), 0.0, 0.0
+    for there in asked:
+        here += pursuit.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), DT)[0]
+        last = there
+    assert here - asked[-1] == pytest.approx(speed * ahead, rel=0.05)
+    for _ in range(200):
+        here += pursuit.step((0.0, 0.0, 0.0), (last - here, 0.0, 0.0), DT)[0]
+    assert here == pytest.approx(last, abs=1e-6)
