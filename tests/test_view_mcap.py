@@ -68,7 +68,11 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
         assert moment.current is not None and moment.current.min() > 0.01
         assert moment.modes is not None and moment.modes.shape == sent.observer_modes[row].shape
         assert moment.sensors is not None and seen.cast.sensors == run.sensors
-        np.testing.assert_array_equal(moment.sensors, run.record.human.sensors[row])
+        of = np.abs(run.record.human.q[: row + 1] - moment.human).max(axis=1)
+        made_of = run.record.human.sensors[: row + 1][of < 1e-6]
+        assert any(np.array_equal(moment.sensors, one) for one in made_of), (
+            "those that the human who is shown is made of"
+        )
         assert np.abs(moment.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
     track = seen.track(4)
     np.testing.assert_allclose(track.sent, sent.q[:, columns[4]], atol=1e-6)

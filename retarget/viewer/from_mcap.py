@@ -41,14 +41,15 @@ class RecordedCycles:
         session, self._cycles = recording.session, whole.cycles
         if not self._rows.size:
             raise InputError("nothing was sent in this recording", where=str(recording.path))
-        self._human = _spread(recording.topic(HUMAN_POSTURE), self._cycles.index, "q")
+        postures = recording.topic(HUMAN_POSTURE)
+        self._human = _spread(postures, self._cycles.index, "q")
         human = actor(compile_body_text(build_human(session.size).mjcf, source="human", root="free"))
         self.notes: tuple[str, ...] = (recording.damage,) if recording.damage else ()
         follows = np.flatnonzero(self._cycles.phase[self._rows] == Phase.FOLLOW)
         index = self._cycles.index[self._rows]
         self.times: FloatArray = (index - index[follows[0] if follows.size else 0]) * session.dt
         self._reasons = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _tells_why(who, text))
-        self._sensors = _believed(self._cycles)
+        self._sensors = _believed(self._cycles)[_as_of(postures.cycles, self._cycles.index)]
         self._points: FloatArray | None = None
         self._truth: FloatArray | None = None
         title = recording.path.name
@@ -168,6 +169,13 @@ def _believed(cycles: Cycles) -> FloatArray:
     position[~cycles.sensor_valid] = np.nan
     last = np.maximum.accumulate(np.where(said, np.arange(len(cycles)), -1))
     return np.asarray(position[np.maximum(last, np.flatnonzero(said)[0])])
+
+
+def _as_of(cycles: NDArray[np.int64], index: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Rows of the cycles `index` (T,) in which there was what is shown at each of them: what was said last in one of
+    `cycles`, or first. So sensors are those that the human who is shown was made of."""
+    said = cycles[np.maximum(np.searchsorted(cycles, index, side="right") - 1, 0)]
+    return np.minimum(np.searchsorted(index, said), len(index) - 1)
 
 
 _NO_POINTS = np.zeros((0, 3))
