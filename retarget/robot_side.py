@@ -78,7 +78,7 @@ class RobotSide:
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
         self._lost, self._parks, self._tell = 0, parks, tell  # lost: ticks in which no posture was found
-        self._way_home, self._lands = WayHome(robot, dt=dt), False
+        self._way_home, self._lands = WayHome(robot, dt=dt, passes=passes), False
 
     @property
     def stopping_ticks(self) -> int:

@@ -1,6 +1,6 @@
 """The way of a robot that stands to where it is parked: straight, or around what is in the way."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -13,6 +13,8 @@ __all__ = ["HOME_S", "LONGEST_HOME_S", "WayHome"]
 
 HOME_S = 2.5
 """So long the straight way takes at most, and each part of one around something; it goes as fast as that asks."""
+ALONE_RAD = 0.3
+"""So far a joint goes aside alone, before all the arm does."""
 LONGEST_HOME_S = 15.0
 """So long all of it takes at most, s; then its torque goes off where it is."""
 
@@ -27,8 +29,10 @@ class WayHome:
     After that it stays.
     """
 
-    def __init__(self, robot: RobotBody, *, dt: float) -> None:
-        self._robot, self._dt = robot, dt
+    def __init__(self, robot: RobotBody, *, dt: float, passes: Callable[[FloatArray], bool] | None = None) -> None:
+        """passes: whether a goal (n,) rad would be sent now; a try whose first is not is none: where nothing moves, the
+        stop would be over."""
+        self._robot, self._dt, self._passes = robot, dt, passes
         self._way: Iterator[FloatArray] | None = None
         self._tries = 0
         self._arrived = False
@@ -52,6 +56,9 @@ class WayHome:
             if not stands:
                 return None
         goal = next(self._way, None)
+        while stands and goal is not None and self._passes is not None and not self._passes(goal):
+            self._way = self._next_try(here)
+            goal = next(self._way, None)
         self._arrived |= goal is None
         return goal
 
@@ -68,8 +75,8 @@ class WayHome:
             alone = tried - len(asides) - 1
             if alone >= len(self._outermost):
                 return iter(())
-            first = here.copy()
-            first[self._outermost[alone]] = self._angles(postures.attractor)[self._outermost[alone]]
+            first, joint = here.copy(), self._outermost[alone]
+            first[joint] += float(np.clip(self._angles(postures.attractor)[joint] - here[joint], -ALONE_RAD, ALONE_RAD))
             tried = 1
         aside = self._arms_of(self._angles(asides[tried - 1]), here)
         return self._through(here, [first, aside, stand, rest])

@@ -85,3 +85,20 @@ def test_every_try_keeps_the_speeds_of_the_servos_and_ends_in_time(refused: int)
     steps = np.diff(np.array(gone(home, here)), axis=0)
     assert (np.abs(steps).max(axis=0) <= op3().joint_map.max_velocity * DT + 1e-12).all()
     assert len(steps) * DT <= LONGEST_HOME_S
+
+
+def test_a_try_that_is_refused_where_the_robot_stands_is_followed_by_the_next() -> None:
+    """Nothing moves then, and who asked would take the way for gone."""
+    here, asked = angles("stand") + 0.1, []
+
+    def passes(goal: FloatArray) -> bool:
+        asked.append(goal)
+        return len(asked) > 6
+
+    home = WayHome(op3(), dt=DT, passes=passes)
+    goal = home.next(here, passed=False, stands=True)
+    assert goal is not None and len(asked) == 7
+    assert np.count_nonzero(goal != here) == 1  # the third joint alone
+
+    blocked = WayHome(op3(), dt=DT, passes=lambda goal: False)
+    assert blocked.next(here, passed=False, stands=True) is None
