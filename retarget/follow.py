@@ -13,6 +13,7 @@ from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
 from retarget.joint_limits import JointLimits
+from retarget.landing import landing_of
 from retarget.landmarks import AskedLandmarks, LandmarkMap
 from retarget.loaded_speed import loaded_speed
 from retarget.observers import robot_observers
@@ -103,8 +104,8 @@ class Follower:
         self._planted = stopping(stance) if legs_move else None
         self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
         self._reader = RobotReader(robot, stance)
-        upright = self._reader.trunk_at_stance
-        self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=upright, ahead=priorities.ahead)
+        upright, ahead = self._reader.trunk_at_stance, priorities.ahead
+        self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=upright, ahead=ahead)
         self._approach = robot.profile.safety.speed_caps.approach
         self._names = self.landmark_map.names
         self._servos = robot.servo_columns
@@ -113,8 +114,7 @@ class Follower:
         self._time = SlowTime(robot.body, self._limits)
 
     @property
-    def _stopping(self) -> Stopping | None:
-        """Ways to a stop on what carries."""
+    def _stopping(self) -> Stopping | None:  # ways to a stop on what carries
         return self._planted if self.steps is None else self.steps.stopping
 
     def _hierarchy_of(self, priorities: Priorities, locked: BoolArray, *, iterations: int | None) -> Hierarchy:
@@ -143,6 +143,7 @@ class Follower:
             self.steps.restart()
         if self._stopping is not None:
             self._stopping.begin(self._q)
+        self._landing = None if self._stopping is None else landing_of(self.landmark_map, self._balance)
         self._asked = self.landmark_map.ask(human, 0.0)
         self._reached = self._reader.read(self._q)
         return self._posture(self._asked)
@@ -190,11 +191,12 @@ class Follower:
         self._reached = self._reader.read(self._q)
 
     def land(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of a robot that steps on its way back to where it stands, a foot put down first; None:
-        it stands there, or does not step."""
-        if self.steps is None or not self.steps.ends(self.hierarchy.solver.velocity, dt):
+        """The next posture (nq,) of a robot on its way to a stand (see `landing`); None: it stands, or needs none."""
+        stands, landing = None if self.steps is None else self.steps.wait(), self._landing
+        at, velocity = self._reached, self.hierarchy.solver.velocity
+        if landing is None or not landing.goes_on(velocity, dt, at=at, stands=stands):
             return None
-        self._advance(self.landmark_map.standing, dt, haste=1.0)
+        self._advance(landing.ask(at), dt, haste=1.0)
         return self._q
 
     def keep_pace(self, pace: float) -> None:

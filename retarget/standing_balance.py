@@ -24,6 +24,8 @@ __all__ = ["GRAVITY", "Edges", "StandingBalance", "moving_spaces", "shrunk"]
 
 BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
+WIDER = 1.4
+"""Share of the room of a mass in motion through which one comes back that was stopped at its edge."""
 GRAVITY = 9.81
 """m/s^2"""
 
@@ -42,13 +44,23 @@ class StandingBalance:
         share = min((task.moving for task in tasks if task.moving is not None), default=None)
         self.looks_at_motion = share is not None
         self._room: Edges = [] if share is None else shrunk(self.edges, share, stance).tolist()
+        wider = None if share is None else min(WIDER * share, 1.0)
+        self._wide: Edges = [] if wider is None else shrunk(self.edges, wider, stance).tolist()
+        self.comes_back = False
+        """Whether it was stopped, perhaps outside of its room, and has a wider one to come back through."""
 
     def spaces(self, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
         m/s."""
         if not self.looks_at_motion:
             return _braked(self._drawn_in, com, dt)
-        return moving_spaces(self._room, com, velocity, dt)
+        return moving_spaces(self._wide if self.comes_back else self._room, com, velocity, dt)
+
+    def holds(self, com: FloatArray) -> bool:
+        """Whether a centre of mass (3,) m at rest is in the wider room. From elsewhere no pressure in there brings it
+        back."""
+        x, y, _ = com.tolist()
+        return all(nx * x + ny * y <= offset for nx, ny, offset in self._wide)
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
