@@ -12,6 +12,7 @@ from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
 from retarget.joint_limits import JointLimits
+from retarget.landing import landing_of
 from retarget.landmarks import AskedLandmarks, LandmarkMap
 from retarget.observers import robot_observers
 from retarget.planted_root import plant_root
@@ -100,7 +101,6 @@ class Follower:
         self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=upright, ahead=priorities.ahead)
         self._approach = robot.profile.safety.speed_caps.approach
         self._servos = robot.servo_columns
-        self._since_start = 0.0
         self._q = stance.q
         self._time = SlowTime(robot.body, self._limits)
 
@@ -136,6 +136,7 @@ class Follower:
             self.steps.restart()
         if self._stopping is not None:
             self._stopping.begin(self._q)
+        self._landing = None if self._stopping is None else landing_of(self.landmark_map, self._balance)
         self._asked = self.landmark_map.ask(human, 0.0)
         self._reached = self._reader.read(self._q)
         return self._posture(self._asked)
@@ -186,11 +187,11 @@ class Follower:
         self._reached = self._reader.read(self._q)
 
     def land(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of a robot that steps on its way back to where it stands, a foot put down first; None:
-        it stands there, or does not step."""
-        if self.steps is None or not self.steps.ends(self.hierarchy.solver.velocity, dt):
+        """The next posture (nq,) of a robot on its way to a stand (see `landing`); None: it stands, or needs none."""
+        stands = self.steps is None or self.steps.wait()
+        if self._landing is None or not self._landing.goes_on(self.hierarchy.solver.velocity, dt, stands=stands):
             return None
-        self._advance(self.landmark_map.standing, dt, haste=1.0)
+        self._advance(self._landing.ask(self._reached), dt, haste=1.0)
         return self._q
 
     def keep_pace(self, pace: float) -> None:
@@ -292,8 +293,6 @@ class Follower:
 
 
 def _envelope(robot: RobotBody, limits: JointLimits, stance: Stance, edges: FloatArray) -> Envelope:
-    pelvis = robot.frame(robot.profile.landmarks["pelvis"].frame)
+    pelvis, trunk = robot.frame(robot.profile.landmarks["pelvis"].frame), robot.frame(TRUNK)
     soles = [sole.frame for sole in stance.soles]
-    return measure_envelope(
-        robot.body, limits, start=stance.q, pelvis=pelvis, trunk=robot.frame(TRUNK), soles=soles, edges=edges
-    )
+    return measure_envelope(robot.body, limits, start=stance.q, pelvis=pelvis, trunk=trunk, soles=soles, edges=edges)

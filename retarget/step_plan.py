@@ -82,6 +82,11 @@ class StepPlan:
         """Whether the left sole is locked to the floor, and the right one."""
         return (True, True) if self.state is not StepState.SWING else (self.onto == 0, self.onto == 1)
 
+    def return_weight(self) -> None:
+        """Bring the mass back between both feet, of a robot that was stopped where standing does not have it."""
+        if self.state is StepState.BOTH:
+            self.state, self.onto = StepState.BACK, None
+
     def look(self, sight: Sight, dt: float) -> None:
         """Go on by `dt` s."""
         self._count(sight.performer)

