@@ -127,9 +127,10 @@ class Task:
         """The centre of mass goes to a world position, or to an offset from the origin of link `over`. Target 3;
         rows where weight > 0."""
     @staticmethod
-    def support(max_edges: int, *, max_error: float = 0.05) -> Task:
+    def support(max_edges: int, *, without: list[int] = ..., max_error: float = 0.05) -> Task:
         """The centre of mass stays inside half-spaces: max_edges times (nx, ny, nz, d), nx x + ny y + nz z <= d, as
-        over the edges of a support polygon; unused ones are 0, 0, 0, 0."""
+        over the edges of a support polygon; unused ones are 0, 0, 0, 0. without: coordinates (of nv) that are not
+        asked to move it."""
     @staticmethod
     def lever(body: int, point: tuple[float, float, float], max_edges: int, *, max_error: float = 0.05) -> Task:
         """The centre of mass c and a point p of a link stay inside half-spaces of both: max_edges times (nx, ny, nz,

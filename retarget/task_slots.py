@@ -11,6 +11,7 @@ from retarget._solver import Task as SolverTask
 from retarget.body import BodyModel, Frame
 from retarget.errors import ConfigError, suggest
 from retarget.joint_weights import joint_weights
+from retarget.light_dofs import light_dofs
 from retarget.priorities import (
     AxisTask,
     CentreOfMassTask,
@@ -153,7 +154,8 @@ def _placed(
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, *, is_soft: bool) -> Slot:
     cap = task.max_error or 0.05
     if task.mode == "support":
-        return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, max_error=cap))
+        without = [] if task.moving is None else light_dofs(body)
+        return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, without=without, max_error=cap))
     rows = _row_weights(task.weight, is_soft=is_soft)
     over_root = task.mode == "over_root"
     root = int(body.joint_body[0]) if over_root else None

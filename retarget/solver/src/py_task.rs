@@ -82,9 +82,10 @@ impl PyTask {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (max_edges, *, max_error=0.05))]
-    fn support(max_edges: usize, max_error: f64) -> PyResult<Self> {
-        make(TaskKind::Support { max_edges: few(max_edges)? }, vec![], 1.0, max_error, None)
+    #[pyo3(signature = (max_edges, *, without=vec![], max_error=0.05))]
+    fn support(max_edges: usize, mut without: Vec<usize>, max_error: f64) -> PyResult<Self> {
+        without.sort_unstable();
+        make(TaskKind::Support { max_edges: few(max_edges)?, without }, vec![], 1.0, max_error, None)
     }
 
     #[staticmethod]

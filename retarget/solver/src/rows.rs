@@ -87,7 +87,9 @@ impl RowWriter<'_> {
                     scale(cross(d, body.point_column(pose, dof, eye)), 1.0 / distance)
                 });
             }
-            TaskKind::Support { max_edges } => self.support_rows(task, target, *max_edges, first),
+            TaskKind::Support { max_edges, without } => {
+                self.support_rows(task, target, (*max_edges, without), first);
+            }
             TaskKind::Lever { link, point, max_edges } => {
                 self.lever_rows(task, target, (*link, *point), *max_edges, first)
             }
@@ -162,8 +164,8 @@ impl RowWriter<'_> {
         }
     }
 
-    /// n . (c + J dq) <= d for every half-space.
-    fn support_rows(&mut self, task: &Task, target: &[f64], max_edges: usize, first: usize) {
+    /// n . (c + J dq) <= d for every half-space; of coordinates that are not asked to move c the columns are 0.
+    fn support_rows(&mut self, task: &Task, target: &[f64], (max_edges, without): (usize, &[usize]), first: usize) {
         let (body, pose, columns) = (self.body, self.pose, self.columns);
         for r in first..first + max_edges {
             self.problem.present[r] = false;
@@ -174,7 +176,7 @@ impl RowWriter<'_> {
             self.problem.lower[r] = f64::NEG_INFINITY;
             let room = d - dot(n, pose.com);
             self.problem.upper[r] = room.max(-task.max_error);
-            for &(dof, c) in &columns.all {
+            for &(dof, c) in columns.all.iter().filter(|(dof, _)| without.binary_search(dof).is_err()) {
                 self.problem.row_mut(r)[c] = dot(n, body.com_column(pose, dof));
             }
         }

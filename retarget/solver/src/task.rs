@@ -16,7 +16,8 @@ pub enum TaskKind {
     /// The centre of mass goes to a world position, or keeps an offset from a link's origin.
     CentreOfMass { over: Option<usize> },
     /// The centre of mass stays inside at most `max_edges` half-spaces: those over a support polygon, and what motion asks for.
-    Support { max_edges: usize },
+    /// `without`: coordinates that are not asked to move it, in order.
+    Support { max_edges: usize, without: Vec<usize> },
     /// The centre of mass and a point of a link stay inside at most `max_edges` half-spaces of both: what a joint carries.
     Lever { link: usize, point: Vec3, max_edges: usize },
     /// An axis of a link, from a point of it, aims at a world point.
@@ -43,7 +44,7 @@ impl Task {
     pub fn target_size(&self, body: &Body) -> usize {
         match self.kind {
             TaskKind::Orientation { .. } => 4,
-            TaskKind::Support { max_edges } => 4 * max_edges,
+            TaskKind::Support { max_edges, .. } => 4 * max_edges,
             TaskKind::Lever { max_edges, .. } => 7 * max_edges,
             TaskKind::Posture => body.nq,
             TaskKind::Observers(_) => 0,
@@ -54,7 +55,7 @@ impl Task {
     /// Rows of the hierarchy that this task may use.
     pub fn row_count(&self) -> usize {
         match self.kind {
-            TaskKind::Support { max_edges } | TaskKind::Lever { max_edges, .. } => max_edges,
+            TaskKind::Support { max_edges, .. } | TaskKind::Lever { max_edges, .. } => max_edges,
             TaskKind::Observers(ref task) => task.rows,
             _ => self.weight.iter().filter(|w| **w > 0.0).count(),
         }
@@ -113,7 +114,7 @@ impl Task {
     /// hierarchy weighs it, which a posture has not.
     pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> (f64, f64) {
         match &self.kind {
-            TaskKind::Support { max_edges } => {
+            TaskKind::Support { max_edges, .. } => {
                 let depth = edges(target, *max_edges).map(|(n, d)| dot(n, pose.com) - d);
                 let deepest = depth.fold(0.0, f64::max);
                 (deepest, deepest * deepest)
