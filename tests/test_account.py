@@ -33,7 +33,10 @@ def test_a_run_tells_of_its_stream() -> None:
         result, performer = prepared.run(), prepared.samples
     assert isinstance(performer, LivePerformer)
     rig.stream.decoder.dropped.note("not JSON")
+    rig.stream.clock_map.dropped.note("late")
+    rig.stream.playout.dropped.note("older than what is kept")
     live = performer.report(address="json://:7000", person="anna")
+    assert live.dropped["late"] == live.dropped["older than what is kept"] == 1
     assert live.holds.count >= 1 and 0.5 < live.holds.s < 2.5
     assert set(live.lost_s) >= {"l_wrist"} and 0.0 < live.playout_delay_ms < 200.0
     assert live.frames == rig.stream.frames > 100 and live.dropped["not JSON"] == 1 and not live.refused

@@ -55,6 +55,12 @@ def crossed(trace: Trace) -> Trace:
     return replace(trace, sent=[Sent(0.0, goals(last_goals(trace) | {8: 1350})), *trace.sent])
 
 
+def halfway_home(trace: Trace) -> Trace:
+    """It stands where it is on the way to where it is parked."""
+    middle = (trace.latched or 0.0) + 0.5
+    return replace(trace, sent=[one for one in trace.sent if one.time < middle or not goal_writes(written([one]))])
+
+
 def no_torque_off(trace: Trace) -> Trace:
     off = HEADER + b"\xfe"
     kept = [one for one in trace.sent if not (one.data.startswith(off) and one.data[7:10] == b"\x83\x40\x00")]
@@ -123,6 +129,7 @@ def test_a_sound_run_is_sound(bench: Bench) -> None:
         (leap, "too hard"),
         (beyond, "beyond its limits"),
         (crossed, "mm in each other"),
+        (halfway_home, "is not parked"),
         (no_torque_off, "torque was never told to go off"),
         (slow_torque_off, "torque went off"),
         (torque_again, "torque was switched on"),

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
+from unittest.mock import patch
 
 import pytest
 
+from retarget.live.admission import Admission
 from sim.faults.bench import Bench
 from sim.faults.judge import When, hurt_run, judged, verdict_of
 from sim.faults.reaction import Idle, Reaction, Row
@@ -31,6 +33,15 @@ def test_random_runs_harm_nothing(seed: int) -> None:
     assert verdict.wrong == (), verdict.row
 
 
+@pytest.mark.parametrize("name", ["second source", "unlisted source"])
+def test_a_stranger_who_is_believed_is_found(name: str) -> None:
+    """The places that he tells are far off, and nothing but his address tells that they are his."""
+    with patch.object(Admission, "admit", return_value=True), patch.object(Admission, "confirm", return_value=True):
+        wrong = judged(row(name)).wrong
+    assert any("it reacted after" in line for line in wrong), wrong
+    assert any("nothing was counted" in line for line in wrong), wrong
+
+
 @cache
 def ran(name: str, when: When) -> Bench:
     return hurt_run(row(name), when=when)
@@ -50,6 +61,7 @@ def test_names_are_once() -> None:
         ("second source", When.MOVING, {"reaction": Reaction.STOP}, "not latched"),
         ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not understood"),
         ("second source", When.MOVING, {"said": "Elvis"}, "nobody was told of"),
+        ("second source", When.MOVING, {"counted": "Elvis"}, "nothing was counted as 'Elvis'"),
         ("second source", When.IDLE, {"idle": Idle.REFUSES}, "it began"),
         ("second source", When.APPROACHING, {"reaction": Reaction.HOLD}, "not held"),
         ("stream silent", When.APPROACHING, {"reaction": Reaction.NONE}, "it reacted"),

@@ -34,6 +34,15 @@ def test_a_tap_and_a_pasted_text_are_not_held() -> None:
     assert not HeldKey("b").held("xyz", 0.0)
 
 
+def test_another_key_lets_go_and_a_long_pasted_text_is_not_held() -> None:
+    """A text comes in pieces of 64 characters, look after look, and most of them have the letter in them."""
+    key = HeldKey("b")
+    assert [key.held("b", 0.05 * look) for look in range(5)] == [False, False, False, True, True]
+    assert not key.held("x", 0.25) and not key.held("b", 0.3) and not key.held("", 0.31)
+    for look in range(20):
+        assert not key.held("a robber grabbed a bob", 1.0 + DT * look)
+
+
 def test_slow_keyboards_repeat_too() -> None:
     assert any(typed([0.09 * n for n in range(10)], 1.0))
 

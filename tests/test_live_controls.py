@@ -12,6 +12,7 @@ import pytest
 from live_rig import LiveRig
 from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, connect_to
+from retarget.cli.held_key import HeldKey
 from retarget.cli.interrupt import StopRequest
 from retarget.cli.keys import Keys
 from retarget.cli.live_controls import SOCKET, SPACE, LiveControls
@@ -27,8 +28,13 @@ from sim.faults.sender import FakeSender
 class Typed(Keys):
     """A keyboard that types by itself."""
 
-    def __init__(self, keys: dict[int, str]) -> None:
-        self._keys, self._looks = keys, 0
+    def __init__(self, keys: dict[int, str], *, terminal: bool = True) -> None:
+        self._keys, self._looks, self._terminal = keys, 0, terminal
+
+    @property
+    def listens(self) -> bool:
+        """Whether there is one."""
+        return self._terminal
 
     def pressed(self) -> str:
         """What is due at this look."""
@@ -142,11 +148,9 @@ class Unreadable(type(Path())):  # type: ignore[misc]
 
     failed = False
 
-    def exists(self, *, follow_symlinks: bool = True) -> bool:
+    def lstat(self) -> os.stat_result:
         """Nobody knows."""
-        if self.failed:
-            raise OSError(errno.EIO, os.strerror(errno.EIO))
-        return False
+        raise OSError(errno.EIO, os.strerror(errno.EIO)) if self.failed else FileNotFoundError
 
 
 def test_a_file_that_nobody_can_look_for_stops_the_robot_as_well() -> None:
@@ -161,6 +165,26 @@ def test_a_file_that_nobody_can_look_for_stops_the_robot_as_well() -> None:
     told = f"stop cannot be looked for ({os.strerror(errno.EIO)}): stopping"
     assert rig.said.count(told) == 1 and result.stop is not None
     assert result.stop.reason == told.removesuffix(": stopping") and abs(len(result.record) - len(asked.record)) < 10
+
+
+def test_a_file_in_a_place_that_cannot_be_reached_stops_the_robot(tmp_path: Path) -> None:
+    """What `Path.exists` calls absent: its folder is gone, has become a file, or is a link that leads in a circle."""
+    link, folder = tmp_path / "circle", tmp_path / "folder"
+    link.symlink_to(link)
+    folder.touch()
+    for file, reason in (
+        (link / "stop", os.strerror(errno.ELOOP)),
+        (folder / "stop", os.strerror(errno.ENOTDIR)),
+        (tmp_path / "gone" / "stop", "its folder is not there"),
+    ):
+        rig, stop = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0)), StopRequest()
+        with rig.prepared() as prepared:
+            assert isinstance(prepared.samples, LivePerformer)
+            clutch = Clutch(prepared.samples, clock=rig.clock, tell=rig.said.append)
+            controls = LiveControls(Typed({}), stop, prepared.samples, clutch, tell=rig.said.append, stop_file=file)
+            for _ in range(5):
+                controls.look()
+        assert stop() and stop.why() == f"{file} cannot be looked for ({reason})"
 
 
 def test_a_stop_is_asked_before_it_is_told() -> None:
@@ -198,6 +222,24 @@ def test_a_socket_holds_stops_and_tells_and_gives_no_motion(tmp_path: Path) -> N
     assert "paused by the control socket: the robot holds; p goes on" in rig.said
     assert rig.said.count("the performer is followed") == 1
     assert result.stop is not None and result.stop.reason == SOCKET and not rig.bus.torque_on
+
+
+def test_a_pause_says_only_what_lets_it_go_on(tmp_path: Path) -> None:
+    """`p` where there is a terminal; and no motion is promised where a pedal is not held."""
+    for terminal, says in ((True, "; p goes on"), (False, "so stop it: `retarget stop`")):
+        rig, stop = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0)), StopRequest()
+        with rig.prepared() as prepared, ControlSocket(tmp_path / "control") as socket:
+            performer = prepared.samples
+            assert isinstance(performer, LivePerformer)
+            clutch = Clutch(performer, clock=rig.clock, tell=rig.said.append, dead_man=HeldKey("b"))
+            keys = Typed({2: "p"}, terminal=terminal)
+            controls = LiveControls(keys, stop, performer, clutch, tell=rig.said.append, socket=socket)
+            with connect_to(socket.path) as client:
+                client.sendall(b"hold\n")
+                controls.look()
+                assert rig.said[-1].startswith("paused by the control socket") and rig.said[-1].endswith(says)
+                controls.look()
+        assert rig.said[-1] == "no pause any more: it goes on when it is held" and not clutch.engaged
 
 
 def test_a_socket_cuts_the_torque_at_once(tmp_path: Path) -> None:

@@ -20,6 +20,9 @@ def test_what_can_be_had_is_not_refused(tmp_path: Path) -> None:
 def test_what_cannot_be_had_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"--stop-file: .* is there already.*Remove it"):
         refuse_oversight(Oversight(stop_file=tmp_path), virtual=False)
+    for file in (tmp_path / "gone" / "stop", Path("a\0b")):
+        with pytest.raises(UsageError, match=r"--stop-file: .* cannot be looked for .*in a folder that is there"):
+            refuse_oversight(Oversight(stop_file=file), virtual=False)
     with pytest.raises(UsageError, match="nobody can hold a key on virtual time"):
         refuse_oversight(Oversight(dead_man="b"), virtual=True)
     with pytest.raises(HardwareError, match="--core"):

@@ -25,7 +25,9 @@ class HeldKey:
 
     def held(self, pressed: str, now: float) -> bool:
         """Whether it is held at `now`, s, of whom `pressed` came since the last look."""
-        if self.key in pressed:
+        if pressed.strip(self.key):  # another one: nobody holds this one any more, or a text is pasted
+            self._run, self._last = 0, now
+        elif pressed:
             self._run = self._run + 1 if now - self._last <= LET_GO_S else 1
             self._last = now
         return self._run >= NEEDED and now - self._last <= LET_GO_S

@@ -11,6 +11,7 @@ from retarget.cli.clutch import LONGEST_S, Clutch
 from retarget.cli.control_socket import ControlSocket
 from retarget.cli.interrupt import StopRequest
 from retarget.cli.keys import Keys
+from retarget.cli.oversight import stop_file_state
 from retarget.cli.second_press import SecondPress
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
@@ -26,6 +27,8 @@ FILE_PERIOD = 5
 WORDS = "stop, cut, hold, status"
 SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
 """Who stopped it."""
+GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on, so stop it: `retarget stop`"
+"""After a pause."""
 
 
 @dataclass(frozen=True)
@@ -100,13 +103,9 @@ class LiveControls:
             self._ask(f"let go for {LONGEST_S:g} s")
 
     def _look_for(self, file: Path) -> None:
-        try:
-            there = file.exists()
-        except OSError as error:
-            self._ask(f"{file} cannot be looked for ({error.strerror or error})")
-        else:
-            if there:
-                self._ask(f"{file} is there")
+        state = stop_file_state(file)
+        if state:
+            self._ask(f"{file} {state}")
 
     def _ask(self, why: str) -> None:
         self._stop.ask(why)
@@ -125,10 +124,10 @@ class LiveControls:
         if key == "p":
             if self._clutch.paused:
                 self._clutch.unpause()
-                self._tell("going on")
+                self._tell("going on" if self._clutch.engaged else "no pause any more: it goes on when it is held")
             else:
                 self._clutch.pause()
-                self._tell("paused: the robot holds; p goes on")
+                self._tell(f"paused: the robot holds; {GOES_ON}")
         elif key == "h":
             self._tell(
                 "straight ahead is where you face now" if self._performer.reset_heading() else "left and right are lost"
@@ -150,6 +149,7 @@ class LiveControls:
         if word == "hold":
             if not self._clutch.paused:
                 self._clutch.pause()
-                self._tell("paused by the control socket: the robot holds; p goes on")
+                then = GOES_ON if self._keys.listens else NEVER_GOES_ON
+                self._tell(f"paused by the control socket: the robot holds; {then}")
             return "ok holding"
         return f"error: found {word[:20]!a}, allowed: {WORDS}; only a person at the keyboard lets the robot move"

@@ -29,9 +29,9 @@ class LiveReport:
     """A live run's stream.
 
     frames, datagrams: of the sender from the beginning on, the measuring included. dropped: what was not used, by
-    reason: datagrams, and poses that could not be believed. refused: senders that were not listened to. lost_s: how
-    long each sensor was not believed while the robot followed or held, those that ever were not. playout_delay_ms: in
-    the end. person: the name under which the performer's size is kept, null without one.
+    reason: datagrams, frames out of time, and poses that could not be believed. refused: senders that were not listened
+    to. lost_s: how long each sensor was not believed while the robot followed or held, those that ever were not.
+    playout_delay_ms: in the end. person: the name under which the performer's size is kept, null without one.
     """
 
     address: str
@@ -78,6 +78,7 @@ def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str
     """Of a run that has ended."""
     decoder, receiver, trust = stream.decoder.dropped, stream.receiver.dropped, stream.trust.refused
     dropped = stream.admission.refused.reasons + decoder.reasons + receiver.reasons + trust.reasons
+    dropped += stream.clock_map.dropped.reasons + stream.playout.dropped.reasons
     return LiveReport(
         address=address,
         frames=stream.frames,

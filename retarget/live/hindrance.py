@@ -15,23 +15,33 @@ WORDS = {
     TrustState.NOT_WORN: "not heard",
     TrustState.OUT_OF_RANGE: "outside the room",
 }
+TOO_SHORT = "not for long enough at a time"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hindered:
     """What the last tick knew of k sensors. states (k,): a `TrustState` each; leapt (k,): who may not be followed to
     where they are; carrying: rows of those that are needed; late: whether ticks come late; trouble: of the stream, ""
-    for none."""
+    for none; came_back: whether data were good in the meantime, and not for long enough."""
 
     states: StateArray
     leapt: BoolArray
     carrying: tuple[int, ...]
     late: bool
     trouble: str
+    came_back: bool = False
 
 
 def hindrance_of(names: tuple[str, ...], hindered: Hindered) -> str:
-    """The first that applies: the stream, the sensors of `names` (k,), the ticks."""
+    """What is in the way now; where it has not been all the time, that comes first."""
+    now = _now(names, hindered)
+    if not now:
+        return TOO_SHORT
+    return f"{TOO_SHORT}, at last: {now}" if hindered.came_back else now
+
+
+def _now(names: tuple[str, ...], hindered: Hindered) -> str:
+    """The first that applies: the stream, the sensors of `names` (k,), the ticks; "" for none."""
     if hindered.trouble:
         return hindered.trouble
     told = [
@@ -41,4 +51,4 @@ def hindrance_of(names: tuple[str, ...], hindered: Hindered) -> str:
     ]
     if told:
         return ", ".join(told)
-    return "ticks came late" if hindered.late else "not for long enough at a time"
+    return "ticks came late" if hindered.late else ""

@@ -94,6 +94,7 @@ class LivePerformer:
         self._message: str | None = None  # of what is wrong with the stream
         self._nobody: BoolArray = np.zeros(len(names), dtype=bool)
         self._leapt = self._nobody  # while it was followed
+        self._came_back = False  # whether data were good since it is not followed
         self._carrying = [names.index(name) for name in carrying(name for name in names if name not in lacking)]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
@@ -136,7 +137,9 @@ class LivePerformer:
         if self._catching_up.step(now):
             return False
         heard, _ = self._hear(now)
-        goes = self._on_the_way.step(now, good=self._is_good(heard, now))
+        good = self._is_good(heard, now)
+        goes = self._on_the_way.step(now, good=good)
+        self._came_back = (self._came_back or good) and not goes
         self._say_news()
         if goes is self._waits:
             late = " because ticks come late" if self._pace.behind else ""
@@ -171,7 +174,8 @@ class LivePerformer:
         if not self.engagement.wanted:
             return "let go"
         trouble = self._trouble.briefly(self._clock.now(), SILENCE_S)
-        hindered = Hindered(self._states, self._leapt, tuple(self._carrying), self._pace.behind, trouble)
+        carrying, late = tuple(self._carrying), self._pace.behind
+        hindered = Hindered(self._states, self._leapt, carrying, late, trouble, self._came_back)
         return hindrance_of(self.stream.roles.sensors, hindered)
 
     def clutch(self, *, engaged: bool) -> None:
@@ -220,7 +224,9 @@ class LivePerformer:
         now = self._clock.now()
         heard, sample = self._hear(now)
         before = self.engagement.state
-        followed = self.engagement.step(now, sample, good=self._is_good(heard, now))
+        good = self._is_good(heard, now)
+        followed = self.engagement.step(now, sample, good=good)
+        self._came_back = (self._came_back or (good and self.engagement.wanted)) and followed is None
         self._tally.count(heard.states, followed=followed is not None)
         self._say_news()
         if self.engagement.state is not before:

@@ -17,6 +17,8 @@ from retarget.sources.natnet_trouble import natnet_problems
 
 __all__ = ["StreamTrouble", "refuse_version", "unusable"]
 
+NOTED_S = 0.05
+"""A silence of so long is noted: what comes from then on is what comes instead."""
 SILENT_S = 1.0
 """So long nothing usable must have come before somebody is told why."""
 NATNET_S = 2.5
@@ -109,12 +111,14 @@ class StreamTrouble:
         if self.foreign:
             return "" if was else _motive(self._stream, now)[0].render()
         silence = now - self._stream.last
-        if silence < 0.5 * self._patience:
-            self._before, self._told = None, False
-            return ""
-        if self._before is None:
+        if silence < NOTED_S:
+            self._before = None
+        elif self._before is None:
             self._before = self._stream.arrived, _refused(self._stream)
-        if self._told or silence < self._patience:
+        if silence < 0.5 * self._patience:
+            self._told = False
+            return ""
+        if self._before is None or self._told or silence < self._patience:
             return ""
         self._told = True
         return self._cause(silence, now, *self._before)

@@ -1,6 +1,6 @@
 """What has to be true of every run, whatever was done to it."""
 
-from hardware.guard_state import GuardState
+from hardware.guard_state import GuardState, StopCause
 from sim.faults.bench import Bench
 from sim.faults.trace import Trace
 from sim.faults.wire_checker import Track, after_latch, beyond_limits, hasty, once, restless, tracks, wavering, woken
@@ -18,6 +18,10 @@ AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 HELD_S = 0.3
 """A hold that is shorter is none after which the way back has to be slow: it is one of single ticks."""
 SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
+UNHURT = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+"""Stops of a robot with which nothing is wrong: it is parked before its torque goes."""
+PARKED_RAD = 0.01
+"""Goals this near to the rest posture are there, rad."""
 
 
 def violations(bench: Bench, trace: Trace) -> list[str]:
@@ -75,7 +79,18 @@ def _stop(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], 
     if ended is not None:
         wrong += after_latch(writes, ended)
     wrong += hasty(ways, begun + REST_S, trace.ended, share=HOME_SHARE, dt=dt)
+    if ended is not None and trace.stop is not None and trace.stop.cause in UNHURT and trace.stop.then is None:
+        wrong += _astray(bench, ways)
     return wrong[:8] + wavering(ways, begun + REST_S, trace.ended)
+
+
+def _astray(bench: Bench, ways: list[Track]) -> list[str]:
+    """Who was not sent where the robot is parked in the end."""
+    robot = bench.robot
+    rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    parked = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
+    off = {track.servo.label: float(track.angle[-1]) - parked[track.servo.joint] for track in ways}
+    return [f"{label} is not parked, {by:.3f} rad off" for label, by in off.items() if abs(by) > PARKED_RAD]
 
 
 def _torque(bench: Bench, trace: Trace) -> list[str]:

@@ -1,5 +1,6 @@
 """Holds a run against its row: the reaction in time, and what may never be, whatever happens."""
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -96,9 +97,18 @@ def _moving(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[st
     took, wrong = reacted(row, Seen(bench, trace, onset))
     if row.said and not any(row.said in text for text in (*trace.said, trace.stop.reason if trace.stop else "")):
         wrong.append(f"nobody was told of {row.said!r}")
+    if row.counted and not not_used(bench)[row.counted]:
+        wrong.append(f"nothing was counted as {row.counted!r}")
     if trace.error:
         wrong.append(f"it was raised: {trace.error}")
     return took, wrong
+
+
+def not_used(bench: Bench) -> Counter[str]:
+    """What came and was not used, by reason."""
+    stream = bench.stream
+    parts = (stream.admission.refused, stream.decoder.dropped, stream.clock_map.dropped, stream.playout.dropped)
+    return sum((part.reasons for part in (*parts, stream.trust.refused)), Counter[str]())
 
 
 def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:

@@ -47,6 +47,7 @@ class Row:
     limit: s from its onset to the reaction. sensor: whose place is judged for OUT. said: what a person has to be told.
     watchdog: s from the onset until every servo stands by itself; None: not asked. refusal: what the refusal of an idle
     run must name, all of it. back: s after the onset data are good again, so that before back + 0.5 nothing goes on.
+    counted: by which reason what comes has to be counted as not used.
     after: s of following after the onset. ends: s from the onset until the run has ended. performer: who wears what.
     """
 
@@ -57,6 +58,7 @@ class Row:
     idle: Idle = Idle.GOES_ON
     sensor: str = ""
     said: str = ""
+    counted: str = ""
     watchdog: float | None = None
     refusal: tuple[str, ...] = ()
     back: float | None = None

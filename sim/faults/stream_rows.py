@@ -13,6 +13,8 @@ from sim.faults.sender import SenderFault, encoded, flapping, frozen, lost, move
 __all__ = ["STREAM_ROWS", "later"]
 
 FLOOD_HZ = 130_000.0
+_NO_NUMBER = "NaN or Infinity: leave the pose out, or say tracked: false"
+_NO_POSE = "pose that is no number or no rotation"
 _FIRST_NUMBER = re.compile(rb'"p": \[[^,]+,')
 
 
@@ -70,7 +72,8 @@ def _stranger(address: str) -> Callable[[Bench, float], object]:
 
     def begin(bench: Bench) -> None:
         def other(first: float, last: float) -> list[Datagram]:
-            payload = encoded(last, {name: np.array([5.0, 5.0, 1.0]) for name in bench.sender.frames.names})
+            stamp = bench.sender.stamp(last)  # only who sends it tells that it is another one's
+            payload = encoded(stamp, {name: np.array([5.0, 5.0, 1.0]) for name in bench.sender.frames.names})
             return [Datagram(bench.clock.now(), (address, 50_000), payload)]
 
         bench.sender.others.append(other)
@@ -92,15 +95,16 @@ STREAM_ROWS: tuple[Row, ...] = (
     Row("stream silent for ever", Reaction.STOP, 5.0, _sender(lambda: silent(0.0, EVER)), after=5.3),
     Row("stream silent for a while", Reaction.RESUME, 1.3, _sender(lambda: pausing(0.4)), back=0.4, after=1.6),
     Row("flapping stream", Reaction.HOLD, 0.150, _sender(flapping), back=EVER, after=1.6),
-    Row("not a number", Reaction.HOLD, 0.150, _number(b"NaN")),
-    Row("infinite number", Reaction.HOLD, 0.150, _number(b"1e999")),
-    Row("quaternion of zeros", Reaction.HOLD, 0.150, later(_no_rotation)),
+    Row("not a number", Reaction.HOLD, 0.150, _number(b"NaN"), counted=_NO_NUMBER),
+    Row("infinite number", Reaction.HOLD, 0.150, _number(b"1e999"), counted=_NO_POSE),
+    Row("quaternion of zeros", Reaction.HOLD, 0.150, later(_no_rotation), counted=_NO_POSE),
     Row(
         "teleport of a wrist",
         Reaction.HOLD,
         0.150,
         _sender(lambda: moved("r_wrist", 0.0, EVER, (0.0, 0.0, 0.8))),
         said="r_wrist",
+        counted="position that no human can have reached",
     ),
     Row(
         "wrist frozen",
@@ -120,11 +124,31 @@ STREAM_ROWS: tuple[Row, ...] = (
         _sender(lambda: swapped("l_wrist", "r_wrist", 0.0, EVER)),
         said="changed places",
     ),
-    Row("late, reordered, twice", Reaction.NONE, 0.0, later(_reordered)),
+    Row("late, reordered, twice", Reaction.NONE, 0.0, later(_reordered), counted="repeated"),
     Row("sender's clock leaps on", Reaction.REBASE, 1.0, _leaping(3600.0), after=1.4),
     Row("sender's clock leaps back", Reaction.REBASE, 1.0, _leaping(-3600.0), after=1.4),
-    Row("malformed and truncated", Reaction.NONE, 0.0, later(lambda bench: bench.sender.garbles.append(_garbage))),
-    Row("unlisted source", Reaction.NONE, 0.0, _stranger("10.9.8.7")),
-    Row("second source", Reaction.NONE, 0.0, _stranger("127.0.0.1")),
-    Row("flood", Reaction.MAY_HOLD, 0.0, later(_flood), idle=Idle.ANY),
+    Row(
+        "malformed and truncated",
+        Reaction.NONE,
+        0.0,
+        later(lambda bench: bench.sender.garbles.append(_garbage)),
+        counted="not JSON in UTF-8",
+    ),
+    Row(
+        "unlisted source",
+        Reaction.NONE,
+        0.0,
+        _stranger("10.9.8.7"),
+        said="not on the allow-list",
+        counted="sender not on the allow-list",
+    ),
+    Row(
+        "second source",
+        Reaction.NONE,
+        0.0,
+        _stranger("127.0.0.1"),
+        said="127.0.0.1:50000 sends too",
+        counted="a second source",
+    ),
+    Row("flood", Reaction.MAY_HOLD, 0.0, later(_flood), idle=Idle.ANY, counted="a second source"),
 )
