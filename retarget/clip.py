@@ -10,6 +10,7 @@ from retarget.errors import UsageError
 from retarget.frames import JointTracks, SensorFrames, SensorSample
 from retarget.performer import Performer
 from retarget.rotations import FloatArray
+from retarget.sensor_grid import on_grid
 
 __all__ = ["LOOP_LIMIT_S", "MAX_TICKS", "Clip", "Parts", "Playback", "lay_on_ticks"]
 
@@ -104,10 +105,10 @@ class Clip:
         """Nothing comes in: it is all there."""
 
     def sample(self, tick: int) -> SensorSample:
-        """What the sensors say at a tick."""
+        """What the sensors say at a tick, on the grid."""
         row = tick % len(self.frames)
         frames = self.frames
-        return SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row])
+        return on_grid(SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row]))
 
     def recorded(self) -> "Clip":
         """All of it."""

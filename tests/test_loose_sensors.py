@@ -20,6 +20,7 @@ from retarget.live.roles import CONVENTIONS, roles_of
 from retarget.performer import HELD, Performer, WornSensor, load_performer
 from retarget.rest_pose import MAX_LOOSE_M, fit_rest_pose
 from retarget.rotations import FloatArray
+from retarget.sensor_grid import on_grid
 from sim.faults.sender import FakeSender
 
 FIVE = (*HELD, "l_ankle", "r_ankle")
@@ -148,6 +149,8 @@ def followed(sender: Controllers, *, until: float) -> tuple[dict[str, FloatArray
     live = performance.samples
     assert isinstance(live, LivePerformer)
     sample = live.sample(0)
+    assert sample is not None
+    np.testing.assert_array_equal(sample.position, on_grid(sample).position)
     while clock.now() < until:
         clock.advance(0.01)
         stream.listen(clock.now(), moving=False)

@@ -1,7 +1,8 @@
 """A recording as cycles: in order, each once; what is missing is counted, and what cannot be is refused."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,10 +10,12 @@ from numpy.typing import NDArray
 
 from recordings import Recorded, record
 from retarget.errors import InputError
+from retarget.exporting import mcap_reader
 from retarget.recording.cycles import Done
 from retarget.recording.played import played
 from retarget.recording.reading import Recording, TopicRows
-from retarget.recording.topics import GOALS, SENSORS, SERVOS, TICK
+from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, SENSORS, SERVOS, TICK
+from retarget.viewer import from_mcap
 
 
 @pytest.fixture(scope="module")
@@ -92,3 +95,62 @@ def test_a_topic_that_is_missing_is_named(topic: str, run: Recorded) -> None:
     topics = {name: rows for name, rows in recording.topics.items() if name != topic}
     with pytest.raises(InputError, match=f"lacks a topic; found no {topic}"):
         played(replace(recording, topics=topics))
+
+
+def test_a_first_tick_that_lost_its_sensors_is_refused(run: Recorded) -> None:
+    with pytest.raises(InputError, match="nobody is there"):
+        played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(1))))
+
+
+def test_more_ticks_than_there_can_be_are_refused(run: Recorded) -> None:
+    recording = run.played().recording
+    with pytest.raises(InputError, match="more ticks than it says"):
+        played(replace(recording, session=recording.session.model_copy(update={"ticks": 1})))
+
+
+def renamed(topic: str, field: str, recording: Recording) -> Recording:
+    """The same bytes, in which a field has another name."""
+
+    def other(rows: TopicRows) -> TopicRows:
+        kind, names = rows.rows.dtype, rows.rows.dtype.names or ()
+        fields: Mapping[str, Any] = kind.fields or {}
+        told = {
+            "names": [f"no_{name}" if name == field else name for name in names],
+            "formats": [fields[name][0] for name in names],
+            "offsets": [fields[name][1] for name in names],
+            "itemsize": kind.itemsize,
+        }
+        return TopicRows(rows.cycles, rows.rows.view(np.dtype(told)))  # type: ignore[call-overload]
+
+    return changed(recording, topic, other)
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "shown", "exported"),
+    [
+        (TICK, "root", False, False),
+        (TICK, "observer_modes", False, True),
+        (HUMAN_POSTURE, "q", False, True),
+        (LANDMARKS, "poses", False, False),
+    ],
+)
+def test_a_field_that_is_missing_is_one_message_to_whoever_reads_it(
+    topic: str, field: str, shown: bool, exported: bool, run: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    less = renamed(topic, field, run.played().recording)
+    for module in (from_mcap, mcap_reader):
+        monkeypatch.setattr(module, "read_recording", lambda path: less)
+    for fine, read in ((shown, from_mcap.open_viewed), (exported, mcap_reader.read_mcap_run)):
+        if fine:
+            read(run.path)
+        else:
+            with pytest.raises(InputError, match=r"lacks something|do not belong together"):
+                read(run.path)
+
+
+def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(
+    run: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still = changed(run.played().recording, HUMAN_POSTURE, lambda rows: TopicRows(rows.cycles * 0 + 20, rows.rows))
+    monkeypatch.setattr(mcap_reader, "read_recording", lambda path: still)
+    assert len(mcap_reader.read_mcap_human(run.path)) == 1

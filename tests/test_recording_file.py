@@ -9,11 +9,12 @@ from mcap.stream_reader import StreamReader
 
 from recordings import record
 from retarget.errors import UsageError
+from retarget.recording.cdr import CdrBuilder
 from retarget.recording.events import Event, Level, log_message
 from retarget.recording.file import METADATA, RecordingFile, _Direct
 from retarget.recording.reading import read_recording
 from retarget.recording.session import ConfigFile, Session
-from retarget.recording.topics import EVENTS
+from retarget.recording.topics import EVENTS, Topic
 
 CONFIG = ConfigFile(name="robot.yaml", path="robot.yaml", sha256="0")
 EVENT = log_message(Event(0.0, 1, Level.INFO, "run", "x" * 500), stamp_ns=5)
@@ -45,6 +46,18 @@ def test_it_is_found_again(session: Session, tmp_path: Path) -> None:
         assert (channel.topic, message.sequence, message.log_time, message.data) == (EVENTS, 7, 5, EVENT)
     assert read_recording(tmp_path / "a.mcap").session == session
     assert file.size == (tmp_path / "a.mcap").stat().st_size
+
+
+def test_names_can_be_told_apart_whatever_is_in_them(session: Session, tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "a.mcap", session, ())
+    layout, names = CdrBuilder().header("").sequence("q", "float32", 3).build(), ("left knee", "neck", "a\tb ")
+    every = lambda cycles: cycles.kept  # noqa: E731
+    file.announce([Topic("/x", "retarget_msgs/msg/Posture", names, layout, every, lambda rows, cycles: None)])
+    file.add("/x", index=0, stamp_ns=0, data=layout.template)
+    file.finish()
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        (found,) = make_reader(stream).iter_messages(topics=["/x"])
+    assert found[1].metadata["names"].split() == ["left_knee", "neck", "a_b"]
 
 
 def test_what_is_flushed_is_whole_and_what_is_not_is_lost(session: Session, tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_the_truth_about_a_simulated_body_is_kept_where_it_is_told(robot: RobotB
     }
     assert TRUTH not in made(robot) and found[TRUTH].names == names
     said = list(found[TRUTH].messages(wide, wide.index * 8_000_000))
-    assert [index for index, _, _ in said] == kept(found[JOINTS], rows)
+    assert [index for index, _, _ in said] == kept(found[LANDMARKS], rows)
     told = np.frombuffer(b"".join(data for _, _, data in said), dtype=found[TRUTH].layout.dtype)["q"]
     np.testing.assert_array_equal(told, wide.truth[[index for index, _, _ in said]])
 
@@ -87,7 +87,7 @@ def test_what_is_looked_at_is_kept_less_often(robot: RobotBody) -> None:
     found, rows = made(robot), cycles(robot)
     for name in (TICK, SENSORS, GOALS, SERVOS):
         assert kept(found[name], rows) == list(range(40)), name
-    for name, every in ((JOINTS, 5), (HUMAN_JOINTS, 5), (LANDMARKS, 5), (HUMAN_POSTURE, 10), (FRAMES, 10)):
+    for name, every in ((LANDMARKS, 5), (JOINTS, 10), (HUMAN_JOINTS, 10), (HUMAN_POSTURE, 10), (FRAMES, 10)):
         assert kept(found[name], rows) == list(range(0, 40, every)), name
 
 

@@ -81,13 +81,28 @@ def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        (lambda a: _without(a, "phase"), "without phase"),
-        (lambda a: a | {"time": a["time"][:0]}, "no tick at all"),
-        (lambda a: a | {"human_q": a["human_q"][:-1]}, "another shape of human_q"),
-        (lambda a: a | {"servo_positions": a["servo_positions"][:-1]}, "another shape of servo_positions"),
-        (lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]}, "another shape of sensor_positions"),
-        (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "another shape of sensor_positions"),
-        (lambda a: a | {"joint_positions": a["joint_positions"] * np.nan}, "joint_positions with what is no number"),
+        (lambda a: _without(a, "phase"), "no phase"),
+        (lambda a: a | {"time": a["time"][:0]}, "a run without ticks"),
+        (lambda a: a | {"human_q": a["human_q"][:-1]}, "human_q: wrong content; found shape"),
+        (lambda a: a | {"servo_positions": a["servo_positions"][:-1]}, "servo_positions: wrong content; found shape"),
+        (
+            lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]},
+            "sensor_positions: wrong content; found shape",
+        ),
+        (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "sensor_positions: wrong content; found shape"),
+        (
+            lambda a: a | {"joint_positions": a["joint_positions"] * np.nan},
+            "joint_positions: wrong content; found nan in row 1",
+        ),
+        (lambda a: a | {"joint_positions": a["joint_positions"][:, 1:]}, "joint_positions: wrong content; found shape"),
+        (lambda a: a | {"joint_positions": a["joint_positions"].astype("U9")}, "joint_positions: .*allowed: numbers"),
+        (lambda a: a | {"servo_positions": a["servo_positions"][:, 1:]}, "servo_positions: wrong content; found shape"),
+        (lambda a: a | {"root_position": a["root_position"][:, 1:]}, "root_position: wrong content; found shape"),
+        (lambda a: a | {"root_quaternion": a["root_quaternion"][:, 1:]}, "root_quaternion: wrong content; found"),
+        (lambda a: a | {"landmarks_asked": a["landmarks_asked"][:, 1:]}, "landmarks_asked: wrong content; found"),
+        (lambda a: a | {"human_q": a["human_q"][:, 1:]}, "another tree"),
+        (lambda a: a | {"time": a["time"].astype("U9")}, "time: wrong content"),
+        (lambda a: a | {"time": a["time"][::-1]}, "time does not increase"),
         (lambda a: a | {"body": np.array("/nowhere/body.xml")}, "nowhere"),
         (lambda a: a | {"joint_names": a["joint_names"][::-1].astype("U20") + np.array(["x"])}, "other joints"),
         (lambda a: a | {"human_mjcf": np.array("<mujoco")}, "human of the run"),
@@ -108,7 +123,7 @@ def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, foun
 def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, content: bytes) -> None:
     other = tmp_path / "other.npz"
     other.write_bytes(content)
-    with pytest.raises(InputError, match="not a run that was saved"):
+    with pytest.raises(InputError, match="an NPZ file"):
         open_recorded(other)
     with pytest.raises(InputError, match="No such file"):
         open_recorded(tmp_path / "none.npz")
@@ -117,5 +132,5 @@ def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, content: bytes) -> N
 def test_half_a_file_is_refused(path: Path, tmp_path: Path) -> None:
     half = tmp_path / "half.npz"
     half.write_bytes(path.read_bytes()[:20000])
-    with pytest.raises(InputError, match="not a run that was saved"):
+    with pytest.raises(InputError, match="not an NPZ file"):
         open_recorded(half)

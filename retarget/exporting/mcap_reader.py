@@ -13,7 +13,7 @@ from retarget.human import build_human
 from retarget.record import Phase
 from retarget.recording.configs import as_then
 from retarget.recording.cycles import Done
-from retarget.recording.played import Played, played
+from retarget.recording.played import Played, lacking, played, postures_sent
 from retarget.recording.reading import TopicRows, read_recording
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS
 from retarget.robot_body import RobotBody
@@ -55,7 +55,8 @@ def read_mcap_run(path: Path, *, body: Path | None = None) -> Motion:
     landmarks = found.recording.topics.get(LANDMARKS)
     if landmarks is None:
         return motion
-    return replace(motion, asked=_asked(tuple(robot.profile.landmarks), landmarks, index))
+    with lacking(found.recording):
+        return replace(motion, asked=_asked(tuple(robot.profile.landmarks), landmarks, index))
 
 
 def read_mcap_human(path: Path) -> Motion:
@@ -67,12 +68,14 @@ def _human(found: Played) -> Motion:
     recording, cycles = found.recording, found.cycles
     topic, session = recording.topic(HUMAN_POSTURE), recording.session
     model = load_body_text(build_human(session.size).mjcf, source=f"{recording.path}: the human", root="free")
-    q = np.asarray(topic.rows["q"], dtype=np.float64)
+    with lacking(recording):
+        _, each = np.unique(topic.cycles, return_index=True)
+        said, q = topic.cycles[each], np.asarray(topic.rows["q"][each], dtype=np.float64)
     if q.shape[1] != model.nq:
         raise InputError("the human has another tree now", where=str(recording.path), found=f"q of {q.shape[1]}")
-    at = np.searchsorted(cycles.index, topic.cycles)
+    at = np.searchsorted(cycles.index, said)
     there = at < len(cycles)
-    there[there] = cycles.index[at[there]] == topic.cycles[there]
+    there[there] = cycles.index[at[there]] == said[there]
     if not there.any():
         raise InputError("a run without ticks", where=str(recording.path))
     rows, q = at[there], q[there]
@@ -123,17 +126,8 @@ def _joints_and_root(
     found: Played, robot: RobotBody, kept: NDArray[np.intp], names: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
     """What was sent: joints (T, n) of `names`, and the root (T, 7), xyz and wxyz of the first link in the world."""
-    body, cycles = robot.body, found.cycles
-    rest = np.setdiff1d(np.arange(body.nq), robot.servo_columns)
-    q = np.empty((len(kept), body.nq))
-    if cycles.q.shape[1] != len(robot.servo_columns) or cycles.rest.shape[1] != len(rest):
-        raise InputError(
-            "joints and body do not belong together",
-            where=str(found.recording.path),
-            found=f"{cycles.q.shape[1] + cycles.rest.shape[1]} coordinates, {body.source} has {body.nq}",
-            next_step="Give the body that was moved: --body FILE.xml",
-        )
-    q[:, robot.servo_columns], q[:, rest] = cycles.q[kept], cycles.rest[kept]
+    body = robot.body
+    q = postures_sent(found, robot, kept)
     if not np.isfinite(q).all():
         raise InputError("goals that are no numbers", where=str(found.recording.path))
     for start in quaternion_columns(body):

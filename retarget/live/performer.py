@@ -23,6 +23,7 @@ from retarget.live.stream_trouble import StreamTrouble
 from retarget.live.trust_state import TrustState
 from retarget.live.turning_back import TurningBack
 from retarget.rotations import FloatArray
+from retarget.sensor_grid import on_grid
 from retarget.sensor_intake import IntakeTimes
 
 __all__ = ["INTAKE", "LivePerformer", "live_sample"]
@@ -161,6 +162,7 @@ class LivePerformer:
         if tick == 0:
             self.engagement.begin(self._first)
         sample = self._first if tick == 0 else self._now()
+        sample = None if sample is None else on_grid(sample)
         if tick < self._kept:
             shown = self.engagement.shown if sample is None else sample
             self._positions[tick], self._orientations[tick] = shown.position, shown.orientation

@@ -80,7 +80,7 @@ class RecordingFile:
     def announce(self, topics: Sequence[Topic]) -> None:
         """Say which topics there will be. Of each the metadata tell `layout`, a numpy dtype, and `names`."""
         for topic in topics:
-            metadata = {"layout": topic.layout.told, "names": " ".join(topic.names)}
+            metadata = {"layout": topic.layout.told, "names": " ".join(_one_word(name) for name in topic.names)}
             self._register(topic.name, topic.schema, metadata)
         self._register(EVENTS, "rcl_interfaces/msg/Log", {})
 
@@ -110,6 +110,11 @@ class RecordingFile:
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(schema, "ros2msg", SCHEMAS[schema].encode())
         self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[schema], metadata)
+
+
+def _one_word(name: str) -> str:
+    """A name as the metadata have it, in which blanks part one from the next."""
+    return "_".join(name.split()) or "_"
 
 
 class _Direct:

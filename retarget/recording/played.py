@@ -1,5 +1,7 @@
 """A recording as the cycles that it was made of, in their order, for whoever runs it again."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +11,10 @@ from retarget.errors import InputError
 from retarget.recording.cycles import Cycles, Done, Shape
 from retarget.recording.reading import Recording, TopicRows
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, SENSORS, SERVO_FIELDS, SERVOS, TICK, TICK_FIELDS
+from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 
-__all__ = ["Played", "played"]
+__all__ = ["Played", "lacking", "played", "postures_sent"]
 
 
 MOST_CYCLES = 50_000_000
@@ -43,12 +46,35 @@ class Played:
 
 def played(recording: Recording) -> Played:
     """The cycles of a recording. Raises InputError where topics or fields of them are missing."""
-    try:
+    with lacking(recording):
         return _played(recording)
+
+
+@contextmanager
+def lacking(recording: Recording) -> Iterator[None]:
+    """Whoever reads fields of its topics: one that is missing, or of another shape, is an InputError."""
+    try:
+        yield
     except (ValueError, KeyError, IndexError) as error:
         raise InputError(
             "the recording lacks something", where=str(recording.path), found=str(error), next_step="Record it anew"
         ) from None
+
+
+def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
+    """Postures (k, nq) that were sent in some rows of the cycles. Raises InputError where the body is another one."""
+    cycles, body = found.cycles, robot.body
+    rest = np.setdiff1d(np.arange(body.nq), robot.servo_columns)
+    if cycles.q.shape[1] != len(robot.servo_columns) or cycles.rest.shape[1] != len(rest):
+        raise InputError(
+            "joints and body do not belong together",
+            where=str(found.recording.path),
+            found=f"{cycles.q.shape[1] + cycles.rest.shape[1]} coordinates, {body.source} has {body.nq}",
+            next_step="Give the body that was moved: --body FILE.xml",
+        )
+    q = np.empty((len(rows), body.nq))
+    q[:, robot.servo_columns], q[:, rest] = cycles.q[rows], cycles.rest[rows]
+    return q
 
 
 def _played(recording: Recording) -> Played:
@@ -71,8 +97,12 @@ def _played(recording: Recording) -> Played:
     if rest:
         cycles.rest[:] = rows["root"]
     _take_sensors(cycles, sensors, rows["sensor_oriented"])
-    if cycles.sampled[0] != Done.WELL or cycles.tick[0] != 0:
+    asked = cycles.sampled != Done.NOT
+    first = np.flatnonzero(asked & (cycles.tick == 0))
+    if not asked[0] or cycles.tick[0] != 0 or (cycles.sampled[first] != Done.WELL).any():
         raise ValueError("nobody is there in its first tick")
+    if cycles.tick[asked].max() >= recording.session.ticks:
+        raise ValueError("it has more ticks than it says")
     if servos is not None:
         _take_servos(cycles, servos)
         if GOALS in recording.topics:

@@ -82,13 +82,13 @@ def topics(
     own = [
         _sensors(sensors),
         _tick(shape),
-        _points(HUMAN_JOINTS, human_joints, often, lambda cycles: cycles.human_joints),
+        _points(HUMAN_JOINTS, human_joints, seldom, lambda cycles: cycles.human_joints),
         _posture(shape.human, seldom if robot is not None else _kept),
     ]
     if robot is None:
         return own
     servos = robot.joint_map
-    own += [_joints(servos, often), _goals(servos.joints), _servos(servos), _frames(robot, seldom)]
+    own += [_joints(servos, seldom), _goals(servos.joints), _servos(servos), _frames(robot, seldom)]
     own += [_truth(truth, often)] if truth else []
     return [*own, _points(LANDMARKS, landmarks, often, lambda cycles: cycles.landmarks)]
 

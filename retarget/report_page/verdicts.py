@@ -133,7 +133,7 @@ def _servos(run: RunResult, report: Report) -> Iterator[Verdict]:
     if bus.lowest_voltage is not None:
         low, high = safety.voltage
         measured = f"lowest {bus.lowest_voltage.value:.1f} V ({bus.lowest_voltage.joint})"
-        yield Verdict("Voltage", f"{low:g} to {high:g} V", measured, _kept(bus.lowest_voltage.value >= low))
+        yield Verdict("Voltage", f"{low:g} to {high:g} V", measured, _kept(low <= bus.lowest_voltage.value <= high))
 
 
 def _told(count: int, what: str, none: str) -> str:

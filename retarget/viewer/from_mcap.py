@@ -13,7 +13,7 @@ from retarget.record import Phase
 from retarget.recording.configs import as_then
 from retarget.recording.cycles import Cycles, Done
 from retarget.recording.note import STATES
-from retarget.recording.played import played
+from retarget.recording.played import lacking, played, postures_sent
 from retarget.recording.reading import MAGIC, Recording, TopicRows, read_recording
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK, TRUTH
 from retarget.rotations import FloatArray
@@ -36,7 +36,7 @@ class RecordedCycles:
 
     def __init__(self, recording: Recording) -> None:
         """Raises InputError for one in which there is nothing to be seen, or of another robot than the one there is."""
-        whole = played(recording)
+        self._whole = whole = played(recording)
         self._rows = np.flatnonzero(whole.cycles.kept)
         session, self._cycles = recording.session, whole.cycles
         if not self._rows.size:
@@ -70,7 +70,7 @@ class RecordedCycles:
             self._truth = _spread(truth, self._cycles.index, "q")
         simulated = self._truth is not None
         self.cast = Cast(title, shown, human, joints, names, robot, around, simulated, session.sensors)
-        self._rest = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
+        postures_sent(whole, robot, self._rows[:1])  # refused now, if at all
         if asked is not None:
             self._points = _spread(asked, self._cycles.index, "poses")[..., :3]
         self._modes = _spread(recording.topic(TICK), self._cycles.index, "observer_modes")
@@ -88,7 +88,7 @@ class RecordedCycles:
             alone = (none, none, human, none, none, points, points)
             zmp = zero_moment_point(self.times[rows], com)
             return Moment(time, state, *alone, com[1], zmp=zmp, sensors=self._sensors[at], around=around)
-        goals = self._goals(self._rows[rows])
+        goals = postures_sent(self._whole, robot, self._rows[rows])
         goal, present = goals[1], self._present[at]
         there, pressure = goal.copy(), None
         there[robot.servo_columns] = present
@@ -122,14 +122,6 @@ class RecordedCycles:
         sent, present = cycles.q[rows, joint], self._present[rows, joint]
         return Tracks(self.times, sent, present, cycles.temperature[rows, joint], cycles.current[rows, joint])
 
-    def _goals(self, rows: NDArray[np.intp]) -> FloatArray:
-        """Postures (k, nq) that were sent in some cycles."""
-        robot = self.cast.profile
-        assert robot is not None
-        goals = np.zeros((len(rows), robot.body.nq))
-        goals[:, robot.servo_columns], goals[:, self._rest] = self._cycles.q[rows], self._cycles.rest[rows]
-        return goals
-
     def _why(self, at: int, state: str) -> str:
         """What failed or stopped it until then, last."""
         if state == "following":
@@ -146,7 +138,9 @@ def open_viewed(path: Path) -> Viewed:
     except OSError as error:
         raise InputError("cannot read the run", where=str(path), found=error.strerror or str(error)) from error
     if begins == MAGIC:
-        return RecordedCycles(read_recording(path))
+        recording = read_recording(path)
+        with lacking(recording):
+            return RecordedCycles(recording)
     if begins.startswith(ZIP):
         return open_recorded(path)
     raise InputError(

@@ -1,6 +1,7 @@
 """A run saved with `--save FILE.npz`, to be looked at."""
 
-import zipfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from retarget.body_file import compile_body, compile_body_text
 from retarget.errors import InputError, RefusedError
+from retarget.exporting.npz_arrays import read_arrays
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import FloatArray
 from retarget.viewer.moment import PHASE_WORDS, Cast, Moment, Tracks, actor
@@ -16,30 +18,31 @@ from retarget.viewer.zero_moment import around_row, zero_moment_point
 
 __all__ = ["RecordedRun", "open_recorded"]
 
-KEYS = {
-    "time": 1,
-    "phase": 1,
-    "joint_names": 1,
-    "joint_positions": 2,
-    "root_position": 2,
-    "root_quaternion": 2,
-    "goal_ticks": 2,
-    "landmark_names": 1,
-    "landmarks_asked": 3,
-    "landmarks_reached": 3,
-    "body": 0,
-    "human_q": 2,
-    "human_mjcf": 0,
+KEYS: dict[str, tuple[str, tuple[str | int | None, ...]]] = {
+    "time": ("known", ("T",)),
+    "phase": ("text", ("T",)),
+    "joint_names": ("text", ("n",)),
+    "joint_positions": ("known", ("T", "n")),
+    "root_position": ("known", ("T", 3)),
+    "root_quaternion": ("known", ("T", 4)),
+    "goal_ticks": ("whole", ("T", "n")),
+    "landmark_names": ("text", ("k",)),
+    "landmarks_asked": ("perhaps", ("T", "k", 3)),
+    "landmarks_reached": ("perhaps", ("T", "k", 3)),
+    "body": ("text", ()),
+    "human_q": ("known", ("T", None)),
+    "human_mjcf": ("text", ()),
 }
-"""What a saved run must have, and how many axes each has."""
-OPTIONAL = {"servo_positions": 2, "sensor_names": 1, "sensor_positions": 3}
+"""What a saved run must have: kind and axes. T ticks, n joints, k landmarks, s sensors; `perhaps`: NaN is not known."""
+OPTIONAL: dict[str, tuple[str, tuple[str | int | None, ...]]] = {
+    "servo_positions": ("perhaps", ("T", "n")),
+    "sensor_names": ("text", ("s",)),
+    "sensor_positions": ("perhaps", ("T", "s", 3)),
+}
 """What it may lack."""
-PER_TICK = ("phase", "joint_positions", "root_position", "root_quaternion", "goal_ticks", "landmarks_asked", "human_q")
 STATES = {phase.name.lower(): word for phase, word in PHASE_WORDS.items()}
-MOST_BYTES = 4 << 30
 
 Arrays = dict[str, NDArray[Any]]
-_NO_SENSORS = np.zeros((1, 0, 3))
 
 
 class RecordedRun:
@@ -52,6 +55,11 @@ class RecordedRun:
         human = compile_body_text(str(arrays["human_mjcf"]), source="human of the run", root="free")
         robot = actor(body)
         model = robot.body
+        shown = actor(human)
+        if arrays["human_q"].shape[1] != shown.body.nq:
+            raise InputError(
+                "the human of the run has another tree", where="human_q", found=f"q of {arrays['human_q'].shape[1]}"
+            )
         single, address = model.scalar_joints()
         of_file = [name for name, is_single in zip(model.dof_names, single, strict=True) if is_single]
         names = [str(name) for name in arrays["joint_names"]]
@@ -67,12 +75,13 @@ class RecordedRun:
         has_robot = bool((arrays["goal_ticks"] >= 0).any())
         self._present = arrays.get("servo_positions", np.full_like(arrays["joint_positions"], np.nan))
         self._solver = model.solver_body()
-        sensors = tuple(str(name) for name in arrays.get("sensor_names", ()))
+        worn = arrays.get("sensor_names", ()) if "sensor_positions" in arrays else ()
+        sensors = tuple(str(name) for name in worn)
         followed = tuple(str(name) for name in arrays["landmark_names"])  # of a human its sensors
         self.cast = Cast(
             title,
             robot if has_robot else None,
-            actor(human),
+            shown,
             tuple(names) if has_robot else (),
             followed if has_robot or not sensors else (),
             _profile(Path(str(arrays["body"]))) if has_robot else None,
@@ -129,47 +138,28 @@ def open_recorded(path: Path) -> RecordedRun:
 
 
 def _read(path: Path) -> Arrays:
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise ValueError("larger than 4 GB")
-        with np.load(path, allow_pickle=False) as file:
-            if not hasattr(file, "files"):
-                raise ValueError("one array, not a run")
-            missing = [key for key in KEYS if key not in file.files]
-            if missing:
-                raise ValueError(f"without {', '.join(missing)}")
-            arrays = {key: file[key] for key in (*KEYS, *(key for key in OPTIONAL if key in file.files))}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
-        raise _refused(path, getattr(error, "strerror", None) or str(error)) from error
-    _check(arrays, path)
-    return arrays
-
-
-def _check(arrays: Arrays, path: Path) -> None:
-    ticks = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
+    """Everything that is shown, of the shape and kind that it must be."""
+    file = read_arrays(path, needed=frozenset(KEYS), used=frozenset(OPTIONAL))
+    ticks, joints = len(file.floats("time", None)), len(file.texts("joint_names", None))
     if not ticks:
-        raise _refused(path, "no tick at all")
-    wrong = [key for key, axes in (KEYS | OPTIONAL).items() if key in arrays and arrays[key].ndim != axes]
-    ticking = (*PER_TICK, *(key for key in ("servo_positions", "sensor_positions") if key in arrays))
-    wrong += [key for key in ticking if key not in wrong and len(arrays[key]) != ticks]
-    if not wrong and arrays.get("sensor_positions", _NO_SENSORS).shape[1:] != (len(arrays.get("sensor_names", ())), 3):
-        wrong.append("sensor_positions")
-    if wrong:
-        raise _refused(path, f"another shape of {', '.join(wrong)}")
-    numbers = [key for key in (*PER_TICK[1:], "time") if key != "landmarks_asked"]
-    broken = [key for key in numbers if not np.isfinite(arrays[key]).all()]
-    if broken:
-        raise _refused(path, f"{', '.join(broken)} with what is no number")
-
-
-def _refused(path: Path, found: str) -> InputError:
-    return InputError(
-        "not a run that was saved",
-        where=str(path),
-        found=found,
-        allowed="a file of retarget run --save FILE.npz",
-        next_step="Save it again, from the same source",
-    )
+        raise InputError("a run without ticks", where=str(path))
+    sizes = {"T": ticks, "n": joints, "k": len(file.texts("landmark_names", None))}
+    if "sensor_names" in file:
+        sizes["s"] = len(file.texts("sensor_names", None))
+    read: dict[str, Callable[..., NDArray[Any]]] = {
+        "text": file.texts,
+        "whole": file.whole,
+        "known": file.floats,
+        "perhaps": partial(file.floats, unknown=True),
+    }
+    arrays: Arrays = {}
+    for key, (kind, axes) in (KEYS | OPTIONAL).items():
+        shape = [sizes.get(axis) if isinstance(axis, str) else axis for axis in axes]
+        if key in file:
+            arrays[key] = read[kind](key, *shape)
+    if (np.diff(arrays["time"]) <= 0.0).any():
+        raise InputError("time does not increase", where=f"{path}: time")
+    return arrays
 
 
 def _profile(body: Path) -> RobotBody | None:
