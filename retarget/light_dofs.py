@@ -1,12 +1,14 @@
-"""Joints that move next to nothing of a body's mass: of a head, of wrists.
+"""Joints that move next to nothing of a body's mass, and no limb: of a head.
 
 Where its mass in motion is kept over its soles, any joint that is left counts, and the lightest one is the last that no
 task above it holds: a head would be swung from stop to stop for a millimetre of the centre of mass.
 """
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 
-from retarget.body import BodyModel, JointType
+from retarget.body import BodyModel, Frame, JointType
 
 __all__ = ["light_dofs"]
 
@@ -17,8 +19,12 @@ POSTURES, TURNED = 64, 2.0
 """So many postures are tried, each joint turned by so much (rad) at most."""
 
 
-def light_dofs(body: BodyModel) -> list[int]:
-    """The DoFs of hinges that are light."""
+LIMBS = ("l_hand", "r_hand", "l_sole", "r_sole")
+"""Frames at the ends of limbs. What moves them is asked to, however light."""
+
+
+def light_dofs(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
+    """The DoFs of hinges that are light and move no limb. frames: of the body, by their names."""
     solver = body.solver_body()
     hinges = body.joint_type == JointType.HINGE
     columns, dofs = body.joint_qpos[hinges], body.joint_dof[hinges]
@@ -29,7 +35,18 @@ def light_dofs(body: BodyModel) -> list[int]:
         q = body.qpos0.copy()
         q[columns] = random.uniform(np.minimum(low, high), np.maximum(low, high))
         most = np.maximum(most, np.linalg.norm(solver.centre_of_mass_jacobian(q), axis=0))
-    return [int(dof) for dof in dofs if most[dof] < LIGHT * _size(body)]
+    limbs = set(_chain(body, (frames[name].body for name in LIMBS if name in frames)))
+    links = body.joint_body[hinges].tolist()
+    light = most[dofs] < LIGHT * _size(body)
+    return [int(dof) for dof, link, is_light in zip(dofs, links, light, strict=True) if is_light and link not in limbs]
+
+
+def _chain(body: BodyModel, links: Iterable[int]) -> Iterable[int]:
+    """These links, and all that carry them."""
+    for link in links:
+        while link > 0:
+            yield link
+            link = int(body.parent[link])
 
 
 def _size(body: BodyModel) -> float:

@@ -93,7 +93,7 @@ def compile_task(
     if isinstance(task, PostureTask):
         return _posture(task, body)
     if isinstance(task, CentreOfMassTask):
-        return [_centre_of_mass(task, body, is_soft=is_soft)]
+        return [_centre_of_mass(task, body, frames, is_soft=is_soft)]
     if isinstance(task, StrengthTask):
         return _strength(frames)
     if isinstance(task, ReactiveTask | PreventiveTask):
@@ -151,10 +151,10 @@ def _placed(
     return Slot(SlotKind.AXIS, name, made, direction=_triple(_unit(task.direction)))
 
 
-def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, *, is_soft: bool) -> Slot:
+def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:
     cap = task.max_error or 0.05
     if task.mode == "support":
-        without = [] if task.moving is None else light_dofs(body)
+        without = [] if task.moving is None else light_dofs(body, frames)
         return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, without=without, max_error=cap))
     rows = _row_weights(task.weight, is_soft=is_soft)
     over_root = task.mode == "over_root"
