@@ -77,5 +77,5 @@ def test_a_polygon_of_fewer_corners_is_never_larger() -> None:
 
 
 def test_which_priorities_look_at_motion() -> None:
-    assert balance_in_motion(load_priorities("steady")) == 0.25
+    assert balance_in_motion(load_priorities("steady")) == 0.22
     assert balance_in_motion(load_priorities("servo")) is None
