@@ -1,4 +1,7 @@
-"""Pictures of a run for a notebook: `figures["tracking"]` in a cell shows one; here they are written to a folder."""
+"""Pictures of a run for a notebook: `figures["tracking"]` in a cell shows one; here they are written to a folder.
+
+python examples/plot_a_run.py [DIR]
+"""
 
 import sys
 from pathlib import Path
@@ -18,6 +21,7 @@ def main(folder: str) -> None:
     with prepare(lambda: frames, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock_bus) as prepared:
         run = prepared.run()
     figures = figures_of(run)
+    Path(folder).mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
         figure.savefig(Path(folder, f"{name}.png"))
     print(f"{', '.join(figures)} in {folder}")

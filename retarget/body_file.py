@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 from retarget.errors import ConfigError, InputError
 
-__all__ = ["BodyFile", "Root", "body_spec", "compile_body", "compile_body_text", "engine"]
+__all__ = ["BodyFile", "Root", "body_spec", "check_numbers", "compile_body", "compile_body_text", "engine"]
 
 Root = Literal["free", "fixed", "suspended"]
 """How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs bolted to a stand."""
@@ -200,6 +200,38 @@ def _check(model: Any, *, source: str) -> None:
         raise InputError("the body has no links", where=source, next_step=_BODY_HELP)
     if model.nv == 0:
         raise InputError("nothing moves", where=source, found="no joints", allowed="at least one joint")
+    check_numbers(model, source=source)
+
+
+def check_numbers(model: Any, *, source: str) -> None:
+    """Refuse a compiled `mujoco.MjModel` with `nan` or `inf`, which the compiler lets through. Raises InputError with
+    the links and joints that have one."""
+    broken = _without_numbers(model)
+    if broken:
+        raise InputError(
+            "places, axes, sizes or masses that are no finite numbers",
+            where=source,
+            found=", ".join(broken[:5]) + (", ..." if len(broken) > 5 else ""),
+            next_step="Look there for 'nan' and 'inf', also in the files of meshes",
+        )
+
+
+def _without_numbers(model: Any) -> list[str]:
+    """Links and joints with a number that is none."""
+    import numpy as np
+
+    def of(owners: Any, *arrays: Any) -> list[int]:
+        """Whose rows are not all numbers."""
+        sound = np.all([np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in arrays], axis=0)
+        return sorted({int(owner) for owner in np.asarray(owners)[~sound]})
+
+    every = np.arange(model.nbody)
+    placed = of(every, model.body_pos, model.body_quat, model.body_ipos, model.body_mass, model.body_inertia)
+    shaped = of(model.geom_bodyid, model.geom_pos, model.geom_quat, model.geom_size)
+    turned = of(np.arange(model.njnt), model.jnt_pos, model.jnt_axis, model.jnt_range)
+    found = [("link", model.body(index)) for index in sorted({*placed, *shaped})]
+    found += [("joint", model.joint(index)) for index in turned]
+    return [f"{kind} {part.name or part.id}" for kind, part in found]
 
 
 def _unused(spec: Any) -> list[str]:

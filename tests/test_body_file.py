@@ -77,6 +77,10 @@ def test_loops_and_tendons_are_named_in_notes() -> None:
         ("<mujoco><worldbody><body/></worldbody></mujoco>", "nothing moves"),
         ('<mujoco><worldbody><body><joint type="screw"/></body></worldbody></mujoco>', "screw"),
         (FREE_MJCF.replace('axis="0 1 0"', 'axis="0 1 0" range="2 1" limited="true"'), "range"),
+        (TWO_LINK_URDF.replace('xyz="0 0 0.5"', 'xyz="0 0 nan"'), "no finite numbers; found link arm"),
+        (FREE_MJCF.replace('mass="1"', 'mass="1" pos="0 0 nan"'), "no finite numbers; found link arm"),
+        (FREE_MJCF.replace('pos="0 0 1"', 'pos="0 nan 1"'), "no finite numbers; found link arm"),
+        (FREE_MJCF.replace('axis="0 1 0"', 'axis="0 1 0" pos="0 inf 0"'), "no finite numbers; found joint swing"),
         (FREE_MJCF.replace("<worldbody>", '<worldbody><body name="ball"><freejoint/><geom size="1"/></body>'), "ball"),
     ],
 )

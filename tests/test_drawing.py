@@ -130,3 +130,10 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     assert wrist.visible and not head.visible, "the head's is not believed"
     assert {"human", "sensors"} < set(drawing.parts) and not {"asked", "reached"} & set(drawing.parts)
     assert "human" in drawing.parts and "robot" not in drawing.parts and drawing.colourings == ()
+
+
+def test_what_servos_never_told_is_no_colour(server: Any) -> None:
+    """Limbs in the colour of a cold servo would say that it is cold."""
+    assert len(Drawing(server, cast_of_op3()).colourings) > 1
+    drawing = Drawing(server, replace(cast_of_op3(), servos_told=False))
+    assert drawing.colourings == () and drawing.scale is None

@@ -25,3 +25,10 @@ def test_example_runs(path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     runpy.run_path(str(path), run_name="__main__")
     assert re.search(r"\d (mm|rad) off", capsys.readouterr().out)
     assert len(path.read_text(encoding="utf-8").splitlines()) < 40
+
+
+def test_pictures_go_to_a_folder_that_is_not_there_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, place = next(path for path in EXAMPLES if path.stem == "plot_a_run"), tmp_path / "new" / "pictures"
+    monkeypatch.setattr("sys.argv", [str(path), str(place)])
+    runpy.run_path(str(path), run_name="__main__")
+    assert (place / "tracking.png").is_file()

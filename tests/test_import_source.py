@@ -18,6 +18,11 @@ BAD = {
     "external": ('<!DOCTYPE a SYSTEM "http://localhost/a.dtd"><robot/>', "document type"),
     "deep": ("<mujoco>" + "<body>" * (MAX_DEPTH + 1), f"more than {MAX_DEPTH} deep"),
     "xacro": ('<robot xmlns:xacro="x"><xacro:macro name="a"></robot>', "xacro robot.xacro"),
+    "xacro without its name": ('<robot><xacro:include filename="a"/></robot>', "unbound prefix.*xacro robot.xacro"),
+    "xacro that is sound XML": (
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
+        "yet to be made; found <xacro:include>.*xacro robot.xacro",
+    ),
     "itself": ('<mujoco><include file="body.xml"/></mujoco>', "includes that never end"),
     "absent": ('<mujoco><include file="other.xml"/></mujoco>', "other.xml: cannot read"),
     "device": ('<mujoco><include file="/dev/zero"/></mujoco>', "/dev/zero: cannot read.*not a regular file"),
@@ -32,6 +37,12 @@ def test_what_is_refused(case: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=BAD[case][1]) as caught:
         read_source(path)
     assert len(caught.value.problems) == 1
+
+
+def test_a_urdf_that_xacro_made_keeps_the_name_of_xacro(tmp_path: Path) -> None:
+    path = tmp_path / "body.urdf"
+    path.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a"/>')
+    assert read_source(path).name == "a"
 
 
 def test_entities_are_found_in_any_encoding(tmp_path: Path) -> None:

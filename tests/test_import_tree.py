@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from retarget.body import load_body
+from retarget.body_file import compile_body_text
 from retarget.catalogue import shipped_folder
 from retarget.errors import InputError
-from retarget.importing.tree import BASE
+from retarget.importing.tree import BASE, read_tree
 from unknown_robots import ARM, HUMANOID, SHIPPED, humanoid, shipped_tree, table_arm, text_tree
 
 
@@ -48,3 +49,10 @@ def test_what_slides_is_refused() -> None:
     )
     with pytest.raises(InputError, match=r"no servo turns.*sliding or ball joints: s"):
         text_tree(slide)
+
+
+def test_what_has_no_joint_that_turns_is_refused_by_its_file() -> None:
+    model = compile_body_text(humanoid(), source="body.urdf", root="free").model
+    model.jnt_type[:] = 0  # free
+    with pytest.raises(InputError, match=r"a\.urdf: no robot of servos; found 0 hinges.*revolute"):
+        read_tree(model, source="a.urdf")

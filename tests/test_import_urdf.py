@@ -57,6 +57,15 @@ def test_joints_that_no_servo_drives(kind: str, tmp_path: Path) -> None:
     assert body.notes == (f"{kind} joints made rigid: j_finger",) and body.file == "body.xml"
 
 
+def test_a_place_that_is_no_number(tmp_path: Path) -> None:
+    text = humanoid([*HUMANOID, finger()])
+    at = re.search(r'<joint name="j_finger".*?xyz="([^"]*)"', text, re.DOTALL)
+    assert at is not None
+    for wrong in ("0 nan 0", "0 inf 0"):
+        with pytest.raises(InputError, match=r"no finite numbers; found link finger\."):
+            drafted(text[: at.start(1)] + wrong + text[at.end(1) :], tmp_path)
+
+
 def test_a_joint_of_no_known_type(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no such type of joint.*j_finger: 'rubber'"):
         drafted(humanoid([*HUMANOID, finger(kind="rubber")]), tmp_path)

@@ -26,7 +26,12 @@ def test_what_is_no_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture
     assert leave("view", other) == REFUSED
     assert leave("view", tmp_path / "none.npz") == REFUSED
     told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2 and "not a run that was saved" in told[0] and "No such file" in told[1]
+    assert (
+        len(told) == 2
+        and "not a run that was saved" in told[0]
+        and "No such file" in told[1]
+        and "--record FILE.mcap" in told[1]
+    )
 
 
 def test_a_page_is_where_view_says() -> None:

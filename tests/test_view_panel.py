@@ -1,16 +1,19 @@
 """The panel of a page: large letters, what colours mean, and curves of a joint."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from followers import op3
-from retarget.viewer.joint_plot import QUANTITIES, curves
+from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves
 from retarget.viewer.legend import legend
 from retarget.viewer.limb_colours import current_scale, temperature_scale
 from retarget.viewer.moment import Tracks
 from retarget.viewer.palette import LEGEND, mixed, web
 from retarget.viewer.panel import headline
-from viewed import moment
+from retarget.viewer.server import close_server, open_server
+from viewed import cast_of_op3, moment
 
 
 def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
@@ -44,3 +47,14 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
     expected = {"angle": np.degrees(0.1), "off its goal": np.degrees(0.1), "temperature": 40.0, "current": 0.5}
     np.testing.assert_allclose(servo, expected[quantity])
     assert np.isnan(goal).all() == (quantity != "angle")
+
+
+@pytest.mark.parametrize(("told", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
+def test_a_plot_offers_what_is_known(told: bool, quantities: tuple[str, ...]) -> None:
+    pytest.importorskip("viser", reason="the viewer's extra is not installed")
+    server, _ = open_server(0, title="test")
+    try:
+        plot = JointPlot(server, replace(cast_of_op3(), servos_told=told), lambda _: None)
+        assert plot._quantity.options == quantities
+    finally:
+        close_server(server)

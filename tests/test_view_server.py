@@ -11,7 +11,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 from retarget.errors import UsageError
-from retarget.viewer.server import open_server
+from retarget.viewer.server import close_server, open_server
 
 viser = pytest.importorskip("viser", reason="the viewer's extra is not installed")
 
@@ -74,10 +74,18 @@ def test_a_port_that_is_taken_is_said() -> None:
         port = other.getsockname()[1]
         with pytest.raises(UsageError, match="port of the page") as refused:
             open_server(port, title="test")
-        assert str(port) in str(refused.value)
+        assert f"--port: the port of the page cannot be had; found {port}" in str(refused.value)
+        with pytest.raises(UsageError, match=r"--view: .*--view 0") as refused:
+            open_server(port, title="test", option="--view")
 
 
 def test_it_is_shared_with_nobody() -> None:
     server, _ = open_server(0, title="test")
     assert server.request_share_url() is None
     server.stop()
+
+
+def test_it_ends_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
+    server, _ = open_server(0, title="test")
+    close_server(server)
+    assert capsys.readouterr() == ("", "")

@@ -10,7 +10,7 @@ from retarget.cli.interrupt import stop_on_signals
 from retarget.viewer.door import PORT
 from retarget.viewer.from_mcap import open_viewed
 from retarget.viewer.page import RecordedPage
-from retarget.viewer.server import open_server
+from retarget.viewer.server import close_server, open_server
 
 SHOWN_HZ = 30.0
 
@@ -31,9 +31,12 @@ def view(
     for note in run.notes:
         typer.echo(f"note: {file}: {note}", err=True)
     server, address = open_server(port, title=f"retarget: {file.name}")
-    page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
-    typer.echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")
-    with stop_on_signals() as stop:
-        while not stop():
-            page.tick()
-            clock.sleep_until(clock.now() + 1.0 / SHOWN_HZ)
+    try:
+        page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
+        typer.echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")
+        with stop_on_signals() as stop:
+            while not stop():
+                page.tick()
+                clock.sleep_until(clock.now() + 1.0 / SHOWN_HZ)
+    finally:
+        close_server(server)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from retarget import rotations
-from retarget.body_file import engine
+from retarget.body_file import check_numbers, engine
 from retarget.errors import InputError
 from retarget.fitting.geometry import link_geometries
 from retarget.importing.simple_shapes import replace_meshes
@@ -58,6 +58,7 @@ def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
         spec.compiler.fusestatic = False
         rewrite |= _named(spec, notes)
         model = _compiled(spec)
+        check_numbers(model, source=str(source.path))
         if not rewrite:
             file = "body.urdf" if source.kind == "urdf" else "body.xml"
             return BodyDraft(spec, model, file, source.content, tuple(notes))

@@ -147,7 +147,7 @@ def _drafted(
     progress: Callable[[float], None],
 ) -> Draft:
     """Write body and profile into the folder."""
-    tree = read_tree(body.model)
+    tree = read_tree(body.model, source=source)
     anatomy = find_anatomy(tree)
     if anatomy.forward[0] < FACING:
         body = facing_x(body, anatomy.forward)

@@ -16,6 +16,7 @@ MAX_DEPTH = 100
 MAX_ELEMENTS = 500_000
 MAX_INCLUDES = 50
 KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
+XACRO = "of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
 HELP = "Give a URDF (<robot>) or MJCF (<mujoco>) file"
 
 
@@ -44,7 +45,7 @@ def read_source(path: Path) -> Source:
         raise InputError(
             "neither URDF nor MJCF", where=str(path), found=f"the outermost element is <{tag[:80]}>", next_step=HELP
         )
-    root = ElementTree.fromstring(content)
+    root = _tree(path, content)
     return Source(path, kind, content, root, _look_at_includes(path, root, []))
 
 
@@ -93,9 +94,31 @@ def _scanned(path: Path, content: bytes) -> str:
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, UnicodeDecodeError, LookupError) as error:
-        step = "Mend the XML; of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
-        raise InputError("not XML that can be read", where=str(path), found=str(error), next_step=step) from error
+        raise _unreadable(path, error) from error
     return outermost
+
+
+def _tree(path: Path, content: bytes) -> ElementTree.Element:
+    """The elements of XML that was scanned. Raises InputError for prefixes that mean nothing, and for xacro."""
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise _unreadable(path, error) from error
+    for element in root.iter():
+        space, _, tag = str(element.tag).rpartition("}")
+        if "xacro" in space:
+            raise InputError(
+                "xacro, from which the URDF has yet to be made",
+                where=str(path),
+                found=f"<xacro:{tag[:80]}>",
+                next_step=f"Give the URDF; {XACRO}",
+            )
+    return root
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    step = f"Mend the XML; {XACRO}"
+    return InputError("not XML that can be read", where=str(path), found=str(error), next_step=step)
 
 
 def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -> bool:
@@ -110,5 +133,5 @@ def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -
         seen.append(other)
         content = _content(other)
         _scanned(other, content)
-        _look_at_includes(path, ElementTree.fromstring(content), seen)
+        _look_at_includes(path, _tree(other, content), seen)
     return bool(names)

@@ -74,14 +74,17 @@ class Tree:
         return np.concatenate([self.nodes[node].points for node in nodes])
 
 
-def read_tree(model: Any) -> Tree:
-    """The tree of a compiled `mujoco.MjModel` in its zero pose. Raises InputError: joints that no servo turns."""
+def read_tree(model: Any, *, source: str = "") -> Tree:
+    """The tree of a compiled `mujoco.MjModel` in its zero pose; source names it in messages.
+
+    Raises InputError: joints that no servo turns, or none that one turns.
+    """
     import mujoco
 
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     hinges = [index for index in range(model.njnt) if model.jnt_type[index] == mujoco.mjtJoint.mjJNT_HINGE]
-    _refuse_others(model, hinges)
+    _refuse_others(model, hinges, source)
     last: dict[int, int] = {}  # body -> node of its last hinge
     nodes = [(-1, -1)]  # joint, parent
     for joint in hinges:
@@ -99,7 +102,7 @@ def read_tree(model: Any) -> Tree:
     return Tree(found, float(np.linalg.norm(np.ptp(around, axis=0))))
 
 
-def _refuse_others(model: Any, hinges: list[int]) -> None:
+def _refuse_others(model: Any, hinges: list[int], source: str) -> None:
     import mujoco
 
     allowed = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)}
@@ -107,12 +110,19 @@ def _refuse_others(model: Any, hinges: list[int]) -> None:
     if others:
         raise InputError(
             "joints that no servo turns",
+            where=source,
             found=f"sliding or ball joints: {', '.join(others[:10])}",
             allowed="hinges",
             next_step="Make them fixed in the file, or give --freeze",
         )
     if not 1 <= len(hinges) <= MAX_JOINTS:
-        raise InputError("no robot of servos", found=f"{len(hinges)} hinges", allowed=f"1 to {MAX_JOINTS}")
+        raise InputError(
+            "no robot of servos",
+            where=source,
+            found=f"{len(hinges)} hinges",
+            allowed=f"1 to {MAX_JOINTS}",
+            next_step="Give the body of a whole robot, whose moving joints are revolute or continuous (MJCF: hinge)",
+        )
 
 
 def _node_above(model: Any, last: dict[int, int], body: int) -> int:

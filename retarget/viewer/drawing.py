@@ -53,7 +53,7 @@ class Drawing:
         if cast.robot is not None:
             self._robot = Figure(self._scene, "robot", cast.robot, colour=ROBOT)
             self._goal = Figure(self._scene, "goal", cast.robot, colour=GOAL, opacity=GOAL_OPACITY, shrunk=GOAL_SIZE)
-            if cast.profile is not None:
+            if cast.profile is not None and cast.servos_told:
                 self._limbs = LimbColours(cast.profile, self._robot.meshes)
         scale = height / cast.human.height
         self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, opacity=HUMAN_OPACITY, scale=scale)

@@ -136,7 +136,9 @@ def open_viewed(path: Path) -> Viewed:
         with path.open("rb") as file:
             begins = file.read(len(MAGIC))
     except OSError as error:
-        raise InputError("cannot read the run", where=str(path), found=error.strerror or str(error)) from error
+        step = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
+        found = error.strerror or str(error)
+        raise InputError("cannot read the run", where=str(path), found=found, next_step=step) from error
     if begins == MAGIC:
         recording = read_recording(path)
         with lacking(recording):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget.rotations import FloatArray
-from retarget.viewer.moment import Tracks
+from retarget.viewer.moment import Cast, Tracks
 from retarget.viewer.palette import GOAL, ROBOT, web
 
 if TYPE_CHECKING:
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 __all__ = ["QUANTITIES", "JointPlot", "curves"]
 
 QUANTITIES = ("angle", "off its goal", "temperature", "current")
+OF_ANGLES = QUANTITIES[:2]
+"""Those of a run that knows no more of its servos than where they were."""
 TITLES = {
     "angle": "degrees: goal and servo",
     "off its goal": "degrees between goal and servo",
@@ -26,17 +28,15 @@ PLOTTED = 1500
 
 
 class JointPlot:
-    """track: what is known of a joint, by its number."""
+    """cast: whose joints; track: what is known of one, by its number."""
 
-    def __init__(
-        self, server: "viser.ViserServer", joints: tuple[str, ...], track: Callable[[int], Tracks | None]
-    ) -> None:
+    def __init__(self, server: "viser.ViserServer", cast: Cast, track: Callable[[int], Tracks | None]) -> None:
         from viser import uplot
 
-        self._joints, self._track = joints, track
+        self._joints, self._track = cast.joints, track
         with server.gui.add_folder("plot"):
-            self._joint = server.gui.add_dropdown("joint", joints)
-            self._quantity = server.gui.add_dropdown("shows", QUANTITIES)
+            self._joint = server.gui.add_dropdown("joint", cast.joints)
+            self._quantity = server.gui.add_dropdown("shows", QUANTITIES if cast.servos_told else OF_ANGLES)
             self._plot = server.gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (

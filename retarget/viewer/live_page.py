@@ -42,7 +42,7 @@ class LivePage:
         self._drawing = Drawing(server, cast)
         add_parts(server, self._drawing)
         self._kept: deque[tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]] = deque(maxlen=MOST_KEPT)
-        self._plot = JointPlot(server, cast.joints, self._track) if cast.joints else None
+        self._plot = JointPlot(server, cast, self._track) if cast.joints else None
         self._landmarks: tuple[str, ...] = ()
         self._mass = MassMotion()
         self._begun: float | None = None

@@ -45,7 +45,7 @@ def main(arguments: list[str]) -> int:
     try:
         setup = _setup(sys.stdin.read())
         cast = _cast(setup)
-        server, address = open_server(setup.port, title=setup.title)
+        server, address = open_server(setup.port, title=setup.title, option="--view")
     except RetargetError as error:
         link.send(REFUSED + str(error).encode()[: LONGEST_MESSAGE - len(REFUSED)])
         return 2

@@ -56,7 +56,8 @@ class Cast:
     and sensors (s) of the performer: names.
 
     profile: of the robot, where it is known: its soles, observers and servos. around: obstacles in its world.
-    simulated: it has mass, and its moments know where it really is.
+    simulated: it has mass, and its moments know where it really is. servos_told: its moments know how warm servos are
+    and what they draw.
     """
 
     title: str
@@ -68,6 +69,7 @@ class Cast:
     around: tuple[Obstacle, ...] = ()
     simulated: bool = False
     sensors: tuple[str, ...] = ()
+    servos_told: bool = True
 
 
 @dataclass(frozen=True, eq=False)

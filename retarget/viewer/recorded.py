@@ -86,6 +86,7 @@ class RecordedRun:
             followed if has_robot or not sensors else (),
             _profile(Path(str(arrays["body"]))) if has_robot else None,
             sensors=sensors,
+            servos_told=False,
         )
 
     def moment(self, row: int) -> Moment:

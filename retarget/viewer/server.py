@@ -13,13 +13,13 @@ from retarget.viewer.door import Door, Refused
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["open_server"]
+__all__ = ["close_server", "open_server"]
 
 LOOPBACK = "127.0.0.1"
 
 
-def open_server(port: int, *, title: str) -> tuple["viser.ViserServer", str]:
-    """A page on a port of loopback, and its address with its key. 0: any free port.
+def open_server(port: int, *, title: str, option: str = "--port") -> tuple["viser.ViserServer", str]:
+    """A page on a port of loopback, and its address with its key. 0: any free port. option: by which it was chosen.
 
     Raises ConfigError where viser is missing, UsageError for a port that is taken.
     """
@@ -29,40 +29,46 @@ def open_server(port: int, *, title: str) -> tuple["viser.ViserServer", str]:
         raise ConfigError(
             "the viewer needs viser", found=str(error), next_step="Install it: pip install 'retarget[view]'"
         ) from error
-    door = Door(_free(port))
+    door = Door(_free(port, option))
     with _guarded(door), redirect_stdout(StringIO()):  # viser prints an address that nobody may open
         server = viser.ViserServer(LOOPBACK, door.port, label=title, verbose=False)
     if server.get_port() != door.port:  # taken meanwhile: viser has the next one, of which the door knows nothing
         server.stop()
-        raise _taken(door.port)
+        raise _taken(door.port, option)
     server.request_share_url = _shares_nothing  # type: ignore[method-assign]
     server.gui.main_panel.dock_right()
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     return server, door.address
 
 
+def close_server(server: "viser.ViserServer") -> None:
+    """End the page, without the line that viser prints at that."""
+    with redirect_stdout(StringIO()):
+        server.stop()
+
+
 def _shares_nothing(verbose: bool = True) -> None:
     """The page stays on this machine."""
 
 
-def _free(port: int) -> int:
+def _free(port: int, option: str) -> int:
     """The port, or any that is free for 0. Raises UsageError."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((LOOPBACK, port))
         except (OSError, OverflowError) as error:
-            raise _taken(port) from error
+            raise _taken(port, option) from error
         return int(probe.getsockname()[1])
 
 
-def _taken(port: int) -> UsageError:
+def _taken(port: int, option: str) -> UsageError:
     return UsageError(
         "the port of the page cannot be had",
-        where="--port",
+        where=option,
         found=f"{port}: taken, or not allowed",
         allowed="0 (any that is free), or 1024 to 65535",
-        next_step="Close the other viewer, or give another port",
+        next_step=f"Close the other viewer, or give another port: {option} 0",
     )
 
 
