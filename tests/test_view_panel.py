@@ -1,6 +1,7 @@
 """The panel of a page: large letters, what colours mean, and curves of a joint."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def test_a_page_is_told_how_far_a_plot_reaches(quantity: str) -> None:
     server, _ = open_server(0, title="test")
     time, gone = np.arange(50.0), np.where(np.arange(50) < 9, np.nan, 0.1)
     try:
-        plot = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))
+        plot: Any = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))
         plot._quantity.value = quantity
         plot.draw()
         reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]
