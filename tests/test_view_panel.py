@@ -1,12 +1,13 @@
 """The panel of a page: large letters, what colours mean, and curves of a joint."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from followers import op3
-from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves
+from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
 from retarget.viewer.legend import legend
 from retarget.viewer.limb_colours import current_scale, temperature_scale
 from retarget.viewer.moment import Tracks
@@ -56,5 +57,34 @@ def test_a_plot_offers_what_is_known(told: bool, quantities: tuple[str, ...]) ->
     try:
         plot = JointPlot(server, replace(cast_of_op3(), servos_told=told), lambda _: None)
         assert plot._quantity.options == quantities
+    finally:
+        close_server(server)
+
+
+@pytest.mark.parametrize(
+    "values", [[np.nan] * 9, [25.0] * 9, [np.nan, 1.0, 7.0], [-40.0, np.nan, 71.5], [1e-4, 2e-4], [1e5, np.inf]]
+)
+def test_a_plot_reaches_beyond_all_that_is_known(values: list[float]) -> None:
+    low, high = heights(np.array(values), np.full(3, np.nan))
+    known = [value for value in values if np.isfinite(value)]
+    assert (
+        low < min(known, default=0.5)
+        and max(known, default=0.5) < high
+        and high - low < 3 * (np.ptp(known or [0, 1]) + 0.1)
+    )
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_a_page_is_told_how_far_a_plot_reaches(quantity: str) -> None:
+    """It finds that out by itself only where all is known: a goal that is NaN left the whole plot empty."""
+    pytest.importorskip("viser", reason="the viewer's extra is not installed")
+    server, _ = open_server(0, title="test")
+    time, gone = np.arange(50.0), np.where(np.arange(50) < 9, np.nan, 0.1)
+    try:
+        plot: Any = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))
+        plot._quantity.value = quantity
+        plot.draw()
+        reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]
+        assert reach[0] < np.nanmin(shown) <= np.nanmax(shown) < reach[1]
     finally:
         close_server(server)

@@ -12,7 +12,7 @@ from retarget.viewer.palette import GOAL, ROBOT, web
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["QUANTITIES", "JointPlot", "curves"]
+__all__ = ["QUANTITIES", "JointPlot", "curves", "heights"]
 
 QUANTITIES = ("angle", "off its goal", "temperature", "current")
 OF_ANGLES = QUANTITIES[:2]
@@ -23,6 +23,8 @@ TITLES = {
     "temperature": "degrees Celsius",
     "current": "A",
 }
+LEAST_HEIGHT = 0.1
+"""Of what a plot shows, in its unit: what trembles by less is flat."""
 PLOTTED = 1500
 """Points of a plot, at most."""
 
@@ -48,6 +50,7 @@ class JointPlot:
                 title=TITLES[QUANTITIES[0]],
                 aspect=1.3,
             )
+        self._reach = (0.0, 0.0)
         self._joint.on_update(lambda _: self.draw())
         self._quantity.on_update(lambda _: self.draw())
         self.draw()
@@ -57,7 +60,31 @@ class JointPlot:
         tracks, quantity = self._track(self._joints.index(self._joint.value)), self._quantity.value
         if tracks is not None and len(tracks.time) > 1:
             self._plot.title = TITLES[quantity]
-            self._plot.data = curves(tracks, quantity)
+            shown = curves(tracks, quantity)
+            self._reach_to(heights(*shown[1:]))
+            self._plot.data = shown
+
+    def _reach_to(self, reach: tuple[float, float]) -> None:
+        """What the upright axis shows; the page makes the plot anew for another one."""
+        from viser import uplot
+
+        if reach != self._reach:
+            self._reach = reach
+            self._plot.scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=reach)}
+
+
+def heights(*values: FloatArray) -> tuple[float, float]:
+    """Lowest and highest value to show, rounded outward so that a curve that grows seldom moves them.
+
+    A page that had to find them itself would find none where one value is NaN, and show nothing at all.
+    """
+    known = np.concatenate(values)
+    known = known[np.isfinite(known)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    room = max(high - low, LEAST_HEIGHT)
+    step = 0.5 * 10.0 ** np.floor(np.log10(room))
+    edges = np.floor((low - 0.05 * room) / step), np.ceil((high + 0.05 * room) / step)
+    return float(edges[0] * step), float(edges[1] * step)
 
 
 def curves(tracks: Tracks, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
