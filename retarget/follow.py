@@ -167,8 +167,8 @@ class Follower:
         self._advance(self._asked, dt, haste=haste)
         return self._posture(self._asked)
 
-    def _advance(self, asked: AskedLandmarks, dt: float, *, haste: float) -> None:
-        """Go on by `dt` s towards what is asked."""
+    def _advance(self, asked: AskedLandmarks, dt: float, *, haste: float, lands: bool = False) -> None:
+        """Go on by `dt` s towards what is asked. lands: on the way to a stand."""
         targets, hierarchy, pace = self._targets, self.hierarchy, self._time.pace
         self.surroundings.tick(hierarchy, dt, pace=pace)
         if self._second is not None:
@@ -177,7 +177,7 @@ class Follower:
         if self.steps is not None:
             asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
         elif self._balance is not None:
-            hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt))
+            hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, lands=lands))
         if self._strength is not None:
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt)
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
@@ -191,7 +191,7 @@ class Follower:
         stands = self.steps is None or self.steps.wait()
         if self._landing is None or not self._landing.goes_on(self.hierarchy.solver.velocity, dt, stands=stands):
             return None
-        self._advance(self._landing.ask(self._reached), dt, haste=1.0)
+        self._advance(self._landing.ask(self._reached), dt, haste=1.0, lands=True)
         return self._q
 
     def keep_pace(self, pace: float) -> None:

@@ -16,8 +16,9 @@ from retarget.standing_balance import StandingBalance
 
 __all__ = ["Landing", "landing_of"]
 
-RESTING_SPEED, LEAST_S = 0.1, 0.5
-"""A robot none of whose coordinates is faster (rad/s, m/s) rests, when it has had so long (s) to set off."""
+RESTING_SPEED, RESTS_S = 0.1, 0.3
+"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick alone is none: where limbs
+meet, all stand still for one, and the next goes on."""
 LONGEST_S = 8.0
 """After so long (s) it is parked from where it is."""
 
@@ -28,14 +29,15 @@ class Landing:
     def __init__(self, standing: AskedLandmarks, *, pelvis: int) -> None:
         self._standing, self._pelvis = standing, pelvis
         self._asked: AskedLandmarks | None = None
-        self._lasted = 0.0
+        self._lasted = self._rested = 0.0
 
     def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
         """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether
         it has both feet on the floor and its weight between them."""
         self._lasted += dt
         rests = float(np.abs(velocity).max()) < RESTING_SPEED
-        return self._lasted < LEAST_S or (self._lasted < LONGEST_S and not (stands and rests))
+        self._rested = self._rested + dt if rests and stands else 0.0
+        return self._lasted < LONGEST_S and self._rested < RESTS_S
 
     def ask(self, at: Reached) -> AskedLandmarks:
         """What is asked of a robot that was `at` there when it was asked first."""

@@ -33,6 +33,9 @@ GRAVITY = 9.81
 BEYOND_M = 0.0003
 """How far (m) beyond an edge the capture point of a robot that follows may be by rounding: the way back is not asked
 for."""
+LANDING = 0.5
+"""Share of the support polygon, about its middle, for a robot on its way to a stand. Who begins it at the edge of the
+room in which it followed comes in from there only by pressing beyond that edge."""
 SPARE = 0.5
 """Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
 out."""
@@ -51,19 +54,24 @@ class StandingBalance:
         self._drawn_in: Edges = self.edges.tolist()
         share = min((task.moving for task in tasks if task.moving is not None), default=None)
         self.looks_at_motion = share is not None
-        self._room: Edges = [] if share is None else shrunk(self.edges, share, stance).tolist()
+        self._room = _room(self.edges, share, stance)
+        self._wide = _room(self.edges, None if share is None else max(share, LANDING), stance)
 
-    def spaces(self, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
+    def spaces(self, com: FloatArray, velocity: FloatArray, dt: float, *, lands: bool = False) -> FloatArray:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
-        m/s."""
+        m/s. lands: of a robot on its way to a stand."""
         if not self.looks_at_motion:
             return _braked(self._drawn_in, com, dt)
-        return moving_spaces(self._room, com, velocity, dt, outer=self._drawn_in)
+        return moving_spaces(self._wide if lands else self._room, com, velocity, dt, outer=self._drawn_in)
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
         x, y, _ = com.tolist()
         return float(min(offset - nx * x - ny * y for nx, ny, offset in self._outline))
+
+
+def _room(edges: FloatArray, share: float | None, stance: Stance) -> Edges:
+    return [] if share is None else shrunk(edges, share, stance).tolist()
 
 
 def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:

@@ -5,7 +5,8 @@ import pytest
 
 from followers import DT, dimensions, op3, performer, postures
 from retarget.follow import Follower
-from retarget.landing import LONGEST_S, Landing, landing_of
+from retarget.landmarks import AskedLandmarks
+from retarget.landing import LONGEST_S, RESTS_S, Landing, landing_of
 from retarget.priorities import load_priorities
 from retarget.robot_reader import RobotReader, standing_dofs
 from retarget.rotations import FloatArray
@@ -41,7 +42,7 @@ def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
     assert lean[0] > 0.3 and lean[1] < 0.1
     assert robot._balance is not None
     x, y, _ = now.centre_of_mass
-    assert all(nx * x + ny * y < offset + 1e-3 for nx, ny, offset in robot._balance._room)
+    assert all(nx * x + ny * y < offset + 1e-3 for nx, ny, offset in robot._balance._wide)
     soles = op3().points(np.array(way), ("l_sole", "r_sole"))
     assert np.abs(soles - [sole.position for sole in robot.stance.soles]).max() < 1e-3
     first, *_, last = (np.abs(q[7:][standing_dofs(op3())[6:]]) for q in way)  # left and right leg turn the other way
@@ -51,6 +52,44 @@ def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
         for angles in (first, last)
     ]
     assert unlike[1] < unlike[0]
+
+
+def leaning() -> Follower:
+    """Asked aside, forward and round, as far as its room goes."""
+    robot = crouched()
+    standing = robot.landmark_map.standing
+    aside = [place + np.array([0.05, 0.05, 0.0]) for place in standing.landmarks]
+    turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
+    for _ in range(300):
+        robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT, haste=1.0)
+    return robot
+
+
+def test_from_the_edge_of_its_room_it_comes_upright_at_once() -> None:
+    """With the room in which it follows, its mass would crawl along that edge, and the robot be parked from there."""
+    robot = leaning()
+
+    def away() -> float:
+        return float(
+            np.linalg.norm(np.subtract(robot._reached.landmarks[PELVIS], robot.landmark_map.standing.landmarks[PELVIS]))
+        )
+
+    assert away() > 0.01
+    ticks = 0
+    while away() > 2e-3:
+        assert robot.land(DT) is not None
+        ticks += 1
+    assert ticks * DT < 1.0
+
+
+def test_one_tick_that_stands_still_is_no_stand() -> None:
+    """Where limbs meet, all stand still for a tick."""
+    follower = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    landing = Landing(follower.landmark_map.standing, pelvis=PELVIS)
+    moving, still = np.ones(op3().body.nv), np.zeros(op3().body.nv)
+    for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
+        assert landing.goes_on(velocity, DT, stands=True)
+    assert not landing.goes_on(still, DT, stands=True)
 
 
 def test_priorities_that_look_at_no_motion_know_no_landing() -> None:

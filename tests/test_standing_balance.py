@@ -55,6 +55,16 @@ def test_whoever_goes_as_far_as_it_may_stays_on_its_soles(angle: float, turns: l
         before, com = com, after
 
 
+def test_at_the_edge_of_its_room_a_robot_that_lands_may_be_pushed_in() -> None:
+    """The zero-moment point has to go beyond that edge for it."""
+    keeps, still, (nx, ny, offset) = balance(), np.zeros(3), balance()._room[0]
+    com = np.array([nx * offset, ny * offset, HEIGHT])
+    inward = com - np.array([nx, ny, 0.0]) * GRAVITY / HEIGHT * 0.005 * DT**2  # as from 5 mm farther out
+    follows, lands = keeps.spaces(com, still, DT), keeps.spaces(com, still, DT, lands=True)
+    assert (follows[:, :3] @ inward > follows[:, 3]).any()
+    assert (lands[:, :3] @ inward <= lands[:, 3]).all()
+
+
 def test_at_rest_inside_it_may_stay_and_outside_it_must_come_back() -> None:
     keeps, still = balance(), np.zeros(3)
     spaces = keeps.spaces(np.array([0.0, 0.0, HEIGHT]), still, DT)
