@@ -5,8 +5,8 @@ import pytest
 
 from followers import DT, dimensions, op3, performer, postures
 from retarget.follow import Follower
-from retarget.landmarks import AskedLandmarks
 from retarget.landing import LONGEST_S, RESTS_S, Landing, landing_of
+from retarget.landmarks import AskedLandmarks
 from retarget.priorities import load_priorities
 from retarget.robot_reader import RobotReader, standing_dofs
 from retarget.rotations import FloatArray
