@@ -156,13 +156,7 @@ def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
     """Joints that one leg alone has between root and sole: number of the foot, and where the joint is on its link."""
     body = robot.body
-    chains = []
-    for foot in robot.profile.feet.values():
-        link, chain = robot.frame(foot.frame).body, set()
-        while link > 0:
-            chain.add(link)
-            link = int(body.parent[link])
-        chains.append(chain)
+    chains = [body.chain_to_root(robot.frame(foot.frame).body) for foot in robot.profile.feet.values()]
     found = {}
     for servo in robot.joint_map.servos:
         index = body.joint_index(servo.joint)
