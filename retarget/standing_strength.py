@@ -173,10 +173,9 @@ def carrying_frames(robot: RobotBody) -> dict[str, Frame]:
     return {CARRIES + name: frame for name, (_, frame) in leg_joints(robot).items()}
 
 
-def standing_strength(robot: RobotBody, priorities: Priorities) -> StandingStrength | None:
-    """What these priorities keep of the strength of a robot that stands on two soles; None: nothing."""
+def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) -> StandingStrength | None:
+    """What these priorities keep of the strength of a robot in its stance on two soles; None: nothing."""
     shares = [task.share for _, _, task in priorities.tasks() if isinstance(task, StrengthTask)]
-    stance = plant(robot, robot.profile.postures.stand)
     if not shares or len(stance.soles) != 2:
         return None
     return StandingStrength(robot, stance, share=min(shares))
