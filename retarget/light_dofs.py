@@ -17,8 +17,6 @@ LIGHT = 0.008
 bent."""
 POSTURES, TURNED = 64, 2.0
 """So many postures are tried, each joint turned by so much (rad) at most."""
-
-
 LIMBS = ("l_hand", "r_hand", "l_sole", "r_sole")
 """Frames at the ends of limbs. What moves them is asked to, however light."""
 
