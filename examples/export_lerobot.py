@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
+import typer
 
 from hardware.clock import VirtualClock
 from retarget.exporting import export_motion, format_named, read_run, resampled
@@ -28,11 +29,11 @@ def main(run: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:]:
+        sys.exit(typer.run(main))
     with tempfile.TemporaryDirectory() as place:
-        run, out = map(Path, sys.argv[1:3] or (f"{place}/run.npz", f"{place}/dataset"))
-        if not sys.argv[1:]:
-            clip, servos = synthetic_performer().cut(0.0, 3.0), load_robot("op3").joint_map.servos
-            bus = MockBus(servos, clock := VirtualClock())
-            with prepare(lambda: clip, RunOptions(robot="op3"), clock=clock, make_bus=lambda *_: bus) as prepared:
-                write_npz(prepared.run(), run)
-        main(run, out)
+        clip, servos = synthetic_performer().cut(0.0, 3.0), load_robot("op3").joint_map.servos
+        bus = MockBus(servos, clock := VirtualClock())
+        with prepare(lambda: clip, RunOptions(robot="op3"), clock=clock, make_bus=lambda *_: bus) as prepared:
+            write_npz(prepared.run(), run := Path(place, "run.npz"))
+        main(run, Path(place, "dataset"))

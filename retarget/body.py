@@ -137,6 +137,18 @@ class BodyModel:
         body = self._index("frame", name, names) - len(self.frames)
         return Frame(name, body, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
+    def chain_to_root(self, link: int) -> tuple[int, ...]:
+        """This link and all that carry it, nearest first: the link itself and the root are in it, the world is not."""
+        links = []
+        while link > 0:
+            links.append(link)
+            link = int(self.parent[link])
+        return tuple(links)
+
+    def links_between(self, first: int, second: int) -> set[int]:
+        """Links whose joints move one link against the other: of the two chains to the root, what they do not share."""
+        return set(self.chain_to_root(first)).symmetric_difference(self.chain_to_root(second))
+
     def scalar_joints(self) -> tuple[NDArray[np.bool_], IntArray]:
         """Which DoFs are single hinges or slides (nv,), and where each stands in q (nv,), -1 for the others."""
         address = np.full(self.nv, -1, dtype=np.int64)

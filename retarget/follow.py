@@ -75,7 +75,7 @@ class Follower:
         if steps:
             priorities = stepping_priorities(priorities, tuple(sole.frame.name for sole in stance.soles))
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
-        self._strength = standing_strength(robot, priorities) if legs_move and not steps else None
+        self._strength = standing_strength(robot, priorities, stance) if legs_move and not steps else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, self._balance.edges) if legs_move and self._balance else None
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope

@@ -15,20 +15,10 @@ def joints_between(robot: RobotBody, frame: str, others: Iterable[str]) -> BoolA
 
     All of them where no joint lies between, or there are no others.
     """
-    start = _to_root(robot, frame)
-    between: set[int] = set()
-    for other in others:
-        between |= start ^ _to_root(robot, other)
     body = robot.body
+    start, between = robot.frame(frame).body, set[int]()
+    for other in others:
+        between |= body.links_between(start, robot.frame(other).body)
     links = body.joint_body[[body.joint_index(joint) for joint in robot.joint_map.joints]]
     found = np.isin(links, sorted(between))
     return found if found.any() else np.ones_like(found)
-
-
-def _to_root(robot: RobotBody, frame: str) -> set[int]:
-    """Links from that of the frame to the root, both included. What two of them share lies between neither."""
-    link, way = robot.frame(frame).body, set()
-    while link > 0:
-        way.add(link)
-        link = int(robot.body.parent[link])
-    return way

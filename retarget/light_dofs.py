@@ -4,7 +4,7 @@ Where its mass in motion is kept over its soles, any joint that is left counts, 
 task above it holds: a head would be swung from stop to stop for a millimetre of the centre of mass.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -17,8 +17,6 @@ LIGHT = 0.008
 bent."""
 POSTURES, TURNED = 64, 2.0
 """So many postures are tried, each joint turned by so much (rad) at most."""
-
-
 LIMBS = ("l_hand", "r_hand", "l_sole", "r_sole")
 """Frames at the ends of limbs. What moves them is asked to, however light."""
 
@@ -35,18 +33,10 @@ def light_dofs(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
         q = body.qpos0.copy()
         q[columns] = random.uniform(np.minimum(low, high), np.maximum(low, high))
         most = np.maximum(most, np.linalg.norm(solver.centre_of_mass_jacobian(q), axis=0))
-    limbs = set(_chain(body, (frames[name].body for name in LIMBS if name in frames)))
+    limbs = {link for name in LIMBS if name in frames for link in body.chain_to_root(frames[name].body)}
     links = body.joint_body[hinges].tolist()
     light = most[dofs] < LIGHT * _size(body)
     return [int(dof) for dof, link, is_light in zip(dofs, links, light, strict=True) if is_light and link not in limbs]
-
-
-def _chain(body: BodyModel, links: Iterable[int]) -> Iterable[int]:
-    """These links, and all that carry them."""
-    for link in links:
-        while link > 0:
-            yield link
-            link = int(body.parent[link])
 
 
 def _size(body: BodyModel) -> float:

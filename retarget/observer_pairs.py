@@ -14,7 +14,7 @@ from retarget.rotations import FloatArray
 if TYPE_CHECKING:
     from retarget.observers import Observers
 
-__all__ = ["DroppedPair", "PairRules", "checked_pairs", "placed"]
+__all__ = ["DroppedPair", "PairRules", "checked_pairs", "placed", "steps_between"]
 
 NEAR_LINKS = 2
 """Links that are so many steps apart along the body may touch at rest and are then never looked at; what is farther
@@ -58,7 +58,7 @@ def checked_pairs(
     checked, dropped = [], []
     for first, second in zip(*np.triu_indices(len(observers.names), 1), strict=True):
         links = int(observers.links[first]), int(observers.links[second])
-        steps = _steps(body, *links)
+        steps = steps_between(body, *links)
         if steps == 0:
             continue
         reason = "neighbours along the body" if steps == 1 else ignored.get(frozenset(links))
@@ -72,7 +72,7 @@ def checked_pairs(
     problems = []
     for (first, second), depth in zip(pairs[touching], -distance[touching], strict=True):
         names = observers.names[first], observers.names[second]
-        steps = _steps(body, int(observers.links[first]), int(observers.links[second]))
+        steps = steps_between(body, int(observers.links[first]), int(observers.links[second]))
         if steps > NEAR_LINKS:
             problems.append(_far_apart(names, steps, depth, rules.where))
         dropped.append(DroppedPair(*names, f"touch by {1e3 * depth:.1f} mm in the neutral posture"))
@@ -102,17 +102,9 @@ def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: Floa
     ]
 
 
-def _steps(body: BodyModel, first: int, second: int) -> int:
-    """Steps from link to link along the body. Links that no joint parts are one."""
-    joints = set(body.joint_body.tolist())
-    ways = []
-    for link in (first, second):
-        way = [link]
-        while way[-1] > 0:
-            way.append(int(body.parent[way[-1]]))
-        ways.append(way)
-    shared = next(link for link in ways[0] if link in set(ways[1]))
-    return sum(link in joints for way in ways for link in way[: way.index(shared)])
+def steps_between(body: BodyModel, first: int, second: int) -> int:
+    """How many links with joints lie on the way from one link to another: 0 for links that never move apart."""
+    return len(body.links_between(first, second).intersection(body.joint_body.tolist()))
 
 
 def _far_apart(names: tuple[str, str], steps: int, depth: float, where: str) -> Problem:

@@ -63,14 +63,8 @@ def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
 
 def standing_dofs(robot: RobotBody) -> BoolArray:
     """Which DoFs (nv,) carry the robot: a free root, and every joint between it and a sole."""
-    body = robot.body
-    standing = np.zeros(body.nv, dtype=bool)
-    for foot in robot.profile.feet.values():
-        link = robot.frame(foot.frame).body
-        while link > 0:
-            standing |= np.isin(_dof_links(robot), link)
-            link = int(body.parent[link])
-    return standing
+    soles = [robot.frame(foot.frame).body for foot in robot.profile.feet.values()]
+    return np.isin(_dof_links(robot), [link for sole in soles for link in robot.body.chain_to_root(sole)])
 
 
 def _dof_links(robot: RobotBody) -> FloatArray:

@@ -156,13 +156,7 @@ def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
     """Joints that one leg alone has between root and sole: number of the foot, and where the joint is on its link."""
     body = robot.body
-    chains = []
-    for foot in robot.profile.feet.values():
-        link, chain = robot.frame(foot.frame).body, set()
-        while link > 0:
-            chain.add(link)
-            link = int(body.parent[link])
-        chains.append(chain)
+    chains = [body.chain_to_root(robot.frame(foot.frame).body) for foot in robot.profile.feet.values()]
     found = {}
     for servo in robot.joint_map.servos:
         index = body.joint_index(servo.joint)
@@ -179,10 +173,9 @@ def carrying_frames(robot: RobotBody) -> dict[str, Frame]:
     return {CARRIES + name: frame for name, (_, frame) in leg_joints(robot).items()}
 
 
-def standing_strength(robot: RobotBody, priorities: Priorities) -> StandingStrength | None:
-    """What these priorities keep of the strength of a robot that stands on two soles; None: nothing."""
+def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) -> StandingStrength | None:
+    """What these priorities keep of the strength of a robot in its stance on two soles; None: nothing."""
     shares = [task.share for _, _, task in priorities.tasks() if isinstance(task, StrengthTask)]
-    stance = plant(robot, robot.profile.postures.stand)
     if not shares or len(stance.soles) != 2:
         return None
     return StandingStrength(robot, stance, share=min(shares))

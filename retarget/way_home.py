@@ -101,10 +101,7 @@ class WayHome:
 def _outermost(robot: RobotBody) -> list[int]:
     """Columns, in servo order, of the joints that do not carry the robot, those farthest from the root first."""
     body = robot.body
-    depth = np.zeros(len(body.parent), dtype=np.int64)
-    for link in range(1, len(body.parent)):  # a parent comes before its children
-        depth[link] = depth[body.parent[link]] + 1
     joints = robot.joint_map.joints
     free = ~standing_dofs(robot)[[body.dof_index(joint) for joint in joints]]
-    depths = depth[[body.joint_body[body.joint_index(joint)] for joint in joints]]
+    depths = [len(body.chain_to_root(body.joint_body[body.joint_index(joint)])) for joint in joints]
     return sorted(np.flatnonzero(free).tolist(), key=lambda column: -depths[column])

@@ -57,6 +57,15 @@ def test_frames_are_sites_and_links(body: BodyModel) -> None:
             lookup("nothing")
 
 
+def test_a_chain_has_its_link_and_the_root_and_not_the_world(body: BodyModel) -> None:
+    links = [body.body_index(name) for name in ("hand", "lower", "upper", "base")]
+    assert body.chain_to_root(links[0]) == tuple(links)
+    assert body.chain_to_root(body.body_index("other")) == (body.body_index("other"), links[-1])
+    assert body.chain_to_root(links[-1]) == (links[-1],) and body.chain_to_root(0) == ()
+    assert body.links_between(links[0], body.body_index("other")) == {*links[:-1], body.body_index("other")}
+    assert body.links_between(links[1], links[0]) == {links[0]} and body.links_between(links[0], links[0]) == set()
+
+
 @pytest.mark.parametrize("text", [ALL_JOINTS_MJCF, TWO_LINK_URDF, "human"])
 def test_the_solver_moves_the_body_as_mujoco_does(text: str) -> None:
     if text == "human":

@@ -55,12 +55,21 @@ def test_all_phases_and_another_rate(run: Path, tmp_path: Path, capsys: pytest.C
     assert header.endswith("phase") and len(rows) == 20 and rows[0].endswith("approach")
 
 
+@pytest.mark.parametrize(("to", "name"), [("csv", "a.txt"), ("csv", "a"), ("npz", "a.npz"), ("bvh", "A.BVH")])
+def test_other_names_are_free(to: str, name: str, run: Path, tmp_path: Path) -> None:
+    assert code_of(run, "--to", to, "--out", tmp_path / name) == 0
+    assert (tmp_path / name).is_file()
+
+
 REFUSED = {
     "unknown format": (["--to", "cvs"], "Did you mean csv"),
     "unknown phase": (["--to", "csv", "--phase", "brake"], "--phase"),
     "unknown body": (["--to", "csv", "--of", "dog"], "--of"),
     "impossible rate": (["--to", "csv", "--fps", "0"], "--fps"),
     "nowhere": (["--to", "csv", "--out", "nowhere/run.csv"], "no such folder"),
+    "a suffix of another format": (["--to", "bvh", "--out", "a.csv"], "found a.csv. Give a.bvh, or --to csv"),
+    "a suffix of another format in capitals": (["--to", "csv", "--out", "a.NPZ"], "Give a.csv, or --to npz"),
+    "a folder with the suffix of a file": (["--to", "lerobot", "--out", "a.bvh"], "Give a_lerobot, or --to bvh"),
     "a human that is not there": (["--to", "csv", "--of", "human"], "human_mjcf, human_q"),
 }
 

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -43,6 +44,15 @@ def test_commands_and_options_are_there(page: str) -> None:
         for word in words:
             if re.match(r"--?[a-z]", word):
                 assert word.split("=")[0] in known[command] | PROGRAM, line
+
+
+def test_extras_are_there_and_named_beside_the_first_commands() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for page in PAGES:
+        lists = re.findall(r"pip install 'retarget\[(.+?)\]'", (ROOT / page).read_text(encoding="utf-8"))
+        named = {extra for one in lists for extra in one.split(",")}
+        assert named <= set(project["optional-dependencies"]), page
+        assert page != "README.md" or named == {"record", "view", "c3d"}
 
 
 def test_enough_is_shown_for_this_to_be_a_check() -> None:

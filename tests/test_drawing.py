@@ -1,6 +1,5 @@
 """The scene of a page: what moves is told, what stands still is not, and what is hidden costs nothing."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,19 +10,9 @@ from followers import op3
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.limb_colours import LOAD, PLAIN, TEMPERATURE
 from retarget.viewer.palette import COLD, HOT, LEGEND, OUTSIDE, ZMP
-from retarget.viewer.server import open_server
 from viewed import cast_of_a_human, cast_of_op3, moment, person
 
-pytest.importorskip("viser", reason="the viewer's extra is not installed")
-
 AWAY = np.array([[0.0, 2.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
-
-
-@pytest.fixture
-def server() -> Iterator[Any]:
-    opened, _ = open_server(0, title="test")
-    yield opened
-    opened.stop()
 
 
 def told(server: Any) -> int:

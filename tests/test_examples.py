@@ -27,6 +27,18 @@ def test_example_runs(path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     assert len(path.read_text(encoding="utf-8").splitlines()) < 40
 
 
+@pytest.mark.parametrize("words", [("run.npz",), ("run.npz", "dataset", "more")])
+def test_a_dataset_needs_a_run_and_a_folder(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = next(path for path in EXAMPLES if path.stem == "export_lerobot")
+    monkeypatch.setattr("sys.argv", [str(path), *words])
+    with pytest.raises(SystemExit) as left:
+        runpy.run_path(str(path), run_name="__main__")
+    told = capsys.readouterr().err
+    assert left.value.code == 2 and "Usage: export_lerobot.py" in told and "argument" in told
+
+
 def test_pictures_go_to_a_folder_that_is_not_there_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, place = next(path for path in EXAMPLES if path.stem == "plot_a_run"), tmp_path / "new" / "pictures"
     monkeypatch.setattr("sys.argv", [str(path), str(place)])

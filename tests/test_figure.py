@@ -1,6 +1,5 @@
 """A body on a page: links where the solver has them, in a place, and told only where they move."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,17 +9,7 @@ from followers import op3
 from retarget import rotations
 from retarget.viewer.figure import STEP_M, Figure, Movable, Place
 from retarget.viewer.palette import ROBOT
-from retarget.viewer.server import open_server
 from viewed import cast_of_op3
-
-pytest.importorskip("viser", reason="the viewer's extra is not installed")
-
-
-@pytest.fixture
-def server() -> Iterator[Any]:
-    opened, _ = open_server(0, title="test")
-    yield opened
-    opened.stop()
 
 
 def test_a_place_is_scaled_and_turned_about_its_origin() -> None:

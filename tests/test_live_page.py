@@ -1,7 +1,6 @@
 """The page of a run: rows are drawn for whoever looks, its button stops, and its end is told."""
 
 import asyncio
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,12 +8,9 @@ import pytest
 
 from followers import op3
 from retarget.viewer.live_page import STOPPING_WORDS, LivePage, moment_of
-from retarget.viewer.server import open_server
 from retarget.viewer.wire import LiveRow
 from retarget.viewer.zero_moment import MassMotion
 from viewed import cast_of_op3, person
-
-pytest.importorskip("viser", reason="the viewer's extra is not installed")
 
 
 def row(tick: int, *, state: str = "following", truth: bool = False) -> LiveRow:
@@ -52,10 +48,8 @@ class Watched:
 
 
 @pytest.fixture
-def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watched]:
-    server, _ = open_server(0, title="test")
-    yield Watched(server, monkeypatch)
-    server.stop()
+def watched(server: Any, monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(server, monkeypatch)
 
 
 def test_it_can_be_stopped_before_anything_moves(watched: Watched) -> None:

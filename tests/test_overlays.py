@@ -1,6 +1,5 @@
 """Observers and obstacles over a robot: on its links, in the colour of what they do, zones around shapes."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,18 +11,8 @@ from retarget.rotations import rotate
 from retarget.viewer.moment import Obstacle
 from retarget.viewer.overlays import Around, Observing
 from retarget.viewer.palette import MODES
-from retarget.viewer.server import open_server
 from retarget.viewer.solids import shape_mesh
 from viewed import moment
-
-pytest.importorskip("viser", reason="the viewer's extra is not installed")
-
-
-@pytest.fixture
-def server() -> Iterator[Any]:
-    opened, _ = open_server(0, title="test")
-    yield opened
-    opened.stop()
 
 
 @pytest.fixture

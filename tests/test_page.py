@@ -1,6 +1,5 @@
 """The page of a recorded run: what is shown when, by its buttons, its slider and the clock; nothing for nobody."""
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,10 +10,7 @@ from hardware.clock import VirtualClock
 from retarget.rotations import FloatArray
 from retarget.viewer.moment import Moment, Tracks
 from retarget.viewer.page import PLAY, RecordedPage
-from retarget.viewer.server import open_server
 from viewed import cast_of_op3, moment
-
-pytest.importorskip("viser", reason="the viewer's extra is not installed")
 
 ROWS, DT = 100, 0.01
 
@@ -55,13 +51,6 @@ class Watched:
     def slide(self, row: int, *, by: int | None) -> None:
         self.page._slider.value = row
         self.page._slid(SimpleNamespace(client_id=by))
-
-
-@pytest.fixture
-def server() -> Iterator[Any]:
-    opened, _ = open_server(0, title="test")
-    yield opened
-    opened.stop()
 
 
 @pytest.fixture

@@ -24,6 +24,8 @@ from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
 from retarget.pipeline import Watch
 from retarget.prepare import prepare
+from retarget.recording.reading import read_recording
+from retarget.recording.topics import TRUTH
 from retarget.robot_body import load_robot
 from retarget.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
@@ -57,13 +59,15 @@ def test_a_run_stands_reports_and_ends_parked(tmp_path: Path, capsys: pytest.Cap
     def still() -> SensorFrames:
         return synthetic_performer().cut(0.0, 0.3)
 
-    report = tmp_path / "r.json"
-    code = follow_clip(still, options(seconds=0.3), Outputs(report=report))
+    report, recording = tmp_path / "r.json", tmp_path / "r.mcap"
+    code = follow_clip(still, options(seconds=0.3), Outputs(report=report, record=recording))
     data = json.loads(report.read_text())
     assert data["fallen"] is data["physics"]["fallen"] is False
     assert code == DONE and data["stop"]["reason"] is None
     assert data["physics"]["mount"] == "floor" and data["physics"]["foot_slip_mm"]["total"] < 5.0
     assert "did not fall" in capsys.readouterr().out
+    recorded = read_recording(recording)
+    assert recorded.session.parks and np.isfinite(recorded.topic(TRUTH).rows["q"]).any()
 
 
 def test_a_fall_ends_the_run_a_second_later_and_says_how() -> None:

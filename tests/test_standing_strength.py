@@ -1,5 +1,6 @@
 """A robot on its soles is not asked for more than its legs can carry for long."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -105,8 +106,10 @@ def test_loads_of_stand_and_rest_are_told_beside_the_strength(name: str) -> None
 
 
 def test_whoever_does_not_ask_for_it_keeps_to_balance_alone() -> None:
-    assert standing_strength(robot("op3"), load_priorities("steady")) is None
-    assert standing_strength(robot("op3"), load_priorities("lasting")) is not None
+    stance = plant(robot("op3"), robot("op3").profile.postures.stand)
+    assert standing_strength(robot("op3"), load_priorities("steady"), stance) is None
+    assert standing_strength(robot("op3"), load_priorities("lasting"), stance) is not None
+    assert standing_strength(robot("op3"), load_priorities("lasting"), replace(stance, soles=stance.soles[:1])) is None
 
 
 @pytest.mark.parametrize(("name", "usual"), [("toddlerbot", "lasting"), ("op3", "steady")])

@@ -13,7 +13,6 @@ from retarget.viewer.limb_colours import current_scale, temperature_scale
 from retarget.viewer.moment import Tracks
 from retarget.viewer.palette import LEGEND, mixed, web
 from retarget.viewer.panel import headline
-from retarget.viewer.server import close_server, open_server
 from viewed import cast_of_op3, moment
 
 
@@ -51,14 +50,9 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
 
 
 @pytest.mark.parametrize(("told", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
-def test_a_plot_offers_what_is_known(told: bool, quantities: tuple[str, ...]) -> None:
-    pytest.importorskip("viser", reason="the viewer's extra is not installed")
-    server, _ = open_server(0, title="test")
-    try:
-        plot = JointPlot(server, replace(cast_of_op3(), servos_told=told), lambda _: None)
-        assert plot._quantity.options == quantities
-    finally:
-        close_server(server)
+def test_a_plot_offers_what_is_known(told: bool, quantities: tuple[str, ...], server: Any) -> None:
+    plot = JointPlot(server, replace(cast_of_op3(), servos_told=told), lambda _: None)
+    assert plot._quantity.options == quantities
 
 
 @pytest.mark.parametrize(
@@ -75,16 +69,11 @@ def test_a_plot_reaches_beyond_all_that_is_known(values: list[float]) -> None:
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
-def test_a_page_is_told_how_far_a_plot_reaches(quantity: str) -> None:
+def test_a_page_is_told_how_far_a_plot_reaches(quantity: str, server: Any) -> None:
     """It finds that out by itself only where all is known: a goal that is NaN left the whole plot empty."""
-    pytest.importorskip("viser", reason="the viewer's extra is not installed")
-    server, _ = open_server(0, title="test")
     time, gone = np.arange(50.0), np.where(np.arange(50) < 9, np.nan, 0.1)
-    try:
-        plot: Any = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))
-        plot._quantity.value = quantity
-        plot.draw()
-        reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]
-        assert reach[0] < np.nanmin(shown) <= np.nanmax(shown) < reach[1]
-    finally:
-        close_server(server)
+    plot: Any = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))
+    plot._quantity.value = quantity
+    plot.draw()
+    reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]
+    assert reach[0] < np.nanmin(shown) <= np.nanmax(shown) < reach[1]

@@ -27,7 +27,7 @@ from retarget.recording.recorder import Recorder
 from retarget.report import Report
 from retarget.run_result import RunResult
 
-__all__ = ["finished", "follow_clip"]
+__all__ = ["finished", "follow_clip", "recorder_for"]
 
 
 def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: Outputs, *, source: str = "") -> int:
@@ -41,15 +41,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
         clock = VirtualClock() if outputs.view is None else PacedClock()
     bench = PhysicsBench(options, _note)
     parks = options.has_physics  # without torque it would fall from where it stands
-    recorder = Recorder(
-        outputs.record,
-        options,
-        clock=clock,
-        parks=parks,
-        tell=_note,
-        overwrite=outputs.overwrite,
-        truth=bench.truth_numbers,
-    )
+    recorder = recorder_for(outputs, options, bench, clock=clock, parks=parks)
     with detached_screens(), ExitStack() as signals:
         with prepare(
             read,
@@ -72,6 +64,12 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
                 run = recorded.run(page.watch(recorder.watch(watch, prepared)))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
         return recorder.code(finished(bench.seen(run), outputs))
+
+
+def recorder_for(outputs: Outputs, options: RunOptions, bench: PhysicsBench, *, clock: Clock, parks: bool) -> Recorder:
+    """What records the run if `outputs` ask for it, and tells on stderr; see `Recorder` for parks and errors."""
+    truth, overwrite = bench.truth_numbers, outputs.overwrite
+    return Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note, overwrite=overwrite, truth=truth)
 
 
 def finished(run: RunResult, outputs: Outputs) -> int:

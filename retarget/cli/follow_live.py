@@ -14,7 +14,7 @@ from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, socket_path
 from retarget.cli.dead_man import DeadMan, open_dead_man
 from retarget.cli.detached import detached_screens
-from retarget.cli.follow_clip import finished
+from retarget.cli.follow_clip import finished, recorder_for
 from retarget.cli.in_time import in_time
 from retarget.cli.interrupt import stop_on_signals
 from retarget.cli.keys import Keys
@@ -36,7 +36,6 @@ from retarget.performer import Performer
 from retarget.pipeline import Watch
 from retarget.prepare import Prepared, prepare_for
 from retarget.record import Phase
-from retarget.recording.recorder import Recorder
 from retarget.robot_body import RobotBody
 from retarget.samples import Performance
 from retarget.sources.raw_record import RawWriter
@@ -88,7 +87,7 @@ def follow_live(
         clock = VirtualClock() if outputs.view is None else PacedClock()
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _tell)
-    recorder = _recorder(outputs, options, clock, bench)
+    recorder = recorder_for(outputs, options, bench, clock=clock, parks=True)
     tell = recorder.hears(_tell)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
@@ -123,18 +122,6 @@ def follow_live(
             tell("nobody was followed: the stream was over before following began")
         told = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
-
-
-def _recorder(outputs: Outputs, options: RunOptions, clock: Clock, bench: PhysicsBench) -> Recorder:
-    return Recorder(
-        outputs.record,
-        options,
-        clock=clock,
-        parks=True,
-        tell=_tell,
-        overwrite=outputs.overwrite,
-        truth=bench.truth_numbers,
-    )
 
 
 def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, overwrite: bool) -> RawTap | None:

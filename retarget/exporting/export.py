@@ -50,9 +50,10 @@ def format_named(name: str) -> Format:
 
 def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False) -> Path:
     """Where an export goes: `out`, or beside the run under its name. Raises UsageError where nothing can be written,
-    and where something is."""
+    where something is, and for the suffix of another format."""
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")
+    _refuse_other_format(place, form)
     _refuse_existing(place)
     if form.write is None:
         check_folder(place, option="--out")
@@ -81,6 +82,18 @@ def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFA
     except OSError as error:
         found = f"{str(place)[:200]}: {error.strerror or error}"
         raise UsageError("cannot write here", where="--out", found=found, next_step="Choose another place") from error
+
+
+def _refuse_other_format(place: Path, form: Format) -> None:
+    suffix = place.suffix.lower()
+    for other in FORMATS.values() if suffix else ():
+        if other is not form and other.ending.endswith(suffix):
+            raise UsageError(
+                f"this is the suffix of {other.name}, not of {form.name}",
+                where="--out",
+                found=str(place)[:200],
+                next_step=f"Give {place.stem[:200]}{form.ending}, or --to {other.name}",
+            )
 
 
 def _refuse_existing(place: Path) -> None:

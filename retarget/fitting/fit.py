@@ -18,11 +18,10 @@ from retarget.fitting.geometry import LinkGeometry, link_geometries
 from retarget.fitting.own_geoms import own_distances
 from retarget.fitting.proposals import Proposal, Zones, flattened, propose
 from retarget.fitting.ranges import joint_ranges
-from retarget.fitting.search import steps_between
 from retarget.fitting.shape_model import Pair
 from retarget.fitting.survey import SAFETY_FACTOR, PairRecord, survey
 from retarget.fitting.verdicts import Verdict, always_overlapping, verdicts
-from retarget.observer_pairs import NEAR_LINKS
+from retarget.observer_pairs import NEAR_LINKS, steps_between
 from retarget.profile import RobotProfile, load_profile
 from retarget.rotations import FloatArray
 

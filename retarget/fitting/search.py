@@ -10,7 +10,7 @@ from retarget.fitting.ranges import JointRanges
 from retarget.fitting.shape_model import Pair, ShapeModel
 from retarget.rotations import FloatArray
 
-__all__ = ["descend", "dofs_between", "steps_between"]
+__all__ = ["descend", "dofs_between"]
 
 FIRST_STEP = 0.25
 LAST_STEP = 1e-3
@@ -21,7 +21,7 @@ MAX_LOOKS = 1500
 
 def dofs_between(body: BodyModel, first: int, second: int) -> NDArray[np.int64]:
     """Degrees of freedom that move one link against the other."""
-    moving = _above(body, first) ^ _above(body, second)
+    moving = body.links_between(first, second)
     ends = np.append(body.joint_dof[1:], body.nv)
     found = [
         dof
@@ -30,21 +30,6 @@ def dofs_between(body: BodyModel, first: int, second: int) -> NDArray[np.int64]:
         for dof in range(int(body.joint_dof[joint]), int(ends[joint]))
     ]
     return np.array(found, dtype=np.int64)
-
-
-def steps_between(body: BodyModel, first: int, second: int) -> int:
-    """How many links with joints lie on the way from one link to another: 0 for links that never move apart."""
-    joints = set(body.joint_body.tolist())
-    return len((_above(body, first) ^ _above(body, second)) & joints)
-
-
-def _above(body: BodyModel, link: int) -> set[int]:
-    """A link and its ancestors."""
-    chain: set[int] = set()
-    while link > 0:
-        chain.add(link)
-        link = int(body.parent[link])
-    return chain
 
 
 def descend(

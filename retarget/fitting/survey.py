@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from retarget.body import BodyModel
 from retarget.fitting.proposals import Proposal
 from retarget.fitting.ranges import JointRanges
-from retarget.fitting.search import descend, dofs_between, steps_between
+from retarget.fitting.search import descend, dofs_between
 from retarget.fitting.shape_model import Pair, ShapeModel
+from retarget.observer_pairs import steps_between
 from retarget.rotations import FloatArray
 
 __all__ = ["SAFETY_FACTOR", "SEARCHES", "PairRecord", "survey"]

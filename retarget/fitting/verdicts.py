@@ -78,10 +78,8 @@ def _always(record: PairRecord, largest: float, names: tuple[str, str], own: Own
 def _neighbours(pair: Pair, proposals: tuple[Proposal, ...], body: BodyModel) -> bool:
     """Whether no link with a shape lies between the second link and the first on the way to the root."""
     shaped = {proposal.link for proposal in proposals}
-    link = int(body.parent[proposals[pair[1]].link])
-    while link > 0 and link not in shaped:
-        link = int(body.parent[link])
-    return link == proposals[pair[0]].link
+    above = body.chain_to_root(proposals[pair[1]].link)[1:]
+    return next((link for link in above if link in shaped), 0) == proposals[pair[0]].link
 
 
 def _closest(record: PairRecord) -> str:

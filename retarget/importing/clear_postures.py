@@ -7,10 +7,9 @@ import numpy as np
 from hardware.joint_map import JointMap
 from retarget import _solver
 from retarget.body import load_body
-from retarget.fitting.search import steps_between
 from retarget.importing.posed import Posed
 from retarget.importing.postures_found import CROUCHES, SPREADS, Postures, find_postures
-from retarget.observer_pairs import NEAR_LINKS, placed
+from retarget.observer_pairs import NEAR_LINKS, placed, steps_between
 from retarget.observers import Observers, robot_observers
 from retarget.profile import RobotProfile
 from retarget.profile_parts import IgnorePair

@@ -1,6 +1,7 @@
 """How well hands are followed where the robot's arms can get there at all."""
 
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,13 +79,9 @@ def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatA
 def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:
     """Joints between a landmark's frame and the link that carries its first anchor, or the root of the body."""
     entry, body = robot.profile.landmarks[landmark], robot.body
-    link = robot.frame(entry.frame).body
     base = robot.frame(entry.anchor[0]).body
-    joints: list[int] = []
-    while link not in (0, base):
-        joints += np.flatnonzero(body.joint_body == link).tolist()
-        link = int(body.parent[link])
-    return tuple(joints)
+    links = takewhile(lambda link: link != base, body.chain_to_root(robot.frame(entry.frame).body))
+    return tuple(joint for link in links for joint in np.flatnonzero(body.joint_body == link).tolist())
 
 
 def _arm_solver(
