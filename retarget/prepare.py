@@ -153,7 +153,7 @@ def prepare_for(
     performer = load_performer(options.performer)
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
-    for_human, for_robot = _priorities(robot, options)
+    for_human, for_robot, on_steps = _priorities(robot, options)
     performance = perform(performer, robot)
     samples, human = performance.samples, build_human(performance.dimensions)
     scene = None if options.scene is None else SceneState(load_scene(options.scene))
@@ -166,7 +166,7 @@ def prepare_for(
         # Of its own, so that the run begins as if nobody had looked.
         first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
         _refuse_swallowed(first, around_human, samples, human)
-    notes = (*performance.notes, *(() if robot is None else robot.body.notes))
+    notes = (*performance.notes, *(() if robot is None else robot.body.notes), *on_steps)
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
         worn, around = (reconstructor.observers, performance.intake), reconstructor.surroundings
@@ -204,16 +204,16 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
     return robot.profile.reconstruct, options.priorities or (with_mass if has_mass else robot.profile.retarget)
 
 
-def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None]:
-    """The priority files of both stages."""
+def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:
+    """The priority files of both stages, and what is to be told of the robot's."""
     names = priority_names(robot, options)
     first, *others = (load_priorities(name) for name in names)
     if robot is None:
         check_for_human(first, names[0])
     last = next(iter(others), None)
     if robot is None or last is None:
-        return first, last
-    return first, with_steps(last, robot, options.steps, parts=options.parts)
+        return first, last, ()
+    return first, *with_steps(last, robot, options.steps, parts=options.parts)
 
 
 def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:

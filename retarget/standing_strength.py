@@ -10,8 +10,6 @@ and joint together, which the hierarchy keeps like any others: where it carries 
 less. And the mass is not thrown up faster than the most loaded joint can.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from retarget import rotations
@@ -23,11 +21,11 @@ from retarget.priorities import Priorities, StrengthTask
 from retarget.pursuit import braking_displacement
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
-from retarget.stance import Stance, plant
+from retarget.stance import Stance
 from retarget.standing_balance import GRAVITY
 from retarget.task_slots import CARRIES
 
-__all__ = ["StandingStrength", "carrying_frames", "heaviest_loads", "leg_joints", "standing_strength"]
+__all__ = ["StandingStrength", "carrying_frames", "leg_joints", "standing_strength"]
 
 STANDING_SPARE = 1.1
 """A joint may carry so many times what it does in `stand`, however much that is."""
@@ -57,13 +55,15 @@ class StandingStrength:
         self._axis = body.joint_axis[rows]  # (k, 3), of the link
         links = [frame.body for frame in frames]
         self._probe = Probe(body.solver_body(), links, np.array([frame.position for frame in frames]), links)
-        self._load, self._dofs = CarriedLoad(robot, stance), body.joint_dof[rows]
+        self._load = CarriedLoad(robot, stance)
+        self.dofs = body.joint_dof[rows]
+        """Of the joints (k,) that are watched."""
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (2, 2) [m]
         self._weight = GRAVITY * body.total_mass  # [N]
         servos = {servo.joint: servo for servo in robot.joint_map.servos}
         self.stall = np.array([servos[name].model.stall_torque * abs(servos[name].gear) for name in joints])
         """Stall torque of each joint's servo (k,), N m."""
-        at_rest = np.abs(self._load.torques(stance.q, np.zeros(3))[self._dofs])
+        at_rest = np.abs(self._load.torques(stance.q, np.zeros(3))[self.dofs])
         self.most = np.maximum(share * self.stall, STANDING_SPARE * at_rest)
         """What each joint (k,) may carry for long, N m."""
 
@@ -74,7 +74,7 @@ class StandingStrength:
 
     def torques(self, q: FloatArray) -> FloatArray:
         """What the joints (k,) carry at rest in posture q (nq,), N m."""
-        return np.asarray(self._load.torques(q, np.zeros(3))[self._dofs])
+        return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
 
     def aim(
         self, hierarchy: Hierarchy, targets: FloatArray, q: FloatArray, mass: tuple[FloatArray, FloatArray], dt: float
@@ -122,35 +122,6 @@ class StandingStrength:
         shifted = np.where(self._foot == 0, -1.0, 1.0)[:, None] * (along / length if between else 0.0 * along)
         by_com = -self._weight * (arm[:, None] * shifted + shares[:, None] * moved)
         return by_com, self._weight * shares[:, None] * u, places
-
-
-@dataclass(frozen=True)
-class PostureLoad:
-    """What the joint that is nearest to its strength carries in a posture at rest, and the stall torque of its servo
-    there, N m."""
-
-    posture: str
-    joint: str
-    torque: float
-    stall: float
-
-    def __str__(self) -> str:
-        share = 100.0 * self.torque / self.stall
-        return f"in {self.posture} {self.joint} {self.torque:.2f} N m, {share:.0f}% of its stall torque"
-
-
-def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
-    """Of the legs of a robot with two soles, in `stand` and in `rest`; of another none."""
-    stance, found = plant(robot, robot.profile.postures.stand), []
-    if len(stance.soles) != 2:
-        return []
-    keeps = StandingStrength(robot, stance, share=1.0)
-    for posture in ("stand", "rest"):
-        q = plant(robot, getattr(robot.profile.postures, posture)).q
-        torque = np.abs(keeps.torques(q))
-        worst = int((torque / keeps.stall).argmax())
-        found.append(PostureLoad(posture, keeps.names[worst], float(torque[worst]), float(keeps.stall[worst])))
-    return found
 
 
 def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:

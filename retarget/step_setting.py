@@ -1,6 +1,7 @@
-"""Whether a robot steps: its priority file says so, or `--steps` instead, and its root whether it can."""
+"""Whether a robot steps: its priority file says so, or `--steps` instead, and its root and legs whether it can."""
 
 from retarget.errors import ConfigError, UsageError
+from retarget.leg_loads import ENOUGH, one_leg_load
 from retarget.priorities import Priorities, Steps
 from retarget.robot_body import RobotBody
 
@@ -10,12 +11,16 @@ SOLES = 2
 """Of a robot that steps."""
 
 
-def with_steps(priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str) -> Priorities:
-    """The priorities with what was asked instead of their own `steps`, None for neither.
+def with_steps(
+    priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str
+) -> tuple[Priorities, tuple[str, ...]]:
+    """The priorities with what was asked instead of their own `steps`, None for neither; and what is to be told: who is
+    too weak to stand on one leg stays planted.
 
     parts: of the robot that follow. Raises UsageError or ConfigError where this robot cannot step so, as it is mounted.
     """
     steps = priorities.steps if asked is None else asked
+    notes: tuple[str, ...] = ()
     if steps is not None:
         fault = _fault(steps, robot, parts)
         if fault is not None:
@@ -23,7 +28,10 @@ def with_steps(priorities: Priorities, robot: RobotBody, asked: Steps | None, *,
             kind = ConfigError if asked is None else UsageError
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
             raise kind(f"steps {steps} are not possible here", where=where, found=found, next_step=then)
-    return priorities if steps == priorities.steps else priorities.model_copy(update={"steps": steps})
+    if steps == "shift" and (load := one_leg_load(robot)).share > ENOUGH:
+        steps = "planted"
+        notes = (f"both soles stay planted: {load}, more than {100 * ENOUGH:.0f}%",)
+    return priorities if steps == priorities.steps else priorities.model_copy(update={"steps": steps}), notes
 
 
 def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None:

@@ -10,6 +10,7 @@ from retarget.landmarks import AskedLandmarks
 from retarget.priorities import load_priorities
 from retarget.robot_reader import RobotReader, standing_dofs
 from retarget.rotations import FloatArray
+from retarget.scalar_rotations import plus
 from retarget.stance import plant
 from retarget.standing_balance import StandingBalance
 
@@ -58,7 +59,7 @@ def leaning() -> Follower:
     """Asked aside, forward and round, as far as its room goes."""
     robot = crouched()
     standing = robot.landmark_map.standing
-    aside = [place + np.array([0.05, 0.05, 0.0]) for place in standing.landmarks]
+    aside = [plus(place, (0.05, 0.05, 0.0)) for place in standing.landmarks]
     turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
     for _ in range(300):
         robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT, haste=1.0)

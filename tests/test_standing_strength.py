@@ -15,7 +15,7 @@ from retarget.priorities import load_priorities
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import FloatArray
 from retarget.stance import plant
-from retarget.standing_strength import LEAST_THROW, StandingStrength, heaviest_loads, leg_joints, standing_strength
+from retarget.standing_strength import LEAST_THROW, StandingStrength, leg_joints, standing_strength
 
 SHARE = 0.3
 ROBOTS = ["op3", "poppy", "toddlerbot", "wolfgang"]
@@ -94,15 +94,6 @@ def most_used(priorities: str) -> float:
 def test_legs_carry_no_more_than_they_can_for_long() -> None:
     assert most_used("steady") > 2.0
     assert most_used("lasting") < 1.25
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_loads_of_stand_and_rest_are_told_beside_the_strength(name: str) -> None:
-    stand, rest = heaviest_loads(robot(name))
-    assert (stand.posture, rest.posture) == ("stand", "rest")
-    assert 0.0 < stand.torque < 0.3 * stand.stall and stand.joint in leg_joints(robot(name))
-    assert 0.0 < rest.torque < 0.6 * rest.stall
-    assert str(rest).endswith(f"N m, {100.0 * rest.torque / rest.stall:.0f}% of its stall torque")
 
 
 def test_whoever_does_not_ask_for_it_keeps_to_balance_alone() -> None:

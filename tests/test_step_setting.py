@@ -23,10 +23,20 @@ def written(folder: Path, steps: str) -> Priorities:
 
 def test_the_option_goes_before_the_file(tmp_path: Path) -> None:
     mine = written(tmp_path, "shift")
-    assert with_steps(mine, op3(), None, parts="whole").steps == "shift"
-    assert with_steps(mine, op3(), "planted", parts="whole").steps == "planted"
+    assert with_steps(mine, op3(), None, parts="whole")[0].steps == "shift"
+    assert with_steps(mine, op3(), "planted", parts="whole")[0].steps == "planted"
     steady = load_priorities("steady")
-    assert with_steps(steady, op3(), None, parts="whole") is steady and steady.steps is None
+    assert with_steps(steady, op3(), None, parts="whole") == (steady, ()) and steady.steps is None
+
+
+@pytest.mark.parametrize(("robot", "steps"), [("op3", "shift"), ("wolfgang", "shift"), ("toddlerbot", "planted")])
+def test_a_robot_that_is_too_weak_for_one_leg_stays_planted_and_says_so(robot: str, steps: str) -> None:
+    priorities, notes = with_steps(load_priorities("lasting"), load_robot(robot), "shift", parts="whole")
+    assert priorities.steps == steps
+    if steps == "shift":
+        assert notes == ()
+    else:
+        assert len(notes) == 1 and "planted: on one leg left_hip_roll 1.36 N m, 76% of its stall torque" in notes[0]
 
 
 def test_a_file_with_another_word_is_refused_with_its_line(tmp_path: Path) -> None:
@@ -54,7 +64,7 @@ def test_what_a_robot_cannot_do_is_refused(tmp_path: Path, steps: str, root: str
 
 def test_a_robot_that_hangs_may_follow() -> None:
     robot = load_robot("op3", root="suspended")
-    assert with_steps(load_priorities("steady"), robot, "follow", parts="whole").steps == "follow"
+    assert with_steps(load_priorities("steady"), robot, "follow", parts="whole")[0].steps == "follow"
 
 
 def test_options_are_checked_before_any_file() -> None:

@@ -11,6 +11,7 @@ from hardware.bus_spec import BusSpec
 from retarget.catalogue import Kind, calibration_path, entries, find, kind_of
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
 from retarget.importing.mark import DRAFT, marked_lines
+from retarget.leg_loads import heaviest_loads
 from retarget.observer_pairs import NEVER_NEAR, DroppedPair
 from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
@@ -23,7 +24,6 @@ from retarget.scene_parts import Obstacle
 from retarget.schema import Schema
 from retarget.schema_errors import unknown_name
 from retarget.standing import check_stand
-from retarget.standing_strength import heaviest_loads
 from retarget.strict_yaml import Document, read_text, scan
 
 TELLING_KEYS: dict[Kind, frozenset[str]] = {
