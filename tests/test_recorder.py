@@ -114,10 +114,12 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     whole: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_Direct, "write", full_after(60_000))
-    run = record(tmp_path / "run.mcap")
+    monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, patient=True, rows=32))
+    run = record(tmp_path / "run.mcap")  # which waits for the disk, so knows in time that it is full
     assert goals(run.result) == goals(whole.result)
     assert run.recorder.trouble == "No space left on device" and run.recorder.code(0) == 1
-    assert "the recording is not whole, the robot goes on" in run.told[-1]
+    warned = [text for text in run.told if "the recording is not whole, the robot goes on" in text]
+    assert len(warned) == 1 and warned[0].endswith("No space left on device")
     assert read_recording(run.path).damage
 
 
@@ -143,6 +145,7 @@ def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, monkeypatch: pytest.M
     hangs.set()
     assert goals(run.result) == goals(whole.result)
     assert run.recorder.trouble and run.recorder.code(0) == 1
+    assert "the disk was too slow" in run.told[0] and "the disk does not answer" in run.told[-1] and len(run.told) == 2
 
 
 def test_what_the_bus_fails_with_is_in_it(tmp_path: Path) -> None:

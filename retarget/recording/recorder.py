@@ -67,7 +67,7 @@ class Recorder:
         self._clock = clock
         self._thread: WritingThread | None = None
         self._keeps = Onlooker(self._note.kept)
-        self._told = False
+        self._told = ""
         self.clock: Clock = clock if path is None else TappedClock(clock, self._note)
         """Of the guard and the robot's side."""
 
@@ -108,7 +108,8 @@ class Recorder:
 
         def stop_asked() -> bool:
             note.before()
-            self._tell_of_trouble()
+            if not self._told:
+                self._tell_of_trouble()
             before = None if guard is None else guard.stop_reason
             answer = watch.stop_asked()
             note.stop_asked(answer, stop_before=before)
@@ -160,21 +161,20 @@ class Recorder:
             thread.close()
             if not self._note.rows:
                 file.discard()  # it was refused, or stopped, before it made a tick
-            elif self.trouble:
-                self._told = False
-                self._tell_of_trouble()
-            else:
+            elif not self.trouble:
                 self._tell(f"recording: {self._path}, {file.size / 1e6:.1f} MB")
+            elif self.trouble != self._told:
+                self._tell_of_trouble()
 
     def _missing(self) -> str:
         lost = self._ring.lost
         return f"the disk was too slow: {lost} ticks are missing" if lost else ""
 
     def _tell_of_trouble(self) -> None:
-        """Once while the run goes on, and once when it has ended."""
-        if self.trouble and not self._told:
-            self._told = True
-            self._tell(f"warning: the recording is not whole, the robot goes on: {self._path}: {self.trouble}")
+        """Once while the run goes on; when it has ended, only what is new by then."""
+        self._told = self.trouble
+        if self._told:
+            self._tell(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._told}")
 
 
 def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]:
