@@ -75,7 +75,7 @@ class Follower:
         if steps:
             priorities = stepping_priorities(priorities, tuple(sole.frame.name for sole in stance.soles))
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
-        self._strength = standing_strength(robot, priorities, stance) if legs_move and not steps else None
+        self._strength = standing_strength(robot, priorities, stance) if legs_move else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
         envelope = _envelope(robot, self._limits, stance, self._balance.edges) if legs_move and self._balance else None
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
@@ -179,7 +179,8 @@ class Follower:
         elif self._balance is not None:
             hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, lands=lands))
         if self._strength is not None:
-            self._strength.aim(hierarchy, targets, self._q, self._mass(), dt)
+            keeps = self.steps is None or not self.steps.onto_one
+            self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
         hierarchy.set_previous(targets, self._q, dt)
         first = self._second.first(targets, self._q, dt) if self._second else hierarchy.solver.frame(targets, dt)

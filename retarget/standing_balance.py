@@ -41,6 +41,7 @@ SPARE = 0.5
 out."""
 
 Edges = list[list[float]]
+Row = tuple[float, float, float, float]
 
 
 class StandingBalance:
@@ -93,29 +94,40 @@ def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
 
 
 def moving_spaces(
-    edges: Edges, com: FloatArray, velocity: FloatArray, dt: float, *, outer: Edges | None = None
+    edges: Edges,
+    com: FloatArray,
+    velocity: FloatArray,
+    dt: float,
+    *,
+    outer: Edges | None = None,
+    pressed: Edges | None = None,
 ) -> FloatArray:
-    """Capture point and zero-moment point inside of edges; outer: inside of which the latter brings the former back
-    where it is out, None: it does not."""
+    """Capture point and zero-moment point inside of edges; pressed: inside of which the latter may be instead. outer:
+    inside of which it brings the former back where that is out, None: it does not."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
     settle = sqrt(z / GRAVITY) / dt
     capture = (x + settle * dt * vx, y + settle * dt * vy)
     push = None if outer is None else _pushed_back(edges, outer, capture)
-    rows = []
-    for nx, ny, offset in edges:
+
+    def captured(nx: float, ny: float, offset: float) -> Row:
         at, speed = nx * x + ny * y, nx * vx + ny * vy
         inside = (offset + settle * at) / (1.0 + settle)
+        if push is not None and nx * capture[0] + ny * capture[1] > offset:
+            inside = max(inside, at + speed * dt + GRAVITY / z * (at - (nx * push[0] + ny * push[1])) * dt * dt)
+        return nx, ny, 0.0, inside
+
+    def borne(nx: float, ny: float, offset: float) -> Row:
+        at, speed = nx * x + ny * y, nx * vx + ny * vy
         if push is not None:
-            pressed = nx * push[0] + ny * push[1]
-            if nx * capture[0] + ny * capture[1] > offset:
-                inside = max(inside, at + speed * dt + GRAVITY / z * (at - pressed) * dt * dt)
-            offset = max(offset, pressed + push[2])
-        rows.append((nx, ny, 0.0, inside))
+            offset = max(offset, nx * push[0] + ny * push[1] + push[2])
         # (n.c - d)(g + z'') <= z n.c'', times dt^2 / z, with n.c and z as they are now
         lever = (at - offset) / z
-        rows.append((-nx, -ny, lever, lever * (z + vz * dt - GRAVITY * dt * dt) - at - speed * dt))
-    return np.array(rows)
+        return -nx, -ny, lever, lever * (z + vz * dt - GRAVITY * dt * dt) - at - speed * dt
+
+    if pressed is None:
+        return np.array([row(*edge) for edge in edges for row in (captured, borne)])
+    return np.array([*(captured(*edge) for edge in edges), *(borne(*edge) for edge in pressed)])
 
 
 def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tuple[float, float, float] | None:

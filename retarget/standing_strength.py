@@ -41,6 +41,8 @@ PEAK = 1.4
 LEAST_THROW = 1.0
 """m/s^2 at which it may be thrown up anyway."""
 
+_FREE = np.zeros((0, 7))
+
 
 class StandingStrength:
     """Of one robot on two soles. share: of their stall torque, what joints may carry."""
@@ -77,11 +79,19 @@ class StandingStrength:
         return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
 
     def aim(
-        self, hierarchy: Hierarchy, targets: FloatArray, q: FloatArray, mass: tuple[FloatArray, FloatArray], dt: float
+        self,
+        hierarchy: Hierarchy,
+        targets: FloatArray,
+        q: FloatArray,
+        mass: tuple[FloatArray, FloatArray],
+        dt: float,
+        *,
+        keeps: bool = True,
     ) -> None:
         """Write what is allowed in the next `dt` s to a robot in posture q (nq,). mass: its centre of mass (3,) m, and
-        the velocity of that (3,) m/s."""
-        for name, edges in zip(self._names, self.spaces(q, mass, dt), strict=True):
+        the velocity of that (3,) m/s. keeps: whether anything is to be kept; on one leg more is to be carried."""
+        spaces = self.spaces(q, mass, dt) if keeps else [_FREE] * len(self._names)
+        for name, edges in zip(self._names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
 
     def spaces(self, q: FloatArray, mass: tuple[FloatArray, FloatArray], dt: float) -> list[FloatArray]:

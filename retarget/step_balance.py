@@ -5,6 +5,8 @@ mass goes through their hull, while both soles carry. A region only ever grows, 
 already: so no change of it asks for a leap.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from retarget.priorities import CentreOfMassTask, Priorities
@@ -21,6 +23,9 @@ WELL_INSIDE = 0.8
 would leave the region where it stood at its edge."""
 WIDER = 1.4
 """Share of the regions that a shift of weight goes through: who stood at the edge of one gets away from there."""
+PRESSED = 0.5
+"""Share of what carries in which the zero-moment point is on such a way, more than its capture point: who has come to
+its edge could be pushed away from there no more."""
 MOST_CORNERS = SUPPORT_EDGES // 2
 """Each edge makes two half-spaces."""
 
@@ -48,8 +53,9 @@ class StepBalance:
             for polygon, middle in zip(polygons[1:], self.middles[1:], strict=True)
         )
         wider = min(WIDER * share, 1.0)
-        corners = [about(polygon, middle, wider) for polygon, middle in zip(polygons, self.middles, strict=True)]
-        self.on_the_way: Edges = support_edges([at_most(convex_hull(np.concatenate(corners)), MOST_CORNERS)]).tolist()
+        self.on_the_way, self._pressed = (
+            _around(polygons, self.middles, size) for size in (wider, max(wider, PRESSED))
+        )
         still = np.zeros(3)
         self.room = min(
             self.depth(region, np.array([*middle, 0.0]), still, still)
@@ -62,13 +68,17 @@ class StepBalance:
     def spaces(self, region: Edges, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
         """Half-spaces (k, 4) for a centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
         m/s."""
-        spaces = moving_spaces(region, com, velocity, dt)
+        spaces = moving_spaces(region, com, velocity, dt, pressed=self._pressed if region is self.on_the_way else None)
         if region is self.both:
             return spaces
         # Where its height changes evenly. Else who may not go aside fast enough would throw up its arms for it.
         spaces[:, 3] -= spaces[:, 2] * float(com[2] + velocity[2] * dt)
         spaces[:, 2] = 0.0
         return spaces
+
+    def pressed(self, region: Edges) -> Edges:
+        """Where the zero-moment point may be of a mass that is to be in a region."""
+        return self._pressed if region is self.on_the_way else region
 
     def depth(self, region: Edges, com: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
         """How far (m) inside a region both points are, of a mass at (3,) m, with (3,) m/s and (3,) m/s^2."""
@@ -92,6 +102,13 @@ class StepBalance:
     def inside(self, com: FloatArray, feet: tuple[bool, bool]) -> float:
         """How far (m) a centre of mass (3,) is inside the outline of the soles that carry: left, right."""
         return _inside(self._outlines[0 if all(feet) else 2 - int(feet[0])], com)
+
+
+def _around(polygons: Sequence[FloatArray], middles: Sequence[FloatArray], share: float) -> Edges:
+    """Edges of the hull of polygons (c, 2), each at a share of its size about its middle (2,)."""
+    corners = [about(polygon, middle, share) for polygon, middle in zip(polygons, middles, strict=True)]
+    edges: Edges = support_edges([at_most(convex_hull(np.concatenate(corners)), MOST_CORNERS)]).tolist()
+    return edges
 
 
 def about(corners: FloatArray, middle: FloatArray, share: float) -> FloatArray:

@@ -104,6 +104,11 @@ class Stepping:
         """Whether it stands on both soles, its mass where standing asks for it."""
         return self.plan.state is StepState.BOTH
 
+    @property
+    def onto_one(self) -> bool:
+        """Whether its mass is over one sole, or on the way there."""
+        return self.plan.state in (StepState.SHIFT, StepState.SWING)
+
     def wait(self) -> bool:
         """Make no new step, and end the one that it makes. Returns whether it stands."""
         self.waits = True
@@ -176,7 +181,8 @@ class Stepping:
                 self._weight.restart(com, moving, dt)
             if alone and plan.onto is not None:
                 region = balance.over[plan.onto]
-            goal = self._weight.step(self._place if plan.onto is None else balance.middles[1 + plan.onto], region, dt)
+            to = self._place if plan.onto is None else balance.middles[1 + plan.onto]
+            goal = self._weight.step(to, balance.pressed(region), dt)
             hierarchy.set_centre_of_mass(targets, np.array([*goal, 0.0]))
         hierarchy.set_support(targets, balance.spaces(region, com, moving, dt))
         x, y = (goal - self._standing).tolist()

@@ -52,6 +52,17 @@ def test_on_the_way_height_is_no_way_out() -> None:
     assert (inside < 0.0).all()
 
 
+def test_from_the_edge_of_the_way_a_mass_at_rest_may_be_pushed_back() -> None:
+    """Its zero-moment point has to go beyond that edge for it."""
+    for nx, ny, offset in BALANCE.on_the_way:
+        at = np.array([nx * offset, ny * offset])
+        com = np.array([*at, 0.25])
+        back = com - np.array([nx, ny, 0.0]) * GRAVITY / 0.25 * 0.003 * DT**2  # as from 3 mm farther out
+        spaces = BALANCE.spaces(BALANCE.on_the_way, com, STILL, DT)
+        across = spaces[:, :2] @ np.array([nx, ny])
+        assert (spaces[np.abs(across) > 0.999] @ np.append(back, -1.0) <= 0.0).all()
+
+
 @given(x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
 def test_a_place_is_inside_and_what_is_inside_stays(x: float, y: float) -> None:
     place = BALANCE.place(np.array([x, y]))
