@@ -7,6 +7,7 @@ from live_rig import five, live_stream
 from mvn_packets import mvn, quaternions, standing
 from retarget.errors import InputError
 from retarget.live.address import StreamAddress, parse_address
+from retarget.live.admission import admission_for
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.datagram import Datagram
 from retarget.live.natnet_receiver import NatnetReceiver, session_for
@@ -152,6 +153,8 @@ def test_a_version_that_can_be_read_is_none_of_that_and_a_group_that_is_not_join
         motive.stream.receiver.trouble = "the group 239.1.2.3 cannot be joined"
         told = [text for tick in range(500) if (text := trouble.look(DT * tick))]
         assert len(told) == 1 and "sends no frames" in told[0]
+        motive.stream.admission.refused.note("cut")
+        assert told[0].endswith("lets UDP from Motive in.") and "What arrived was not used: cut (1)" in trouble.why(9.0)
         assert "239.1.2.3" in str(unusable(motive.stream, [], 10.0, where=HERE, now=0.5))
     finally:
         motive.close()
@@ -167,6 +170,17 @@ def test_datagrams_of_others_are_told_as_the_reason() -> None:
     sender.others.append(others)
     told = looks(live_stream(sender, five()), 0.0, 4.0)
     assert len(told) == 1 and "unusable" in told[0][1]
+    assert "127.0.0.1:40000, which was first, is silent" in told[0][1] and "start it anew" in told[0][1]
+    assert "speaks the protocol" not in told[0][1]
+
+
+def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
+    stream = live_stream(FakeSender(source=("192.168.1.20", 40000)), five())
+    stream.admission = admission_for(parse_address("json://0.0.0.0:14150?allow=192.168.1.21"))
+    for tick in range(20):
+        stream.listen(DT * tick, moving=False)
+    text = str(unusable(stream, [], 10.0, where="json://0.0.0.0:14150", now=10.0))
+    assert "sender not on the allow-list" in text and text.endswith("?allow=192.168.1.20."), text
 
 
 def test_where_nothing_arrives_at_a_socket_the_place_is_named_and_who_is_heard_there() -> None:

@@ -6,6 +6,7 @@ from ipaddress import IPv4Address
 
 from retarget.errors import InputError, Problem
 from retarget.live.address import for_others, parse_address
+from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.mix_ups import SENDERS, advice_for
 from retarget.live.natnet_receiver import NatnetReceiver
 from retarget.live.stream import LiveStream
@@ -25,6 +26,11 @@ NATNET_S = 2.5
 """The same where Motive is asked first."""
 MOST_REASONS, MOST_NAMES = 3, 40
 SENDER = "See that the sender speaks the protocol of this address"
+STRANGER = (
+    "{}, which was first, is silent, and nobody may take its place while a robot may move: let it send again, or end "
+    "this run and start it anew"
+)
+"""To be filled with who owns the stream."""
 QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaternion)"
 
 
@@ -42,7 +48,7 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
             "what arrives cannot be used",
             where=where,
             found=f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}",
-            next_step=step or _step(stream),
+            next_step=step or _step(stream, _refused(stream)),
         )
     if (silence := now - stream.last) >= 0.5 * SILENT_S:
         return InputError(
@@ -140,13 +146,13 @@ class StreamTrouble:
         return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
 
     def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
-        problems = _motive(self._stream, now)
+        problems, news = _motive(self._stream, now), _refused(self._stream) - refused
         if problems:
-            return problems[0].render()
+            return problems[0].render() + (f" What arrived was not used: {_told(news)}" if news else "")
         if self._stream.arrived == arrived:
             return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
-        reasons = _told(_refused(self._stream) - refused) or "no poses in it"
-        return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream)}"
+        reasons = _told(news) or "no poses in it"
+        return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream, news)}"
 
 
 def _refused(stream: LiveStream) -> Counter[str]:
@@ -158,7 +164,15 @@ def _told(reasons: Counter[str]) -> str:
     return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS))
 
 
-def _step(stream: LiveStream) -> str:
+def _step(stream: LiveStream, reasons: Counter[str]) -> str:
+    """What to do about what was not used, by its commonest reason."""
+    admission = stream.admission
+    commonest = [reason for reason, _ in reasons.most_common(1)]
+    if commonest == [SECOND_SOURCE] and admission.owner is not None:
+        return STRANGER.format("{}:{}".format(*admission.owner))
+    if commonest == [NOT_ALLOWED]:
+        who = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
+        return f"If that is the sender, name it in the address: ?allow={who}"
     return QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER
 
 
