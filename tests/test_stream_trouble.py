@@ -14,6 +14,7 @@ from retarget.live.natnet_receiver import NatnetReceiver, session_for
 from retarget.live.stream import LiveStream
 from retarget.live.stream_trouble import StreamTrouble, refuse_version, unusable
 from retarget.live.udp import UdpReceiver
+from retarget.rotations import FloatArray
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_wire import Version
 from sim.fake_motive import FakeMotive, MotiveSettings
@@ -80,6 +81,14 @@ def test_mvn_set_to_another_datagram(kind: str, told: str) -> None:
 def test_a_role_that_the_stream_does_not_have() -> None:
     text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9)]))
     assert "sensors are missing in the stream; found no l_wrist (l_wrist); allowed: head, " in text
+
+
+def test_lengths_in_another_unit_are_told_as_such() -> None:
+    def millimetres(time: float, poses: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {name: 1000.0 * point for name, point in poses.items()}
+
+    text = refused(FakeSender(faults=[millimetres]))
+    assert "position outside the room" in text and "See in which unit" in text and "Wear" not in text
 
 
 def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:

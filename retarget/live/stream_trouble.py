@@ -9,6 +9,7 @@ from retarget.live.address import for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.mix_ups import SENDERS, advice_for
 from retarget.live.natnet_receiver import NatnetReceiver
+from retarget.live.sound_poses import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
 from retarget.sources.datagram_kinds import recognise
@@ -26,6 +27,8 @@ NATNET_S = 2.5
 """The same where Motive is asked first."""
 MOST_REASONS, MOST_NAMES = 3, 40
 SENDER = "See that the sender speaks the protocol of this address"
+WORN = "Wear and switch on these, or choose another --performer"
+FAR = "See in which unit the sender tells lengths, and where its origin is: nobody is farther than 10 m from it"
 STRANGER = (
     "{}, which was first, is silent, and nobody may take its place while a robot may move: let it send again, or end "
     "this run and start it anew"
@@ -64,7 +67,7 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         found=", ".join(f"no {name} ({told})" for name, told in wanted.items())
         + (f"; refused: {reasons}" if reasons else ""),
         allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step="Wear and switch on these, or choose another --performer",
+        next_step=FAR if _commonest(_refused(stream)) == OUT_OF_RANGE else WORN,
     )
 
 
@@ -164,13 +167,17 @@ def _told(reasons: Counter[str]) -> str:
     return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS))
 
 
+def _commonest(reasons: Counter[str]) -> str:
+    """ "" for none."""
+    return next((reason for reason, _ in reasons.most_common(1)), "")
+
+
 def _step(stream: LiveStream, reasons: Counter[str]) -> str:
     """What to do about what was not used, by its commonest reason."""
-    admission = stream.admission
-    commonest = [reason for reason, _ in reasons.most_common(1)]
-    if commonest == [SECOND_SOURCE] and admission.owner is not None:
+    admission, commonest = stream.admission, _commonest(reasons)
+    if commonest == SECOND_SOURCE and admission.owner is not None:
         return STRANGER.format("{}:{}".format(*admission.owner))
-    if commonest == [NOT_ALLOWED]:
+    if commonest == NOT_ALLOWED:
         who = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
         return f"If that is the sender, name it in the address: ?allow={who}"
     return QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER
