@@ -183,6 +183,18 @@ def test_datagrams_of_others_are_told_as_the_reason() -> None:
     assert "speaks the protocol" not in told[0][1]
 
 
+def test_a_sender_that_sends_more_than_can_be_read_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.faults.sender.MOST_WAITING", 10_000)  # of a socket with a large buffer
+    stream = live_stream(FakeSender(rate_hz=1900.0), five())
+    trouble, told, brief = StreamTrouble(stream), list[str](), ""
+    for tick in range(1500):
+        stream.listen(DT * tick, moving=True)
+        told += [text] if (text := trouble.look(DT * tick)) else []
+        brief = trouble.briefly(DT * tick, 0.13)
+    assert len(told) == 1 and told[0].startswith("what is read arrived 1.0 s ago: more arrives than can be read")
+    assert told[0].endswith("30 to 240 a second are enough") and brief == "more arrived than can be read in time"
+
+
 def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
     stream = live_stream(FakeSender(source=("192.168.1.20", 40000)), five())
     stream.admission = admission_for(parse_address("json://0.0.0.0:14150?allow=192.168.1.21"))

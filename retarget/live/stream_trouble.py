@@ -29,6 +29,9 @@ MOST_REASONS, MOST_NAMES = 3, 40
 SENDER = "See that the sender speaks the protocol of this address"
 WORN = "Wear and switch on these, or choose another --performer"
 FAR = "See in which unit the sender tells lengths, and where its origin is: nobody is farther than 10 m from it"
+BEHIND = 100
+"""Frames that were old when they were read, one after the other: no single late tick has so many."""
+FEWER = "Let the sender send fewer frames: 30 to 240 a second are enough"
 STRANGER = (
     "{}, which was first, is silent, and nobody may take its place while a robot may move: let it send again, or end "
     "this run and start it anew"
@@ -112,7 +115,8 @@ class StreamTrouble:
         self._stream = stream
         self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
         self._told = self.foreign = False
-        self._before: tuple[int, Counter[str]] | None = None  # what there was when the silence began
+        self._before: tuple[int, Counter[str], int] | None = None
+        """Datagrams, what was refused, and frames that there were when the silence began."""
 
     def look(self, now: float) -> str:
         """What is wrong, "" mostly: where all is well, and where it has been said."""
@@ -123,7 +127,7 @@ class StreamTrouble:
         if silence < NOTED_S:
             self._before = None
         elif self._before is None:
-            self._before = self._stream.arrived, _refused(self._stream)
+            self._before = self._seen()
         if silence < 0.5 * self._patience:
             self._told = False
             return ""
@@ -138,9 +142,11 @@ class StreamTrouble:
             return "the sender's version is not known"
         if now - self._stream.last <= patience:
             return ""
-        arrived, refused = self._before or (self._stream.arrived, _refused(self._stream))
+        arrived, refused, frames = self._before or self._seen()
         if self._stream.arrived == arrived:
             return "nothing arrived"
+        if self._stream.frames > frames + BEHIND:
+            return "more arrived than can be read in time"
         return f"what arrived was unusable: {_told(_refused(self._stream) - refused) or 'no poses in it'}"
 
     def why(self, now: float) -> str:
@@ -148,12 +154,17 @@ class StreamTrouble:
         silence = now - self._stream.last
         return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
 
-    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
+    def _seen(self) -> tuple[int, Counter[str], int]:
+        return self._stream.arrived, _refused(self._stream), self._stream.frames
+
+    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str], frames: int) -> str:
         problems, news = _motive(self._stream, now), _refused(self._stream) - refused
         if problems:
             return problems[0].render() + (f" What arrived was not used: {_told(news)}" if news else "")
         if self._stream.arrived == arrived:
             return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
+        if self._stream.frames > frames + BEHIND:
+            return f"what is read arrived {silence:.1f} s ago: more arrives than can be read in time. {FEWER}"
         reasons = _told(news) or "no poses in it"
         return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream, news)}"
 
