@@ -91,6 +91,29 @@ def test_lengths_in_another_unit_are_told_as_such() -> None:
     assert "position outside the room" in text and "See in which unit" in text and "Wear" not in text
 
 
+class Short(FakeSender):
+    """A recording that is over."""
+
+    @property
+    def finished(self) -> bool:
+        """After two seconds."""
+        return self._polled >= 2.0
+
+
+def test_a_recording_that_is_too_short_is_told_as_such() -> None:
+    stream = live_stream(Short(faults=[silent(2.0, 1e9)]), five())
+    told = looks(stream, 0.0, 4.0)
+    assert [text for _, text in told] == [
+        "the recording was over 1.0 s ago. Take a longer one, or play it again and again: ?loop=1"
+    ]
+    assert "here: the recording was over 3.0 s ago. Take" in str(unusable(stream, [], 1.0, where="here", now=5.0))
+
+
+def test_a_recording_of_another_kind_than_was_said_is_named() -> None:
+    text = refused(garbled(quaternions(standing())), where="replay:///tmp/a.raw?kind=json")
+    assert "datagrams: MVN. Read it as replay:///tmp/a.raw?kind=mvn" in text, text
+
+
 def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:
     """What is told, and when, from one time to the next."""
     trouble, told = StreamTrouble(stream), []
@@ -197,10 +220,11 @@ def test_a_sender_that_sends_more_than_can_be_read_is_told_so(monkeypatch: pytes
 
 def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
     stream = live_stream(FakeSender(source=("192.168.1.20", 40000)), five())
-    stream.admission = admission_for(parse_address("json://0.0.0.0:14150?allow=192.168.1.21"))
+    where = "json://0.0.0.0:14150?allow=192.168.1.21"
+    stream.admission = admission_for(parse_address(where))
     for tick in range(20):
         stream.listen(DT * tick, moving=False)
-    text = str(unusable(stream, [], 10.0, where="json://0.0.0.0:14150", now=10.0))
+    text = str(unusable(stream, [], 10.0, where=where, now=10.0))
     assert "sender not on the allow-list" in text and text.endswith("?allow=192.168.1.20."), text
 
 

@@ -32,6 +32,9 @@ FAR = "See in which unit the sender tells lengths, and where its origin is: nobo
 BEHIND = 100
 """Frames that were old when they were read, one after the other: no single late tick has so many."""
 FEWER = "Let the sender send fewer frames: 30 to 240 a second are enough"
+REPLAY = "replay"
+OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one, or play it again and again: ?loop=1"
+"""What there is to say of a recording that ends too soon."""
 STRANGER = (
     "{}, which was first, is silent, and nobody may take its place while a robot may move: let it send again, or end "
     "this run and start it anew"
@@ -56,7 +59,9 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
             found=f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}",
             next_step=step or _step(stream, _refused(stream)),
         )
-    if (silence := now - stream.last) >= 0.5 * SILENT_S:
+    if (silence := now - stream.last) >= 0.5 * SILENT_S and stream.receiver.finished:
+        return InputError(OVER.format(silence), where=where, next_step=LONGER)
+    if silence >= 0.5 * SILENT_S:
         return InputError(
             f"nothing has arrived for {silence:.1f} s, and before that {stream.frames} frames",
             where=where,
@@ -76,10 +81,14 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
 
 def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
     """What arrives instead of what the address reads, and what to do; "" each where it is not known."""
-    kind, got = where.partition("://")[0], recognise(stream.unread)
-    if kind not in SENDERS or not got.kind or got.kind == kind:
+    if where.partition("://")[0] not in (*SENDERS, REPLAY):  # a source of somebody's own
         return "", ""
-    return got.text, advice_for(kind, got, port=parse_address(where).port)
+    address, got = parse_address(where), recognise(stream.unread)
+    kind = address.recorded if address.kind == REPLAY else address.kind
+    if kind is None or not got.kind or got.kind == kind:
+        return "", ""
+    recording = "" if address.path is None else str(address.path)
+    return got.text, advice_for(kind, got, port=address.port, recording=recording)
 
 
 def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
@@ -161,6 +170,8 @@ class StreamTrouble:
         problems, news = _motive(self._stream, now), _refused(self._stream) - refused
         if problems:
             return problems[0].render() + (f" What arrived was not used: {_told(news)}" if news else "")
+        if self._stream.receiver.finished:
+            return f"{OVER.format(silence)}. {LONGER}"
         if self._stream.arrived == arrived:
             return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
         if self._stream.frames > frames + BEHIND:
