@@ -193,7 +193,7 @@ def _in_front() -> None:
 def _heard_by_signals() -> None:
     """A shell's background job ignores Ctrl-C, and so would its children."""
     _in_front()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_DFL)
 
 

@@ -114,7 +114,7 @@ def test_an_interrupt_is_one_line(command: Callable[[], None], capsys: pytest.Ca
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_to_be_told_to_end_is_an_interrupt_too(number: signal.Signals, capsys: pytest.CaptureFixture[str]) -> None:
     closed: list[bool] = []
 

@@ -9,7 +9,7 @@ from hardware.clock import VirtualClock
 from retarget.cli.interrupt import REASONS, SIGNALS, all_as_ctrl_c, stop_on_signals
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
     before = signal.getsignal(number)
     with stop_on_signals() as asked:
@@ -42,6 +42,17 @@ def test_ctrl_c_that_is_held_asks_and_pressed_again_it_insists() -> None:
         clock.advance(0.3)
         signal.raise_signal(signal.SIGINT)
         assert asked.insisted()
+
+
+def test_ctrl_z_suspends_no_robot_that_moves() -> None:
+    """It would stand there with torque, and nobody would look after it."""
+    before = signal.getsignal(signal.SIGTSTP)
+    with stop_on_signals():
+        assert signal.getsignal(signal.SIGTSTP) is before, "where nothing moves, it suspends"
+    with stop_on_signals(moves=True) as asked:
+        signal.raise_signal(signal.SIGTSTP)
+        assert asked() and not asked.insisted() and "Ctrl-Z" in asked.why()
+    assert signal.getsignal(signal.SIGTSTP) is before
 
 
 def test_a_service_that_is_told_twice_still_brakes() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from retarget.cli.clutch import Clutch
 from retarget.cli.control_socket import ControlSocket, connect_to
@@ -141,6 +142,48 @@ def test_a_file_that_appears_stops_the_robot(tmp_path: Path) -> None:
     rig, result = played({}, stop_file=file, each=appear)
     assert f"{file} is there: stopping" in rig.said
     assert result.stop is not None and result.reason == result.stop.reason == f"{file} is there"
+
+
+def test_where_the_file_is_there_at_the_first_look_nothing_gets_torque(tmp_path: Path) -> None:
+    """It appeared while the performer was measured."""
+    file = tmp_path / "stop"
+    file.touch()
+    rig, stop = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0)), StopRequest()
+    with rig.prepared() as prepared:
+        assert isinstance(prepared.samples, LivePerformer)
+        clutch = Clutch(prepared.samples, clock=rig.clock, tell=rig.said.append)
+        controls = LiveControls(Typed({}), stop, prepared.samples, clutch, tell=rig.said.append, stop_file=file)
+        assert controls.look() and stop.why() == f"{file} is there"
+
+
+def test_why_the_robot_stops_is_told_while_it_does() -> None:
+    """A servo that reports an error, and what nobody pressed a key for; once."""
+    rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=5.0))
+    told: list[bool] = []
+    with rig.prepared() as prepared:
+        stop, performer, side = StopRequest(), prepared.samples, prepared.side
+        assert isinstance(performer, LivePerformer) and side is not None
+
+        def tell(text: str) -> None:
+            rig.said.append(text)
+            told.append(rig.bus.torque_on)
+
+        clutch = Clutch(performer, clock=rig.clock, tell=tell, guard=side.guard)
+        controls = LiveControls(Typed({}), stop, performer, clutch, tell=tell, clock=rig.clock, guard=side.guard)
+        looks = 0
+
+        def look() -> bool:
+            nonlocal looks
+            looks += 1
+            if looks == 300:
+                side.guard.stop("servo reports overload: l_knee (id 11)", StopCause.SERVO_ALERT)
+            return controls.look()
+
+        rig.said.clear()
+        prepared.run(Watch(stop_asked=look, cut_asked=controls.insisted, why=controls.why))
+    line = "stopping: servo reports overload: l_knee (id 11)"
+    assert rig.said.count(line) == 1 and told[-1] and not rig.bus.torque_on
+    assert not any("stopping: " in text for text in played({400: " "})[0].said)
 
 
 class Unreadable(type(Path())):  # type: ignore[misc]

@@ -8,7 +8,7 @@ import pytest
 
 from live_processes import CLOCK, MOVING, POSITION, TORQUE, VELOCITY, WATCHDOG, Live, goal_speeds, live_run
 from retarget.cli.boundary import STOPPED
-from retarget.cli.interrupt import REASONS
+from retarget.cli.interrupt import REASONS, SUSPENDED
 
 pytestmark = pytest.mark.long
 
@@ -56,7 +56,7 @@ def test_frozen_for_a_second_it_stops_when_it_is_back(tmp_path: Path) -> None:
         assert live.registers(TORQUE) == [0] * 20
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP])
 def test_asked_to_end_it_brakes_is_parked_and_torque_is_off(tmp_path: Path, number: signal.Signals) -> None:
     with live_run(tmp_path) as live:
         live.raise_arms()
@@ -76,7 +76,7 @@ def test_asked_to_end_it_brakes_is_parked_and_torque_is_off(tmp_path: Path, numb
         # A goal may be on its way when the signal comes; the next one brakes.
         assert times[after][began] - asked <= BRAKES_S, braking.tolist()
         assert (np.diff(braking[began : rests + 1]) <= 1.0).all() and braking[rests] <= 1.0, braking.tolist()
-        assert code == STOPPED and REASONS[number.name] in said, said
+        assert code == STOPPED and {**REASONS, **SUSPENDED}[number.name] in said, said
         assert live.tripped() == [] and live.registers(TORQUE) == [0] * 20
 
 

@@ -12,7 +12,7 @@ from retarget.live.admission import SECOND_SOURCE
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.side_check import FRONT_M, RISE_M, SURE_S, SideCheck
 from retarget.rotations import FloatArray
-from sim.faults.sender import FakeSender, SenderFault, moved, silent
+from sim.faults.sender import FakeSender, SenderFault, lost, moved, silent
 
 BEGINS_S = 3.0
 """By then whoever stands still from 0.5 s on has been measured."""
@@ -72,6 +72,28 @@ def test_an_arm_to_the_side_is_asked_again_and_never_enough(axis: int | None) ->
         begun(*faults)
 
 
+def test_a_wrist_that_is_lost_meanwhile_is_named_and_the_check_not_left_out() -> None:
+    with pytest.raises(InputError, match="raise your left arm: sensors are lost; found no l_wrist") as refusal:
+        begun(lost("l_wrist", BEGINS_S, 1e9))
+    assert "--no-check-sides" not in str(refusal.value)
+
+
+def test_a_stream_that_falls_silent_meanwhile_is_told_at_once_and_is_the_reason() -> None:
+    said: list[str] = []
+    sender, clock = standing(), VirtualClock()
+    sender.faults = [silent(BEGINS_S, 1e9)]
+    with pytest.raises(InputError, match=r"raise your left arm: nothing has arrived for \d+\.\d s") as refusal:
+        begin_live(
+            live_stream(sender, five()),
+            LiveOptions(countdown=0.5, check_sides=True),
+            clock=clock,
+            rate_hz=100.0,
+            where=WHERE,
+            tell=said.append,
+        )
+    assert said[-1].startswith("nothing has arrived for 1.0 s") and "--no-check-sides" not in str(refusal.value)
+
+
 def test_an_arm_that_comes_to_the_front_when_it_is_asked_again_passes() -> None:
     later = raising("l_wrist", 0.0, forward=0.45, begins=BEGINS_S + 2.0)
     said = begun(raising("l_wrist", 0.5, forward=0.0), later, within=4.0)
@@ -110,7 +132,7 @@ def test_whoever_was_measured_keeps_the_stream_though_silent() -> None:
     sender.others = [lambda since, until: other.poll(until)]
     stream = live_stream(sender, five())
     options = LiveOptions(countdown=0.5, check_sides=True)
-    with pytest.raises(InputError, match="not seen to rise"):
+    with pytest.raises(InputError, match=r"a second source .* was first, is silent"):
         begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, tell=lambda text: None)
     assert stream.admission.owner == sender.source and stream.admission.refused.reasons[SECOND_SOURCE] > 900
 

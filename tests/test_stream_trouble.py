@@ -7,12 +7,14 @@ from live_rig import five, live_stream
 from mvn_packets import mvn, quaternions, standing
 from retarget.errors import InputError
 from retarget.live.address import StreamAddress, parse_address
+from retarget.live.admission import admission_for
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.datagram import Datagram
 from retarget.live.natnet_receiver import NatnetReceiver, session_for
 from retarget.live.stream import LiveStream
 from retarget.live.stream_trouble import StreamTrouble, refuse_version, unusable
 from retarget.live.udp import UdpReceiver
+from retarget.rotations import FloatArray
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_wire import Version
 from sim.fake_motive import FakeMotive, MotiveSettings
@@ -79,6 +81,37 @@ def test_mvn_set_to_another_datagram(kind: str, told: str) -> None:
 def test_a_role_that_the_stream_does_not_have() -> None:
     text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9)]))
     assert "sensors are missing in the stream; found no l_wrist (l_wrist); allowed: head, " in text
+
+
+def test_lengths_in_another_unit_are_told_as_such() -> None:
+    def millimetres(time: float, poses: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {name: 1000.0 * point for name, point in poses.items()}
+
+    text = refused(FakeSender(faults=[millimetres]))
+    assert "position outside the room" in text and "See in which unit" in text and "Wear" not in text
+
+
+class Short(FakeSender):
+    """A recording that is over."""
+
+    @property
+    def finished(self) -> bool:
+        """After two seconds."""
+        return self._polled >= 2.0
+
+
+def test_a_recording_that_is_too_short_is_told_as_such() -> None:
+    stream = live_stream(Short(faults=[silent(2.0, 1e9)]), five())
+    told = looks(stream, 0.0, 4.0)
+    assert [text for _, text in told] == [
+        "the recording was over 1.0 s ago. Take a longer one, or play it again and again: ?loop=1"
+    ]
+    assert "here: the recording was over 3.0 s ago. Take" in str(unusable(stream, [], 1.0, where="here", now=5.0))
+
+
+def test_a_recording_of_another_kind_than_was_said_is_named() -> None:
+    text = refused(garbled(quaternions(standing())), where="replay:///tmp/a.raw?kind=json")
+    assert "datagrams: MVN. Read it as replay:///tmp/a.raw?kind=mvn" in text, text
 
 
 def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:
@@ -152,6 +185,8 @@ def test_a_version_that_can_be_read_is_none_of_that_and_a_group_that_is_not_join
         motive.stream.receiver.trouble = "the group 239.1.2.3 cannot be joined"
         told = [text for tick in range(500) if (text := trouble.look(DT * tick))]
         assert len(told) == 1 and "sends no frames" in told[0]
+        motive.stream.admission.refused.note("cut")
+        assert told[0].endswith("lets UDP from Motive in.") and "What arrived was not used: cut (1)" in trouble.why(9.0)
         assert "239.1.2.3" in str(unusable(motive.stream, [], 10.0, where=HERE, now=0.5))
     finally:
         motive.close()
@@ -167,6 +202,30 @@ def test_datagrams_of_others_are_told_as_the_reason() -> None:
     sender.others.append(others)
     told = looks(live_stream(sender, five()), 0.0, 4.0)
     assert len(told) == 1 and "unusable" in told[0][1]
+    assert "127.0.0.1:40000, which was first, is silent" in told[0][1] and "start it anew" in told[0][1]
+    assert "speaks the protocol" not in told[0][1]
+
+
+def test_a_sender_that_sends_more_than_can_be_read_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.faults.sender.MOST_WAITING", 10_000)  # of a socket with a large buffer
+    stream = live_stream(FakeSender(rate_hz=1900.0), five())
+    trouble, told, brief = StreamTrouble(stream), list[str](), ""
+    for tick in range(1500):
+        stream.listen(DT * tick, moving=True)
+        told += [text] if (text := trouble.look(DT * tick)) else []
+        brief = trouble.briefly(DT * tick, 0.13)
+    assert len(told) == 1 and told[0].startswith("what is read arrived 1.0 s ago: more arrives than can be read")
+    assert told[0].endswith("30 to 240 a second are enough") and brief == "more arrived than can be read in time"
+
+
+def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
+    stream = live_stream(FakeSender(source=("192.168.1.20", 40000)), five())
+    where = "json://0.0.0.0:14150?allow=192.168.1.21"
+    stream.admission = admission_for(parse_address(where))
+    for tick in range(20):
+        stream.listen(DT * tick, moving=False)
+    text = str(unusable(stream, [], 10.0, where=where, now=10.0))
+    assert "sender not on the allow-list" in text and text.endswith("?allow=192.168.1.20."), text
 
 
 def test_where_nothing_arrives_at_a_socket_the_place_is_named_and_who_is_heard_there() -> None:

@@ -13,7 +13,7 @@ __all__ = ["application"]
 EPILOG = (
     "Exit codes: 0 done, 1 stopped by the guard or by Ctrl-C while something moved, or a file not written afterwards, "
     "2 refused before anything moved, 3 a defect of ours, 130 Ctrl-C before anything moved. "
-    "SIGTERM and SIGHUP are as Ctrl-C."
+    "SIGTERM, SIGHUP and SIGQUIT are as Ctrl-C."
 )
 
 

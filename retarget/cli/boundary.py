@@ -16,7 +16,7 @@ REFUSED = 2
 DEFECT = 3
 """An error that we did not foresee."""
 INTERRUPTED = 130
-"""Ctrl-C, SIGTERM or SIGHUP before anything moved: 128 + SIGINT, as shells count; typer leaves with it as well."""
+"""Ctrl-C, SIGTERM, SIGHUP, SIGQUIT before anything moved: 128 + SIGINT, as shells count; typer leaves with it too."""
 
 
 def exit_code_of(command: Callable[[], object]) -> int:

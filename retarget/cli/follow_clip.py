@@ -51,7 +51,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             parks=parks,
             tell=recorder.hears(_note),
         ) as prepared:
-            stop = signals.enter_context(stop_on_signals())
+            stop = signals.enter_context(stop_on_signals(moves=True))
             with (
                 viewing(outputs.view, prepared, options, truth=bench.truth, tell=_note) as page,
                 recorder.recording(prepared, source=source) as recorded,

@@ -100,7 +100,7 @@ def follow_live(
 
         make_bus = recorder.make_bus(bench.make_bus)
         with prepare_for(perform, options, clock=recorder.clock, make_bus=make_bus, parks=True, tell=tell) as prepared:
-            stop, keys = stack.enter_context(stop_on_signals()), stack.enter_context(Keys())
+            stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
             performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
             assert isinstance(performer, LivePerformer)
             clutch = Clutch(performer, clock=clock, tell=tell, guard=guard, dead_man=dead_man)

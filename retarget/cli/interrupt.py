@@ -9,13 +9,16 @@ from types import FrameType
 from hardware.clock import Clock, MonotonicClock
 from retarget.cli.second_press import SecondPress
 
-__all__ = ["StopRequest", "all_as_ctrl_c", "stop_on_signals"]
+__all__ = ["REASONS", "SUSPENDED", "StopRequest", "all_as_ctrl_c", "stop_on_signals"]
 
 REASONS = {
     "SIGINT": "interrupted by the user (Ctrl-C)",
     "SIGTERM": "told to end by another program (SIGTERM)",
     "SIGHUP": "the terminal is gone (SIGHUP)",
+    "SIGQUIT": "told to quit (Ctrl-\\, SIGQUIT)",
 }
+SUSPENDED = {"SIGTSTP": "told to wait (Ctrl-Z, SIGTSTP)"}
+"""While a robot moves: one that nobody looks after would stand there with torque."""
 SIGNALS = [getattr(signal, name) for name in REASONS if hasattr(signal, name)]
 """Those of them that the platform has."""
 
@@ -51,7 +54,8 @@ class StopRequest:
 
 @contextmanager
 def all_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM and SIGHUP (a terminal that is gone) raise KeyboardInterrupt as SIGINT does: what is open is closed.
+    """SIGTERM, SIGHUP (a terminal that is gone) and SIGQUIT raise KeyboardInterrupt as SIGINT does: what is open is
+    closed.
 
     Only those that nobody handles or ignores yet, and only in the main thread: no other may set them.
     """
@@ -70,23 +74,24 @@ def all_as_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def stop_on_signals(clock: Clock | None = None) -> Iterator[StopRequest]:
-    """SIGINT, SIGTERM and SIGHUP (a terminal that is gone) ask to stop; SIGINT after another of them insists, and so
-    does Ctrl-C that is pressed again (see `SecondPress`): held, it repeats.
+def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Iterator[StopRequest]:
+    """SIGINT, SIGTERM, SIGHUP and SIGQUIT ask to stop, and Ctrl-Z where a robot `moves`; SIGINT after another of them
+    insists, and so does Ctrl-C that is pressed again (see `SecondPress`): held, it repeats.
 
     None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
     """
     request, key, time = StopRequest(), SecondPress(), clock or MonotonicClock()
 
     def handle(number: int, frame: FrameType | None) -> None:
-        why = REASONS[signal.Signals(number).name]
+        why = {**REASONS, **SUSPENDED}[signal.Signals(number).name]
         again = number == signal.SIGINT and key.pressed(1, time.now())
         if again or (number == signal.SIGINT and request() and request.why() != REASONS["SIGINT"]):
             request.insist(why)
         else:
             request.ask(why)
 
-    heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    known = [*SIGNALS, *(getattr(signal, name) for name in SUSPENDED if moves and hasattr(signal, name))]
+    heard = [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, handle) for number in heard}
     try:
         yield request

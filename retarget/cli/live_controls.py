@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -23,7 +24,7 @@ HELP = (
     "as straight ahead"
 )
 FILE_PERIOD = 5
-"""Ticks between two looks for the file."""
+"""Ticks between two looks for the file; the first look of all is one, so nothing gets torque where it is there."""
 WORDS = "stop, cut, hold, status"
 SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
 """Who stopped it."""
@@ -63,7 +64,7 @@ class LiveControls:
         self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
         self._guard, self._stop_file, self._socket, self._tell = guard, stop_file, socket, tell
         self._clock, self._space = clock or MonotonicClock(), SecondPress()
-        self._ticks = 0
+        self._ticks, self._told = 0, False  # told: that the robot stops
 
     def look(self) -> bool:
         """Do what was asked; whether that is to stop."""
@@ -83,6 +84,7 @@ class LiveControls:
     def insisted(self) -> bool:
         """While the robot brakes: whether torque is to go off at once."""
         self.look()
+        self._say_why()
         return self._stop.insisted()
 
     def why(self) -> str:
@@ -96,8 +98,19 @@ class LiveControls:
         state = None if guard is None else guard.state.value
         return LiveStatus(state, following, not self._clutch.engaged, reason)
 
+    def _say_why(self) -> None:
+        """Why the robot stops, at once: nobody at the machine should wait for the summary to know. Once."""
+        reason = None if self._guard is None else self._guard.stop_reason
+        if reason is not None and not self._told:
+            with suppress(OSError):  # who hears nothing any more does not keep a second press from being heard
+                self._say_stopping(f"stopping: {reason.reason}")
+
+    def _say_stopping(self, text: str) -> None:
+        self._told = True
+        self._tell(text)
+
     def _stop_by_itself(self) -> None:
-        if self._ticks % FILE_PERIOD == 0 and self._stop_file is not None:
+        if self._ticks % FILE_PERIOD == 1 and self._stop_file is not None:
             self._look_for(self._stop_file)
         if self._clutch.expired and not self._stop():
             self._ask(f"let go for {LONGEST_S:g} s")
@@ -109,14 +122,14 @@ class LiveControls:
 
     def _ask(self, why: str) -> None:
         self._stop.ask(why)
-        self._tell(f"{why}: stopping")
+        self._say_stopping(f"{why}: stopping")
 
     def _press_space(self, count: int) -> None:
         """count: how often it came since the last look."""
         again = self._space.pressed(count, self._clock.now())
         if not self._stop():
             self._stop.ask(SPACE)
-            self._tell("stopping")
+            self._say_stopping("stopping")
         elif again:
             self._stop.insist(SPACE)
 
@@ -140,11 +153,11 @@ class LiveControls:
         if word == "stop":
             if not self._stop():
                 self._stop.ask(SOCKET)
-                self._tell("stopping, asked by the control socket")
+                self._say_stopping("stopping, asked by the control socket")
             return "ok stopping"
         if word == "cut":
             self._stop.insist(SOCKET)
-            self._tell("torque off at once, asked by the control socket")
+            self._say_stopping("torque off at once, asked by the control socket")
             return "ok torque off"
         if word == "hold":
             if not self._clutch.paused:

@@ -179,7 +179,7 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
         with sending(
             found, options, speed=speed, clock=clock, make_bus=bench.make_bus, tell=_note, robot=robot
         ) as prepared:
-            stop = signals.enter_context(stop_on_signals())
+            stop = signals.enter_context(stop_on_signals(moves=True))
             with progress_bar(options.robot, prepared.samples.kept // 2) as show:
                 run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why))
         sent = run.record.robot

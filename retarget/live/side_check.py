@@ -11,6 +11,7 @@ from retarget.errors import InputError
 from retarget.live.performer import live_sample
 from retarget.live.rest_capture import Calibrated, believing_still
 from retarget.live.stream import LiveStream
+from retarget.live.stream_trouble import StreamTrouble
 from retarget.rotations import FloatArray
 
 __all__ = ["BACK_M", "FRONT_M", "RISE_M", "SideCheck", "check_sides"]
@@ -117,15 +118,18 @@ def check_sides(
     names = stream.roles.sensors
     rows = [names.index("l_wrist"), names.index("r_wrist")]
     everybody = np.ones(len(names), dtype=bool)
-    check, asked_again = SideCheck(rest.position[rows]), False
+    check, asked_again, trouble = SideCheck(rest.position[rows]), False, StreamTrouble(stream)
     tell(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
     end = clock.now() + WAIT_S
     while not check.passed:
         clock.sleep_until(clock.now() + LISTEN_S)
         now = clock.now()
         stream.listen(now, moving=True)  # who was measured keeps the stream: nobody else has this size
-        sample = live_sample(names, believing_still(stream.read(now)), rest.alignment, believed=everybody)
+        heard = believing_still(stream.read(now))
+        sample = live_sample(names, heard, rest.alignment, believed=everybody)
         check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
+        if message := trouble.look(now):
+            tell(message)
         if check.refused is not None:
             what, step = check.refused
             raise InputError(what, where=f"{where}, raise your left arm", found=_found(check), next_step=step)
@@ -133,8 +137,22 @@ def check_sides(
             asked_again, end = True, now + WAIT_S
             tell(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
         if now >= end and not check.passed:
-            raise _not_seen(check, where)
+            lost = [names[row] for row in rows if not heard.fresh[row]]
+            raise _not_heard(trouble.why(now), lost, where) or _not_seen(check, where)
     tell("left is left, up is up, and the front is in front: lower the arm")
+
+
+def _not_heard(why: str, lost: list[str], where: str) -> InputError | None:
+    """What is wrong with the data, where that is why nothing was seen: then the check is not what to leave out. why: of
+    the stream, "" where it is well; lost: wrists that are not fresh."""
+    if why:
+        return InputError(why.rstrip("."), where=f"{where}, raise your left arm")
+    if lost:
+        step = "See that they are worn, switched on and seen, and try again"
+        return InputError(
+            "sensors are lost", where=f"{where}, raise your left arm", found=f"no {', no '.join(lost)}", next_step=step
+        )
+    return None
 
 
 def _not_seen(check: SideCheck, where: str) -> InputError:

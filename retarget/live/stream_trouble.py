@@ -6,8 +6,10 @@ from ipaddress import IPv4Address
 
 from retarget.errors import InputError, Problem
 from retarget.live.address import for_others, parse_address
+from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.mix_ups import SENDERS, advice_for
 from retarget.live.natnet_receiver import NatnetReceiver
+from retarget.live.sound_poses import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
 from retarget.sources.datagram_kinds import recognise
@@ -25,6 +27,19 @@ NATNET_S = 2.5
 """The same where Motive is asked first."""
 MOST_REASONS, MOST_NAMES = 3, 40
 SENDER = "See that the sender speaks the protocol of this address"
+WORN = "Wear and switch on these, or choose another --performer"
+FAR = "See in which unit the sender tells lengths, and where its origin is: nobody is farther than 10 m from it"
+BEHIND = 100
+"""Frames that were old when they were read, one after the other: no single late tick has so many."""
+FEWER = "Let the sender send fewer frames: 30 to 240 a second are enough"
+REPLAY = "replay"
+OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one, or play it again and again: ?loop=1"
+"""What there is to say of a recording that ends too soon."""
+STRANGER = (
+    "{}, which was first, is silent, and nobody may take its place while a robot may move: let it send again, or end "
+    "this run and start it anew"
+)
+"""To be filled with who owns the stream."""
 QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaternion)"
 
 
@@ -42,9 +57,11 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
             "what arrives cannot be used",
             where=where,
             found=f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}",
-            next_step=step or _step(stream),
+            next_step=step or _step(stream, _refused(stream)),
         )
-    if (silence := now - stream.last) >= 0.5 * SILENT_S:
+    if (silence := now - stream.last) >= 0.5 * SILENT_S and stream.receiver.finished:
+        return InputError(OVER.format(silence), where=where, next_step=LONGER)
+    if silence >= 0.5 * SILENT_S:
         return InputError(
             f"nothing has arrived for {silence:.1f} s, and before that {stream.frames} frames",
             where=where,
@@ -58,16 +75,20 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         found=", ".join(f"no {name} ({told})" for name, told in wanted.items())
         + (f"; refused: {reasons}" if reasons else ""),
         allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step="Wear and switch on these, or choose another --performer",
+        next_step=FAR if _commonest(_refused(stream)) == OUT_OF_RANGE else WORN,
     )
 
 
 def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
     """What arrives instead of what the address reads, and what to do; "" each where it is not known."""
-    kind, got = where.partition("://")[0], recognise(stream.unread)
-    if kind not in SENDERS or not got.kind or got.kind == kind:
+    if where.partition("://")[0] not in (*SENDERS, REPLAY):  # a source of somebody's own
         return "", ""
-    return got.text, advice_for(kind, got, port=parse_address(where).port)
+    address, got = parse_address(where), recognise(stream.unread)
+    kind = address.recorded if address.kind == REPLAY else address.kind
+    if kind is None or not got.kind or got.kind == kind:
+        return "", ""
+    recording = "" if address.path is None else str(address.path)
+    return got.text, advice_for(kind, got, port=address.port, recording=recording)
 
 
 def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
@@ -103,7 +124,8 @@ class StreamTrouble:
         self._stream = stream
         self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
         self._told = self.foreign = False
-        self._before: tuple[int, Counter[str]] | None = None  # what there was when the silence began
+        self._before: tuple[int, Counter[str], int] | None = None
+        """Datagrams, what was refused, and frames that there were when the silence began."""
 
     def look(self, now: float) -> str:
         """What is wrong, "" mostly: where all is well, and where it has been said."""
@@ -114,7 +136,7 @@ class StreamTrouble:
         if silence < NOTED_S:
             self._before = None
         elif self._before is None:
-            self._before = self._stream.arrived, _refused(self._stream)
+            self._before = self._seen()
         if silence < 0.5 * self._patience:
             self._told = False
             return ""
@@ -129,9 +151,11 @@ class StreamTrouble:
             return "the sender's version is not known"
         if now - self._stream.last <= patience:
             return ""
-        arrived, refused = self._before or (self._stream.arrived, _refused(self._stream))
+        arrived, refused, frames = self._before or self._seen()
         if self._stream.arrived == arrived:
             return "nothing arrived"
+        if self._stream.frames > frames + BEHIND:
+            return "more arrived than can be read in time"
         return f"what arrived was unusable: {_told(_refused(self._stream) - refused) or 'no poses in it'}"
 
     def why(self, now: float) -> str:
@@ -139,14 +163,21 @@ class StreamTrouble:
         silence = now - self._stream.last
         return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
 
-    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
-        problems = _motive(self._stream, now)
+    def _seen(self) -> tuple[int, Counter[str], int]:
+        return self._stream.arrived, _refused(self._stream), self._stream.frames
+
+    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str], frames: int) -> str:
+        problems, news = _motive(self._stream, now), _refused(self._stream) - refused
         if problems:
-            return problems[0].render()
+            return problems[0].render() + (f" What arrived was not used: {_told(news)}" if news else "")
+        if self._stream.receiver.finished:
+            return f"{OVER.format(silence)}. {LONGER}"
         if self._stream.arrived == arrived:
             return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
-        reasons = _told(_refused(self._stream) - refused) or "no poses in it"
-        return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream)}"
+        if self._stream.frames > frames + BEHIND:
+            return f"what is read arrived {silence:.1f} s ago: more arrives than can be read in time. {FEWER}"
+        reasons = _told(news) or "no poses in it"
+        return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream, news)}"
 
 
 def _refused(stream: LiveStream) -> Counter[str]:
@@ -158,7 +189,19 @@ def _told(reasons: Counter[str]) -> str:
     return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS))
 
 
-def _step(stream: LiveStream) -> str:
+def _commonest(reasons: Counter[str]) -> str:
+    """ "" for none."""
+    return next((reason for reason, _ in reasons.most_common(1)), "")
+
+
+def _step(stream: LiveStream, reasons: Counter[str]) -> str:
+    """What to do about what was not used, by its commonest reason."""
+    admission, commonest = stream.admission, _commonest(reasons)
+    if commonest == SECOND_SOURCE and admission.owner is not None:
+        return STRANGER.format("{}:{}".format(*admission.owner))
+    if commonest == NOT_ALLOWED:
+        who = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
+        return f"If that is the sender, name it in the address: ?allow={who}"
     return QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER
 
 

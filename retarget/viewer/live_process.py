@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> int:
     """Serve until the run ends."""
     # It stays in the session of the run, in which alone its niceness counts (autogroups); signals are for the run.
     os.nice(NICENESS)
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     link = socket.socket(fileno=int(arguments[0]))
 
