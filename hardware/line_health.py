@@ -45,4 +45,5 @@ class LineHealth:
         """Why the robot must stop while it still can; or None."""
         if states.rough < MOST_ROUGH:
             return None
-        return f"answers came damaged, again and again, in {states.rough:.0%} of the cycles of late: a noisy line"
+        share = f"in {states.rough:.0%} of the cycles of late"
+        return f"answers came damaged or cut short {share}: a noisy line, or answers that come late"
