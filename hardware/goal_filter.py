@@ -19,6 +19,11 @@ class GoalFilter(Protocol):
         ...
 
     @property
+    def sent(self) -> FloatArray:
+        """What was returned last, rad; a copy. It is what keeps the limits of the servos."""
+        ...
+
+    @property
     def at_rest(self) -> bool:
         """Whether the posture returned last equals the one before it, so that nothing is left to brake."""
         ...

@@ -80,6 +80,11 @@ class Gate:
         return self._position.copy()
 
     @property
+    def sent(self) -> FloatArray:
+        """The same: goals are postures."""
+        return self.position
+
+    @property
     def velocity(self) -> FloatArray:
         """Velocity at which the posture returned last was reached, rad/s (n,)."""
         return self._displacement / self._dt

@@ -22,6 +22,11 @@ class OpenGate:
         return self._position.copy()
 
     @property
+    def sent(self) -> FloatArray:
+        """The same: goals are postures."""
+        return self.position
+
+    @property
     def at_rest(self) -> bool:
         """Whether nothing is left to brake."""
         return not self._displacement.any()

@@ -97,6 +97,11 @@ class RunOptions:
         return self.bus in PHYSICS
 
     @property
+    def parks(self) -> bool:
+        """Whether a run ends in the robot's rest posture: what has mass falls from where it stands without torque."""
+        return self.has_physics or not self.simulated
+
+    @property
     def root(self) -> Root | None:
         """The root with which the robot follows; None: that of its profile."""
         return self.physics.root

@@ -89,7 +89,7 @@ class Pipeline:
                 self._robot.give_up(error, watch.cut_asked)
             raise
         cut_asked.settle()
-        record = self._rows.of(self._record, None if self._robot is None else self._robot.robot.servo_columns)
+        record = self._rows.of(self._record)
         followed = record.following
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
         record.time[:] = (np.arange(len(record)) - begins) * self._clip.dt

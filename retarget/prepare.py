@@ -37,7 +37,7 @@ from retarget.stages import FollowingStage, ReconstructingStage
 from retarget.step_plan import StepTally
 from retarget.step_setting import with_steps
 from retarget.surroundings import Surroundings
-from retarget.way_home import LONGEST_HOME_S
+from retarget.way_home import LONGEST_HOME_S, not_parked
 
 __all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for", "priority_names"]
 
@@ -86,6 +86,7 @@ class Prepared:
     intake: IntakeTimes = field(default_factory=IntakeTimes)
     surroundings: Surroundings | None = None
     steps: StepTally | None = None
+    parks: bool = False
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
@@ -102,12 +103,20 @@ class Prepared:
             reason=ending.reason,
             wall_s=ending.wall_s,
             has_bus=self.has_bus,
-            notes=self.notes + ending.record.lacks(),
+            notes=self.notes + ending.record.lacks() + self._left(),
             stop=None if self.side is None else self.side.guard.stop_reason,
             scene=self.scene,
             observers=self.observers,
             steps=None if self.steps is None else replace(self.steps),
         )
+
+    def _left(self) -> tuple[str, ...]:
+        """What is to be told of where the robot was left."""
+        states = None if self.side is None else self.side.guard.states
+        if self.side is None or states is None or not self.parks:
+            return ()
+        robot = self.side.robot
+        return not_parked(robot, robot.joint_map.to_radians(states.position), self.side.guard.stop_reason)
 
 
 @contextmanager
@@ -186,7 +195,7 @@ def prepare_for(
     try:
         has_bus = options.bus != "none"
         around, steps = follower.surroundings, None if follower.steps is None else follower.steps.plan.tally
-        known = (has_bus, notes, scene, follower.observers, performance.intake, around, steps)
+        known = (has_bus, notes, scene, follower.observers, performance.intake, around, steps, parks)
         yield Prepared(samples, human, performer, reconstructor, side, stages, *known)
         failed = side.guard.stop_reason is not None
     finally:

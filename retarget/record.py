@@ -66,17 +66,19 @@ class RobotRecord:
     """What was asked of the robot, what was sent, and where its servos were.
 
     landmarks_asked (T, k, 3) m, world, NaN outside of following. q (T, nq): posture sent, before rounding to ticks,
-    with the root that the robot's stage believes in. goal_ticks (T, n), present (T, n) rad: servo order; present is
-    read at the start of the tick. gated (T,): the gate sent something else than was asked. unled (T,): nobody knew a
-    goal, and the filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,):
-    servos that were silent or alarmed. temperature (T, n) degrees Celsius, voltage (T, n) V; retries (T,): requests
-    repeated on the bus since it was opened. observer_modes (T, o): of the stage that asked. start (n,) rad: where the
-    robot stood before the first tick.
+    with the root that the robot's stage believes in. goals (T, n) rad, servo order: what the filter returned, beside
+    the posture where it holds against a load; goal_ticks (T, n): the same, rounded; present (T, n) rad: read at the
+    start of the tick. gated (T,): the gate sent something else than was asked. unled (T,): nobody knew a goal, and the
+    filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,): servos that
+    were silent or alarmed. temperature (T, n) degrees Celsius, voltage (T, n) V; retries (T,): requests repeated on the
+    bus since it was opened. observer_modes (T, o): of the stage that asked. start (n,) rad: where the robot stood
+    before the first tick.
     """
 
     landmark_names: tuple[str, ...]
     landmarks_asked: FloatArray
     q: FloatArray
+    goals: FloatArray
     goal_ticks: IntArray
     present: FloatArray
     gated: BoolArray
@@ -99,6 +101,7 @@ class RobotRecord:
             landmark_names=landmark_names,
             landmarks_asked=np.empty((ticks, len(landmark_names), 3)),
             q=np.empty((ticks, nq)),
+            goals=np.empty((ticks, servos)),
             goal_ticks=np.empty((ticks, servos), dtype=np.int64),
             present=np.empty((ticks, servos)),
             gated=np.zeros(ticks, dtype=np.bool_),

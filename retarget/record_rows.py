@@ -3,13 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget.record import Record, arrays_per_tick
 
 __all__ = ["RecordRows"]
-
-IntArray = NDArray[np.int64]
 
 
 class RecordRows:
@@ -45,9 +42,8 @@ class RecordRows:
         if self._end is None:
             self._end, self.row = self.row, self.room - 1
 
-    def of(self, record: Record, servo_columns: IntArray | None) -> Record:
-        """The rows of the record that are kept, in the order of their ticks; it is changed in place. servo_columns
-        (n,): where each servo's joint stands in q, None without a robot."""
+    def of(self, record: Record) -> Record:
+        """The rows of the record that are kept, in the order of their ticks; it is changed in place."""
         end, first = self.row if self._end is None else self._end, 0
         if self._around:
             oldest, first = self.row if self._oldest is None else self._oldest, 1
@@ -55,5 +51,5 @@ class RecordRows:
             for array in arrays_per_tick(record):
                 array[: self._approach] = np.roll(array[: self._approach], -oldest, axis=0)
             if record.robot is not None:  # what the oldest row sent is where those that are kept begin
-                record.robot.start[:] = record.robot.q[0, servo_columns]
+                record.robot.start[:] = record.robot.goals[0]
         return replace(record.rows(first, end), from_start=not self._around, to_end=self._end is None)

@@ -237,7 +237,7 @@ class RobotSide:
         record.unled[row] = self._goal is None
         states = self.guard.states
         assert self.guard.sent is not None and states is not None, "only what was sent is kept"
-        record.goal_ticks[row] = self.guard.sent
+        record.goals[row], record.goal_ticks[row] = self._goals.sent, self.guard.sent
         record.keep_servos(row, states, self.robot.joint_map)
 
     def _went(self) -> None:

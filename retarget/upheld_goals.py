@@ -112,6 +112,11 @@ class UpheldGoals:
         return self._position.copy()
 
     @property
+    def sent(self) -> FloatArray:
+        """Goal that was returned last, rad (n,); a copy."""
+        return self._gate.position
+
+    @property
     def at_rest(self) -> bool:
         """Whether nothing is left to brake."""
         return self._gate.at_rest

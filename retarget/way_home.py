@@ -4,12 +4,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from hardware.guard_state import Stop
+from hardware.stop_latch import GOING_HOME
 from retarget.approach import approach
 from retarget.robot_body import RobotBody
 from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
 
-__all__ = ["HOME_S", "LONGEST_HOME_S", "WayHome"]
+__all__ = ["HOME_S", "LONGEST_HOME_S", "NEAR_REST", "WayHome", "not_parked"]
 
 HOME_S = 2.5
 """So long the straight way takes at most, and each part of one around something; it goes as fast as that asks."""
@@ -17,6 +19,8 @@ ALONE_RAD = 0.3
 """So far a joint goes aside alone, before all the arm does."""
 LONGEST_HOME_S = 15.0
 """So long all of it takes at most, s; then its torque goes off where it is."""
+NEAR_REST = 0.2
+"""A robot is parked when no joint is farther than this from posture `rest`, rad."""
 
 
 class WayHome:
@@ -96,6 +100,19 @@ class WayHome:
         robot = self._robot
         dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         return np.where(standing_dofs(robot)[dofs], legs, posture)
+
+
+def not_parked(robot: RobotBody, joints: FloatArray, stop: Stop | None) -> tuple[str, ...]:
+    """What is to be told of a robot on its soles whose torque went off with `joints` (n,) rad, servo order, though it
+    was to be parked and nothing else stopped it."""
+    if not robot.stands or (stop is not None and (stop.cause not in GOING_HOME or stop.then is not None)):
+        return ()
+    off = np.abs(joints - robot.posture(robot.profile.postures.rest)[robot.servo_columns])
+    worst = int(off.argmax())
+    if off[worst] <= NEAR_REST:
+        return ()
+    where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
+    return (f"not parked: no way to posture rest was clear; torque went off with {where}",)
 
 
 def _outermost(robot: RobotBody) -> list[int]:

@@ -45,6 +45,19 @@ def test_shipped_robot_is_good(capsys: pytest.CaptureFixture[str]) -> None:
     assert "20 x XM430-W350" in out
 
 
+def test_it_tells_whether_physics_takes_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, "check", "op3")
+    assert re.search(r"physics: +ready\n", out)
+    soft = copy_of_op3(tmp_path / "soft", (", gains: {p: 800, i: 0, d: 0}", ""))
+    hung = copy_of_op3(tmp_path / "hung", ("root: free", "root: suspended"))
+    light = copy_of_op3(tmp_path / "light")
+    body = light.with_name("body.xml")
+    body.write_text(re.sub(r"<inertial .*?/>", "", body.read_text(encoding="utf-8")), encoding="utf-8")
+    for profile, why in ((soft, "1 servo without a P gain"), (hung, "no hook point"), (light, "only guessed")):
+        code, out, _ = run(capsys, "check", profile)
+        assert code == 0 and re.search(rf"physics: +not possible: .*{why}", out)
+
+
 def test_every_shipped_file_is_good(capsys: pytest.CaptureFixture[str]) -> None:
     files = sorted(shipped_folder().rglob("*.yaml"))
     code, out, err = run(capsys, "check", *files)

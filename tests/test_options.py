@@ -26,3 +26,11 @@ def test_real_servos_are_never_moved_without_the_gate(bus: str) -> None:
 def test_a_bus_that_nobody_knows_is_refused(bus: str) -> None:
     with pytest.raises(UsageError, match="unknown bus"):
         RunOptions(robot="op3", bus=bus)
+
+
+@pytest.mark.parametrize(
+    ("bus", "parks"),
+    [("mock", False), ("emulator", False), ("physics", True), ("profile", True), ("/dev/ttyUSB0", True)],
+)
+def test_whatever_falls_without_torque_is_parked_first(bus: str, parks: bool) -> None:
+    assert RunOptions(robot="op3", bus=bus).parks is parks

@@ -19,7 +19,8 @@ from retarget.cli.physics_bench import AFTER_FALL_S, PhysicsBench
 from retarget.clip import Playback
 from retarget.errors import ConfigError, UsageError
 from retarget.frames import SensorFrames
-from retarget.metrics.measure import measure
+from retarget.metrics.measure import limits_broken, measure
+from retarget.metrics.motion import LimitViolations
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
 from retarget.pipeline import Watch
@@ -29,6 +30,7 @@ from retarget.recording.topics import TRUTH
 from retarget.robot_body import load_robot
 from retarget.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
+from retarget.way_home import WayHome
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.fall import Fall
@@ -106,6 +108,27 @@ def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
     assert run.reason is None and run.physics is not None and run.physics.fall is not None
     assert "without torque" in run.physics.fall.how
     assert finished(run, Outputs()) == STOPPED
+
+
+def test_a_robot_that_finds_no_way_to_where_it_is_parked_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not any("not parked" in note for note in play(options(seconds=0.1)).notes)
+    monkeypatch.setattr(WayHome, "next", lambda self, here, **known: None)
+    run = play(options(seconds=0.1))
+    assert any(note.startswith("not parked:") and "rad from it" in note for note in run.notes)
+
+
+def test_limits_are_those_of_the_goals_that_were_sent_not_of_postures_beside_them() -> None:
+    run = play(options(seconds=0.1))
+    sent = run.record.robot
+    assert sent is not None and run.robot is not None
+    goals = run.robot.joint_map.to_ticks(sent.goals)
+    assert np.array_equal(goals, sent.goal_ticks)
+    assert np.abs(sent.goals - sent.q[:, run.robot.servo_columns]).max() > 0.005, "the load is held beside the posture"
+    assert limits_broken(run) == LimitViolations(0, 0, 0)
+    sent.q[5] += 0.1
+    assert limits_broken(run) == LimitViolations(0, 0, 0)
+    sent.goals[5, 3] += 0.1
+    assert limits_broken(run).velocity and limits_broken(run).acceleration
 
 
 def test_the_same_seed_gives_the_same_bits() -> None:

@@ -105,3 +105,8 @@ def test_the_picture_shows_the_fall(bare: RunResult, pushed: PhysicsRun) -> None
     assert any("fallen" in text.get_text() for text in time.texts)
     path = next(line for line in above.lines if line.get_label() == "centre of mass")
     assert np.abs(np.asarray(path.get_xdata())).max() < 100.0  # until the fall, not after it
+
+
+def test_a_margin_of_nothing_has_no_sign(bare: RunResult, pushed: PhysicsRun) -> None:
+    lines = dict(physics_facts(physics_report(replace(bare, physics=replace(pushed, margin=pushed.margin * -1e-9)))))
+    assert "than 0.0 mm;" in lines["pressure"]

@@ -1,6 +1,7 @@
 """The world: masses, soles and shapes, mounts, fixtures, and what it refuses."""
 
 import re
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from retarget.support import support_distance, support_edges
 from sim.physics.ground import FIXTURE, MAX_CORNERS, SOLE, sole_corners
 from sim.physics.mount import Mount, Support, mount_of
 from sim.physics.perturbation import Perturbation, Push
+from sim.physics.state import StateReader
 from sim.physics_bus import simulation_of
 
 HOOK = "neck"
@@ -125,6 +127,18 @@ def test_a_hanging_robot_needs_a_hook_above_its_centre_of_mass() -> None:
     assert mount_of(changed(root="fixed")) == Mount(Support.STAND)
 
 
+@pytest.mark.parametrize("root", ["fixed", "suspended"])
+def test_legs_of_a_robot_whose_profile_holds_it_do_not_meet_the_floor(root: str, tmp_path: Path) -> None:
+    """OP3's body file has its root where its soles, legs bent, are 10 mm over the floor."""
+    shutil.copytree(op3().profile.path.parent, tmp_path / "held")
+    profile = tmp_path / "held" / "robot.yaml"
+    profile.write_text(profile.read_text().replace("root: free", f"root: {root}"))
+    held = load_robot(profile)
+    simulation = simulation_of(held, start=standing(), mount=replace(mount_of(held), hook="neck"))
+    soles = StateReader(simulation).read().sole
+    assert soles[:, 2].min() == pytest.approx(0.2, abs=2e-3)
+
+
 def test_a_robot_without_feet_does_not_stand() -> None:
     with pytest.raises(ConfigError, match="does not stand on feet"):
         simulation_of(changed(feet={}), start=standing())
@@ -142,7 +156,7 @@ def test_a_robot_without_masses_is_refused(tmp_path: Path) -> None:
     (tmp_path / "robot.yaml").write_text((folder / "robot.yaml").read_text())
     body = (folder / "body.xml").read_text()
     (tmp_path / "body.xml").write_text(re.sub(r"<inertial .*?/>", "", body))
-    with pytest.raises(ConfigError, match=r"links whose mass is only guessed.*body_link"):
+    with pytest.raises(ConfigError, match=r"links with a mass that is only guessed.*body_link"):
         simulation_of(load_robot(tmp_path / "robot.yaml"), start=standing())
 
 
@@ -150,7 +164,7 @@ def test_links_that_weigh_nothing_are_named() -> None:
     mass = op3().body.mass.copy()
     mass[op3().body.body_index("head_tilt_link")] = 0.0
     robot = replace(op3(), body=replace(op3().body, mass=mass))
-    with pytest.raises(ConfigError, match=r"1 links without a mass.*head_tilt_link"):
+    with pytest.raises(ConfigError, match=r"1 link without a mass.*head_tilt_link"):
         simulation_of(robot, start=standing())
 
 

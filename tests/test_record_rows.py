@@ -28,7 +28,7 @@ def filled(approach: int, follow: int, brake: int, *, close_at: int | None = Non
             rows.close()
         record.time[rows.row] = tick
         rows.filled(approaches=tick + 1 < approach)
-    return rows.of(record, None)
+    return rows.of(record)
 
 
 @pytest.mark.parametrize("approach", range(14))

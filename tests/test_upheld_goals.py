@@ -57,6 +57,7 @@ def test_a_standing_robot_is_held_by_what_its_servos_give_way() -> None:
     goals = np.array([upheld.admit(STAND) for _ in range(100)])
     np.testing.assert_allclose(goals[-1] - STAND, load_of(op3().profile.postures.stand), atol=STILL_RAD)
     np.testing.assert_array_equal(upheld.position, STAND)
+    np.testing.assert_array_equal(upheld.sent, goals[-1])
     check_motion(goals, STAND)
     knee = JOINTS.joints.index("l_knee")
     assert np.all(np.diff(goals[:, knee]) * (goals[-1, knee] - STAND[knee]) >= 0.0), "it comes to it from one side"

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from followers import DT, op3
+from hardware.guard_state import Stop, StopCause
 from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
-from retarget.way_home import HOME_S, LONGEST_HOME_S, WayHome
+from retarget.way_home import HOME_S, LONGEST_HOME_S, NEAR_REST, WayHome, not_parked
 
 TICKS = round(HOME_S / DT)
 DOFS = [op3().body.dof_index(joint) for joint in op3().joint_map.joints]
@@ -102,3 +103,14 @@ def test_a_try_that_is_refused_where_the_robot_stands_is_followed_by_the_next() 
 
     blocked = WayHome(op3(), dt=DT, passes=lambda goal: False)
     assert blocked.next(here, passed=False, stands=True) is None
+
+
+def test_a_robot_that_was_to_be_parked_and_is_not_is_told() -> None:
+    rest, stand = angles("rest"), angles("stand")
+    assert not_parked(op3(), rest + 0.9 * NEAR_REST, None) == ()
+    (told,) = not_parked(op3(), stand, None)
+    knees = {op3().joint_map.joints[joint] for joint in np.flatnonzero(np.abs(stand - rest) > 1.5)}
+    assert told.startswith("not parked") and any(f"{knee} 1.55 rad" in told for knee in knees)
+    assert not_parked(op3(), stand, Stop(StopCause.REQUESTED, "asked", 0.0)) == (told,)
+    assert not_parked(op3(), stand, Stop(StopCause.REQUESTED, "insisted", 0.0, then=StopCause.REQUESTED)) == ()
+    assert not_parked(op3(), stand, Stop(StopCause.TEMPERATURE, "hot", 0.0)) == (), "it stays, and the reason says so"

@@ -154,6 +154,7 @@ def _robot(path: Path) -> str:
             **safety_facts(profile.safety),
             "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
             + (f", with mass {profile.standing}" if robot.stands else ""),
+            "physics": _physics(robot),
             **_drafts(path),
         },
     )
@@ -166,6 +167,14 @@ def _not_looked_at(dropped: tuple[DroppedPair, ...]) -> str:
     texts = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in telling if pair not in far]
     texts += [f"{len(far)} pairs that are {NEVER_NEAR}"] if far else []
     return "; ".join(texts) or "only neighbours along the body"
+
+
+def _physics(robot: RobotBody) -> str:
+    """Whether `--bus physics` takes the robot, and if not, why."""
+    from sim.physics.requirements import lacking
+
+    missing = lacking(robot)
+    return "ready" if missing is None else f"not possible: {missing}"
 
 
 def _drafts(path: Path) -> dict[str, str]:

@@ -40,15 +40,14 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     if options.simulated:  # whoever looks on sees it as fast as it would be
         clock = VirtualClock() if outputs.view is None else PacedClock()
     bench = PhysicsBench(options, _note)
-    parks = options.has_physics  # without torque it would fall from where it stands
-    recorder = recorder_for(outputs, options, bench, clock=clock, parks=parks)
+    recorder = recorder_for(outputs, options, bench, clock=clock, parks=options.parks)
     with detached_screens(), ExitStack() as signals:
         with prepare(
             read,
             options,
             clock=recorder.clock,
             make_bus=recorder.make_bus(bench.make_bus),
-            parks=parks,
+            parks=options.parks,
             tell=recorder.hears(_note),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))

@@ -32,7 +32,7 @@ def _pressure(physics: PhysicsReport) -> str:
     if margin is None:
         return ""
     return (
-        f"never nearer to the edge of the soles than {margin:.1f} mm; {physics.foot_slip_mm['total']:.1f} mm slipped, "
+        f"never nearer to the edge of the soles than {margin:z.1f} mm; {physics.foot_slip_mm['total']:.1f} mm slipped, "
         f"tipped by {physics.sole_tilt_max_deg:.1f} degrees"
     )
 

@@ -43,9 +43,8 @@ def latest_of(run: RunResult, seconds: float) -> RunResult:
     following = record.following
     begun = max(first - following.start, 0)
     kept = record.rows(first, len(record))
-    if record.robot is not None and run.robot is not None and kept.robot is not None:
-        start = record.robot.q[first - 1, run.robot.servo_columns]
-        kept = replace(kept, robot=replace(kept.robot, start=start))
+    if record.robot is not None and kept.robot is not None:
+        kept = replace(kept, robot=replace(kept.robot, start=record.robot.goals[first - 1].copy()))
     return replace(run, record=replace(kept, from_start=False), clip=_from(clip, begun, run.ticks_followed))
 
 

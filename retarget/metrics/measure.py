@@ -171,18 +171,17 @@ def _joint_positions(run: RunResult) -> FloatArray:
 
 
 def limits_broken(run: RunResult) -> LimitViolations:
-    """Of what was sent; of a human alone, of its posture."""
-    positions = _joint_positions(run)
+    """Of the goals that were sent; of a human alone, of its posture."""
     if run.robot is not None and run.record.robot is not None:
         limits, kept = run.robot.limits, run.record
-        sent = np.vstack([run.record.robot.start, positions])
+        sent = np.vstack([run.record.robot.start, run.record.robot.goals])
         return limit_violations(sent, limits, run.clip.dt, from_rest=kept.from_start, to_rest=kept.to_end)
     single, _ = run.human.body.scalar_joints()
     whole = run.human_limits
     limits = JointLimits(
         whole.lower[single], whole.upper[single], whole.max_velocity[single], whole.max_acceleration[single]
     )
-    return limit_violations(positions, limits, run.clip.motion_dt, from_rest=False)
+    return limit_violations(_joint_positions(run), limits, run.clip.motion_dt, from_rest=False)
 
 
 def _observers(run: RunResult) -> tuple[RunClearances, ModeSwitches | None, ObserversReport | None]:

@@ -64,6 +64,6 @@ def _over_time(axes: Axes, physics: PhysicsRun) -> None:
     axes.set_xlabel("time [s]", fontsize=9)
     axes.set_ylabel("distance inside the edge [mm]", fontsize=9)
     axes.set_title(
-        f"never nearer to the edge than {MM * (physics.least_margin or 0.0):.1f} mm", fontsize=10, loc="left"
+        f"never nearer to the edge than {MM * (physics.least_margin or 0.0):z.1f} mm", fontsize=10, loc="left"
     )
     plain(axes)

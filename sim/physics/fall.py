@@ -16,14 +16,13 @@ import numpy as np
 from hardware.arrays import FloatArray
 from retarget.robot_body import RobotBody
 from retarget.stance import plant
+from retarget.way_home import NEAR_REST
 from sim.physics.state import PhysicsState
 
 __all__ = ["Fall", "FallWatch", "parked"]
 
 MOST_TILT = radians(30.0)
 LOW_SHARE, REST_SHARE = 0.5, 0.8
-NEAR_REST = 0.2
-"""A robot is parked when no joint is farther than this from posture `rest`, rad."""
 
 
 @dataclass(frozen=True)

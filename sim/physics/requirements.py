@@ -3,17 +3,30 @@
 from math import isnan
 from typing import Any
 
+from retarget.body_file import body_spec
 from retarget.errors import ConfigError
 from retarget.robot_body import RobotBody
+from sim.physics.mount import check_mount, mount_of
 from sim.physics.position_loop import lacks_gain
 
-__all__ = ["check_gains", "check_masses"]
+__all__ = ["check_gains", "check_masses", "lacking"]
 
 DEFAULT_DENSITY = 1000.0
 """Of a shape whose file says none: then its mass is a guess from its volume."""
 LEAST_MASS = 1e-5
 """What a servo moves weighs more, kg."""
 MAX_NAMED = 5
+
+
+def lacking(robot: RobotBody) -> ConfigError | None:
+    """Why a robot, as its profile says that it stands or hangs, cannot be simulated; None: it can."""
+    try:
+        check_mount(robot, mount_of(robot))
+        check_gains(robot)
+        check_masses(robot, body_spec(robot.profile.body_path, root=robot.profile.root))
+    except ConfigError as error:
+        return error
+    return None
 
 
 def check_masses(robot: RobotBody, spec: Any) -> None:
@@ -25,12 +38,12 @@ def check_masses(robot: RobotBody, spec: Any) -> None:
     light = [body.body_names[link] for link in body.joint_body.tolist() if below[link] < LEAST_MASS]
     guessed = [link.name for link in spec.bodies if not link.explicitinertial and any(map(_guessed, link.geoms))]
     for links, what in (
-        (light, "links without a mass"),
-        (guessed, "links whose mass is only guessed from their shape"),
+        (light, "without a mass"),
+        (guessed, "with a mass that is only guessed from its shape"),
     ):
         if links:
             raise ConfigError(
-                f"{len(links)} {what}",
+                f"{_counted(links, 'link')} {what}",
                 where=body.source,
                 found=_some(links),
                 allowed="an <inertial> with mass, centre of mass and inertia for every link that moves",
@@ -44,7 +57,7 @@ def check_gains(robot: RobotBody) -> None:
     unknown = [s.joint for s in robot.joint_map.servos if lacks_gain(s, protocol=protocols[s.bus])]
     if unknown:
         raise ConfigError(
-            f"{len(unknown)} servos without a P gain",
+            f"{_counted(unknown, 'servo')} without a P gain",
             where=f"{robot.profile.path}: servos",
             found=_some(unknown),
             allowed="gains: {p: ...} for every servo",
@@ -54,6 +67,10 @@ def check_gains(robot: RobotBody) -> None:
 
 def _guessed(geom: Any) -> bool:
     return isnan(geom.mass) and geom.density == DEFAULT_DENSITY
+
+
+def _counted(names: list[str], what: str) -> str:
+    return f"{len(names)} {what}{'s' if len(names) > 1 else ''}"
 
 
 def _some(names: list[str]) -> str:

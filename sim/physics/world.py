@@ -147,8 +147,15 @@ def _placed(robot: RobotBody, stance: Stance, mount: Mount) -> Pose:
 
 
 def _lift(robot: RobotBody, mount: Mount) -> float:
-    """How far the start is above where the robot would stand, m; the root of a file that bolts it down stays."""
-    return 0.0 if mount.support is Support.FLOOR or robot.profile.root != "free" else mount.lift
+    """How far the start is above where the robot would stand, m. A file that bolts its root down says where, unless
+    legs that stretch from there would meet the floor."""
+    if mount.support is Support.FLOOR:
+        return 0.0
+    if robot.profile.root == "free":
+        return mount.lift
+    points = plant(robot, robot.profile.postures.stand).points
+    lowest = min((float(points[foot.frame][2]) for foot in robot.profile.feet.values()), default=mount.lift)
+    return max(mount.lift - lowest, 0.0)
 
 
 def _bare(spec: Any) -> Any:
