@@ -93,12 +93,12 @@ class RunOptions:
 
     @property
     def has_physics(self) -> bool:
-        """Whether the robot has mass, and can fall."""
+        """Whether the robot's mass is simulated, and it can fall."""
         return self.bus in PHYSICS
 
     @property
-    def parks(self) -> bool:
-        """Whether a run ends in the robot's rest posture: what has mass falls from where it stands without torque."""
+    def has_mass(self) -> bool:
+        """Whether the robot has mass, real or simulated: it can tip, and falls from where it stands without torque."""
         return self.has_physics or not self.simulated
 
     @property

@@ -25,6 +25,7 @@ from retarget.performer import Performer, load_performer
 from retarget.pipeline import Pipeline, Watch
 from retarget.priorities import Priorities, load_priorities
 from retarget.priorities_fit import check_for_human, naming_file
+from retarget.priority_choice import priority_names
 from retarget.reconstruct import Reconstructor
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
@@ -39,7 +40,7 @@ from retarget.step_setting import with_steps
 from retarget.surroundings import Surroundings
 from retarget.way_home import LONGEST_HOME_S, not_parked
 
-__all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for", "priority_names"]
+__all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for"]
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
@@ -53,9 +54,6 @@ Lead = Callable[[FollowingStage], FollowingStage]
 Tell = Callable[[str], object]
 """Hears a sentence."""
 
-HUMAN_PRIORITIES = "human"
-HELD_WITH_MASS = "held"
-"""Of a robot that hangs or is bolted down, whose servos lag behind."""
 LONGEST_HOLD_S = 4.8
 """So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
 
@@ -202,15 +200,6 @@ def prepare_for(
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
         with suppress(Exception) if failed else nullcontext():
             bus.close()
-
-
-def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, ...]:
-    """The priority files of the stages, by name or path; `--priorities` is the last one's."""
-    if robot is None:
-        return (options.priorities or HUMAN_PRIORITIES,)
-    has_mass = options.has_physics or options.steps == "shift"
-    with_mass = robot.profile.standing if robot.stands else HELD_WITH_MASS
-    return robot.profile.reconstruct, options.priorities or (with_mass if has_mass else robot.profile.retarget)
 
 
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:

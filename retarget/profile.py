@@ -67,8 +67,9 @@ class RobotProfile(Schema):
     """Priority file of the first stage: sensors to human posture."""
     retarget: Name
     """Priority file of the second stage: human posture to robot posture."""
-    standing: Name = "steady"
-    """The same for a robot with mass on its own soles, in physics or where it steps."""
+    standing: Name | None = None
+    """The same for a robot on its own soles that can tip: a real one, in physics, where it steps. None: `steady`, where
+    `retarget` is `servo`, which looks at no motion; else `retarget`."""
 
     _path: Path = PrivateAttr(default=Path())
 

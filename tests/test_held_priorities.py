@@ -8,8 +8,8 @@ from retarget import rotations
 from retarget.follow import Follower
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
-from retarget.prepare import priority_names
 from retarget.priorities import AxisTask, PostureTask, load_priorities
+from retarget.priority_choice import priority_names
 from retarget.robot_body import load_robot
 
 

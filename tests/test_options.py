@@ -29,8 +29,8 @@ def test_a_bus_that_nobody_knows_is_refused(bus: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("bus", "parks"),
+    ("bus", "has_mass"),
     [("mock", False), ("emulator", False), ("physics", True), ("profile", True), ("/dev/ttyUSB0", True)],
 )
-def test_whatever_falls_without_torque_is_parked_first(bus: str, parks: bool) -> None:
-    assert RunOptions(robot="op3", bus=bus).parks is parks
+def test_whatever_falls_without_torque_is_parked_first(bus: str, has_mass: bool) -> None:
+    assert RunOptions(robot="op3", bus=bus).has_mass is has_mass

@@ -9,8 +9,6 @@ from scipy.linalg import null_space
 
 from followers import DT, dimensions, performer, postures
 from retarget.follow import Follower
-from retarget.options import RunOptions
-from retarget.prepare import priority_names
 from retarget.priorities import load_priorities
 from retarget.robot_body import RobotBody, load_robot
 from retarget.rotations import FloatArray
@@ -101,11 +99,3 @@ def test_whoever_does_not_ask_for_it_keeps_to_balance_alone() -> None:
     assert standing_strength(robot("op3"), load_priorities("steady"), stance) is None
     assert standing_strength(robot("op3"), load_priorities("lasting"), stance) is not None
     assert standing_strength(robot("op3"), load_priorities("lasting"), replace(stance, soles=stance.soles[:1])) is None
-
-
-@pytest.mark.parametrize(("name", "usual"), [("toddlerbot", "lasting"), ("op3", "steady")])
-def test_a_profile_names_the_priorities_of_a_robot_with_mass(name: str, usual: str) -> None:
-    assert priority_names(robot(name), RunOptions(robot=name, bus="physics"))[-1] == usual
-    assert priority_names(robot(name), RunOptions(robot=name))[-1] == "servo"
-    chosen = RunOptions(robot=name, bus="physics", priorities="paper")
-    assert priority_names(robot(name), chosen)[-1] == "paper"

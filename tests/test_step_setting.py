@@ -7,8 +7,8 @@ import pytest
 from followers import op3
 from retarget.errors import ConfigError, RetargetError, UsageError
 from retarget.options import RunOptions
-from retarget.prepare import priority_names
 from retarget.priorities import Priorities, load_priorities
+from retarget.priority_choice import priority_names
 from retarget.robot_body import load_robot
 from retarget.step_setting import with_steps
 

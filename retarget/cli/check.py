@@ -16,6 +16,7 @@ from retarget.observer_pairs import NEVER_NEAR, DroppedPair
 from retarget.observers import robot_observers
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
+from retarget.priority_choice import name_with_mass
 from retarget.profile import RobotProfile, load_profile
 from retarget.profile_safety import safety_facts
 from retarget.robot_body import RobotBody, load_robot
@@ -152,8 +153,8 @@ def _robot(path: Path) -> str:
             ),
             "tick": f"{profile.safety.rate_hz:g} Hz",
             **safety_facts(profile.safety),
-            "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
-            + (f", with mass {profile.standing}" if robot.stands else ""),
+            "priorities": f"reconstruct {profile.reconstruct}, retarget {profile.retarget}, "
+            f"with mass {name_with_mass(robot)}",
             "physics": _physics(robot),
             **_drafts(path),
         },

@@ -40,14 +40,14 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     if options.simulated:  # whoever looks on sees it as fast as it would be
         clock = VirtualClock() if outputs.view is None else PacedClock()
     bench = PhysicsBench(options, _note)
-    recorder = recorder_for(outputs, options, bench, clock=clock, parks=options.parks)
+    recorder = recorder_for(outputs, options, bench, clock=clock, parks=options.has_mass)
     with detached_screens(), ExitStack() as signals:
         with prepare(
             read,
             options,
             clock=recorder.clock,
             make_bus=recorder.make_bus(bench.make_bus),
-            parks=options.parks,
+            parks=options.has_mass,
             tell=recorder.hears(_note),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))

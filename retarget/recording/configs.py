@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from retarget.catalogue import Kind, calibration_path, find
 from retarget.errors import InputError, RefusedError, UsageError
 from retarget.options import RunOptions
-from retarget.prepare import priority_names
+from retarget.priority_choice import priority_names
 from retarget.profile import RobotProfile, read_profile
 from retarget.recording.reading import Recording
 from retarget.recording.session import ConfigFile

@@ -13,8 +13,9 @@ from retarget.catalogue import Kind, calibration_path, find
 from retarget.human_dimensions import POINTS, HumanDimensions
 from retarget.options import RunOptions
 from retarget.physics_options import PhysicsOptions
-from retarget.prepare import Prepared, priority_names
+from retarget.prepare import Prepared
 from retarget.priorities import Steps
+from retarget.priority_choice import priority_names
 from retarget.robot_body import RobotBody
 from retarget.sensor_intake import IntakeTimes
 
