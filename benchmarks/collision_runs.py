@@ -17,7 +17,8 @@ from retarget.frames import SensorFrames
 from retarget.metrics.clearance import PlacedBody, place_body
 from retarget.metrics.motion import jerk_p95
 from retarget.options import RunOptions
-from retarget.prepare import HUMAN_PRIORITIES, prepare
+from retarget.prepare import prepare
+from retarget.priority_choice import HUMAN_PRIORITIES
 from retarget.record import Phase
 from retarget.robot_body import RobotBody, load_robot
 from retarget.run_result import RunResult

@@ -3,7 +3,7 @@
 from retarget.options import RunOptions
 from retarget.robot_body import RobotBody
 
-__all__ = ["name_with_mass", "priority_names"]
+__all__ = ["HUMAN_PRIORITIES", "name_with_mass", "priority_names"]
 
 HUMAN_PRIORITIES = "human"
 WITHOUT_MASS = "servo"
