@@ -145,6 +145,15 @@ def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace]
     assert any(told in line for line in found), found
 
 
+def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> None:
+    """A tick that fails at once ends when the one before did."""
+    trace = bench.trace
+    at = next(row for row, tick in enumerate(trace.ticks) if tick.latched)
+    held = Tick(trace.ticks[at].time, GuardState.HOLDING, False, 1.0)
+    sound = replace(trace, ticks=[*trace.ticks[:at], held, *trace.ticks[at:]])
+    assert not any("after a stop" in text for text in violations(bench, sound))
+
+
 def test_servos_of_a_host_that_is_gone_must_stand(bench: Bench) -> None:
     servo = bench.servos[0]
     servo.shaft.torque = True

@@ -117,6 +117,25 @@ def test_a_reaction_is_as_strong_as_needed_and_in_time(name: str, trace: Trace, 
     assert reached(trace, need_of(row(name)), 1.0, 1.2) is came
 
 
+@pytest.mark.parametrize(
+    ("other", "at", "held", "told"),
+    [
+        ("stream silent for a while", 0.498, 0.64, False),  # who hears nothing sees no swap
+        ("stream silent for a while", 0.55, 0.64, False),
+        ("stream silent for a while", 0.2, 0.64, True),
+        ("stream silent for a while", 0.498, 0.7, True),
+        ("wrist lost", 0.498, 0.64, True),  # asks for less
+    ],
+)
+def test_another_fault_beside_the_two_may_hide_one(other: str, at: float, held: float, told: bool) -> None:
+    trace = seen(*((0.01 * k, MOVING, False) for k in range(100)))
+    trace.ticks = [tick if tick.time < held else Tick(tick.time, HOLDING, False, 1.0) for tick in trace.ticks]
+    trace.began = 0.0
+    swapped, later = Struck(row("left and right swapped"), 0.5), Struck(row("second source"), 0.9)
+    wrong = missing(trace, swapped, later, [Struck(row(other), at)])
+    assert bool(wrong) is told
+
+
 def test_other_signs_of_a_reaction() -> None:
     trace = seen((1.0, MOVING, False))
     trace.out = [(1.1, frozenset({"l_wrist"}))]

@@ -64,9 +64,8 @@ def _stop(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], 
     begun = trace.latched
     if begun is None:
         return []
-    wrong = [
-        f"{tick.state.value} after a stop" for tick in trace.ticks if tick.time >= begun and tick.state not in SETTLED
-    ]
+    since = trace.ticks[next(row for row, tick in enumerate(trace.ticks) if tick.latched) :]  # two may end at one time
+    wrong = [f"{tick.state.value} after a stop" for tick in since if tick.state not in SETTLED]
     before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
     wrong += woken(writes, before)
     off = torque_off(writes, before)

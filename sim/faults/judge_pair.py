@@ -1,11 +1,12 @@
 """Judges two faults in one run: the reaction to the first, and after both the stronger of the two, each in time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sim.faults.always import violations
 from sim.faults.bench import Bench
 from sim.faults.judge import ENGAGING_S, IDLE_S, STOP_BEFORE, Verdict, When
-from sim.faults.reached import Need, need_of, outdone, reached
+from sim.faults.reached import Need, need_of, outdone, reached, stronger
 from sim.faults.reaction import Row
 from sim.faults.sender import FakeSender
 from sim.faults.trace import Trace
@@ -26,22 +27,33 @@ class Struck:
     at: float
 
 
-def missing(trace: Trace, first: Struck, second: Struck) -> list[str]:
+def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck] = ()) -> list[str]:
     """Which reaction to two faults did not come in time, in words. The first is judged by itself where its time is over
-    before the second; else, as the second by itself, the stronger one counts from the second on."""
+    before the second; else, as the second by itself, the stronger one counts from the second on. others: beside which
+    a fault may not be seen (a stream is silent); where they overlap, the stronger one counts from the later on."""
     one, other = (_onset(trace, struck.at) for struck in (first, second))
     if one is None:
         return []  # it was over before
-    needs: list[tuple[Need, float]] = []
+    needs: list[tuple[Need, float]] = []  # and from when on
     alone = need_of(first.row)
     if other is None or other > one + alone.limit:
-        needs.append((alone, one + alone.limit))
+        needs.append((alone, one))
     if other is not None:
         both = outdone(first.row, second.row, apart=other - one)
         if not (needs and both is alone):
-            needs.append((both, other + both.limit))
-    left = [need for need, last in needs if not reached(trace, need, one, last)]
+            needs.append((both, other))
+    for beside in others:
+        at = _onset(trace, beside.at)
+        needs = [need if at is None else _beside(*need, need_of(beside.row), at) for need in needs]
+    left = [need for need, since in needs if not reached(trace, need, one, since + need.limit)]
     return [f"{need.name}: not {need.words} in time" for need in left]
+
+
+def _beside(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
+    """What is needed, and from when on (s), where another fault comes at another time (s)."""
+    if at - need.limit < since < at + other.limit and stronger(need, other) is other:
+        return other, max(since, at)
+    return need, since
 
 
 def _onset(trace: Trace, at: float) -> float | None:

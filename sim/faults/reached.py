@@ -7,7 +7,7 @@ from sim.faults.reaction import Reaction, Row
 from sim.faults.reactions import HALF, HELD_S, Seen
 from sim.faults.trace import Trace
 
-__all__ = ["HIDDEN", "Need", "need_of", "outdone", "reached"]
+__all__ = ["HIDDEN", "Need", "need_of", "outdone", "reached", "stronger"]
 
 SOON_S = 2.0
 """A stop that has more time than this is preceded by a hold."""
@@ -75,12 +75,17 @@ def outdone(first: Row, second: Row, *, apart: float) -> Need:
     one, other = need_of(first), need_of(second)
     hidden = HIDDEN.get((first.name, second.name))
     one, other = (Need(need.name, Reaction.NONE, 0.0) if need.name == hidden else need for need in (one, other))
-    strongest = max(one, other, key=lambda need: (STRENGTH[need.reaction], need.limit))
+    strongest = stronger(one, other)
     if SLEEPS in (first.name, second.name) and apart < first.limit:
         strongest = replace(strongest, limit=strongest.limit + max(first.limit, second.limit))
     if DAWDLES in (first.name, second.name) and strongest.name != DAWDLES:
         strongest = replace(strongest, limit=DAWDLING * strongest.limit)
     return strongest
+
+
+def stronger(one: Need, other: Need) -> Need:
+    """Which of two asks for more; of the same, the one that has longer."""
+    return max(one, other, key=lambda need: (STRENGTH[need.reaction], need.limit))
 
 
 def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
