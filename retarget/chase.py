@@ -14,15 +14,13 @@ from retarget.joints_between import joints_between
 from retarget.landmarks import AskedLandmarks
 from retarget.profile_parts import Landmark
 from retarget.pursuit import Pace, Pursuit
-from retarget.robot_body import RobotBody
+from retarget.robot_body import HEAD, TRUNK, RobotBody
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
 from retarget.task_slots import SlotKind
 
-__all__ = ["HEAD", "TRUNK", "Chase", "Reached"]
+__all__ = ["Chase", "Reached"]
 
-TRUNK, HEAD = "neck", "head"
-"""Frames of the profile that carry the trunk's orientation and the eyes."""
 STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
 """Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
 its speed for catching up. Of a robot on its soles, and of one that something else holds.

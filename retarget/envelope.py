@@ -5,17 +5,18 @@ envelope, so that the landmarks above the hips are asked from a trunk that the r
 alone: body, joint limits, soles and stance. It is measured once, by the solver itself.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, hypot
 
 import numpy as np
 
 from retarget._solver import Solver, Task
-from retarget.body import BodyModel, Frame
+from retarget.body import Frame
 from retarget.joint_limits import JointLimits
+from retarget.robot_body import TRUNK, RobotBody
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat, product, rotated, turn
+from retarget.stance import Stance
 from retarget.support import half_spaces
 
 __all__ = ["Envelope", "measure_envelope"]
@@ -74,21 +75,12 @@ class Envelope:
         return Envelope(heights, np.column_stack(columns))
 
 
-def measure_envelope(
-    body: BodyModel,
-    limits: JointLimits,
-    *,
-    start: FloatArray,
-    pelvis: Frame,
-    trunk: Frame,
-    soles: Sequence[Frame],
-    edges: FloatArray,
-) -> Envelope:
-    """Crouch and lean as far as it goes, from the posture `start` (nq,) with planted `soles`.
+def measure_envelope(robot: RobotBody, limits: JointLimits, stance: Stance, *, edges: FloatArray) -> Envelope:
+    """Crouch and lean with its trunk as far as it goes, from its stance, with planted soles.
 
-    The centre of mass stays inside `edges` (e, 3). `pelvis`: whose height is meant; `trunk`: what leans.
+    limits (nv,): of its body. The centre of mass stays inside `edges` (e, 3). The height is its landmark `pelvis`'.
     """
-    probe = _Probe(body, limits, start, pelvis, trunk, soles, edges)
+    probe = _Probe(robot, limits, stance, edges)
     bottom, top = probe.extreme(-STEP_M), probe.extreme(STEP_M)
     heights = np.linspace(bottom + SPARE * (top - bottom), top, HEIGHTS)
     lean = np.array([probe.leans(float(height)) for height in heights])
@@ -98,17 +90,10 @@ def measure_envelope(
 class _Probe:
     """A solver without rates: soles, balance, the height of the pelvis, the trunk, in this order."""
 
-    def __init__(
-        self,
-        body: BodyModel,
-        limits: JointLimits,
-        start: FloatArray,
-        pelvis: Frame,
-        trunk: Frame,
-        soles: Sequence[Frame],
-        edges: FloatArray,
-    ) -> None:
-        self._kinematics, self._start, self._pelvis, self._trunk = body.solver_body(), start, pelvis, trunk
+    def __init__(self, robot: RobotBody, limits: JointLimits, stance: Stance, edges: FloatArray) -> None:
+        body, start, soles = robot.body, stance.q, [sole.frame for sole in stance.soles]
+        pelvis, trunk = robot.frame(robot.profile.landmarks["pelvis"].frame), robot.frame(TRUNK)
+        self._kinematics, self._start, self._pelvis, self._trunk = robot.kinematics, start, pelvis, trunk
         planted = [task for sole in soles for task in _sole_tasks(sole)]
         levels = [
             planted,

@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from retarget.chase import TRUNK, Chase
-from retarget.envelope import Envelope, measure_envelope
+from retarget.chase import Chase
+from retarget.envelope import measure_envelope
 from retarget.following_limits import following_limits
 from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
-from retarget.joint_limits import JointLimits
 from retarget.landing import landing_of
 from retarget.landmarks import AskedLandmarks, LandmarkMap
 from retarget.observers import robot_observers
@@ -24,7 +23,7 @@ from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
 from retarget.second_thoughts import SecondThoughts
 from retarget.slow_time import SlowTime
-from retarget.stance import Stance, plant
+from retarget.stance import plant
 from retarget.standing_balance import StandingBalance
 from retarget.standing_strength import carrying_frames, standing_strength
 from retarget.step_levels import stepping_priorities, swinging_frames
@@ -77,7 +76,8 @@ class Follower:
         self._balance = StandingBalance(priorities, stance) if stance.soles else None
         self._strength = standing_strength(robot, priorities, stance) if legs_move else None
         self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
-        envelope = _envelope(robot, self._limits, stance, self._balance.edges) if legs_move and self._balance else None
+        edges = self._balance.edges if legs_move and self._balance else None
+        envelope = None if edges is None else measure_envelope(robot, self._limits, stance, edges=edges)
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.surroundings = Surroundings(scene)
@@ -88,11 +88,6 @@ class Follower:
         still = frozenset(sole.frame.name for sole in stance.soles)
         second = partial(SecondThoughts, build, priorities, self.hierarchy)
         self._second = second(soles=still, carrying=carrying) if legs_move else None
-        self._targets = self.hierarchy.blank()
-        self.hierarchy.set_heading(self._targets, (1.0, 0.0))
-        for sole in stance.soles:
-            self.hierarchy.set_position(self._targets, sole.frame.name, sole.position)
-            self.hierarchy.set_orientation(self._targets, sole.frame.name, sole.orientation)
         stopping = partial(Stopping, robot.body, self._limits, carrying=carrying)
         self._planted = stopping(stance) if legs_move else None
         self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
@@ -124,6 +119,15 @@ class Follower:
             scene=self.surroundings.shapes,
         )
 
+    def _standing_targets(self) -> FloatArray:
+        """The first hierarchy's targets of a robot that faces forward on its soles."""
+        hierarchy, targets = self.hierarchy, self.hierarchy.blank()
+        hierarchy.set_heading(targets, (1.0, 0.0))
+        for sole in self.stance.soles:
+            hierarchy.set_position(targets, sole.frame.name, sole.position)
+            hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
+        return targets
+
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
         self.landmark_map.restart()
@@ -131,12 +135,14 @@ class Follower:
         self._since_start, self._time.pace = 0.0, 1.0
         self.surroundings.restart()
         self._q = self.stance.q
+        self._targets = self._standing_targets()
         self.hierarchy.solver.reset(self._q)
         if self.steps is not None:
             self.steps.restart()
         if self._stopping is not None:
             self._stopping.begin(self._q)
-        self._landing = None if self._stopping is None else landing_of(self.landmark_map, self._balance)
+        balance = None if self._stopping is None else self._balance
+        self._landing = landing_of(self._robot, self.stance, self.landmark_map.standing, balance)
         self._asked = self.landmark_map.ask(human, 0.0)
         self._reached = self._reader.read(self._q)
         return self._posture(self._asked)
@@ -192,7 +198,7 @@ class Follower:
         stands = self.steps is None or self.steps.wait()
         if self._landing is None or not self._landing.goes_on(self.hierarchy.solver.velocity, dt, stands=stands):
             return None
-        self._advance(self._landing.ask(self._reached), dt, haste=1.0, lands=True)
+        self._advance(self._landing.ask(self._q, self.hierarchy, self._targets), dt, haste=1.0, lands=True)
         return self._q
 
     def keep_pace(self, pace: float) -> None:
@@ -291,9 +297,3 @@ class Follower:
             support_distance=self._support_distance(reached.centre_of_mass),
             observer_modes=self.hierarchy.solver.observer_modes,
         )
-
-
-def _envelope(robot: RobotBody, limits: JointLimits, stance: Stance, edges: FloatArray) -> Envelope:
-    pelvis, trunk = robot.frame(robot.profile.landmarks["pelvis"].frame), robot.frame(TRUNK)
-    soles = [sole.frame for sole in stance.soles]
-    return measure_envelope(robot.body, limits, start=stance.q, pelvis=pelvis, trunk=trunk, soles=soles, edges=edges)

@@ -1,17 +1,22 @@
-"""A robot on its own soles stands before it is parked: upright over them, with its arms as they are.
+"""A robot on its own soles stands before it is parked: legs and trunk as in its stance, its arms as they are.
 
 The way to the posture of rest is straight in its joints. From legs that lean or twist, two planted soles cannot go it:
-they would tip. So the follower brings the trunk upright and the pelvis to where it stands first, on locked soles and
-within its balance; a foot that is lifted is put down on the way. Arms stay as they are to the trunk: hands that went
-where they are in the stance would take the body along, the more so where the torso is between.
+they would tip. So the follower goes to a stand first, on locked soles and within its balance; a foot that is lifted is
+put down on the way. What is asked is one posture, by every level alike: its landmarks, and last its joints. Arms stay
+as they are to the trunk: hands that went where they are in the stance would take the body along, the more so where the
+torso is between; and arms drawn to the stance while hands stay would draw legs and waist aside.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
-from retarget.chase import Reached
-from retarget.landmarks import AskedLandmarks, LandmarkMap
+from retarget.hierarchy import Hierarchy
+from retarget.landmarks import AskedLandmarks
+from retarget.robot_body import TRUNK, RobotBody
+from retarget.robot_reader import RobotReader, standing_dofs
 from retarget.rotations import FloatArray
-from retarget.scalar_rotations import inverse, minus, plus, rotated
+from retarget.stance import Stance
 from retarget.standing_balance import StandingBalance
 
 __all__ = ["Landing", "landing_of"]
@@ -24,10 +29,14 @@ LONGEST_S = 8.0
 
 
 class Landing:
-    """One way to a stand. standing: what asks for the stance; pelvis: row of that landmark."""
+    """One way to a stand."""
 
-    def __init__(self, standing: AskedLandmarks, *, pelvis: int) -> None:
-        self._standing, self._pelvis = standing, pelvis
+    def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
+        """standing: what asks for the stance."""
+        self._reader, self._standing = RobotReader(robot, stance), standing
+        single, address = robot.body.scalar_joints()
+        self._arms = address[single & ~standing_dofs(robot, TRUNK)]
+        self._posture = stance.q
         self._asked: AskedLandmarks | None = None
         self._lasted = self._rested = 0.0
 
@@ -39,18 +48,22 @@ class Landing:
         self._rested = self._rested + dt if rests and stands else 0.0
         return self._lasted < LONGEST_S and self._rested < RESTS_S
 
-    def ask(self, at: Reached) -> AskedLandmarks:
-        """What is asked of a robot that was `at` there when it was asked first."""
+    def ask(self, q: FloatArray, hierarchy: Hierarchy, targets: FloatArray) -> AskedLandmarks:
+        """What is asked of a robot that was at posture q (nq,) when it was asked first; the posture is written into the
+        target vector of its hierarchy."""
         if self._asked is None:
-            there, here = self._standing.landmarks[self._pelvis], at.landmarks[self._pelvis]
-            upright = inverse(at.trunk)
-            borne = [plus(there, rotated(upright, minus(place, here))) for place in at.landmarks]
-            self._asked = AskedLandmarks(borne, self._standing.trunk, self._standing.gaze)
+            self._posture = self._posture.copy()
+            self._posture[self._arms] = q[self._arms]
+            places = self._reader.read(self._posture).landmarks
+            self._asked = replace(self._standing, landmarks=places)
+        hierarchy.set_posture(targets, self._posture)
         return self._asked
 
 
-def landing_of(landmarks: LandmarkMap, balance: StandingBalance | None) -> Landing | None:
-    """Of a robot with these landmarks; None without a pelvis, and where priorities look at no mass in motion."""
-    if balance is None or not balance.looks_at_motion or "pelvis" not in landmarks.names:
+def landing_of(
+    robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
+) -> Landing | None:
+    """Of a robot; None without a pelvis, and where priorities look at no mass in motion."""
+    if balance is None or not balance.looks_at_motion or "pelvis" not in robot.profile.landmarks:
         return None
-    return Landing(landmarks.standing, pelvis=landmarks.names.index("pelvis"))
+    return Landing(robot, stance, standing)

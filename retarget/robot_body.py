@@ -19,7 +19,10 @@ from retarget.servo_calibration import ServoCalibration, calibrated, read_calibr
 if TYPE_CHECKING:
     from retarget import _solver
 
-__all__ = ["RobotBody", "load_robot", "load_uncalibrated", "robot_of"]
+__all__ = ["HEAD", "TRUNK", "RobotBody", "load_robot", "load_uncalibrated", "robot_of"]
+
+TRUNK, HEAD = "neck", "head"
+"""Frames of a profile that carry the trunk's orientation and the eyes."""
 
 
 @dataclass(frozen=True, eq=False)

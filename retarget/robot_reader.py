@@ -4,10 +4,10 @@ import numpy as np
 
 from retarget._solver import Probe
 from retarget.body import Frame
-from retarget.chase import HEAD, TRUNK, Reached
+from retarget.chase import Reached
 from retarget.frames import BoolArray
 from retarget.hierarchy import body_frames
-from retarget.robot_body import RobotBody
+from retarget.robot_body import HEAD, TRUNK, RobotBody
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat, inverse, product, rotated
 from retarget.stance import Stance
@@ -61,10 +61,10 @@ def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
     return postures
 
 
-def standing_dofs(robot: RobotBody) -> BoolArray:
-    """Which DoFs (nv,) carry the robot: a free root, and every joint between it and a sole."""
-    soles = [robot.frame(foot.frame).body for foot in robot.profile.feet.values()]
-    return np.isin(_dof_links(robot), [link for sole in soles for link in robot.body.chain_to_root(sole)])
+def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:
+    """Which DoFs (nv,) carry the robot: a free root, and every joint between it and a sole, or one of these frames."""
+    ends = [robot.frame(name).body for name in (*(foot.frame for foot in robot.profile.feet.values()), *frames)]
+    return np.isin(_dof_links(robot), [link for end in ends for link in robot.body.chain_to_root(end)])
 
 
 def _dof_links(robot: RobotBody) -> FloatArray:

@@ -15,15 +15,7 @@ from retarget.stance import plant
 @cache
 def envelope() -> Envelope:
     stance = plant(op3(), op3().profile.postures.stand)
-    return measure_envelope(
-        op3().body,
-        following_limits(op3(), stance),
-        start=stance.q,
-        pelvis=op3().frame("pelvis"),
-        trunk=op3().frame("neck"),
-        soles=[sole.frame for sole in stance.soles],
-        edges=stance.edges(0.01),
-    )
+    return measure_envelope(op3(), following_limits(op3(), stance), stance, edges=stance.edges(0.01))
 
 
 def test_the_op3_crouches_to_bent_knees_and_stands_on_nearly_straight_ones() -> None:

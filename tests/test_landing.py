@@ -86,7 +86,7 @@ def test_from_the_edge_of_its_room_it_comes_upright_at_once() -> None:
 def test_one_tick_that_stands_still_is_no_stand() -> None:
     """Where limbs meet, all stand still for a tick."""
     follower = Follower(op3(), load_priorities("steady"), dimensions(performer()))
-    landing = Landing(follower.landmark_map.standing, pelvis=PELVIS)
+    landing = Landing(op3(), follower.stance, follower.landmark_map.standing)
     moving, still = np.ones(op3().body.nv), np.zeros(op3().body.nv)
     for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
         assert landing.goes_on(velocity, DT, stands=True)
@@ -104,7 +104,7 @@ def test_priorities_that_look_at_no_motion_know_no_landing() -> None:
 
 def test_a_landing_that_does_not_end_is_given_up() -> None:
     follower = Follower(op3(), load_priorities("steady"), dimensions(performer()))
-    landing = Landing(follower.landmark_map.standing, pelvis=PELVIS)
+    landing = Landing(op3(), follower.stance, follower.landmark_map.standing)
     moving = np.ones(op3().body.nv)
     ticks = 0
     while landing.goes_on(moving, DT, stands=False):
