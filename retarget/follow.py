@@ -193,10 +193,15 @@ class Follower:
         self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
 
-    def land(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of a robot on its way to a stand (see `landing`); None: it stands, or needs none."""
+    def land(self, dt: float, *, aside: bool = False) -> FloatArray | None:
+        """The next posture (nq,) of a robot on its way to a stand (see `landing`), with its arms `aside`, or as they
+        are; None: it stands, or needs none."""
         stands = self.steps is None or self.steps.wait()
-        if self._landing is None or not self._landing.goes_on(self.hierarchy.solver.velocity, dt, stands=stands):
+        if self._landing is None:
+            return None
+        if aside:
+            self._landing.take_arms_aside()
+        if not self._landing.goes_on(self.hierarchy.solver.velocity, dt, stands=stands):
             return None
         self._advance(self._landing.ask(self._q, self.hierarchy, self._targets), dt, haste=1.0, lands=True)
         return self._q

@@ -29,16 +29,27 @@ LONGEST_S = 8.0
 
 
 class Landing:
-    """One way to a stand."""
+    """Ways to a stand: with arms as they are, then, if asked for, with arms aside."""
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
         """standing: what asks for the stance."""
         self._reader, self._standing = RobotReader(robot, stance), standing
         single, address = robot.body.scalar_joints()
         self._arms = address[single & ~standing_dofs(robot, TRUNK)]
-        self._posture = stance.q
+        self._aside = robot.posture(robot.profile.postures.attractor)[self._arms]
+        self._posture = stance.q.copy()
+        self._is_aside = False
+        self._begin()
+
+    def _begin(self) -> None:
         self._asked: AskedLandmarks | None = None
         self._lasted = self._rested = 0.0
+
+    def take_arms_aside(self) -> None:
+        """From here on, as in posture `attractor`."""
+        if not self._is_aside:
+            self._is_aside = True
+            self._begin()
 
     def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
         """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether
@@ -52,8 +63,7 @@ class Landing:
         """What is asked of a robot that was at posture q (nq,) when it was asked first; the posture is written into the
         target vector of its hierarchy."""
         if self._asked is None:
-            self._posture = self._posture.copy()
-            self._posture[self._arms] = q[self._arms]
+            self._posture[self._arms] = self._aside if self._is_aside else q[self._arms]
             places = self._reader.read(self._posture).landmarks
             self._asked = replace(self._standing, landmarks=places)
         hierarchy.set_posture(targets, self._posture)

@@ -38,7 +38,7 @@ from retarget.stages import FollowingStage, ReconstructingStage
 from retarget.step_plan import StepTally
 from retarget.step_setting import with_steps
 from retarget.surroundings import Surroundings
-from retarget.way_home import LONGEST_HOME_S, not_parked
+from retarget.ways_home import LONGEST_HOME_S, not_parked
 
 __all__ = ["MakeBus", "Perform", "Prepared", "prepare", "prepare_for"]
 

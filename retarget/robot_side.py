@@ -15,6 +15,7 @@ from retarget.approach import slower_in_line
 from retarget.follow import RobotPosture
 from retarget.human_posture import HumanPosture
 from retarget.paced_way import PacedWay
+from retarget.parking import Parking
 from retarget.path_clearance import PathClearance
 from retarget.planted_root import plant_root
 from retarget.record import ModeArray, Phase, RobotRecord
@@ -22,7 +23,6 @@ from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.speed_share import SpeedShare
 from retarget.stages import FollowingStage
-from retarget.way_home import WayHome
 from retarget.way_there import require_finite, way_there
 
 __all__ = ["GATED_RAD", "RobotSide"]
@@ -78,7 +78,7 @@ class RobotSide:
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
         self._lost, self._parks, self._tell = 0, parks, tell  # lost: ticks in which no posture was found
-        self._way_home, self._lands = WayHome(robot, dt=dt, passes=passes), False
+        self._parking = Parking(robot, follower, dt=dt)
 
     @property
     def stopping_ticks(self) -> int:
@@ -269,7 +269,7 @@ class RobotSide:
         the way to where the robot is parked."""
         self.phase = Phase.BRAKE
         self._measure()
-        if self._goals.at_rest or self._way_home.begun or self._lands:
+        if self._goals.at_rest or self._parking.begun:
             return self._homeward()
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
@@ -284,12 +284,8 @@ class RobotSide:
         """The next goal on the way to where the robot is parked; None: it is there, cannot go on, or is to stay."""
         if not (self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home):
             return None
-        q = None if self._way_home.begun else self._follower.land(self._dt)
-        if q is not None:
-            self._lands = True
-            return self._take(q)
-        self._goal = self._way_home.next(self._sent, passed=self._passed, stands=self._goals.at_rest)
-        return self._goal
+        q = self._parking.next(self._q, passed=self._passed, stands=self._goals.at_rest)
+        return None if q is None else self._take(q)
 
     def _take(self, q: FloatArray) -> FloatArray:
         """Remember what is asked in this tick: posture (nq,). Returns of it the servos' joints, rad (n,)."""

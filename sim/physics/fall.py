@@ -16,7 +16,7 @@ import numpy as np
 from hardware.arrays import FloatArray
 from retarget.robot_body import RobotBody
 from retarget.stance import plant
-from retarget.way_home import NEAR_REST
+from retarget.ways_home import NEAR_REST
 from sim.physics.state import PhysicsState
 
 __all__ = ["Fall", "FallWatch", "parked"]
