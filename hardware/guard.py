@@ -132,9 +132,9 @@ class Guard:
     def tick(self, think: Think, halt: Halt = _no_way) -> GuardState:
         """Run one control period: read the servos, let `think` find a goal, send what the filter makes of it.
 
-        While holding or stopping it is `halt` that finds the goal; a robot that stands has stopped when it finds none.
-        Goals follow one another in time: after a pause between ticks that is longer than a goal may take, the robot
-        stops.
+        While holding or stopping it is `halt` that finds the goal; a robot that stands has stopped when it finds none,
+        or leads nowhere though it may not go home. Goals follow one another in time: after a pause between ticks that
+        is longer than a goal may take, the robot stops.
         Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or
         stopped.
         """
@@ -258,9 +258,9 @@ class Guard:
             self._pending = self._filter.admit(goal)
 
     def _brake(self, *, stood: bool) -> None:
-        """Send the next posture of the way. stood: before anybody was asked; if nobody knows a way on, that was it."""
+        """Send the next posture of the way. stood: before anybody was asked; if nobody leads on then, that was it."""
         self._step = StopCause.FILTER
-        if stood and self._pending is None:
+        if stood and (self._pending is None or (self._filter.at_rest and not self.may_go_home)):
             self._state = GuardState.ARMED if self._latch.stop is None else GuardState.STOPPED
             return
         spent = self._latch.spend(stood=stood)

@@ -13,7 +13,7 @@ from retarget.robot_body import RobotBody
 from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
 
-__all__ = ["HOME_S", "LONGEST_HOME_S", "NEAR_REST", "Way", "not_parked", "ways_home"]
+__all__ = ["ALONE_RAD", "HOME_S", "LONGEST_HOME_S", "NEAR_REST", "Way", "not_parked", "ways_home"]
 
 Way = Iterator[FloatArray]
 """Goals (n,) rad, a tick from one to the next."""

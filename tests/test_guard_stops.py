@@ -185,7 +185,9 @@ def test_a_stop_goes_along_the_callers_way() -> None:
     asked: list[FloatArray] = []
     rig.guard.stop("space bar")
 
-    def gently() -> FloatArray:
+    def gently() -> FloatArray | None:
+        if rig.gate.at_rest:
+            return None
         asked.append(rig.gate.position + DT * speed * max(0.0, 1.0 - (len(asked) + 1) / 40))
         return asked[-1]
 
@@ -193,14 +195,16 @@ def test_a_stop_goes_along_the_callers_way() -> None:
         if rig.guard.active:
             tick(rig, gently)
     assert rig.state() is GuardState.STOPPED and rig.gate.at_rest
-    assert len(asked) == 41  # once more where it stands: nowhere else to go
+    assert len(asked) == 40
     np.testing.assert_allclose(rig.bus.goals[-1], MAP.to_radians(MAP.to_ticks(asked[-1])))
     rig.check_goals()
 
 
 @pytest.mark.parametrize("way", ["faster than the filter lets", "not finite", "none", "fails"])
 def test_where_there_is_no_good_way_the_filter_brakes(way: str) -> None:
-    rig = moving()
+    rig = Rig(limits=GuardLimits(max_home_ticks=0))
+    rig.guard.arm()
+    rig.run(20)
     rig.guard.stop("space bar")
 
     def halt() -> FloatArray | None:
@@ -214,6 +218,28 @@ def test_where_there_is_no_good_way_the_filter_brakes(way: str) -> None:
         ticks += 1
     assert 3 < ticks < 30
     assert rig.state() is GuardState.STOPPED and rig.gate.at_rest and rig.bus.torque_on
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.reason == "space bar"
+    rig.check_goals()
+
+
+@pytest.mark.parametrize("goal", ["where it stands", "not finite"])
+def test_a_robot_that_may_go_home_may_stand_and_think_on_its_way_but_not_for_ever(goal: str) -> None:
+    rig = Rig(limits=GuardLimits(max_home_ticks=50))
+    rig.guard.arm()
+    rig.run(20)
+    rig.guard.stop("space bar")
+
+    def halt() -> FloatArray | None:
+        if not rig.gate.at_rest:
+            return None
+        return rig.gate.position if goal == "where it stands" else np.full(4, np.nan)
+
+    stood = 0
+    while rig.guard.active:
+        tick(rig, halt)
+        stood += rig.gate.at_rest
+    assert stood == pytest.approx(50, abs=3)
+    assert rig.state() is GuardState.STOPPED and rig.bus.torque_on
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.reason == "space bar"
     rig.check_goals()
 

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from followers import DT, dimensions, op3, performer, postures
+from retarget.body import IntArray
 from retarget.follow import Follower
 from retarget.landing import LONGEST_S, RESTS_S, Landing, landing_of
 from retarget.landmarks import AskedLandmarks
 from retarget.priorities import load_priorities
+from retarget.robot_body import HEAD, TRUNK, RobotBody, load_robot
 from retarget.robot_reader import RobotReader, standing_dofs
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import plus
@@ -15,11 +17,12 @@ from retarget.stance import plant
 from retarget.standing_balance import StandingBalance
 
 PELVIS = list(op3().profile.landmarks).index("pelvis")
+STEADY = {"op3": "steady", "toddlerbot": "lasting", "wolfgang": "steady"}
 
 
-def crouched() -> Follower:
+def crouched(name: str = "op3") -> Follower:
     """Stopped in the midst of what the performer does."""
-    robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    robot = Follower(load_robot(name), load_priorities(STEADY[name]), dimensions(performer()))
     motion = postures(performer())
     robot.start(motion[0])
     robot.arrive(motion[0], DT)
@@ -46,13 +49,31 @@ def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
     assert all(nx * x + ny * y < offset + 1e-3 for nx, ny, offset in robot._balance._wide)
     soles = op3().points(np.array(way), ("l_sole", "r_sole"))
     assert np.abs(soles - [sole.position for sole in robot.stance.soles]).max() < 1e-3
-    first, *_, last = (np.abs(q[7:][standing_dofs(op3())[6:]]) for q in way)  # left and right leg turn the other way
-    legs = np.array([joint[2:] for joint in op3().body.dof_names[6:]])[standing_dofs(op3())[6:]]
-    unlike = [
-        sum(float(np.ptp(angles[legs == part])) for part in ("hip_pitch", "knee", "ank_pitch"))
-        for angles in (first, last)
-    ]
-    assert unlike[1] < unlike[0]
+
+
+@pytest.mark.parametrize("name", list(STEADY))
+@pytest.mark.parametrize("aside", [False, True])
+def test_legs_and_trunk_end_as_in_the_stance_and_arms_as_they_were_or_aside(name: str, aside: bool) -> None:
+    """Arms that were drawn to the stance, with hands that stay, would hold a waist aside, and two planted soles cannot
+    go straight to `rest` from there."""
+    follower = crouched(name)
+    robot, start = load_robot(name), follower._q.copy()
+    while (q := follower.land(DT, aside=aside)) is not None:
+        last = q.copy()
+    carrying, arms = joints_of(robot)
+    stand = follower.stance.q
+    assert np.abs(start - stand)[carrying].max() > 0.3
+    assert np.abs(last - stand)[carrying].max() < 0.06
+    there = robot.posture(robot.profile.postures.attractor) if aside else start
+    assert np.abs(last - there)[arms].max() < (0.1 if aside else 0.03)
+
+
+def joints_of(robot: RobotBody) -> tuple[IntArray, IntArray]:
+    """Where legs and trunk, and where arms are in q; a head looks straight ahead, wherever it was."""
+    single, address = robot.body.scalar_joints()
+    carrying = standing_dofs(robot, TRUNK)
+    head = standing_dofs(robot, HEAD) & ~carrying
+    return address[single & carrying], address[single & ~carrying & ~head]
 
 
 def leaning() -> Follower:
@@ -98,8 +119,9 @@ def test_priorities_that_look_at_no_motion_know_no_landing() -> None:
     servo = Follower(op3(), load_priorities("servo"), dimensions(performer()))
     servo.start(postures(performer())[0])
     assert servo.land(DT) is None
-    assert landing_of(servo.landmark_map, StandingBalance(load_priorities("servo"), stance)) is None
-    assert landing_of(servo.landmark_map, None) is None
+    standing = servo.landmark_map.standing
+    assert landing_of(op3(), stance, standing, StandingBalance(load_priorities("servo"), stance)) is None
+    assert landing_of(op3(), stance, standing, None) is None
 
 
 def test_a_landing_that_does_not_end_is_given_up() -> None:

@@ -22,6 +22,7 @@ from retarget.frames import SensorFrames
 from retarget.metrics.measure import limits_broken, measure
 from retarget.metrics.motion import LimitViolations
 from retarget.options import RunOptions
+from retarget.parking import Parking
 from retarget.physics_options import PhysicsOptions
 from retarget.pipeline import Watch
 from retarget.prepare import prepare
@@ -30,7 +31,6 @@ from retarget.recording.topics import TRUTH
 from retarget.robot_body import load_robot
 from retarget.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
-from retarget.way_home import WayHome
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.fall import Fall
@@ -112,7 +112,7 @@ def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
 
 def test_a_robot_that_finds_no_way_to_where_it_is_parked_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any("not parked" in note for note in play(options(seconds=0.1)).notes)
-    monkeypatch.setattr(WayHome, "next", lambda self, here, **known: None)
+    monkeypatch.setattr(Parking, "next", lambda self, q, **known: None)
     run = play(options(seconds=0.1))
     assert any(note.startswith("not parked:") and "rad from it" in note for note in run.notes)
 
