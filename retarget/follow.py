@@ -203,7 +203,7 @@ class Follower:
             self._landing.take_arms_aside()
         if not self._landing.goes_on(self.hierarchy.solver.velocity, dt, stands=stands):
             return None
-        self._advance(self._landing.ask(self._q, self.hierarchy, self._targets), dt, haste=1.0, lands=True)
+        self._advance(self._landing.ask(self._q, dt, self.hierarchy, self._targets), dt, haste=1.0, lands=True)
         return self._q
 
     def keep_pace(self, pace: float) -> None:

@@ -26,6 +26,8 @@ RESTING_SPEED, RESTS_S = 0.1, 0.3
 meet, all stand still for one, and the next goes on."""
 LONGEST_S = 8.0
 """After so long (s) it is parked from where it is."""
+ASIDE_SPEED = 1.0
+"""rad/s of the joint that has the longest way aside."""
 
 
 class Landing:
@@ -38,36 +40,45 @@ class Landing:
         self._arms = address[single & ~standing_dofs(robot, TRUNK)]
         self._aside = robot.posture(robot.profile.postures.attractor)[self._arms]
         self._posture = stance.q.copy()
-        self._is_aside = False
-        self._begin()
-
-    def _begin(self) -> None:
         self._asked: AskedLandmarks | None = None
+        self._is_aside, self._arrived = False, True  # the arms that are asked for
         self._lasted = self._rested = 0.0
 
     def take_arms_aside(self) -> None:
-        """From here on, as in posture `attractor`."""
+        """From here on, lead them straight to where they are in posture `attractor`."""
         if not self._is_aside:
-            self._is_aside = True
-            self._begin()
+            self._is_aside, self._arrived = True, False
+            self._asked = None
+            self._lasted = self._rested = 0.0
 
     def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
         """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether
         it has both feet on the floor and its weight between them."""
         self._lasted += dt
-        rests = float(np.abs(velocity).max()) < RESTING_SPEED
+        rests = self._arrived and float(np.abs(velocity).max()) < RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0
         return self._lasted < LONGEST_S and self._rested < RESTS_S
 
-    def ask(self, q: FloatArray, hierarchy: Hierarchy, targets: FloatArray) -> AskedLandmarks:
-        """What is asked of a robot that was at posture q (nq,) when it was asked first; the posture is written into the
-        target vector of its hierarchy."""
+    def ask(self, q: FloatArray, dt: float, hierarchy: Hierarchy, targets: FloatArray) -> AskedLandmarks:
+        """What is asked, for another `dt` s, of a robot that was at posture q (nq,) when it was asked first. The
+        posture is written into the target vector of its hierarchy."""
         if self._asked is None:
-            self._posture[self._arms] = self._aside if self._is_aside else q[self._arms]
+            self._posture[self._arms] = q[self._arms]
+        if self._asked is None or not self._arrived:
+            self._lead(dt)
             places = self._reader.read(self._posture).landmarks
             self._asked = replace(self._standing, landmarks=places)
         hierarchy.set_posture(targets, self._posture)
         return self._asked
+
+    def _lead(self, dt: float) -> None:
+        """The arms that are asked for go on, if they are to go aside."""
+        if self._arrived:
+            return
+        way = self._aside - self._posture[self._arms]
+        share = min(ASIDE_SPEED * dt / max(float(np.abs(way).max(initial=0.0)), 1e-9), 1.0)
+        self._posture[self._arms] += share * way
+        self._arrived = share == 1.0
 
 
 def landing_of(
