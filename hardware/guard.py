@@ -135,8 +135,7 @@ class Guard:
         While holding or stopping it is `halt` that finds the goal; a robot that stands has stopped when it finds none,
         or leads nowhere though it may not go home. Goals follow one another in time: after a pause between ticks that
         is longer than a goal may take, the robot stops.
-        Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when the guard is idle or
-        stopped.
+        Never raises for what goes wrong in the tick: that becomes a stop. Raises GuardError when idle or stopped.
         """
         self._require(*FOLLOWING, GuardState.STOPPING)
         begun = self._clock.now()

@@ -18,7 +18,7 @@ from retarget.planted_root import plant_root
 from retarget.priorities import Priorities
 from retarget.robot_body import RobotBody
 from retarget.robot_posture import RobotPosture
-from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs
+from retarget.robot_reader import RobotReader, robot_frames, robot_postures, standing_dofs, standing_targets
 from retarget.rotations import FloatArray
 from retarget.scene_motion import SceneState
 from retarget.second_thoughts import SecondThoughts
@@ -119,15 +119,6 @@ class Follower:
             scene=self.surroundings.shapes,
         )
 
-    def _standing_targets(self) -> FloatArray:
-        """The first hierarchy's targets of a robot that faces forward on its soles."""
-        hierarchy, targets = self.hierarchy, self.hierarchy.blank()
-        hierarchy.set_heading(targets, (1.0, 0.0))
-        for sole in self.stance.soles:
-            hierarchy.set_position(targets, sole.frame.name, sole.position)
-            hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
-        return targets
-
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
         self.landmark_map.restart()
@@ -135,7 +126,7 @@ class Follower:
         self._since_start, self._time.pace = 0.0, 1.0
         self.surroundings.restart()
         self._q = self.stance.q
-        self._targets = self._standing_targets()
+        self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self._q)
         if self.steps is not None:
             self.steps.restart()
@@ -197,13 +188,10 @@ class Follower:
         """The next posture (nq,) of a robot on its way to a stand (see `landing`), with its arms `aside`, or as they
         are; None: it stands, or needs none."""
         stands = self.steps is None or self.steps.wait()
-        if self._landing is None:
+        landing, hierarchy = self._landing, self.hierarchy
+        if landing is None or not landing.goes_on(hierarchy.solver.velocity, dt, stands=stands, aside=aside):
             return None
-        if aside:
-            self._landing.take_arms_aside()
-        if not self._landing.goes_on(self.hierarchy.solver.velocity, dt, stands=stands):
-            return None
-        self._advance(self._landing.ask(self._q, dt, self.hierarchy, self._targets), dt, haste=1.0, lands=True)
+        self._advance(landing.ask(self._q, dt, hierarchy, self._targets), dt, haste=1.0, lands=True)
         return self._q
 
     def keep_pace(self, pace: float) -> None:

@@ -44,16 +44,13 @@ class Landing:
         self._is_aside, self._arrived = False, True  # the arms that are asked for
         self._lasted = self._rested = 0.0
 
-    def take_arms_aside(self) -> None:
-        """From here on, lead them straight to where they are in posture `attractor`."""
-        if not self._is_aside:
-            self._is_aside, self._arrived = True, False
-            self._asked = None
-            self._lasted = self._rested = 0.0
-
-    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
+    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool, aside: bool = False) -> bool:
         """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether
-        it has both feet on the floor and its weight between them."""
+        it has both feet on the floor and its weight between them. aside: from now on its arms are led straight to where
+        they are in posture `attractor`."""
+        if aside and not self._is_aside:
+            self._is_aside, self._arrived, self._asked = True, False, None
+            self._lasted = self._rested = 0.0
         self._lasted += dt
         rests = self._arrived and float(np.abs(velocity).max()) < RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0

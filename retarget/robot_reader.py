@@ -6,13 +6,13 @@ from retarget._solver import Probe
 from retarget.body import Frame
 from retarget.chase import Reached
 from retarget.frames import BoolArray
-from retarget.hierarchy import body_frames
+from retarget.hierarchy import Hierarchy, body_frames
 from retarget.robot_body import HEAD, TRUNK, RobotBody
 from retarget.rotations import FloatArray
 from retarget.scalar_rotations import Quat, inverse, product, rotated
 from retarget.stance import Stance
 
-__all__ = ["RobotReader", "robot_frames", "robot_postures", "standing_dofs"]
+__all__ = ["RobotReader", "robot_frames", "robot_postures", "standing_dofs", "standing_targets"]
 
 FORWARD = (1.0, 0.0, 0.0)
 
@@ -59,6 +59,16 @@ def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
         q[:free] = stance.q[:free]
         postures[name] = q
     return postures
+
+
+def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
+    """Targets of a hierarchy for a robot that faces forward on its soles; nothing else is asked."""
+    targets = hierarchy.blank()
+    hierarchy.set_heading(targets, (1.0, 0.0))
+    for sole in stance.soles:
+        hierarchy.set_position(targets, sole.frame.name, sole.position)
+        hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
+    return targets
 
 
 def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:

@@ -167,6 +167,29 @@ def test_a_stop_may_lead_on_to_where_the_robot_is_parked() -> None:
     rig.check_goals()
 
 
+@pytest.mark.parametrize("goal", ["where it stands", "not finite"])
+def test_a_robot_that_may_go_home_may_stand_and_think_on_its_way_but_not_for_ever(goal: str) -> None:
+    rig = Rig(limits=GuardLimits(max_home_ticks=50))
+    rig.guard.arm()
+    rig.run(20)
+    rig.guard.stop("space bar")
+
+    def halt() -> FloatArray | None:
+        if not rig.gate.at_rest:
+            return None
+        return rig.gate.position if goal == "where it stands" else np.full(4, np.nan)
+
+    stood = 0
+    while rig.guard.active:
+        rig.clock.advance(DT)
+        rig.guard.tick(rig.faster, halt)
+        stood += rig.gate.at_rest
+    assert stood == pytest.approx(50, abs=3)
+    assert rig.state() is GuardState.STOPPED and rig.bus.torque_on
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.reason == "space bar"
+    rig.check_goals()
+
+
 def test_the_ordinary_end_comes_to_rest_unlatched_and_releases() -> None:
     rig = Rig()
     rig.guard.arm()
