@@ -12,7 +12,7 @@ PACE = 0.5
 """Share of all speeds at which the follower brings the robot to a stand: nobody waits for it, and what its mass does to
 the soles goes with the square."""
 SETTLE_S = 0.2
-"""So long (s) it stands before it tries the next way: servos are behind their goals, and the gate looks at both."""
+"""So long (s) it stands after a refusal: servos are behind their goals, and the gate looks at both."""
 
 
 class Parking:
@@ -29,9 +29,9 @@ class Parking:
         self._way: Way | None = None
         self._lands, self._aside = True, False
         self._waits = 0
-        """Ticks that it stands before the next way."""
-        self._refusals = 0
-        """Ticks in a row in which a landing that stood was refused."""
+        """Ticks that it stands before it goes on."""
+        self._refused = False
+        """Whether a landing stands because it was refused."""
         self.begun = False
         """Whether the robot has set off, and perhaps arrived."""
         self._arrived = False
@@ -45,14 +45,13 @@ class Parking:
         if not self.begun:
             self.begun = True
             self._follower.keep_pace(PACE)
-            self._wait()
         if self._waits > 0:
             self._waits -= 1
             return q.copy()
         if self._arrived:
             return None
         if self._lands:
-            there = self._landed(q, refused=stands and not passed)
+            there = self._landed(q, passed=passed, stands=stands)
             if there is not None:
                 return there
         elif not passed and self._way is not None:  # something is in the way
@@ -62,23 +61,26 @@ class Parking:
         self._lands = False
         return self._gone(q)
 
-    def _wait(self) -> None:
+    def _wait(self, q: FloatArray) -> FloatArray:
+        """Where it stands (nq,), from here on."""
         self._waits = round(SETTLE_S / self._dt)
+        return q.copy()
 
     def _blocked(self, q: FloatArray) -> FloatArray:
         """Where it stands (nq,): the way at hand is none."""
         self._way, self._lands, self._aside = None, not self._aside, True
-        self._refusals = 0
-        self._wait()
-        return q.copy()
+        self._refused = False
+        return self._wait(q)
 
-    def _landed(self, q: FloatArray, *, refused: bool) -> FloatArray | None:
-        """The next posture (nq,) of a landing; None: it is over. refused: it stands because the last was."""
-        self._refusals = self._refusals + 1 if refused else 0
-        if self._refusals > 1:
-            return self._blocked(q)
-        if refused:
+    def _landed(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
+        """The next posture (nq,) of a landing; None: it is over."""
+        if stands and not passed:
+            if self._refused:
+                return self._blocked(q)
+            self._refused = True
             self._follower.halt(self._dt)  # it stands, and so its next thought is of parting limbs
+            return self._wait(q)
+        self._refused &= stands
         return self._follower.land(self._dt, aside=self._aside)
 
     def _gone(self, q: FloatArray) -> FloatArray | None:
