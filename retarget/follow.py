@@ -184,12 +184,11 @@ class Follower:
         self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
 
-    def land(self, dt: float, *, aside: bool = False) -> FloatArray | None:
-        """The next posture (nq,) of a robot on its way to a stand (see `landing`), with its arms `aside`, or as they
-        are; None: it stands, or needs none."""
+    def land(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) of a robot on its way to a stand (see `landing`); None: it stands, or needs none."""
         stands = self.steps is None or self.steps.wait()
         landing, hierarchy = self._landing, self.hierarchy
-        if landing is None or not landing.goes_on(hierarchy.solver.velocity, dt, stands=stands, aside=aside):
+        if landing is None or not landing.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
         self._advance(landing.ask(self._q, dt, hierarchy, self._targets), dt, haste=1.0, lands=True)
         return self._q

@@ -1,10 +1,11 @@
-"""A robot on its own soles stands before it is parked: legs and trunk as in its stance, its arms as they are.
+"""A robot on its own soles stands before it is parked: legs and trunk as in its stance, its arms aside.
 
 The way to the posture of rest is straight in its joints. From legs that lean or twist, two planted soles cannot go it:
-they would tip. So the follower goes to a stand first, on locked soles and within its balance; a foot that is lifted is
-put down on the way. What is asked is one posture, by every level alike: its landmarks, and last its joints. Arms stay
-as they are to the trunk: hands that went where they are in the stance would take the body along, the more so where the
-torso is between; and arms drawn to the stance while hands stay would draw legs and waist aside.
+they would tip; and from arms that are anywhere it leads through the body. So the follower goes to a stand first, on
+locked soles, within its balance, limbs kept off each other; a foot that is lifted is put down on the way. What is asked
+is one posture, by every level alike: its landmarks, and last its joints. Its legs and trunk are those of the stance at
+once; its arms go straight, slowly, from where they are to where they are in posture `attractor`. So from its end the
+rest of the way is always the same.
 """
 
 from dataclasses import replace
@@ -27,11 +28,11 @@ meet, all stand still for one, and the next goes on."""
 LONGEST_S = 8.0
 """After so long (s) it is parked from where it is."""
 ASIDE_SPEED = 1.0
-"""rad/s of the joint that has the longest way aside."""
+"""rad/s of the joint of an arm that has the longest way."""
 
 
 class Landing:
-    """Ways to a stand: with arms as they are, then, if asked for, with arms aside."""
+    """One way to a stand; then the next, from where the robot is then."""
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
         """standing: what asks for the stance."""
@@ -40,42 +41,42 @@ class Landing:
         self._arms = address[single & ~standing_dofs(robot, TRUNK)]
         self._aside = robot.posture(robot.profile.postures.attractor)[self._arms]
         self._posture = stance.q.copy()
+        self._begin()
+
+    def _begin(self) -> None:
         self._asked: AskedLandmarks | None = None
-        self._is_aside, self._arrived = False, True  # the arms that are asked for
+        self.arrived = False
+        """Whether arms that are asked for are aside."""
         self._lasted = self._rested = 0.0
 
-    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool, aside: bool = False) -> bool:
+    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
         """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether
-        it has both feet on the floor and its weight between them. aside: from now on its arms are led straight to where
-        they are in posture `attractor`."""
-        if aside and not self._is_aside:
-            self._is_aside, self._arrived, self._asked = True, False, None
-            self._lasted = self._rested = 0.0
+        it has both feet on the floor and its weight between them."""
         self._lasted += dt
-        rests = self._arrived and float(np.abs(velocity).max()) < RESTING_SPEED
+        rests = self.arrived and float(np.abs(velocity).max()) < RESTING_SPEED
         self._rested = self._rested + dt if rests and stands else 0.0
-        return self._lasted < LONGEST_S and self._rested < RESTS_S
+        if self._lasted < LONGEST_S and self._rested < RESTS_S:
+            return True
+        self._begin()
+        return False
 
     def ask(self, q: FloatArray, dt: float, hierarchy: Hierarchy, targets: FloatArray) -> AskedLandmarks:
         """What is asked, for another `dt` s, of a robot that was at posture q (nq,) when it was asked first. The
         posture is written into the target vector of its hierarchy."""
         if self._asked is None:
             self._posture[self._arms] = q[self._arms]
-        if self._asked is None or not self._arrived:
+        if self._asked is None or not self.arrived:
             self._lead(dt)
-            places = self._reader.read(self._posture).landmarks
-            self._asked = replace(self._standing, landmarks=places)
+            self._asked = replace(self._standing, landmarks=self._reader.read(self._posture).landmarks)
         hierarchy.set_posture(targets, self._posture)
         return self._asked
 
     def _lead(self, dt: float) -> None:
-        """The arms that are asked for go on, if they are to go aside."""
-        if self._arrived:
-            return
+        """The arms that are asked for go on, aside."""
         way = self._aside - self._posture[self._arms]
         share = min(ASIDE_SPEED * dt / max(float(np.abs(way).max(initial=0.0)), 1e-9), 1.0)
         self._posture[self._arms] += share * way
-        self._arrived = share == 1.0
+        self.arrived = share == 1.0
 
 
 def landing_of(

@@ -1,4 +1,4 @@
-"""A robot that stopped goes where it is parked: to a stand, then home; arms first, where something is in the way."""
+"""A robot that stopped goes where it is parked: to a stand, then home, around what is in the way."""
 
 from retarget.planted_root import plant_root
 from retarget.robot_body import RobotBody
@@ -19,15 +19,15 @@ class Parking:
     """One way to posture `rest`, tick by tick of `dt` s.
 
     First the follower brings the robot to a stand (see `landing`), then it goes straight home. Where something is in
-    the way, the follower leads it to a stand once more, now with its arms aside: it keeps limbs off each other as it
-    goes, which no straight way does. After that come the other ways of `ways_home`, and after the last it stays.
+    the way, it goes to a stand once more from there. After that come the other ways of `ways_home`, and after the last
+    it stays.
     """
 
     def __init__(self, robot: RobotBody, follower: FollowingStage, *, dt: float) -> None:
         self._robot, self._follower, self._dt = robot, follower, dt
         self._ways = ways_home(robot, dt=dt)
         self._way: Way | None = None
-        self._lands, self._aside = True, False
+        self._lands, self._again = True, True  # now, and once more
         self._waits = 0
         """Ticks that it stands before it goes on."""
         self._refused = False
@@ -68,7 +68,7 @@ class Parking:
 
     def _blocked(self, q: FloatArray) -> FloatArray:
         """Where it stands (nq,): the way at hand is none."""
-        self._way, self._lands, self._aside = None, not self._aside, True
+        self._way, self._lands, self._again = None, self._again, False
         self._refused = False
         return self._wait(q)
 
@@ -81,7 +81,7 @@ class Parking:
             self._follower.halt(self._dt)  # it stands, and so its next thought is of parting limbs
             return self._wait(q)
         self._refused &= stands
-        return self._follower.land(self._dt, aside=self._aside)
+        return self._follower.land(self._dt)
 
     def _gone(self, q: FloatArray) -> FloatArray | None:
         """The next posture (nq,) of a way home; None: it is there, or there are no more ways."""

@@ -52,9 +52,9 @@ class FollowingStage(Protocol):
         """The next posture (nq,) on a way to a stop; None: none is known."""
         ...
 
-    def land(self, dt: float, *, aside: bool = False) -> FloatArray | None:
-        """The next posture (nq,) of a robot on its way to a stand, a foot put down first, its arms as they are, or
-        `aside`; None: it stands there, or needs none."""
+    def land(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) of a robot on its way to a stand, a foot put down first; None: it stands there, or
+        needs none."""
         ...
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:

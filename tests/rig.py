@@ -92,7 +92,7 @@ class StubFollower:
     def halt(self, dt: float) -> FloatArray | None:
         return None
 
-    def land(self, dt: float, *, aside: bool = False) -> FloatArray | None:
+    def land(self, dt: float) -> FloatArray | None:
         return None
 
     def feel(self, soles: BoolArray | None) -> None:

@@ -122,7 +122,7 @@ class RecordedGoals:
         """None is known: each joint brakes on its own."""
         return None
 
-    def land(self, dt: float, *, aside: bool = False) -> FloatArray | None:
+    def land(self, dt: float) -> FloatArray | None:
         """No foot is off the floor, as far as anybody knows."""
         return None
 
