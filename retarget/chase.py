@@ -87,7 +87,8 @@ class Chase:
         for row, pursuit in zip(self._rows, self._points, strict=True):
             here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
             x, y, z = pursuit.step(minus(there, last), minus(there, here), dt, haste=haste)
-            goals.append((1.0, here[0] + x, here[1] + y, here[2] + z))
+            weight = 0.0 if row in asked.open else 1.0
+            goals.append((weight, here[0] + x, here[1] + y, here[2] + z))
         targets[self._slots] = np.array(goals)[self._source]
 
         moved = rotation_vector(product(asked.trunk, inverse(before.trunk)))

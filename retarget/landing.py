@@ -2,10 +2,10 @@
 
 The way to the posture of rest is straight in its joints. From legs that lean or twist, two planted soles cannot go it:
 they would tip; and from arms that are anywhere it leads through the body. So the follower goes to a stand first, on
-locked soles, within its balance, limbs kept off each other; a foot that is lifted is put down on the way. What is asked
-is one posture, by every level alike: its landmarks, and last its joints. Its legs and trunk are those of the stance at
-once; its arms go straight, slowly, from where they are to where they are in posture `attractor`. So from its end the
-rest of the way is always the same.
+locked soles, within its balance, limbs kept off each other; a foot that is lifted is put down on the way. Trunk and
+pelvis are asked for as in the stance, and last all joints: legs at once, arms straight and slowly to where they are in
+posture `attractor`. Hands may be anywhere: one that does not get where it is asked would draw the body along. So from
+the end of it the rest of the way is always the same.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ import numpy as np
 from retarget.hierarchy import Hierarchy
 from retarget.landmarks import AskedLandmarks
 from retarget.robot_body import TRUNK, RobotBody
-from retarget.robot_reader import RobotReader, standing_dofs
+from retarget.robot_reader import standing_dofs
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
 from retarget.standing_balance import StandingBalance
@@ -36,7 +36,9 @@ class Landing:
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
         """standing: what asks for the stance."""
-        self._reader, self._standing = RobotReader(robot, stance), standing
+        landmarks = robot.profile.landmarks
+        hands = frozenset(row for row, name in enumerate(landmarks) if name != "pelvis")
+        self._asked = replace(standing, open=hands)
         single, address = robot.body.scalar_joints()
         self._arms = address[single & ~standing_dofs(robot, TRUNK)]
         self._aside = robot.posture(robot.profile.postures.attractor)[self._arms]
@@ -44,7 +46,7 @@ class Landing:
         self._begin()
 
     def _begin(self) -> None:
-        self._asked: AskedLandmarks | None = None
+        self._begun = False
         self.arrived = False
         """Whether arms that are asked for are aside."""
         self._lasted = self._rested = 0.0
@@ -63,20 +65,15 @@ class Landing:
     def ask(self, q: FloatArray, dt: float, hierarchy: Hierarchy, targets: FloatArray) -> AskedLandmarks:
         """What is asked, for another `dt` s, of a robot that was at posture q (nq,) when it was asked first. The
         posture is written into the target vector of its hierarchy."""
-        if self._asked is None:
+        if not self._begun:
+            self._begun = True
             self._posture[self._arms] = q[self._arms]
-        if self._asked is None or not self.arrived:
-            self._lead(dt)
-            self._asked = replace(self._standing, landmarks=self._reader.read(self._posture).landmarks)
-        hierarchy.set_posture(targets, self._posture)
-        return self._asked
-
-    def _lead(self, dt: float) -> None:
-        """The arms that are asked for go on, aside."""
         way = self._aside - self._posture[self._arms]
         share = min(ASIDE_SPEED * dt / max(float(np.abs(way).max(initial=0.0)), 1e-9), 1.0)
         self._posture[self._arms] += share * way
         self.arrived = share == 1.0
+        hierarchy.set_posture(targets, self._posture)
+        return self._asked
 
 
 def landing_of(
