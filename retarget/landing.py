@@ -2,10 +2,11 @@
 
 The way to the posture of rest is straight in its joints. From legs that lean or twist, two planted soles cannot go it:
 they would tip; and from arms that are anywhere it leads through the body. So the follower goes to a stand first, on
-locked soles, within its balance, limbs kept off each other; a foot that is lifted is put down on the way. Trunk and
-pelvis are asked for as in the stance, and last all joints: legs at once, arms straight and slowly to where they are in
-posture `attractor`. Hands may be anywhere: one that does not get where it is asked would draw the body along. So from
-the end of it the rest of the way is always the same.
+locked soles, within its balance, limbs kept off each other; a foot that is lifted is put down on the way. What is asked
+is one posture, by every level alike: its landmarks, and last its joints. Its legs and trunk are those of the stance at
+once; its arms go straight, slowly, from where they are to where they are in posture `attractor`. Hands yield to the
+pelvis and the trunk: one that does not get there would draw the body along. So from its end the rest of the way is
+always the same.
 """
 
 from dataclasses import replace
@@ -15,7 +16,7 @@ import numpy as np
 from retarget.hierarchy import Hierarchy
 from retarget.landmarks import AskedLandmarks
 from retarget.robot_body import TRUNK, RobotBody
-from retarget.robot_reader import standing_dofs
+from retarget.robot_reader import RobotReader, standing_dofs
 from retarget.rotations import FloatArray
 from retarget.stance import Stance
 from retarget.standing_balance import StandingBalance
@@ -25,7 +26,7 @@ __all__ = ["Landing", "landing_of"]
 RESTING_SPEED, RESTS_S = 0.1, 0.3
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick alone is none: where limbs
 meet, all stand still for one, and the next goes on."""
-LONGEST_S = 8.0
+LONGEST_S = 15.0
 """After so long (s) it is parked from where it is."""
 ASIDE_SPEED = 1.0
 """rad/s of the joint of an arm that has the longest way."""
@@ -36,9 +37,8 @@ class Landing:
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
         """standing: what asks for the stance."""
-        landmarks = robot.profile.landmarks
-        hands = frozenset(row for row, name in enumerate(landmarks) if name != "pelvis")
-        self._asked = replace(standing, open=hands)
+        hands = frozenset(row for row, name in enumerate(robot.profile.landmarks) if name != "pelvis")
+        self._reader, self._asked = RobotReader(robot, stance), replace(standing, yielding=hands)
         single, address = robot.body.scalar_joints()
         self._arms = address[single & ~standing_dofs(robot, TRUNK)]
         self._aside = robot.posture(robot.profile.postures.attractor)[self._arms]
@@ -73,7 +73,7 @@ class Landing:
         self._posture[self._arms] += share * way
         self.arrived = share == 1.0
         hierarchy.set_posture(targets, self._posture)
-        return self._asked
+        return replace(self._asked, landmarks=self._reader.read(self._posture).landmarks)
 
 
 def landing_of(

@@ -21,7 +21,7 @@ HOME_S = 2.5
 """So long the straight way takes at most, and each part of one around something; it goes as fast as that asks."""
 ALONE_RAD = 0.3
 """So far a joint goes aside alone, before all the arm does."""
-LONGEST_HOME_S = 30.0
+LONGEST_HOME_S = 40.0
 """So long all of it takes at most, s; then its torque goes off where it is."""
 NEAR_REST = 0.2
 """A robot is parked when no joint is farther than this from posture `rest`, rad."""
