@@ -14,6 +14,7 @@ from retarget.importing.mark import DRAFT, marked_lines
 from retarget.leg_loads import heaviest_loads
 from retarget.observer_pairs import NEVER_NEAR, DroppedPair
 from retarget.observers import robot_observers
+from retarget.parking_check import parking_way
 from retarget.performer import Performer, load_performer
 from retarget.priorities import Priorities, load_priorities
 from retarget.priority_choice import name_with_mass
@@ -149,6 +150,7 @@ def _robot(path: Path) -> str:
                 else {
                     "stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles",
                     "carries": "; ".join(map(str, heaviest_loads(robot))),
+                    "parks": str(parking_way(robot) or "nothing is looked at"),
                 }
             ),
             "tick": f"{profile.safety.rate_hz:g} Hz",

@@ -1,0 +1,84 @@
+"""Whether the last part of the way to where a robot is parked is sound: from a stand, arms aside, straight to `rest`.
+
+That part is always the same (see `parking`), so it can be looked at before anything moves.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget import _solver
+from retarget.metrics.observer_clearance import shape_rows
+from retarget.observer_pairs import placed
+from retarget.observers import robot_observers
+from retarget.path_clearance import KEPT_SHARE
+from retarget.robot_body import TRUNK, RobotBody
+from retarget.robot_reader import standing_dofs
+from retarget.stance import plant
+from retarget.support import support_distance
+
+__all__ = ["ParkingWay", "parking_way"]
+
+ROWS = 41
+"""Postures of the way that are looked at."""
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class ParkingWay:
+    """margin: least distance, m, of the centre of mass to the edge of the soles, from inside. first, second: observers
+    that come nearest to what the gate keeps; distance: between them, m; kept: by the gate, m."""
+
+    margin: float
+    first: str
+    second: str
+    distance: float
+    kept: float
+
+    @property
+    def sound(self) -> bool:
+        """Whether the robot neither falls over nor is held up on it."""
+        return self.margin > 0.0 and self.distance >= self.kept
+
+    def __str__(self) -> str:
+        where = f"{abs(MM * self.margin):.0f} mm {'inside' if self.margin > 0.0 else 'outside'}"
+        near = f"{self.first} and {self.second} {MM * self.distance:.1f} mm apart, {MM * self.kept:.1f} kept"
+        return f"{'' if self.sound else 'not straight: '}centre of mass {where} the edge of the soles at least; {near}"
+
+
+def parking_way(robot: RobotBody) -> ParkingWay | None:
+    """Of a robot that stands on soles; None for another, and for one without observers."""
+    observers = robot_observers(robot)
+    if not robot.stands or not len(observers.pairs):
+        return None
+    way = _way(robot)
+    stances = [plant(robot, posture) for posture in way]
+    coms = robot.body.solver_body().centre_of_mass(np.array([stance.q for stance in stances]))
+    margin = min(float(support_distance(com, at.edges(0.0))) for com, at in zip(coms, stances, strict=True))
+
+    position, quat = placed(robot.body, observers, np.array([stance.q for stance in stances]))
+    first, second = observers.pairs.T
+    sides = [
+        shape_rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
+        for which in (first, second)
+    ]
+    distance = _solver.shape_distances(*sides[0], *sides[1])[0].reshape(len(way), -1).min(axis=0)
+    margins = np.maximum(observers.margin[first], observers.margin[second])
+    kept = KEPT_SHARE * np.minimum(margins, observers.pair_margin)
+    worst = int((distance - kept).argmin())
+    names = observers.names[first[worst]], observers.names[second[worst]]
+    return ParkingWay(margin, *names, float(distance[worst]), float(kept[worst]))
+
+
+def _way(robot: RobotBody) -> list[dict[str, float]]:
+    """Postures, by joint, from where a landing ends to `rest`."""
+    postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
+    joints = set(postures.stand) | set(postures.attractor) | set(postures.rest)
+    start = {
+        joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
+        for joint in joints
+    }
+    return [
+        {joint: (1.0 - share) * start[joint] + share * postures.rest.get(joint, 0.0) for joint in joints}
+        for share in np.linspace(0.0, 1.0, ROWS).tolist()
+    ]
