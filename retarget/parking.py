@@ -1,5 +1,7 @@
 """A robot that stopped goes where it is parked: to a stand, then home, around what is in the way."""
 
+import numpy as np
+
 from retarget.planted_root import plant_root
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
@@ -44,6 +46,7 @@ class Parking:
         """
         if not self.begun:
             self.begun = True
+            self._follower.reseed(q.copy(), np.zeros(self._robot.body.nv))  # perhaps it has not followed yet
             self._follower.keep_pace(PACE)
         if self._waits > 0:
             self._waits -= 1

@@ -77,6 +77,8 @@ def test_it_lands_slowly_then_goes_straight_home() -> None:
     assert not Bench(follower).parking.begun
     bench = Bench(follower).run(1000)
     assert bench.parking.begun and follower.paces == [PACE]
+    (begun,) = follower.reseeded
+    assert np.array_equal(begun, standing()[COLUMNS])  # from where it stands, whether it has followed or not
     way = np.array(bench.sent)
     assert way[19, 0] == pytest.approx(standing()[COLUMNS[0]] + 0.2)
     assert np.array_equal(way[-1], angles("rest"))
