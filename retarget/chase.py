@@ -28,8 +28,6 @@ its speed for catching up. Of a robot on its soles, and of one that something el
 What a joint makes of a limb's acceleration depends on the posture; a fifth leaves room for unfavourable ones, and what
 swings then tips nobody who is held. The own motion of a limb is that of several joints, of which one alone is looked at
 here; a foot that kicks may have what two can."""
-YIELDING = 0.05
-"""Weight of a landmark that yields to the others of its level."""
 FAR = 1e3
 """How far (m) away the point is that the eyes are turned to: a direction."""
 
@@ -89,7 +87,7 @@ class Chase:
         for row, pursuit in zip(self._rows, self._points, strict=True):
             here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
             x, y, z = pursuit.step(minus(there, last), minus(there, here), dt, haste=haste)
-            weight = YIELDING if row in asked.yielding else 1.0
+            weight = 0.0 if row in asked.open else 1.0
             goals.append((weight, here[0] + x, here[1] + y, here[2] + z))
         targets[self._slots] = np.array(goals)[self._source]
 

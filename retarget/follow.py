@@ -1,17 +1,19 @@
 """The robot's stage: landmarks asked -> a posture of the robot, within the limits of its servos, on its soles."""
 
 from functools import partial
+from math import inf
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from retarget.arrival import arrival
 from retarget.chase import Chase
 from retarget.envelope import measure_envelope
 from retarget.following_limits import following_limits
 from retarget.frames import BoolArray
 from retarget.hierarchy import Hierarchy
 from retarget.human_dimensions import HumanDimensions
-from retarget.landing import landing_of
+from retarget.landing import LED_SETTLE, landing_of
 from retarget.landmarks import AskedLandmarks, LandmarkMap
 from retarget.observers import robot_observers
 from retarget.planted_root import plant_root
@@ -40,11 +42,6 @@ Parts = Literal["whole", "upper"]
 
 APPROACH_S = 3.0
 """How long (s) after the start the robot takes to go from its slow approach to full haste."""
-ARRIVAL_S = 5.0
-"""Longest way (s) from standing to the performer's first posture."""
-RESTING_SPEED = 0.1
-"""A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
-RESTING_TICKS = 5
 
 
 class Follower:
@@ -94,6 +91,7 @@ class Follower:
         self._reader = RobotReader(robot, stance)
         upright = self._reader.trunk_at_stance
         self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=upright, ahead=priorities.ahead)
+        self._landing = landing_of(robot, stance, self.landmark_map.standing, self._balance if legs_move else None)
         self._approach = robot.profile.safety.speed_caps.approach
         self._servos = robot.servo_columns
         self._q = stance.q
@@ -132,25 +130,16 @@ class Follower:
             self.steps.restart()
         if self._stopping is not None:
             self._stopping.begin(self._q)
-        balance = None if self._stopping is None else self._balance
-        self._landing = landing_of(self._robot, self.stance, self.landmark_map.standing, balance)
         self._asked = self.landmark_map.ask(human, 0.0)
         self._reached = self._reader.read(self._q)
         return self._posture(self._asked)
 
     def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
-        """After `start`: the way to where the performer stands still, tick by tick, until the robot rests there.
-
-        At most ARRIVAL_S long. A hand that is asked high up is raised in good time, not chased from below.
-        """
-        way: list[RobotPosture] = []
-        resting = 0
+        """After `start`: the way to where the performer stands still, tick by tick, until the robot rests there (see
+        `arrival`). A hand that is asked high up is raised in good time, not chased from below."""
         if self.steps is not None:
             self.steps.waits = True
-        while resting < RESTING_TICKS and len(way) * dt < ARRIVAL_S:
-            before = self._q
-            way.append(self.step(human, dt))
-            resting = resting + 1 if float(np.abs(self._q - before).max()) < RESTING_SPEED * dt else 0
+        way = arrival(partial(self.step, human, dt), self._q, dt)
         if self.steps is not None:
             self.steps.waits = False
         self.surroundings.begin()
@@ -179,19 +168,26 @@ class Follower:
             keeps = self.steps is None or not self.steps.onto_one
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
         self._chase.aim(targets, asked, self._reached, dt, haste=haste)
-        hierarchy.set_previous(targets, self._q, dt)
+        hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if lands else inf)
         first = self._second.first(targets, self._q, dt) if self._second else hierarchy.solver.frame(targets, dt)
         self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
 
     def land(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) of a robot on its way to a stand (see `landing`); None: it stands, or needs none."""
+        """The next posture (nq,) on a way to a stand (see `landing`); None: the robot stands, or needs none."""
         stands = self.steps is None or self.steps.wait()
         landing, hierarchy = self._landing, self.hierarchy
         if landing is None or not landing.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
-        self._advance(landing.ask(self._q, dt, hierarchy, self._targets), dt, haste=1.0, lands=True)
+        hierarchy.set_posture(self._targets, landing.lead(dt))
+        self._advance(landing.asked, dt, haste=1.0, lands=True)
         return self._q
+
+    def begin_landing(self, q: FloatArray) -> None:
+        """Land from posture q (nq,), in which the robot stands, whether it has followed or not."""
+        self.reseed(q, np.zeros(self._robot.body.nv))
+        if self._landing is not None:
+            self._landing.begin(q)
 
     def keep_pace(self, pace: float) -> None:
         """Follow at a share (0, 1] of all speeds, from the next tick on."""
@@ -209,12 +205,20 @@ class Follower:
         step = None if self._stopping is None else self._stopping.follow(dt * self._time.pace)
         if step is None:
             return None
-        if self._second is not None and self._stopping is not None:
-            self._second.parts = self._stopping.stands
+        self.part_limbs()
         self._q, velocity = step
         self.hierarchy.solver.reset(self._q, velocity)
         self._reached = self._reader.read(self._q)
         return self._q
+
+    def part_limbs(self) -> None:
+        """If the robot stands, since a goal was refused, let its next thought be of parting limbs."""
+        if self._second is not None and self._stopping is not None:
+            self._second.parts = self._stopping.stands
+
+    def pass_time(self, dt: float) -> None:
+        """Let obstacles move on in a tick in which somebody else leads the robot."""
+        self.surroundings.tick(None, dt)
 
     def feel(self, soles: BoolArray | None) -> None:
         """Which soles (k,) press on the floor from now on; None: nobody knows. Who steps waits for it."""

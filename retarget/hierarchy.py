@@ -7,7 +7,7 @@ priorities ask for.
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
-from math import expm1
+from math import expm1, inf
 
 import numpy as np
 
@@ -195,14 +195,14 @@ class Hierarchy:
         for place in self._places[SlotKind.POSTURE]:
             targets[place.start + 1 : place.stop] = q
 
-    def set_previous(self, targets: FloatArray, q: FloatArray, dt: float) -> None:
+    def set_previous(self, targets: FloatArray, q: FloatArray, dt: float, *, settle: float = inf) -> None:
         """The posture (nq,) of `dt` seconds ago, which holds joints back.
 
         With stiffness k and weight k / (exp(dt / settle) - 1) towards q, an undisturbed joint approaches its attractor
-        as exp(-t / settle), whatever the rate of the ticks.
+        as exp(-t / settle), whatever the rate of the ticks. settle: s, at most, where that of the task is longer.
         """
         for place in self._places[SlotKind.PREVIOUS]:
-            targets[place.start] = 1.0 / expm1(min(dt / place.slot.settle, 50.0))
+            targets[place.start] = 1.0 / expm1(min(dt / min(place.slot.settle, settle), 50.0))
             targets[place.start + 1 : place.stop] = q
 
     def _set(self, targets: FloatArray, kind: SlotKind, name: str, value: FloatArray, weight: float) -> None:

@@ -13,8 +13,9 @@ REJOINING_S = 0.75
 class PacedWay:
     """Postures (m, n) rad, a tick of `dt` s from row to row, the first where the robot is."""
 
-    def __init__(self, rows: FloatArray, *, dt: float) -> None:
-        self._rows = rows
+    def __init__(self, rows: FloatArray, *, dt: float, straight: int = 0) -> None:
+        """straight: so many rows lie in one line with the first."""
+        self._rows, self._straight = rows, straight
         self._rejoining = round(REJOINING_S / dt)  # ticks
         self._at = 0.0  # rows gone so far
         self._left = False
@@ -30,6 +31,11 @@ class PacedWay:
     def done(self) -> bool:
         """Whether the last posture was returned."""
         return self._at >= len(self._rows) - 1 and self._since >= self._rejoining and not self._left
+
+    @property
+    def straight(self) -> bool:
+        """Whether the robot is still on its first part, in one line with where it began."""
+        return self._at <= self._straight
 
     @property
     def left(self) -> bool:

@@ -1,6 +1,7 @@
 """A robot that stopped goes where it is parked: to a stand, then home, around what is in the way."""
 
-import numpy as np
+from collections.abc import Callable
+from enum import Enum
 
 from retarget.planted_root import plant_root
 from retarget.robot_body import RobotBody
@@ -13,8 +14,18 @@ __all__ = ["Parking"]
 PACE = 0.5
 """Share of all speeds at which the follower brings the robot to a stand: nobody waits for it, and what its mass does to
 the soles goes with the square."""
+LONGEST_LANDING_S = 15.0
+"""After so long (s) on its way to a stand it stops, and goes home from where it is."""
 SETTLE_S = 0.2
 """So long (s) it stands after a refusal: servos are behind their goals, and the gate looks at both."""
+
+
+class _Part(Enum):
+    """Of the way: to a stand, to a stop in the midst of that, home."""
+
+    LANDS = 0
+    STOPS = 1
+    GOES = 2
 
 
 class Parking:
@@ -25,11 +36,23 @@ class Parking:
     it stays.
     """
 
-    def __init__(self, robot: RobotBody, follower: FollowingStage, *, dt: float) -> None:
-        self._robot, self._follower, self._dt = robot, follower, dt
+    def __init__(
+        self,
+        robot: RobotBody,
+        follower: FollowingStage,
+        *,
+        dt: float,
+        tell: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        """tell: hears of what fails on the way."""
+        self._robot, self._follower, self._dt, self._tell = robot, follower, dt, tell
         self._ways = ways_home(robot, dt=dt)
         self._way: Way | None = None
-        self._lands, self._again = True, True  # now, and once more
+        self._part = _Part.GOES
+        self._landings = 0
+        """That may still begin."""
+        self._lasted = 0.0
+        """s of the landing at hand."""
         self._waits = 0
         """Ticks that it stands before it goes on."""
         self._refused = False
@@ -38,62 +61,93 @@ class Parking:
         """Whether the robot has set off, and perhaps arrived."""
         self._arrived = False
 
-    def next(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
+    @property
+    def lands(self) -> bool:
+        """Whether it is the follower that leads."""
+        return self._part is not _Part.GOES
+
+    def next(
+        self, q: FloatArray, *, passed: bool, stands: bool, lands: bool = True, slow: float = 1.0
+    ) -> FloatArray | None:
         """The next posture (nq,); None: it is there, cannot go on, or has to come to a stand first.
 
         q (nq,): where the robot was sent last; passed: whether that is what was asked for; stands: whether nothing is
-        left to brake.
+        left to brake. lands: whether it goes to a stand first, asked once, when it stands. slow: share of speed that is
+        left to a warm robot.
         """
         if not self.begun:
-            self.begun = True
-            self._follower.reseed(q.copy(), np.zeros(self._robot.body.nv))  # perhaps it has not followed yet
-            self._follower.keep_pace(PACE)
+            self.begun, passed = True, True  # nothing was asked for yet
+            self._landings = 2 if lands else 0
+            self._land(q)
         if self._waits > 0:
             self._waits -= 1
+            self._follower.pass_time(self._dt)
             return q.copy()
-        if self._arrived:
-            return None
-        if self._lands:
-            there = self._landed(q, passed=passed, stands=stands)
-            if there is not None:
-                return there
-        elif not passed and self._way is not None:  # something is in the way
-            if not stands:
+        there = self._landed(q, passed=passed, stands=stands, slow=slow) if self._part is _Part.LANDS else None
+        if there is None and self._part is _Part.STOPS:
+            there = None if stands else self._follower.halt(self._dt)
+            if there is None and not stands:
                 return None
-            return self._blocked(q)
-        self._lands = False
-        return self._gone(q)
+            self._part = _Part.GOES if stands else _Part.STOPS
+        return self._gone(q, passed=passed, stands=stands) if there is None else there
+
+    def _land(self, q: FloatArray) -> None:
+        """Begin a landing from where it stands (nq,), if one is left."""
+        self._refused, self._lasted = False, 0.0
+        if self._landings > 0:
+            self._landings -= 1
+            self._part = _Part.LANDS
+            self._follower.begin_landing(q.copy())
+        else:
+            self._part = _Part.GOES
 
     def _wait(self, q: FloatArray) -> FloatArray:
         """Where it stands (nq,), from here on."""
         self._waits = round(SETTLE_S / self._dt)
+        self._follower.pass_time(self._dt)
         return q.copy()
 
     def _blocked(self, q: FloatArray) -> FloatArray:
         """Where it stands (nq,): the way at hand is none."""
-        self._way, self._lands, self._again = None, self._again, False
-        self._refused = False
+        self._way = None
+        self._land(q)
         return self._wait(q)
 
-    def _landed(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
+    def _landed(self, q: FloatArray, *, passed: bool, stands: bool, slow: float) -> FloatArray | None:
         """The next posture (nq,) of a landing; None: it is over."""
         if stands and not passed:
             if self._refused:
                 return self._blocked(q)
             self._refused = True
-            self._follower.halt(self._dt)  # it stands, and so its next thought is of parting limbs
+            self._follower.part_limbs()
             return self._wait(q)
         self._refused &= stands
-        return self._follower.land(self._dt)
+        self._lasted += self._dt
+        there = None
+        try:
+            if self._lasted < LONGEST_LANDING_S:
+                self._follower.keep_pace(min(PACE, slow))
+                there = self._follower.land(self._dt)
+                self._part = _Part.LANDS if there is not None else _Part.GOES
+                return there
+        except Exception as error:  # noqa: BLE001 - without it the robot can still go home
+            self._tell(f"on its way to a stand: {str(error) or type(error).__name__}")
+        self._landings, self._part = 0, _Part.STOPS
+        return None
 
-    def _gone(self, q: FloatArray) -> FloatArray | None:
-        """The next posture (nq,) of a way home; None: it is there, or there are no more ways."""
+    def _gone(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
+        """The next posture (nq,) of a way home; None: it is there, there are no more ways, or something is in it."""
+        if self._arrived:
+            return None
+        if self._way is not None and not passed:
+            return self._blocked(q) if stands else None
         columns = self._robot.servo_columns
         if self._way is None:
             begin = next(self._ways, None)
             if begin is None:
                 return None
             self._way = begin(q[columns])
+        self._follower.pass_time(self._dt)
         goal = next(self._way, None)
         if goal is None:
             self._arrived = True

@@ -78,7 +78,7 @@ class RobotSide:
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
         self._lost, self._parks, self._tell = 0, parks, tell  # lost: ticks in which no posture was found
-        self._parking = Parking(robot, follower, dt=dt)
+        self._parking = Parking(robot, follower, dt=dt, tell=tell)
 
     @property
     def stopping_ticks(self) -> int:
@@ -248,7 +248,7 @@ class RobotSide:
         self._q[self.robot.servo_columns] = sent
         if not (self._passed and self._rooted):
             plant_root(self.robot, self._before, self._q)
-        if self._started and not self._passed:
+        if (self._started or self._parking.lands) and not self._passed:
             moved = self._kinematics.difference(self._before, self._q)  # (nv,)
             self._follower.reseed(self._q.copy(), moved / self._dt)
         if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
@@ -270,10 +270,13 @@ class RobotSide:
         self.phase = Phase.BRAKE
         self._measure()
         if self._goals.at_rest or self._parking.begun:
-            return self._homeward()
+            if self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home:
+                return self._homeward()
+            if self._goals.at_rest or not self._parking.lands:
+                return None
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
-        if not self._started:
+        if not (self._started or self._parking.lands):
             self._way.leave()
             self._goal = self._sent + slower_in_line(self._moved, self._change)
             return self._goal
@@ -281,10 +284,10 @@ class RobotSide:
         return None if q is None else self._take(q)
 
     def _homeward(self) -> FloatArray | None:
-        """The next goal on the way to where the robot is parked; None: it is there, cannot go on, or is to stay."""
-        if not (self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home):
-            return None
-        q = self._parking.next(self._q, passed=self._passed, stands=self._goals.at_rest)
+        """The next goal on the way to where the robot is parked; None: it is there, or cannot go on."""
+        lands = self._started or not self._way.straight  # from there it goes back as it came
+        stands, slow = self._goals.at_rest, self.guard.health.slow
+        q = self._parking.next(self._q, passed=self._passed, stands=stands, lands=lands, slow=slow)
         return None if q is None else self._take(q)
 
     def _take(self, q: FloatArray) -> FloatArray:

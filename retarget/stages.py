@@ -40,8 +40,8 @@ class FollowingStage(Protocol):
         ...
 
     def keep_pace(self, pace: float) -> None:
-        """From the next tick on, follow at a share (0, 1] of all speeds, called before every `step`: the robot lags
-        behind what is too fast for that, and catches up smoothly."""
+        """From the next tick on, follow or land at a share (0, 1] of all speeds, called before every `step` and
+        `land`: the robot lags behind what is too fast for that, and catches up smoothly."""
         ...
 
     def feel(self, soles: BoolArray | None) -> None:
@@ -52,9 +52,21 @@ class FollowingStage(Protocol):
         """The next posture (nq,) on a way to a stop; None: none is known."""
         ...
 
+    def begin_landing(self, q: FloatArray) -> None:
+        """Land from posture q (nq,), in which the robot stands, whether it has followed or not."""
+        ...
+
     def land(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of a robot on its way to a stand, a foot put down first; None: it stands there, or
         needs none."""
+        ...
+
+    def part_limbs(self) -> None:
+        """If the robot stands, since a goal was refused, let the next thought be of parting limbs."""
+        ...
+
+    def pass_time(self, dt: float) -> None:
+        """Let obstacles move on in a tick in which somebody else leads the robot."""
         ...
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:

@@ -37,4 +37,4 @@ def way_there(robot: RobotBody, present: FloatArray, arrival: Sequence[FloatArra
     speed, joints = robot.profile.safety.speed_caps.approach, robot.joint_map
     there = [*approach(present, arrival[0], joints, speed=speed, dt=dt)]
     rows = laid_within(np.array(arrival), most=speed * joints.max_velocity * dt, change=joints.max_acceleration * dt**2)
-    return PacedWay(np.array([present, *there, *rows[1:]]), dt=dt)
+    return PacedWay(np.array([present, *there, *rows[1:]]), dt=dt, straight=len(there))

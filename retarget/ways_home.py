@@ -21,7 +21,7 @@ HOME_S = 2.5
 """So long the straight way takes at most, and each part of one around something; it goes as fast as that asks."""
 ALONE_RAD = 0.3
 """So far a joint goes aside alone, before all the arm does."""
-LONGEST_HOME_S = 40.0
+LONGEST_HOME_S = 45.0
 """So long all of it takes at most, s; then its torque goes off where it is."""
 NEAR_REST = 0.2
 """A robot is parked when no joint is farther than this from posture `rest`, rad."""
@@ -72,7 +72,7 @@ def not_parked(robot: RobotBody, joints: FloatArray, stop: Stop | None) -> tuple
     if off[worst] <= NEAR_REST:
         return ()
     where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-    return (f"not parked: no way to posture rest was clear; torque went off with {where}",)
+    return (f"not parked: no way to posture rest was found; torque went off with {where}",)
 
 
 def _outermost(robot: RobotBody, carrying: BoolArray) -> list[int]:

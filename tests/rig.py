@@ -73,6 +73,8 @@ class StubFollower:
         self.reseeded: list[FloatArray] = []
         self.felt: list[BoolArray | None] = []
         self.paces: list[float] = []
+        self.landings: list[FloatArray] = []
+        self.parted, self.passed_s = 0, 0.0
         self.stance = plant(robot, robot.profile.postures.stand)
 
     def start(self, human: HumanPosture) -> RobotPosture:
@@ -94,6 +96,15 @@ class StubFollower:
 
     def land(self, dt: float) -> FloatArray | None:
         return None
+
+    def begin_landing(self, q: FloatArray) -> None:
+        self.landings.append(q[self.robot.servo_columns].copy())
+
+    def part_limbs(self) -> None:
+        self.parted += 1
+
+    def pass_time(self, dt: float) -> None:
+        self.passed_s += dt
 
     def feel(self, soles: BoolArray | None) -> None:
         self.felt.append(soles)

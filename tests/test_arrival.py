@@ -9,8 +9,8 @@ import pytest
 from followers import DT, follower, postures
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
+from retarget.arrival import ARRIVAL_S, RESTING_SPEED
 from retarget.clip import Playback
-from retarget.follow import ARRIVAL_S, RESTING_SPEED
 from retarget.metrics import standing
 from retarget.metrics.motion import LimitViolations, limit_violations
 from retarget.options import RunOptions

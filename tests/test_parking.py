@@ -1,15 +1,16 @@
 """A robot that stopped goes to a stand, then home; where something is in the way, once more; in the end it stays."""
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from followers import DT, op3
-from retarget.parking import PACE, SETTLE_S, Parking
+from retarget.parking import LONGEST_LANDING_S, PACE, SETTLE_S, Parking
 from retarget.rotations import FloatArray
 from retarget.stance import plant
-from retarget.ways_home import ways_home
+from retarget.ways_home import HOME_S, LONGEST_HOME_S, ways_home
 from rig import StubFollower
 
 SETTLES = round(SETTLE_S / DT)
@@ -26,11 +27,11 @@ def angles(name: str) -> FloatArray:
 
 
 class Lander(StubFollower):
-    """Lands in so many ticks, the first joint by 0.01 rad each, then in so many the next time: `lasts`."""
+    """Lands in so many ticks, the first joint by `step` rad each, then in so many the next time: `lasts`."""
 
-    def __init__(self, *lasts: int) -> None:
+    def __init__(self, *lasts: int, fails: int = 10**9, step: float = 0.01) -> None:
         super().__init__(op3(), np.zeros((1, len(COLUMNS))))
-        self.left = list(lasts)
+        self.left, self.fails, self.advance = list(lasts), fails, step
         self.landed = self.halted = 0
         self.q = standing().copy()
 
@@ -38,54 +39,107 @@ class Lander(StubFollower):
         self.halted += 1
         return self.q
 
+    def begin_landing(self, q: FloatArray) -> None:
+        super().begin_landing(q)
+        self.q = q
+
     def land(self, dt: float) -> FloatArray | None:
+        self.fails -= 1
+        if self.fails < 0:
+            raise ArithmeticError("no posture was found")
         if self.left[0] == 0:
             self.landed += 1
             self.left.pop(0)
             return None
         self.left[0] -= 1
         self.q = self.q.copy()
-        self.q[COLUMNS[0]] += 0.01
+        self.q[COLUMNS[0]] += self.advance
         return self.q
 
 
 class Bench:
-    """Parks, tick by tick; what `refuses` names by number of the goal is not sent, and the robot stands there."""
+    """Parks, tick by tick; what `refuses` names by number of the goal is not sent, and the robot stands there.
 
-    def __init__(self, follower: Lander, refuses: "range | set[int]" = range(0)) -> None:
-        self.follower, self.refuses = follower, refuses
-        self.parking = Parking(op3(), follower, dt=DT)
+    moves: numbers of goals that are refused while it moves: it is at rest `brakes` ticks later.
+    """
+
+    def __init__(
+        self,
+        follower: Lander,
+        refuses: "range | set[int]" = range(0),
+        *,
+        moves: "range | set[int]" = range(0),
+        brakes: int = 3,
+        **known: bool | float,
+    ) -> None:
+        self.follower, self.refuses, self.moves, self.known = follower, refuses, moves, known
+        self.told: list[str] = []
+        self.parking = Parking(op3(), follower, dt=DT, tell=self.told.append)
         self.q = standing().copy()
         self.sent: list[FloatArray] = []
-        self.passed = True
+        self.passed = bool(known.pop("passed", True))
+        self._brakes, self._rests = brakes, 0
 
     def run(self, ticks: int) -> "Bench":
         for _ in range(ticks):
-            there = self.parking.next(self.q, passed=self.passed, stands=True)
-            if there is None:
+            self._rests = max(self._rests - 1, 0)
+            stands = self._rests == 0
+            there = self.parking.next(self.q, passed=self.passed, stands=stands, **self.known)  # type: ignore[arg-type]
+            if there is None and stands:
                 return self
+            number = len(self.sent)
+            if there is None:
+                self.passed = False
+                continue
             waits = np.array_equal(there, self.q)
-            self.passed = waits or len(self.sent) not in self.refuses
+            self.passed = waits or (number not in self.refuses and number not in self.moves)
+            if number in self.moves:
+                self._rests = self._brakes + 1
             self.sent.append(there[COLUMNS].copy())
             if self.passed:
                 self.q = there
         raise AssertionError("it goes on and on")
 
 
+def waited(bench: Bench) -> int:
+    """Ticks that it stood, between the first goal and the last."""
+    return sum(np.array_equal(a, b) for a, b in pairwise(bench.sent))
+
+
 def test_it_lands_slowly_then_goes_straight_home() -> None:
     follower = Lander(20)
     assert not Bench(follower).parking.begun
     bench = Bench(follower).run(1000)
-    assert bench.parking.begun and follower.paces == [PACE]
-    (begun,) = follower.reseeded
+    assert bench.parking.begun and set(follower.paces) == {PACE}
+    (begun,) = follower.landings
     assert np.array_equal(begun, standing()[COLUMNS])  # from where it stands, whether it has followed or not
     way = np.array(bench.sent)
     assert way[19, 0] == pytest.approx(standing()[COLUMNS[0]] + 0.2)
     assert np.array_equal(way[-1], angles("rest"))
     home = way[20:]
     assert np.linalg.matrix_rank(home - home[-1], tol=1e-6) == 1  # straight
-    assert follower.landed == 1
+    assert follower.landed == 1 and not waited(bench)
     assert bench.parking.next(bench.q, passed=False, stands=True) is None, "nobody sets off again"
+
+
+def test_one_that_has_not_risen_yet_goes_straight_home() -> None:
+    follower = Lander()
+    bench = Bench(follower, lands=False).run(1000)
+    assert not follower.landings and not bench.parking.lands
+    way = np.array(bench.sent)
+    assert np.linalg.matrix_rank(way - way[-1], tol=1e-6) == 1 and np.array_equal(way[-1], angles("rest"))
+
+
+def test_a_warm_robot_lands_no_faster_than_it_may() -> None:
+    follower = Lander(20)
+    Bench(follower, slow=0.25).run(1000)
+    assert set(follower.paces) == {0.25}
+
+
+def test_a_stop_out_of_a_hold_is_no_refusal() -> None:
+    """Nothing was asked for, so nothing was sent as asked."""
+    bench = Bench(Lander(20), passed=False).run(1000)
+    assert not waited(bench) and not bench.follower.parted
 
 
 def test_soles_stay_where_they_are_on_the_way_home() -> None:
@@ -100,26 +154,36 @@ def test_where_something_is_in_the_way_it_waits_and_lands_once_more_then_takes_i
     refused = 5 + 30
     bench = Bench(follower, {refused}).run(2000)
     assert follower.landed == 2
-    waited = np.array(bench.sent[refused + 1 : refused + 1 + SETTLES])
-    assert (waited == bench.sent[refused - 1]).all()
+    assert np.array_equal(follower.landings[1], bench.sent[refused - 1]), "from where it stands then"
+    stood = np.array(bench.sent[refused + 1 : refused + 2 + SETTLES])
+    assert (stood == bench.sent[refused - 1]).all()
     assert np.array_equal(bench.sent[-1], angles("rest"))
     attractor = np.abs(np.array(bench.sent)[:, :2] - angles("attractor")[:2]).max(axis=1)
     assert attractor.min() < 1e-9
 
 
-def test_a_landing_that_is_refused_waits_and_parts_limbs_then_waits_and_goes_on_once_more() -> None:
-    follower = Lander(20)
+def test_a_landing_that_is_refused_waits_and_parts_limbs_and_if_it_still_is_lands_once_more() -> None:
+    follower = Lander(20, 20)
     bench = Bench(follower, {10, 12 + SETTLES}).run(2000)  # and again, where it stands
-    assert follower.halted == 1 and follower.landed == 1
-    waited = (np.array(bench.sent)[10:] == bench.sent[9]).all(axis=1)
-    assert np.count_nonzero(waited) == 2 * SETTLES + 2
+    assert follower.parted == 1 and len(follower.landings) == 2
+    stood = (np.array(bench.sent)[10:] == bench.sent[9]).all(axis=1)
+    assert np.count_nonzero(stood) == 2 * SETTLES + 2
     assert np.array_equal(bench.sent[-1], angles("rest"))
 
 
-def test_one_refusal_alone_does_not_end_a_landing() -> None:
-    follower = Lander(30)
-    Bench(follower, {10}).run(2000)
-    assert follower.halted == 1 and follower.landed == 1
+def test_one_refusal_alone_does_not_end_a_landing_nor_do_two_apart() -> None:
+    follower = Lander(60)
+    Bench(follower, {10, 20 + SETTLES}).run(2000)
+    assert follower.parted == 1 and follower.landed == 1, "it never moved between them"
+    follower = Lander(60)
+    Bench(follower, {10}, moves={20 + SETTLES}).run(2000)
+    assert follower.parted == 1 and follower.landed == 1 and len(follower.landings) == 1
+
+
+def test_a_landing_that_is_refused_while_it_moves_goes_on() -> None:
+    follower = Lander(60)
+    bench = Bench(follower, moves=range(10, 40, 5), brakes=2).run(2000)
+    assert not follower.parted and follower.landed == 1 and not waited(bench)
 
 
 def test_while_it_moves_a_refused_way_home_waits_for_the_brakes() -> None:
@@ -133,6 +197,42 @@ def test_while_it_moves_a_refused_way_home_waits_for_the_brakes() -> None:
         assert parking.next(q, passed=False, stands=False) is None
     there = parking.next(q, passed=False, stands=True)
     assert there is not None and np.array_equal(there, q)
+
+
+def test_a_landing_that_does_not_end_stops_and_goes_home_from_there() -> None:
+    follower = Lander(10**6, step=1e-6)
+    parking, q = Parking(op3(), follower, dt=DT), standing()
+    ticks = 0
+    while not follower.halted:
+        there = parking.next(q, passed=True, stands=ticks == 0)
+        assert there is not None
+        q, ticks = there, ticks + 1
+    assert ticks * DT == pytest.approx(LONGEST_LANDING_S, abs=2 * DT)
+    for _ in range(4):  # on the follower's way to a stop
+        assert parking.next(q, passed=True, stands=False) is follower.q
+    way = [q]
+    while (there := parking.next(way[-1], passed=True, stands=len(way) == 1)) is not None:
+        way.append(there)
+    assert np.array_equal(way[-1][COLUMNS], angles("rest")) and len(follower.landings) == 1
+    assert len(way) * DT <= HOME_S + 2 * DT
+
+
+def test_the_longest_course_fits_into_its_time() -> None:
+    straight, around = HOME_S, 4.0 * HOME_S  # one joint, arms, `stand`, `rest`
+    assert 2.0 * LONGEST_LANDING_S + straight + around + 4 * SETTLE_S <= LONGEST_HOME_S
+
+
+def test_what_fails_in_a_landing_is_told_and_it_goes_home_without() -> None:
+    follower = Lander(40, fails=10)
+    bench = Bench(follower).run(2000)
+    assert bench.told == ["on its way to a stand: no posture was found"]
+    assert np.array_equal(bench.sent[-1], angles("rest"))
+
+
+def test_obstacles_move_on_in_every_tick_in_which_the_follower_does_not_lead() -> None:
+    follower = Lander(5, 7)
+    bench = Bench(follower, {5 + 30}).run(2000)
+    assert follower.passed_s == pytest.approx((len(bench.sent) + 1 - 5 - 7) * DT, abs=3 * DT)
 
 
 def test_where_there_is_no_way_it_stays() -> None:

@@ -126,6 +126,15 @@ class RecordedGoals:
         """No foot is off the floor, as far as anybody knows."""
         return None
 
+    def begin_landing(self, q: FloatArray) -> None:
+        """It makes no difference."""
+
+    def part_limbs(self) -> None:
+        """Nobody thinks of limbs here."""
+
+    def pass_time(self, dt: float) -> None:
+        """Nothing is around it that moves."""
+
     def feel(self, soles: BoolArray | None) -> None:
         """It makes no difference."""
 
