@@ -43,7 +43,13 @@ def stopped(name: str, after: int, *, start: str, scene: Path | None = None) -> 
     def bus(robot: RobotBody, clock: Clock) -> ServoBus:
         return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(angles(robot, start)))
 
-    asked = RunOptions(robot=name, bus="mock", priorities="steady", scene=scene, playback=Playback(end=1.0))
+    asked = RunOptions(
+        robot=name,
+        bus="mock",
+        priorities="steady",
+        scene=None if scene is None else str(scene),
+        playback=Playback(end=1.0),
+    )
     ticks = iter(range(10**6))
     with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bus, parks=True) as prepared:
         run = prepared.run(Watch(stop_asked=lambda: next(ticks) >= after))
@@ -65,7 +71,7 @@ def test_a_stop_after_it_followed_lands_at_half_of_all_speeds() -> None:
     run, _ = stopped("op3", 10**6, start="stand")
     assert run.record is not None and run.record.robot is not None and run.robot is not None
     goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
-    stop = int(np.flatnonzero(run.record.following)[-1]) + 60  # it brakes first
+    stop = run.record.following.stop + 60  # it brakes first
     speeds = np.abs(np.diff(goals[stop:], axis=0)) / dt / run.robot.joint_map.max_velocity
     assert 0.1 < speeds.max() < PACE + 0.05  # goals are held beside postures
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
@@ -84,8 +90,13 @@ def test_obstacles_move_on_while_it_is_parked(tmp_path: Path) -> None:
 def test_a_run_that_is_parked_stays_so_when_its_torque_goes(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """ToddlerBot does not: its ankles have no stop within reach, and next to no friction."""
     witnesses: list[Witness] = []
-    seen_out = Witness.see_it_out
-    monkeypatch.setattr(Witness, "see_it_out", lambda self: (witnesses.append(self), seen_out(self))[1])
+    see_it_out = Witness.see_it_out
+
+    def kept(witness: Witness) -> None:
+        witnesses.append(witness)
+        see_it_out(witness)
+
+    monkeypatch.setattr(Witness, "see_it_out", kept)
     asked = RunOptions(robot=name, bus="physics", playback=Playback(end=2.0))
     bench = PhysicsBench(asked, lambda text: None)
     with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
