@@ -140,7 +140,10 @@ class Parking:
         if self._arrived:
             return None
         if self._way is not None and not passed:
-            return self._blocked(q) if stands else None
+            if stands:
+                return self._blocked(q)
+            self._follower.pass_time(self._dt)
+            return None
         columns = self._robot.servo_columns
         if self._way is None:
             begin = next(self._ways, None)

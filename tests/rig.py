@@ -13,7 +13,7 @@ from retarget.human_dimensions import POINTS, proportional_dimensions
 from retarget.human_posture import HumanPosture, PostureReader
 from retarget.human_speeds import human_limits
 from retarget.performer import Performer, load_performer
-from retarget.pipeline import Ending, Pipeline
+from retarget.pipeline import Ending, Pipeline, Watch
 from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
@@ -182,3 +182,8 @@ def scripted_run() -> RunResult:
     rig, human, clip = Rig(script), person(), short_clip()
     ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
     return result(ending, clip, human, rig.robot)
+
+
+def play(rig: Rig, watch: Watch | None = None) -> Ending:
+    clip = short_clip(seconds=0.4)
+    return Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run(watch)

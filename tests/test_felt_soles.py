@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig import Rig
-from test_robot_side import play
+from rig import Rig, play
 
 
 def test_what_the_soles_feel_is_told_before_each_thought(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,20 +1,15 @@
 """The robot's half of a tick: goals that keep their distance in time, and an end that leaves no torque on."""
 
-from contextlib import suppress
-
 import numpy as np
 import pytest
 
-from hardware.bus import ServoAlert, ServoGoals
+from hardware.bus import ServoGoals
 from hardware.errors import BusError, TorqueError
-from hardware.guard_state import GuardState, StopCause
-from retarget.parking import SETTLE_S
-from retarget.pipeline import Ending, Pipeline, Watch
+from hardware.guard_state import GuardState
+from retarget.pipeline import Watch
 from retarget.record import Phase
-from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
-from retarget.ways_home import ways_home
-from rig import Rig, StubReconstructor, person, short_clip
+from rig import Rig, play, short_clip
 from sim.mock_faults import FaultKind, MockFault
 
 FOR_EVER = 10**6
@@ -23,25 +18,6 @@ FOR_EVER = 10**6
 def swing() -> FloatArray:
     """All joints set off smoothly, and go on."""
     return np.asarray(0.05 * (1.0 - np.cos(2.0 * np.pi * np.arange(100)[:, None] / 80)) * np.ones(20))
-
-
-def play(rig: Rig, watch: Watch | None = None) -> Ending:
-    clip = short_clip(seconds=0.4)
-    return Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run(watch)
-
-
-def parking(rig: Rig) -> Rig:
-    """A stop leads on to the profile's rest posture."""
-    rig.side = RobotSide(
-        robot=rig.robot,
-        follower=rig.follower,
-        goals=rig.gate,
-        guard=rig.guard,
-        clock=rig.clock,
-        dt=rig.dt,
-        parks=True,
-    )
-    return rig
 
 
 def times_of_writing(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -201,49 +177,6 @@ def test_what_the_gate_would_refuse_is_not_asked_where_the_robot_can_yield(monke
         assert len(halts) >= 30 and ending.record.robot.gated[following].any() == gated
         stand = rig.robot.posture(rig.robot.profile.postures.stand)[rig.robot.servo_columns]
         np.testing.assert_allclose(halts[0], stand, atol=1e-9)
-
-
-def test_a_stop_ends_where_the_robot_is_parked() -> None:
-    script = np.zeros((60, 20))
-    script[:, 0] = 0.1 * np.sin(np.arange(60) / 10.0)
-    rig = parking(Rig(script))
-    parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
-    play(rig, Watch())
-    np.testing.assert_allclose(rig.gate.position, parked, atol=1e-9)
-    assert rig.guard.state is GuardState.IDLE and not rig.bus.torque_on
-
-
-def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = parking(Rig(np.zeros((40, 20))))
-    admit, homeward = rig.gate.admit, 0
-
-    def walled(goal: FloatArray) -> FloatArray:
-        nonlocal homeward
-        if rig.guard.state is GuardState.STOPPING:
-            homeward += 1
-            if homeward > 50:
-                return rig.gate.brake()
-        return admit(goal)
-
-    monkeypatch.setattr(rig.gate, "admit", walled)
-    play(rig, Watch())
-    tries = len(list(ways_home(rig.robot, dt=rig.dt)))
-    assert 50 < homeward < 60 + tries * (round(SETTLE_S / rig.dt) + 2)  # it waits before each
-    assert rig.guard.state is GuardState.IDLE and not rig.bus.torque_on
-
-
-@pytest.mark.parametrize("kind", [FaultKind.ALERT, FaultKind.MISSING])
-@pytest.mark.parametrize("first", [20, 60])
-def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind, first: int) -> None:
-    """Before the end of the clip, or on the way home: it brakes and stands."""
-    fault = MockFault(kind, first, 10**6, servo=12, alert=ServoAlert.OVERLOAD)
-    rig = parking(Rig(np.zeros((200, 20)), faults=(fault,)))
-    with suppress(TorqueError):
-        play(rig)
-    parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
-    assert np.abs(rig.gate.position - parked).max() > 0.3
-    assert rig.guard.stop_reason is not None
-    assert rig.guard.stop_reason.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
 
 
 def test_a_posture_that_is_not_finite_is_a_hold(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,8 +5,8 @@ import pytest
 from hardware.guard_state import StopCause
 from retarget.pipeline import INTERRUPTED, Watch
 from retarget.robot_side import INSISTED
-from rig import Rig
-from test_robot_side import play, swing, times_of_writing
+from rig import Rig, play
+from test_robot_side import swing, times_of_writing
 
 
 def test_who_insists_does_not_wait_for_the_robot_to_stand() -> None:
