@@ -1,6 +1,7 @@
 """A robot that stopped goes where it is parked: to a stand, then home, around what is in the way."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from enum import Enum
 
 from retarget.planted_root import plant_root
@@ -81,8 +82,7 @@ class Parking:
             self._land(q)
         if self._waits > 0:
             self._waits -= 1
-            self._follower.pass_time(self._dt)
-            return q.copy()
+            return self._stood(q)
         there = self._landed(q, passed=passed, stands=stands, slow=slow) if self._part is _Part.LANDS else None
         if there is None and self._part is _Part.STOPS:
             there = None if stands else self._follower.halt(self._dt)
@@ -94,16 +94,19 @@ class Parking:
     def _land(self, q: FloatArray) -> None:
         """Begin a landing from where it stands (nq,), if one is left."""
         self._refused, self._lasted = False, 0.0
+        self._part = _Part.LANDS if self._landings > 0 else _Part.GOES
         if self._landings > 0:
             self._landings -= 1
-            self._part = _Part.LANDS
-            self._follower.begin_landing(q.copy())
-        else:
-            self._part = _Part.GOES
+            self._tried(lambda: self._follower.begin_landing(q.copy()))
 
     def _wait(self, q: FloatArray) -> FloatArray:
         """Where it stands (nq,), from here on."""
-        self._waits = round(SETTLE_S / self._dt)
+        self._waits = round(SETTLE_S / self._dt) - 1
+        return self._stood(q)
+
+    def _stood(self, q: FloatArray) -> FloatArray:
+        """Where it stands (nq,), for a tick."""
+        self._lasted += self._dt
         self._follower.pass_time(self._dt)
         return q.copy()
 
@@ -119,21 +122,36 @@ class Parking:
             if self._refused:
                 return self._blocked(q)
             self._refused = True
-            self._follower.part_limbs()
+            self._tried(self._follower.part_limbs)
             return self._wait(q)
         self._refused &= stands
         self._lasted += self._dt
-        there = None
+        if self._lasted >= LONGEST_LANDING_S:
+            self._give_up(f"not there after {LONGEST_LANDING_S:g} s")
+            return None
+
+        def land() -> FloatArray | None:
+            self._follower.keep_pace(min(PACE, slow))
+            return self._follower.land(self._dt)
+
+        there = self._tried(land)
+        if there is None and self._part is _Part.LANDS:
+            self._part = _Part.GOES
+        return there
+
+    def _tried(self, call: Callable[[], FloatArray | None]) -> FloatArray | None:
+        """What the follower says; None where it fails."""
         try:
-            if self._lasted < LONGEST_LANDING_S:
-                self._follower.keep_pace(min(PACE, slow))
-                there = self._follower.land(self._dt)
-                self._part = _Part.LANDS if there is not None else _Part.GOES
-                return there
+            return call()
         except Exception as error:  # noqa: BLE001 - without it the robot can still go home
-            self._tell(f"on its way to a stand: {str(error) or type(error).__name__}")
+            self._give_up(str(error) or type(error).__name__)
+            return None
+
+    def _give_up(self, reason: str) -> None:
+        """Land no more: stop, and go home from there."""
         self._landings, self._part = 0, _Part.STOPS
-        return None
+        with suppress(OSError):  # who hears nothing any more does not hinder it
+            self._tell(f"on its way to a stand: {reason}; it goes home from where it is")
 
     def _gone(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
         """The next posture (nq,) of a way home; None: it is there, there are no more ways, or something is in it."""

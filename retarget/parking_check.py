@@ -41,15 +41,18 @@ class ParkingWay:
         return self.margin > 0.0 and self.distance >= self.kept
 
     def __str__(self) -> str:
-        where = f"{abs(MM * self.margin):.0f} mm {'inside' if self.margin > 0.0 else 'outside'}"
-        near = f"{self.first} and {self.second} {MM * self.distance:.1f} mm apart, {MM * self.kept:.1f} kept"
-        return f"{'' if self.sound else 'not straight: '}centre of mass {where} the edge of the soles at least; {near}"
+        balance = f"centre of mass {abs(MM * self.margin):.0f} mm {'inside' if self.margin > 0.0 else 'outside'}"
+        near = f"{self.first} and {self.second} {MM * self.distance:.1f} mm, the gate keeps {MM * self.kept:.1f} mm"
+        text = f"{balance} the edge of the soles at worst; nearest {near}"
+        if self.sound:
+            return text
+        return f"not straight, as {'limbs meet' if self.margin > 0.0 else 'it would tip'}: {text}"
 
 
 def parking_way(robot: RobotBody) -> ParkingWay | None:
-    """Of a robot that stands on soles; None for another, and for one without observers."""
+    """Of a robot that stands on soles; None for another, and for one without observers, or frame `neck`."""
     observers = robot_observers(robot)
-    if not robot.stands or not len(observers.pairs):
+    if not robot.stands or not len(observers.pairs) or TRUNK not in robot.profile.frames:
         return None
     way = _way(robot)
     stances = [plant(robot, posture) for posture in way]

@@ -72,7 +72,7 @@ def not_parked(robot: RobotBody, joints: FloatArray, stop: Stop | None) -> tuple
     if off[worst] <= NEAR_REST:
         return ()
     where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-    return (f"not parked: no way to posture rest was found; torque went off with {where}",)
+    return (f"not parked: no way to posture rest was found in time; torque went off with {where}",)
 
 
 def _outermost(robot: RobotBody, carrying: BoolArray) -> list[int]:

@@ -74,13 +74,24 @@ def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind,
     assert rig.guard.stop_reason.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
 
 
-def test_a_fault_in_the_midst_of_a_landing_brakes_on_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_warm_robot_lands_no_faster_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = parking(Rig(np.zeros((40, 20))))
+    monkeypatch.setattr(type(rig.guard.health), "slow", property(lambda self: 0.25))
+    landed = iter([rig.follower.stance.q] * 5)
+    monkeypatch.setattr(rig.follower, "land", lambda dt: next(landed, None))
+    play(rig)
+    assert rig.follower.landings and set(rig.follower.paces[-6:]) == {0.25}
+
+
+@pytest.mark.parametrize("followed", [True, False])
+def test_a_fault_in_the_midst_of_a_landing_brakes_on_the_soles(monkeypatch: pytest.MonkeyPatch, followed: bool) -> None:
     """The follower knows a way to a stop there; each joint on its own would tip the robot."""
     fault = MockFault(FaultKind.ALERT, 120, 10**6, servo=12, alert=ServoAlert.OVERLOAD)
     rig = parking(Rig(np.zeros((40, 20)), faults=(fault,)))
     halts: list[int] = []
 
     def land(dt: float) -> FloatArray | None:
+        rig.side._started = followed
         q = rig.side._q.copy()
         q[rig.robot.servo_columns[0]] += 0.3 * dt
         return q

@@ -9,6 +9,8 @@ from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from retarget.cli.physics_bench import PhysicsBench
 from retarget.clip import Playback
+from retarget.follow import Follower
+from retarget.gate import Gate
 from retarget.options import RunOptions
 from retarget.parking import PACE
 from retarget.pipeline import Watch
@@ -65,6 +67,33 @@ def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, af
     at_stop = risen[: after + 1].max()
     assert risen.max() < at_stop + 0.05 < 0.9  # it brakes first
     assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("parked" in note for note in run.notes)
+
+
+def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has left the straight way on which it rises, and has not followed; one goal of the landing is refused."""
+    refused: list[int] = []
+    admit, land = Gate.admit, Follower.land
+    landed: list[FloatArray] = []
+
+    def landing(self: Follower, dt: float) -> FloatArray | None:
+        q = land(self, dt)
+        landed.extend([] if q is None else [q.copy()])
+        return q
+
+    def once(self: Gate, goal: FloatArray) -> FloatArray:
+        if len(landed) == 60 and not refused:
+            refused.append(60)
+            return self.brake()
+        return admit(self, goal)
+
+    monkeypatch.setattr(Follower, "land", landing)
+    monkeypatch.setattr(Gate, "admit", once)
+    run, _ = stopped("op3", 60, start="stand")
+    assert run.record is not None and run.record.robot is not None and run.robot is not None
+    assert run.record.following.start == run.record.following.stop and refused
+    assert np.count_nonzero(run.record.robot.gated) == 1, "it went on from where it was"
+    aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
+    assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
 def test_a_stop_after_it_followed_lands_at_half_of_all_speeds() -> None:

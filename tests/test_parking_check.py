@@ -35,17 +35,21 @@ def test_every_shipped_robot_goes_straight_to_rest(name: str) -> None:
 def test_limbs_that_meet_on_the_way_are_named() -> None:
     way = found(resting(load_robot("poppy"), abs_y=0.5))
     assert not way.sound
-    assert str(way).startswith("not straight: ") and "abdomen and l_hip 0.5 mm apart, 1.2 kept" in str(way)
+    assert str(way).startswith("not straight, as limbs meet: ")
+    assert "nearest abdomen and l_hip 0.5 mm, the gate keeps 1.2 mm" in str(way)
 
 
 def test_a_robot_that_would_fall_over_on_the_way_is_told() -> None:
     ankles = {"l_ank_pitch": 0.4, "r_ank_pitch": -0.4}
     way = found(resting(load_robot("op3"), **ankles))
     assert not way.sound and way.margin < 0.0
-    assert f"{-1e3 * way.margin:.0f} mm outside the edge" in str(way)
+    assert str(way).startswith("not straight, as it would tip: ")
+    assert f"{-1e3 * way.margin:.0f} mm outside the edge of the soles at worst" in str(way)
 
 
-def test_a_robot_on_a_stand_is_not_looked_at() -> None:
+def test_a_robot_on_a_stand_is_not_looked_at_nor_one_whose_trunk_is_unknown() -> None:
     robot = load_robot("op3")
+    frames = {name: frame for name, frame in robot.profile.frames.items() if name != "neck"}
+    assert parking_way(replace(robot, profile=robot.profile.model_copy(update={"frames": frames}))) is None
     fixed = replace(robot, profile=robot.profile.model_copy(update={"root": "fixed"}))
     assert parking_way(fixed) is None

@@ -125,7 +125,7 @@ def _robot(path: Path) -> str:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
     robot = load_robot(path)
     observers = robot_observers(robot)
-    margin = check_stand(robot)
+    margin, parks = check_stand(robot), parking_way(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (
         f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
@@ -150,7 +150,7 @@ def _robot(path: Path) -> str:
                 else {
                     "stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles",
                     "carries": "; ".join(map(str, heaviest_loads(robot))),
-                    "parks": str(parking_way(robot) or "nothing is looked at"),
+                    "parks": str(parks or "nothing is looked at"),
                 }
             ),
             "tick": f"{profile.safety.rate_hz:g} Hz",
@@ -160,6 +160,7 @@ def _robot(path: Path) -> str:
             "physics": _physics(robot),
             **_drafts(path),
         },
+        verdict="good" if parks is None or parks.sound else "good, but it does not go straight to rest",
     )
 
 
@@ -262,7 +263,7 @@ _REPORTS: dict[Kind, Callable[[Path], str]] = {
 }
 
 
-def _paragraph(kind: str, model: Schema, path: Path, facts: dict[str, str]) -> str:
+def _paragraph(kind: str, model: Schema, path: Path, facts: dict[str, str], *, verdict: str = "good") -> str:
     width = max(map(len, facts)) + 2
-    head = f"{kind} {getattr(model, 'name', path.stem)}: good ({path})"
+    head = f"{kind} {getattr(model, 'name', path.stem)}: {verdict} ({path})"
     return "\n".join([head, *(f"  {key + ':':<{width}}{value}" for key, value in facts.items())])
