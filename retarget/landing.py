@@ -48,7 +48,7 @@ class Landing:
     def begin(self, q: FloatArray) -> None:
         """From posture q (nq,)."""
         self._posture[self._joints] = q[self._joints]
-        self.arrived, self._rested = False, 0.0
+        self.arrived = False
 
     def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
         """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether

@@ -70,7 +70,7 @@ def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, af
 
 
 def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has left the straight way on which it rises, and has not followed; one goal of the landing is refused."""
+    """It has left the straight way on which it rises, and has not followed; some goals of the landing are refused."""
     refused: list[int] = []
     admit, land = Gate.admit, Follower.land
     landed: list[FloatArray] = []
@@ -81,8 +81,8 @@ def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatc
         return q
 
     def once(self: Gate, goal: FloatArray) -> FloatArray:
-        if len(landed) == 60 and not refused:
-            refused.append(60)
+        if len(landed) >= 60 and len(refused) < 5:
+            refused.append(len(landed))
             return self.brake()
         return admit(self, goal)
 
@@ -90,8 +90,8 @@ def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatc
     monkeypatch.setattr(Gate, "admit", once)
     run, _ = stopped("op3", 60, start="stand")
     assert run.record is not None and run.record.robot is not None and run.robot is not None
-    assert run.record.following.start == run.record.following.stop and refused
-    assert np.count_nonzero(run.record.robot.gated) == 1, "it went on from where it was"
+    assert run.record.following.start == run.record.following.stop
+    assert np.count_nonzero(run.record.robot.gated) == len(refused) == 5, "it went on from where it was"
     aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
     assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
