@@ -72,7 +72,8 @@ def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, af
 def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """It has left the straight way on which it rises, and has not followed; some goals of the landing are refused."""
     refused: list[int] = []
-    admit, land = Gate.admit, Follower.land
+    admit, land, reseed = Gate.admit, Follower.land, Follower.reseed
+    told: list[int] = []
     landed: list[FloatArray] = []
 
     def landing(self: Follower, dt: float) -> FloatArray | None:
@@ -86,12 +87,18 @@ def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatc
             return self.brake()
         return admit(self, goal)
 
+    def reseeded(self: Follower, q: FloatArray, velocity: FloatArray) -> None:
+        told.append(len(landed))
+        reseed(self, q, velocity)
+
     monkeypatch.setattr(Follower, "land", landing)
+    monkeypatch.setattr(Follower, "reseed", reseeded)
     monkeypatch.setattr(Gate, "admit", once)
     run, _ = stopped("op3", 60, start="stand")
     assert run.record is not None and run.record.robot is not None and run.robot is not None
     assert run.record.following.start == run.record.following.stop
     assert np.count_nonzero(run.record.robot.gated) == len(refused) == 3, "it went on from where it was"
+    assert told[-3:] == refused and told[-4] == 0, "the follower knows, and began from where the robot stood"
     aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
     assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
