@@ -19,7 +19,7 @@ from retarget.rotations import FloatArray
 from retarget.stance import Stance
 from retarget.standing_balance import StandingBalance
 
-__all__ = ["LED_SETTLE", "LED_SPEED", "Landing", "landing_of"]
+__all__ = ["LED_SETTLE", "LED_SPEED", "Landing", "landed_angles", "landing_of"]
 
 RESTING_SPEED, RESTS_S = 0.1, 0.3
 """A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick alone is none: where limbs
@@ -37,9 +37,8 @@ class Landing:
         self.asked = replace(standing, open=others)
         """What is asked besides the joints."""
         single, address = robot.body.scalar_joints()
-        arms = address[single & ~standing_dofs(robot, TRUNK)]
-        self._joints, self._end = address[single], stance.q.copy()
-        self._end[arms] = robot.posture(robot.profile.postures.attractor)[arms]
+        self._joints = address[single]
+        self._end = robot.posture(landed_angles(robot))[self._joints]
         self._posture = stance.q.copy()
         self.arrived = False
         """Whether joints are led no further."""
@@ -59,11 +58,20 @@ class Landing:
 
     def lead(self, dt: float) -> FloatArray:
         """The posture (nq,) in which joints are to be `dt` s later."""
-        way = self._end[self._joints] - self._posture[self._joints]
+        way = self._end - self._posture[self._joints]
         share = min(LED_SPEED * dt / max(float(np.abs(way).max(initial=0.0)), 1e-9), 1.0)
         self._posture[self._joints] += share * way
         self.arrived = share == 1.0
         return self._posture
+
+
+def landed_angles(robot: RobotBody) -> dict[str, float]:
+    """Where a landing ends, rad by joint, 0 elsewhere: legs and trunk as in `stand`, the others as in `attractor`."""
+    postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
+    return {
+        joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
+        for joint in postures.stand | postures.attractor
+    }
 
 
 def landing_of(

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget import _solver
+from retarget.landing import landed_angles
 from retarget.metrics.observer_clearance import shape_rows
 from retarget.observer_pairs import placed
 from retarget.observers import robot_observers
 from retarget.path_clearance import KEPT_SHARE
 from retarget.robot_body import TRUNK, RobotBody
-from retarget.robot_reader import standing_dofs
 from retarget.stance import plant
 from retarget.support import support_distance
 
@@ -56,7 +56,7 @@ def parking_way(robot: RobotBody) -> ParkingWay | None:
         return None
     way = _way(robot)
     stances = [plant(robot, posture) for posture in way]
-    coms = robot.body.solver_body().centre_of_mass(np.array([stance.q for stance in stances]))
+    coms = robot.kinematics.centre_of_mass(np.array([stance.q for stance in stances]))
     margin = min(float(support_distance(com, at.edges(0.0))) for com, at in zip(coms, stances, strict=True))
 
     position, quat = placed(robot.body, observers, np.array([stance.q for stance in stances]))
@@ -75,13 +75,8 @@ def parking_way(robot: RobotBody) -> ParkingWay | None:
 
 def _way(robot: RobotBody) -> list[dict[str, float]]:
     """Postures, by joint, from where a landing ends to `rest`."""
-    postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
-    joints = set(postures.stand) | set(postures.attractor) | set(postures.rest)
-    start = {
-        joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
-        for joint in joints
-    }
+    start, rest = landed_angles(robot), robot.profile.postures.rest
     return [
-        {joint: (1.0 - share) * start[joint] + share * postures.rest.get(joint, 0.0) for joint in joints}
+        {joint: (1.0 - share) * start.get(joint, 0.0) + share * rest.get(joint, 0.0) for joint in start | rest}
         for share in np.linspace(0.0, 1.0, ROWS).tolist()
     ]

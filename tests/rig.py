@@ -134,7 +134,8 @@ class StubFollower:
 class Rig:
     """OP3 on a mock bus with a scripted follower."""
 
-    def __init__(self, script: FloatArray, **bus_options: object) -> None:
+    def __init__(self, script: FloatArray, *, parks: bool = False, **bus_options: object) -> None:
+        """parks: a stop leads on to the profile's rest posture."""
         self.robot = load_robot("op3")
         self.clock = VirtualClock()
         self.dt = 1.0 / self.robot.profile.safety.rate_hz
@@ -152,6 +153,7 @@ class Rig:
             guard=self.guard,
             clock=self.clock,
             dt=self.dt,
+            parks=parks,
         )
 
 

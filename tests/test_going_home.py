@@ -10,31 +10,16 @@ from hardware.errors import TorqueError
 from hardware.guard_state import GuardState, StopCause
 from retarget.parking import SETTLE_S
 from retarget.pipeline import Watch
-from retarget.robot_side import RobotSide
 from retarget.rotations import FloatArray
 from retarget.ways_home import ways_home
 from rig import Rig, play
 from sim.mock_faults import FaultKind, MockFault
 
 
-def parking(rig: Rig) -> Rig:
-    """A stop leads on to the profile's rest posture."""
-    rig.side = RobotSide(
-        robot=rig.robot,
-        follower=rig.follower,
-        goals=rig.gate,
-        guard=rig.guard,
-        clock=rig.clock,
-        dt=rig.dt,
-        parks=True,
-    )
-    return rig
-
-
 def test_a_stop_ends_where_the_robot_is_parked() -> None:
     script = np.zeros((60, 20))
     script[:, 0] = 0.1 * np.sin(np.arange(60) / 10.0)
-    rig = parking(Rig(script))
+    rig = Rig(script, parks=True)
     parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
     play(rig, Watch())
     np.testing.assert_allclose(rig.gate.position, parked, atol=1e-9)
@@ -42,7 +27,7 @@ def test_a_stop_ends_where_the_robot_is_parked() -> None:
 
 
 def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = parking(Rig(np.zeros((40, 20))))
+    rig = Rig(np.zeros((40, 20)), parks=True)
     admit, homeward = rig.gate.admit, 0
 
     def walled(goal: FloatArray) -> FloatArray:
@@ -65,7 +50,7 @@ def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeyp
 def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind, first: int) -> None:
     """Before the end of the clip, or on the way home: it brakes and stands."""
     fault = MockFault(kind, first, 10**6, servo=12, alert=ServoAlert.OVERLOAD)
-    rig = parking(Rig(np.zeros((200, 20)), faults=(fault,)))
+    rig = Rig(np.zeros((200, 20)), faults=(fault,), parks=True)
     with suppress(TorqueError):
         play(rig)
     parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
@@ -75,7 +60,7 @@ def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind,
 
 
 def test_a_warm_robot_lands_no_faster_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = parking(Rig(np.zeros((40, 20))))
+    rig = Rig(np.zeros((40, 20)), parks=True)
     monkeypatch.setattr(type(rig.guard.health), "slow", property(lambda self: 0.25))
     landed = iter([rig.follower.stance.q] * 5)
     monkeypatch.setattr(rig.follower, "land", lambda dt: next(landed, None))
@@ -87,7 +72,7 @@ def test_a_warm_robot_lands_no_faster_than_it_may(monkeypatch: pytest.MonkeyPatc
 def test_a_fault_in_the_midst_of_a_landing_brakes_on_the_soles(monkeypatch: pytest.MonkeyPatch, followed: bool) -> None:
     """The follower knows a way to a stop there; each joint on its own would tip the robot."""
     fault = MockFault(FaultKind.ALERT, 120, 10**6, servo=12, alert=ServoAlert.OVERLOAD)
-    rig = parking(Rig(np.zeros((40, 20)), faults=(fault,)))
+    rig = Rig(np.zeros((40, 20)), faults=(fault,), parks=True)
     halts: list[int] = []
 
     def land(dt: float) -> FloatArray | None:
