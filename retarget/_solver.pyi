@@ -174,9 +174,10 @@ class Observers:
 
     n observers: links (n,), kinds (n,) and sizes (n, 3) as in `shape_distances`, positions (n, 3) m and quats (n, 4)
     wxyz of the shapes' frames on their links, influence and margin (n,) m. pairs (p, 2): observers that look at each
-    other. Every observer looks at every one of k obstacles: obstacle_kinds (k,), obstacle_sizes (k, 3),
-    obstacle_influence and obstacle_margin (k,) m. pair_margin (p,) m: most that a pair keeps. Of two that meet, the
-    larger influence and the larger margin act.
+    other, pair_margin (p,) m: most that a pair keeps. k obstacles: obstacle_kinds (k,), obstacle_sizes (k, 3),
+    obstacle_influence and obstacle_margin (k,) m. obstacle_pairs (m, 2): an observer and an obstacle that it looks at,
+    obstacle_pair_margin (m,) m: most that it keeps; without them every observer looks at every obstacle. Of two that
+    meet, the larger influence and the larger margin act.
     """
 
     def __init__(
@@ -196,6 +197,8 @@ class Observers:
         obstacle_influence: Floats,
         obstacle_margin: Floats,
         pair_margin: Floats | None = None,
+        obstacle_pairs: NDArray[np.int64] | None = None,
+        obstacle_pair_margin: Floats | None = None,
     ) -> None: ...
     @property
     def count(self) -> int:

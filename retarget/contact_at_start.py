@@ -41,11 +41,10 @@ def contacts(
     kinds, sizes, others = observers.kinds, observers.sizes, observers.names
     if scene is not None:
         poses, shapes = scene.at_rest(0.0), scene.shapes
-        k = len(shapes.names)
         kinds, sizes = np.concatenate([kinds, shapes.kinds]), np.concatenate([sizes, shapes.sizes])
         position, quat = np.concatenate([position, poses.position]), np.concatenate([quat, poses.quat])
-        around = np.stack(np.meshgrid(np.arange(n), n + np.arange(k), indexing="ij"), axis=-1).reshape(-1, 2)
-        pairs, others = np.concatenate([pairs, around]), others + shapes.names
+        around, _ = observers.around(shapes)
+        pairs, others = np.concatenate([pairs, around + np.array([0, n])]), others + shapes.names
     a, b = pairs[:, 0], pairs[:, 1]
     depths = -_solver.shape_distances(
         kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
@@ -71,8 +70,8 @@ def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: F
             raise UsageError(
                 f"{contact.part} stands on {contact.other}",
                 where="--scene",
-                allowed="a scene without what the robot stands on",
-                next_step=f"Leave {contact.other} out: soles stay planted whatever the scene holds",
+                allowed="what the robot stands on is ground",
+                next_step=f"Write `ground: true` for {contact.other}, or leave it out: there is always a floor",
             )
 
 

@@ -3,19 +3,23 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from retarget import _solver
 from retarget.body import BodyModel, Geom, IntArray
-from retarget.errors import ConfigError
-from retarget.observer_pairs import DroppedPair, PairRules, checked_pairs
+from retarget.errors import ConfigError, Problem
+from retarget.observer_pairs import AT_HOME, DroppedPair, PairRules, checked_pairs, placed
 from retarget.profile_parts import Observer
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
 from retarget.scene_shapes import SceneShapes, ShapeKind, canonical
+from retarget.stance import plant
 
 __all__ = ["NO_SCENE", "Observers", "ShapeRow", "assemble", "geom_shape", "robot_observers"]
 
-NO_SCENE = SceneShapes((), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+NO_SCENE = SceneShapes(
+    (), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
+)
 """Nothing around the body."""
 
 ShapeRow = tuple[ShapeKind, tuple[float, float, float], FloatArray, FloatArray]
@@ -29,6 +33,8 @@ class Observers:
     links (n,); kinds (n,) and sizes (n, 3) as in `scene_shapes`; positions (n, 3) m and quats (n, 4) wxyz of the
     canonical frames on the links; influence, margin (n,) m. pairs (p, 2): numbers of observers. dropped: pairs that
     are not looked at. pair_margin (p,) m: most that a pair keeps, as it is not much farther apart where the body rests.
+    stands (n,): is on a link with a sole, so it does not look at the ground; ground_margin (n,) m: as pair_margin, from
+    the ground.
     """
 
     names: tuple[str, ...]
@@ -42,13 +48,24 @@ class Observers:
     pairs: IntArray
     dropped: tuple[DroppedPair, ...]
     pair_margin: FloatArray
+    stands: NDArray[np.bool_]
+    ground_margin: FloatArray
 
     def with_margin(self, margin: float | None) -> "Observers":
         """The same, all with another margin, m; None: each its own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
+    def around(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
+        """Pairs (m, 2) of an observer and an obstacle of a scene that it looks at, and most that each keeps (m,) m:
+        all but soles and the ground, one obstacle after the other."""
+        which, obstacle = (part.ravel() for part in np.indices((len(self.names), len(scene.names))).swapaxes(1, 2))
+        looks = ~(self.stands[which] & scene.ground[obstacle])
+        most = np.where(scene.ground[obstacle], self.ground_margin[which], np.inf)
+        return np.ascontiguousarray(np.column_stack([which, obstacle])[looks]), np.ascontiguousarray(most[looks])
+
     def for_solver(self, body: BodyModel, scene: SceneShapes = NO_SCENE) -> _solver.Observers:
         """The same for the compiled solver, which looks at the obstacles of a scene too."""
+        around, most = self.around(scene)
         return _solver.Observers(
             body.solver_body(),
             links=self.links,
@@ -64,6 +81,8 @@ class Observers:
             obstacle_sizes=scene.sizes,
             obstacle_influence=scene.influence,
             obstacle_margin=scene.margin,
+            obstacle_pairs=around,
+            obstacle_pair_margin=most,
         )
 
 
@@ -83,7 +102,49 @@ def robot_observers(robot: RobotBody) -> Observers:
         ignored=tuple(ignored),
         where=str(profile.path),
     )
-    return assemble(body, links, rows, zones, rules)
+    observers = assemble(body, links, rows, zones, rules)
+    return _on_ground(robot, observers) if robot.stands else observers
+
+
+def _on_ground(robot: RobotBody, observers: Observers) -> Observers:
+    """The same for a robot on its feet: soles do not look at the ground, what comes near it at home keeps less.
+
+    Raises ConfigError for a part that is below the soles in the neutral posture.
+    """
+    postures = robot.profile.postures
+    stands = np.isin(observers.links, [sole.body for sole in robot.soles])
+    heights = np.stack(
+        [lowest_points(robot, observers, angles) for angles in (postures.neutral, postures.stand, postures.rest)]
+    )
+    below = [k for k in np.flatnonzero(~stands) if heights[0, k] <= 0.0]
+    if below:
+        raise ConfigError.from_problems(
+            [
+                Problem(
+                    "a part is below the soles in the neutral posture",
+                    where=str(robot.profile.path),
+                    found=f"{observers.names[k]}, {-1e3 * heights[0, k]:.1f} mm below the ground",
+                    allowed="only links with a sole touch the ground",
+                    next_step="Move the neutral posture, draw its shape tighter, or describe its sole in `feet`",
+                )
+                for k in below
+            ]
+        )
+    return replace(observers, stands=stands, ground_margin=AT_HOME * np.maximum(heights.min(axis=0), 0.0))
+
+
+def lowest_points(robot: RobotBody, observers: Observers, angles: dict[str, float]) -> FloatArray:
+    """Height (n,) m of the lowest point of each observer over the ground, of a robot that stands with these joint
+    angles, rad."""
+    position, quat = placed(robot.body, observers, plant(robot, angles).q)
+    n = len(observers.names)
+    ground = (
+        np.full(n, int(ShapeKind.HALF_SPACE)),
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+    )
+    return _solver.shape_distances(observers.kinds, observers.sizes, position, quat, *ground)[0]
 
 
 def assemble(
@@ -106,6 +167,8 @@ def assemble(
         pairs=np.zeros((0, 2), dtype=np.int64),
         dropped=(),
         pair_margin=np.zeros(0),
+        stands=np.zeros(len(rows), dtype=bool),
+        ground_margin=np.full(len(rows), np.inf),
     )
     pairs, dropped, margin = checked_pairs(body, none, rules)
     return replace(none, pairs=pairs, dropped=dropped, pair_margin=margin)

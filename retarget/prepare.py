@@ -31,7 +31,7 @@ from retarget.robot_body import RobotBody, load_robot
 from retarget.robot_side import RobotSide
 from retarget.run_result import RunResult
 from retarget.samples import Performance, Samples
-from retarget.scene import load_scene
+from retarget.scene import load_scene, on_floor
 from retarget.scene_motion import SceneState
 from retarget.sensor_intake import IntakeTimes
 from retarget.stages import FollowingStage, ReconstructingStage
@@ -163,7 +163,7 @@ def prepare_for(
     for_human, for_robot, on_steps = _priorities(robot, options)
     performance = perform(performer, robot)
     samples, human = performance.samples, build_human(performance.dimensions)
-    scene = None if options.scene is None else SceneState(load_scene(options.scene))
+    scene = _scene(robot, options)
     around_human = scene if robot is None else None
     reconstructor = Reconstructor(
         human, for_human, performer, iterations=options.iterations, scene=around_human, intake=performance.intake
@@ -184,7 +184,7 @@ def prepare_for(
     if not options.allow_contact:
         touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
-        if scene is not None and robot.stands:
+        if scene is not None:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
     last = last_word(robot, follower, for_robot, gate=options.gate, dt=samples.dt)
     side = _robot_side(robot, follower, last, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
@@ -200,6 +200,14 @@ def prepare_for(
         # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
         with suppress(Exception) if failed else nullcontext():
             bus.close()
+
+
+def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
+    """What is around: the scene that the options name, and the floor under a robot with feet."""
+    scene = None if options.scene is None else load_scene(options.scene)
+    if robot is not None and robot.stands:
+        scene = on_floor(scene)
+    return None if scene is None else SceneState(scene)
 
 
 def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:

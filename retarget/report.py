@@ -54,10 +54,12 @@ class Percentiles:
 
 @dataclass(frozen=True)
 class Clearances:
-    """Smallest distances, mm; negative: inside. self: between links of the robot; scene: to fixtures."""
+    """Smallest distances, mm, negative inside. self: between links of the robot. scene: to fixtures. ground: of links
+    without a sole to what the robot stands on."""
 
     self: float | None
     scene: float | None
+    ground: float | None
 
 
 @dataclass(frozen=True)
@@ -98,10 +100,11 @@ class StopReport:
 @dataclass(frozen=True)
 class DeepReport:
     """frames: ticks of `penetrating_frames` that go deeper than 1 mm. obstacle: the link and the obstacle of the scene
-    clearance."""
+    clearance; ground: those of the ground clearance."""
 
     frames: int | None
     obstacle: tuple[str, str] | None
+    ground: tuple[str, str] | None
 
 
 @dataclass(frozen=True)

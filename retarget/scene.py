@@ -10,10 +10,17 @@ from pathlib import Path
 
 from retarget.catalogue import Kind, find
 from retarget.scene_checks import check_obstacles
-from retarget.scene_parts import Obstacles
+from retarget.scene_parts import Obstacle, Obstacles
 from retarget.schema import Name, Schema, Text, read_model
 
-__all__ = ["Scene", "load_scene"]
+__all__ = ["FLOOR", "Scene", "load_scene", "on_floor"]
+
+FLOOR = "floor"
+"""The obstacle on which a robot with feet stands, in every scene."""
+FLOOR_MARGIN_M = 0.005
+"""What is no sole keeps this distance from the floor: what servos sag by under load, and a hand's own skin."""
+FLOOR_INFLUENCE_M = 0.05
+"""Where observers begin to yield to it, as those of the shipped robots do to each other."""
 
 
 class Scene(Schema):
@@ -35,3 +42,21 @@ def load_scene(name_or_path: str | Path) -> Scene:
         check=lambda scene, document: check_obstacles(scene.obstacles, document),
     )
     return scene
+
+
+def on_floor(scene: Scene | None) -> Scene:
+    """A scene for a robot that stands on its feet: with the floor z = 0, unless the scene has an obstacle of that name.
+
+    scene: None, where nothing but the floor is around.
+    """
+    floor = {
+        "shape": {"half_space": {"normal": (0.0, 0.0, 1.0)}},
+        "influence": FLOOR_INFLUENCE_M,
+        "margin": FLOOR_MARGIN_M,
+        "ground": True,
+    }
+    if scene is None:
+        return Scene.model_validate(
+            {"name": FLOOR, "description": "Nothing but the floor", "obstacles": {FLOOR: floor}}
+        )
+    return scene.model_copy(update={"obstacles": {FLOOR: Obstacle.model_validate(floor)} | dict(scene.obstacles)})

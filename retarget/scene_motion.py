@@ -1,6 +1,6 @@
 """Where the obstacles of a scene are now: what the file says, unless a live update said otherwise."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,12 @@ class ObstaclePoses:
     quat: FloatArray
     linear_velocity: FloatArray
     angular_velocity: FloatArray
+
+    def rows(self, which: Sequence[int]) -> "ObstaclePoses":
+        """Some of them, by number."""
+        return ObstaclePoses(
+            *(part[list(which)] for part in (self.position, self.quat, self.linear_velocity, self.angular_velocity))
+        )
 
     def seen_at(self, pace: float) -> "ObstaclePoses":
         """The same, for somebody for whom only `pace` seconds go by in a second."""

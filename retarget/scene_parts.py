@@ -115,6 +115,8 @@ class Obstacle(Schema):
     """[m] Distance at which observers begin to yield."""
     margin: Distance = 0.01
     """[m] Distance that they keep."""
+    ground: Switch = False
+    """The robot stands on it: its soles do not keep away from it, everything else does."""
     velocity: tuple[Speed, Speed, Speed] | None = None
     """[m/s] Of the obstacle's origin, along the axes of `frame`."""
     angular_velocity: tuple[Turn, Turn, Turn] | None = None

@@ -35,7 +35,8 @@ class SceneShapes:
     """k obstacles in the order of the file.
 
     kinds (k,): codes of `ShapeKind`. sizes (k, 3) m: radius, half length, 0 of a capsule or cylinder; half sizes of a
-    box; 0 of a half-space, which is solid at z <= 0. influence, margin (k,) m.
+    box; 0 of a half-space, which is solid at z <= 0. influence, margin (k,) m. ground (k,): soles stand
+    on it.
     """
 
     names: tuple[str, ...]
@@ -43,6 +44,7 @@ class SceneShapes:
     sizes: FloatArray
     influence: FloatArray
     margin: FloatArray
+    ground: NDArray[np.bool_]
 
     def with_margin(self, margin: float | None) -> "SceneShapes":
         """The same, all with another margin, m; None: each its own."""
@@ -59,6 +61,7 @@ def scene_shapes(scene: Scene) -> SceneShapes:
         sizes=np.array([size for _, size, _ in shapes], dtype=float).reshape(-1, 3),
         influence=np.array([obstacle.influence for obstacle in obstacles], dtype=float),
         margin=np.array([obstacle.margin for obstacle in obstacles], dtype=float),
+        ground=np.array([obstacle.ground for obstacle in obstacles], dtype=bool),
     )
 
 

@@ -54,5 +54,5 @@ def _heat(physics: PhysicsReport) -> str:
 
 
 def _contacts(physics: PhysicsReport) -> str:
-    counts = {"itself": physics.self_contacts, "fixtures": physics.fixture_contacts}
+    counts = {"itself": physics.self_contacts, "fixtures or the floor": physics.fixture_contacts}
     return ", ".join(f"touches {what} in {ticks} ticks" for what, ticks in counts.items() if ticks)

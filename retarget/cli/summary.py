@@ -78,6 +78,7 @@ def _facts(report: Report) -> Iterable[tuple[str, str]]:
     yield "soles", _soles(report)
     yield "self clearance", _between(report.min_clearance_mm.self, report.closest_links)
     yield "scene clearance", _between(report.min_clearance_mm.scene, report.deep.obstacle)
+    yield "floor clearance", _between(report.min_clearance_mm.ground, report.deep.ground)
     yield "penetration", _penetration(report)
     yield "observers", _observers(report)
     yield "gate", _gate(report)

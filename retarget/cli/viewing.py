@@ -14,7 +14,7 @@ from retarget.scene_motion import ObstaclePoses
 from retarget.unfailing import Onlooker
 from retarget.viewer.beside import Beside, Truth
 from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
-from retarget.viewer.moment import PHASE_WORDS
+from retarget.viewer.moment import PHASE_WORDS, drawn
 
 __all__ = ["ON_THE_PAGE", "Viewing", "viewing"]
 
@@ -111,7 +111,8 @@ def _beside(
     side, surroundings = prepared.side, prepared.surroundings
 
     def around() -> ObstaclePoses | None:
-        return None if surroundings is None else surroundings.now
+        now = None if surroundings is None else surroundings.now
+        return now if now is None or surroundings is None else now.rows(drawn(surroundings.shapes))
 
     if side is None:
         return Beside(words=lambda: ("ended" if view.over else "following", ""), around=around)

@@ -74,37 +74,46 @@ class PlacedBody:
         return _clearance(found, (first, second), self.rows, left_out)
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
-        """See `scene_clearance`; times: one for every posture that was given."""
-        geoms, names = self.geoms, scene.shapes.names
-        if not len(self.rows) or not len(names) or not len(geoms.geoms):
+        """See `scene_clearance`; times: one for every posture that was given. The ground is left out."""
+        return self._to_obstacles(scene, times, ~scene.shapes.ground[None] & np.ones((len(self.geoms.links), 1), bool))
+
+    def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
+        """The same between the ground of the scene and all links but those named in `soles`."""
+        standing = [self.model.body(name).id for name in soles]
+        return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.geoms.links, standing)[:, None])
+
+    def _to_obstacles(self, scene: SceneState, times: FloatArray, looks: NDArray[np.bool_]) -> Clearance:
+        """looks (g, k): which geom is compared with which obstacle."""
+        if not len(self.rows) or not looks.any():
             return Clearance(None, 0, None)
-        obstacles = obstacle_tracks(scene, times[self.rows])
-        pairs, measure = self._with(obstacles, scene)
+        geoms, obstacles = self.geoms, obstacle_tracks(scene, times[self.rows])
+        pairs = np.argwhere(looks)
+        measure = self._distances(obstacles, scene, pairs)
         way = travelled(geoms.position, geoms.matrix, geoms.radius)[:, pairs[:, 0]]
         way += travelled(obstacles.position, obstacles.matrix, obstacles.radius)[:, pairs[:, 1]]
         found = closest_pairs(measure, way, tolerances=(TOUCH_M, DEEP_M))
         link, obstacle = pairs[found.pair]
-        return _clearance(found, (self._name(link), names[obstacle]), self.rows, ())
+        return _clearance(found, (self._name(link), scene.shapes.names[obstacle]), self.rows, ())
 
     def scene_distances(self, scene: SceneState, times: FloatArray) -> FloatArray:
         """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
         count, obstacles = len(self.rows), obstacle_tracks(scene, times[self.rows])
-        pairs, measure = self._with(obstacles, scene)
+        shape = len(self.geoms.geoms), len(scene.shapes.names)
+        pairs = np.indices(shape).reshape(2, -1).T
         rows, which = np.indices((count, len(pairs))).reshape(2, -1)
-        distances = measure(rows, which).reshape(count, len(self.geoms.geoms), len(scene.shapes.names))
+        distances = self._distances(obstacles, scene, pairs)(rows, which).reshape(count, *shape)
         return np.asarray(distances.min(axis=1))
 
     def part(self, rows: IntArray, which: IntArray) -> "PlacedBody":
         """Some of the geoms in some of the postures, by number; the postures are numbered anew."""
         return PlacedBody(self.model, self.geoms.chosen(rows, which), np.arange(len(rows)))
 
-    def _with(self, obstacles: ObstacleTracks, scene: SceneState) -> tuple[IntArray, Distances]:
-        """Pairs (g k, 2) of geom and obstacle, one geom after the other, and how their distances are measured."""
+    def _distances(self, obstacles: ObstacleTracks, scene: SceneState, pairs: IntArray) -> Distances:
+        """How the distances of pairs (p, 2) of geom and obstacle are measured."""
         geoms = self.geoms
         both = scene_model(self.model, geoms.geoms, scene.shapes)
         position, matrix = both.placed(geoms)
-        pairs = np.indices((len(geoms.geoms), len(scene.shapes.names))).reshape(2, -1).T
-        return pairs, geom_distances(
+        return geom_distances(
             both.model,
             np.column_stack([both.body[pairs[:, 0]], both.obstacles[pairs[:, 1]]]),
             geoms=np.concatenate([both.body, both.obstacles]),

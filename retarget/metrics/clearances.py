@@ -21,8 +21,9 @@ MM = 1e3
 @dataclass(frozen=True)
 class RunClearances:
     """geoms, observers: smallest distances. penetrating, deep: ticks, one that does both counts twice; None: nothing to
-    compare. closest: two links;
-    closest_obstacle: a link and an obstacle."""
+    compare. closest: two links; closest_obstacle: a link and an obstacle;
+    closest_ground: a link and the ground.
+    """
 
     geoms: Clearances
     observers: Clearances
@@ -30,23 +31,31 @@ class RunClearances:
     deep: int | None
     closest: tuple[str, str] | None
     closest_obstacle: tuple[str, str] | None
+    closest_ground: tuple[str, str] | None
 
 
 def clearances(run: RunResult) -> RunClearances:
     """Of the postures that were sent to a robot, or else of the reconstructed human."""
     body, q, placed, to_itself = _body(run)
-    to_scene = None if run.scene is None else placed.to_scene(run.scene, np.maximum(run.record.time, 0.0))
-    parts = [part for part in (to_itself, to_scene) if part is not None and part.smallest is not None]
-    seen: tuple[float | None, float | None] = (None, None)
+    to_scene = to_ground = Clearance(None, 0, None)
+    if run.scene is not None:
+        times = np.maximum(run.record.time, 0.0)
+        to_scene = placed.to_scene(run.scene, times)
+        if run.robot is not None:
+            soles = [run.robot.body.body_names[sole.body] for sole in run.robot.soles]
+            to_ground = placed.to_ground(run.scene, times, soles=soles)
+    parts = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
+    seen: tuple[float | None, float | None, float | None] = (None, None, None)
     if run.observers is not None:
         seen = observer_clearance(body, run.observers, q, scene=run.scene, times=run.record.time)
     return RunClearances(
-        geoms=Clearances(_mm(to_itself.smallest), None if to_scene is None else _mm(to_scene.smallest)),
-        observers=Clearances(_mm(seen[0]), _mm(seen[1])),
+        geoms=Clearances(_mm(to_itself.smallest), _mm(to_scene.smallest), _mm(to_ground.smallest)),
+        observers=Clearances(*(_mm(distance) for distance in seen)),
         penetrating=_sum([part.penetrating for part in parts]),
         deep=_sum([part.deep for part in parts]),
         closest=to_itself.pair,
-        closest_obstacle=None if to_scene is None else to_scene.pair,
+        closest_obstacle=to_scene.pair,
+        closest_ground=to_ground.pair,
     )
 
 

@@ -72,7 +72,7 @@ def measure(run: RunResult) -> Report:
         com_margin_mm=_mm(stand.margin),
         soles=stand.soles,
         closest_links=clear.closest,
-        deep=DeepReport(clear.deep, clear.closest_obstacle),
+        deep=DeepReport(clear.deep, clear.closest_obstacle, clear.closest_ground),
         observers=observers,
         physics=physics_report(run),
         steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),

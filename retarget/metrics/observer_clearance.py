@@ -17,22 +17,26 @@ Side = tuple[IntArray, FloatArray, FloatArray, FloatArray]
 
 def observer_clearance(
     body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
-) -> tuple[float | None, float | None]:
-    """Smallest distance (m, negative inside) in postures q (T, nq) at `times` (T,): of pairs that are looked at, and to
-    any obstacle. None: nothing to look at."""
+) -> tuple[float | None, float | None, float | None]:
+    """Smallest distance (m, negative inside) in postures q (T, nq) at `times` (T,): of pairs that are looked at, to any
+    obstacle, and to the ground. None: nothing to look at."""
     if not len(q):
-        return None, None
+        return None, None, None
     position, quat = placed(body, observers, q)
     first, second = observers.pairs.T
     own = _least(_side(observers, position, quat, first), _side(observers, position, quat, second))
     if scene is None or not scene.shapes.names:
-        return own, None
+        return own, None, None
     poses = [scene.at(max(float(time), 0.0)) for time in times]
     there = np.stack([pose.position for pose in poses]), np.stack([pose.quat for pose in poses])  # (T, k, ...)
-    who, what = np.indices((len(observers.names), len(scene.shapes.names))).reshape(2, -1)
-    shapes = scene.shapes
-    obstacles = shape_rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
-    return own, _least(_side(observers, position, quat, who), obstacles)
+    shapes, (around, _) = scene.shapes, observers.around(scene.shapes)
+
+    def least_to(ground: bool) -> float | None:
+        who, what = around[shapes.ground[around[:, 1]] == ground].T
+        obstacles = shape_rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
+        return _least(_side(observers, position, quat, who), obstacles)
+
+    return own, least_to(False), least_to(True)
 
 
 def _side(observers: Observers, position: FloatArray, quat: FloatArray, which: IntArray) -> Side:

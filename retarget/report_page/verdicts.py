@@ -89,13 +89,19 @@ def _body(report: Report) -> Iterator[Verdict]:
             )
         yield Verdict("Centre of mass", "over the support polygon", measured, _kept(outside == 0))
     deep = (report.penetrating_frames or 0) > 0
-    own, scene = report.min_clearance_mm.self, report.min_clearance_mm.scene
+    clearance = report.min_clearance_mm
+    own, scene, ground = clearance.self, clearance.scene, clearance.ground
     if own is not None:
         pair = f" ({' and '.join(report.closest_links)})" if report.closest_links else ""
         yield Verdict("Its own links", "do not meet", f"{_gap(own)}{pair}", _kept(not deep or own >= 0.0))
     if scene is not None:
         pair = f" ({' and '.join(report.deep.obstacle)})" if report.deep.obstacle else ""
         yield Verdict("What is around it", "is not touched", f"{_gap(scene)}{pair}", _kept(not deep or scene >= 0.0))
+    if ground is not None:
+        pair = f" ({' and '.join(report.deep.ground)})" if report.deep.ground else ""
+        yield Verdict(
+            "The floor", "is touched by soles alone", f"{_gap(ground)}{pair}", _kept(not deep or ground >= 0.0)
+        )
 
 
 def _gap(mm: float) -> str:
@@ -153,5 +159,9 @@ def _physics(report: Report) -> Iterator[Verdict]:
         measured = f"never nearer to their edge than {margin:.1f} mm" if margin > TIPS_MM else "reached their edge"
         yield Verdict("Centre of pressure", "within the soles", measured, _kept(margin > TIPS_MM))
     contacts = seen.self_contacts + seen.fixture_contacts
-    measured = f"{seen.self_contacts} ticks with itself, {seen.fixture_contacts} with fixtures" if contacts else "none"
+    measured = (
+        f"{seen.self_contacts} ticks with itself, {seen.fixture_contacts} with fixtures or the floor"
+        if contacts
+        else "none"
+    )
     yield Verdict("Contacts", "none but the soles", measured, _kept(contacts == 0))

@@ -10,6 +10,7 @@ from retarget.body_file import BodyFile
 from retarget.record import ModeArray, Phase
 from retarget.robot_body import RobotBody
 from retarget.rotations import FloatArray
+from retarget.scene import FLOOR
 from retarget.scene_motion import ObstaclePoses
 from retarget.scene_shapes import SceneShapes
 from retarget.viewer.solids import LinkMesh, Mesh, link_meshes, shape_mesh
@@ -23,6 +24,7 @@ __all__ = [
     "Tracks",
     "Viewed",
     "actor",
+    "drawn",
     "obstacles",
     "placed",
 ]
@@ -129,10 +131,16 @@ def actor(file: BodyFile) -> Actor:
     return Actor(body, link_meshes(file.model), max(float(np.ptp(positions[1:, 2])), LEAST_M))
 
 
+def drawn(shapes: SceneShapes) -> list[int]:
+    """Numbers of the obstacles that are drawn: all but the floor, which the page has anyway."""
+    return [row for row, name in enumerate(shapes.names) if name != FLOOR]
+
+
 def obstacles(shapes: SceneShapes) -> tuple[Obstacle, ...]:
-    """Of a scene."""
-    rows = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
-    return tuple(Obstacle(name, shape_mesh(int(kind), size)) for name, kind, size in rows)
+    """Of a scene, those that are `drawn`."""
+    return tuple(
+        Obstacle(shapes.names[row], shape_mesh(int(shapes.kinds[row]), shapes.sizes[row])) for row in drawn(shapes)
+    )
 
 
 def placed(poses: ObstaclePoses) -> FloatArray:

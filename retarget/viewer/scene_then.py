@@ -11,7 +11,7 @@ from retarget.recording.reading import Recording
 from retarget.rotations import FloatArray
 from retarget.scene import load_scene
 from retarget.scene_motion import SceneState
-from retarget.viewer.moment import Obstacle, obstacles, placed
+from retarget.viewer.moment import Obstacle, drawn, obstacles, placed
 
 __all__ = ["SceneThen"]
 
@@ -39,7 +39,11 @@ class SceneThen:
 
     def at(self, row: int) -> FloatArray | None:
         """Poses (o, 7) of the obstacles; None without any."""
-        return None if self._state is None else placed(self._state.at_rest(float(self._times[row])))
+        return (
+            None
+            if self._state is None
+            else placed(self._state.at_rest(float(self._times[row])).rows(drawn(self._state.shapes)))
+        )
 
 
 def _ticks(kept: Cycles) -> NDArray[np.int64]:

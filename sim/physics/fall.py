@@ -2,9 +2,9 @@
 
 It has when every sole tips more than MOST_TILT (a torso that bends low over flat soles has not), when its pelvis (the
 root link, where the profile has no such frame) is lower than LOW_SHARE of its height in `stand` - or, where the robot
-parks lower still, than REST_SHARE of its height there -, or when anything but a sole touches the floor. A robot that
-parks on more than its soles may do that in its rest posture only. A robot without torque that was not parked and goes
-down has fallen too; one that was parked has sat down.
+parks lower still, than REST_SHARE of its height there -, or when anything but soles and hands touches the floor
+(a hand there is no fall by itself). A robot that parks on more than its soles may do that in its rest posture only. A
+robot without torque that was not parked and goes down has fallen too; one that was parked has sat down.
 """
 
 from collections.abc import Sequence
@@ -66,7 +66,7 @@ class FallWatch:
         if height < self.lowest:
             return f"the pelvis is {1e3 * height:.0f} mm high, allowed {1e3 * self.lowest:.0f}"
         if state.touching and not self.parks(state.q):
-            return "more than the soles touches the floor"
+            return "more than soles and hands touches the floor"
         return None
 
     def parks(self, q: FloatArray) -> bool:

@@ -29,7 +29,8 @@ class PhysicsState:
     floor, rad. corner (c, 2): where the corners of all soles are on the floor; pressed (c,): N on each. gyro (3,) rad/s
     and accelerometer (3,) m/s^2 at the root link's origin, in its frame; at rest it shows gravity upward. torque (n,)
     N m at the shafts, temperature (n,) degrees Celsius. self_contacts: of links with each
-    other; fixture_contacts; touching: whether anything but the soles touches the floor.
+    other; fixture_contacts: with fixtures, and of hands with the floor; touching: whether anything but soles and hands
+    touches the floor.
     """
 
     time: float
@@ -136,7 +137,7 @@ class StateReader:
             pairs, rows = contact.geom.tolist(), contact.efc_address.tolist()
             for (first, second), row, (x, y, _) in zip(pairs, rows, contact.pos.tolist(), strict=True):
                 low, high = sorted((owners[first], owners[second]))
-                if high == World.FIXTURES:
+                if high == World.FIXTURES or (low == 0 and high == World.HANDS):
                     fixtures += 1
                 elif low > 0:
                     own += 1

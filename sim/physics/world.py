@@ -1,6 +1,6 @@
 """The world of a simulated robot: its own body on a floor, on a stand or on a gantry, compiled for the engine."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -28,6 +28,7 @@ from sim.physics.rope import add_rope
 
 __all__ = ["STEP_S", "World", "build_world"]
 
+HAND_LANDMARKS = ("l_hand", "r_hand")
 STEP_S = 0.002
 """Step of the engine, s."""
 ITERATIONS, LINE_ITERATIONS = 20, 50
@@ -43,7 +44,8 @@ class World:
 
     model: `mujoco.MjModel`. drives: in servo order. root: index of the root link. free: whether the root moves.
     columns (nj,): where the joints of the robot's own q, without its root, are in the engine's. soles: frames on their
-    links, in the profile's order. owners (ngeom,): 0 the floor, 1 + i the foot of sole i, ROBOT, FIXTURES.
+    links, in the profile's order. owners (ngeom,): 0 the floor, 1 + i the foot of sole i, HANDS, ROBOT,
+    FIXTURES.
     start: the engine's position coordinates at the beginning.
     """
 
@@ -58,6 +60,7 @@ class World:
     owners: NDArray[np.int64]
     start: FloatArray
 
+    HANDS = 99
     ROBOT = 100
     FIXTURES = 101
 
@@ -238,16 +241,23 @@ def _world(
         start[model.joint(drive.servo.joint).qposadr[0]] = angle
     scalar = [name for name, kind in zip(robot.body.joint_names, robot.body.joint_type, strict=True) if kind > 1]
     columns = np.array([model.joint(name).qposadr[0] for name in scalar], dtype=np.intp)
-    owners = np.array(
-        [_owner(model, geom, [robot.body.body_names[s.body] for s in soles]) for geom in range(model.ngeom)]
-    )
+    feet = [robot.body.body_names[sole.body] for sole in soles]
+    owners = np.array([_owner(model, geom, feet, hand_links(robot)) for geom in range(model.ngeom)])
     return World(robot, mount, model, drives, index, free, columns, soles, owners, start)
 
 
-def _owner(model: Any, geom: int, feet: Sequence[str]) -> int:
+def hand_links(robot: RobotBody) -> frozenset[str]:
+    """The links of a robot that follow the performer's hands."""
+    hands = robot.landmark_frames(tuple(name for name in HAND_LANDMARKS if name in robot.profile.landmarks))
+    return frozenset(robot.body.body_names[robot.frame(frame).body] for frame in hands)
+
+
+def _owner(model: Any, geom: int, feet: Sequence[str], hands: Container[str]) -> int:
     name, link = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
     if name == FLOOR:
         return 0
     if name.startswith(FIXTURE):
         return World.FIXTURES
-    return 1 + feet.index(link) if link in feet else World.ROBOT
+    if link in feet:
+        return 1 + feet.index(link)
+    return World.HANDS if link in hands else World.ROBOT

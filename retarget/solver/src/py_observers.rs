@@ -21,7 +21,8 @@ pub struct PyObservers {
 impl PyObservers {
     #[new]
     #[pyo3(signature = (body, *, links, kinds, sizes, positions, quats, influence, margin, pairs, obstacle_kinds,
-                        obstacle_sizes, obstacle_influence, obstacle_margin, pair_margin=None))]
+                        obstacle_sizes, obstacle_influence, obstacle_margin, pair_margin=None, obstacle_pairs=None,
+                        obstacle_pair_margin=None))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,
@@ -38,6 +39,8 @@ impl PyObservers {
         obstacle_influence: PyReadonlyArray1<'_, f64>,
         obstacle_margin: PyReadonlyArray1<'_, f64>,
         pair_margin: Option<PyReadonlyArray1<'_, f64>>,
+        obstacle_pairs: Option<PyReadonlyArray2<'_, i64>>,
+        obstacle_pair_margin: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
         let links = links.as_slice()?;
         let n = links.len();
@@ -66,25 +69,13 @@ impl PyObservers {
             .zip(zones)
             .map(|(shape, (influence, margin))| Obstacle { shape: *shape, influence, margin })
             .collect();
-        if pairs.shape()[1] != 2 {
-            return Err(bad(format!("pairs have {} columns, expected 2", pairs.shape()[1])));
-        }
-        if !pairs.is_c_contiguous() {
-            return Err(bad("pairs must be C-contiguous".into()));
-        }
-        let index = |k: i64| usize::try_from(k).unwrap_or(usize::MAX);
-        let count = pairs.shape()[0];
-        let unbounded = vec![f64::INFINITY; count];
-        let most = match &pair_margin {
-            Some(most) => most.as_slice()?,
-            None => &unbounded,
+        let checked = pair_rows(&pairs, pair_margin.as_ref(), "pair")?;
+        let around = match &obstacle_pairs {
+            Some(pairs) => pair_rows(pairs, obstacle_pair_margin.as_ref(), "obstacle_pair")?,
+            // Every observer looks at every obstacle, one obstacle after the other.
+            None => (0..kinds.len()).flat_map(|k| (0..n).map(move |a| (a, k, f64::INFINITY))).collect(),
         };
-        if most.len() != count || most.iter().any(|m| !(*m >= 0.0)) {
-            return Err(bad(format!("pair_margin needs {count} entries that are not negative")));
-        }
-        let checked: Vec<(usize, usize, f64)> =
-            pairs.as_slice()?.chunks_exact(2).zip(most).map(|(p, m)| (index(p[0]), index(p[1]), *m)).collect();
-        let set = ObserverSet::new(&body.body, observers, obstacles, &checked).map_err(bad)?;
+        let set = ObserverSet::new(&body.body, observers, obstacles, &checked, &around).map_err(bad)?;
         Ok(Self { set: Arc::new(set) })
     }
 
@@ -116,6 +107,31 @@ fn zones(influence: &[f64], margin: &[f64], n: usize) -> PyResult<Vec<(f64, f64)
         }
     }
     Ok(influence.iter().copied().zip(margin.iter().copied()).collect())
+}
+
+/// Pairs (p, 2) of numbers, each with the largest margin that it keeps: `margin` (p,), without bound where it is not given.
+fn pair_rows(
+    pairs: &PyReadonlyArray2<'_, i64>,
+    margin: Option<&PyReadonlyArray1<'_, f64>>,
+    name: &str,
+) -> PyResult<Vec<(usize, usize, f64)>> {
+    if pairs.shape()[1] != 2 {
+        return Err(bad(format!("{name}s have {} columns, expected 2", pairs.shape()[1])));
+    }
+    if !pairs.is_c_contiguous() {
+        return Err(bad(format!("{name}s must be C-contiguous")));
+    }
+    let count = pairs.shape()[0];
+    let unbounded = vec![f64::INFINITY; count];
+    let most = match margin {
+        Some(most) => most.as_slice()?,
+        None => &unbounded,
+    };
+    if most.len() != count || most.iter().any(|m| !(*m >= 0.0)) {
+        return Err(bad(format!("{name}_margin needs {count} entries that are not negative")));
+    }
+    let index = |k: i64| usize::try_from(k).unwrap_or(usize::MAX);
+    Ok(pairs.as_slice()?.chunks_exact(2).zip(most).map(|(p, m)| (index(p[0]), index(p[1]), *m)).collect())
 }
 
 fn rotation(quat: &[f64]) -> Mat3 {

@@ -63,12 +63,13 @@ pub struct ObserverSet {
 }
 
 impl ObserverSet {
-    /// `checked`: pairs of observers that are looked at, and the largest margin of each; every observer looks at every obstacle.
+    /// `checked`: pairs of observers that are looked at, `around`: pairs of an observer and an obstacle; with the largest margin of each.
     pub fn new(
         body: &Body,
         observers: Vec<Observer>,
         obstacles: Vec<Obstacle>,
         checked: &[(usize, usize, f64)],
+        around: &[(usize, usize, f64)],
     ) -> Result<Self, String> {
         if let Some(o) = observers.iter().find(|o| o.link >= body.links.len() || o.shape == Shape::HalfSpace) {
             return Err(format!("an observer needs a link of the body and a bounded shape; found link {}", o.link));
@@ -95,16 +96,19 @@ impl ObserverSet {
             });
         }
         let self_pairs = pairs.len();
-        for (k, obstacle) in obstacles.iter().enumerate() {
-            for (a, observer) in observers.iter().enumerate() {
-                pairs.push(Pair {
-                    observer: a,
-                    other: Other::Obstacle(k),
-                    influence: obstacle.influence.max(observer.influence),
-                    margin: obstacle.margin.max(observer.margin),
-                    movers: movers(a, 1.0, &[]),
-                });
+        for &(a, k, most) in around {
+            if a >= observers.len() || k >= obstacles.len() {
+                let (n, m) = (observers.len(), obstacles.len());
+                return Err(format!("pair ({a}, {k}) is not of one of the {n} observers and one of the {m} obstacles"));
             }
+            let (observer, obstacle) = (&observers[a], &obstacles[k]);
+            pairs.push(Pair {
+                observer: a,
+                other: Other::Obstacle(k),
+                influence: obstacle.influence.max(observer.influence),
+                margin: obstacle.margin.max(observer.margin).min(most),
+                movers: movers(a, 1.0, &[]),
+            });
         }
         Ok(Self { observers, obstacles, pairs, self_pairs })
     }
