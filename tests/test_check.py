@@ -154,9 +154,9 @@ def test_several_faults_of_a_profile_are_told_at_once(capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("limits: [-1.570796, 1.570796]", "limits: [1.5, -1.5]", "inverted limits; found [1.5, -1.5]; allowed: [lower"),
+        ("limits: [-2.356194, 2.356194]", "limits: [1.5, -1.5]", "inverted limits; found [1.5, -1.5]; allowed: [lower"),
         (
-            "limits: [-1.570796, 1.570796]",
+            "limits: [-2.356194, 2.356194]",
             "limits: [.nan, 1.5]",
             "not finite; found .nan; allowed: a finite number. Write",
         ),

@@ -66,7 +66,7 @@ def test_out_of_influence_the_robot_moves_as_without_observers(monkeypatch: pyte
         n = len(made.names)
         return replace(made, influence=np.full(n, 2e-3), margin=np.full(n, 1e-3))
 
-    motion = human()[:100]
+    motion = human()[:50]  # before it folds onto its thighs
     bare = act(robot(None, without_observers(load_priorities("servo"))), None, motion)
     monkeypatch.setattr("retarget.follow.robot_observers", small)
     done = act(robot(around(**FAR) if scene else None), None, motion)

@@ -64,10 +64,10 @@ WRONG = {
         "found 'fre'; allowed: 'free', 'fixed' or 'suspended'. Did you mean free?",
     ),
     "inverted limits": (
-        ("limits: [-0.942478, 1.570796]", "limits: [1.570796, -0.942478]"),
-        "servos.l_sho_roll.limits: inverted limits; found [1.570796, -0.942478]",
+        ("limits: [-1.745329, 2.094395]", "limits: [2.094395, -1.745329]"),
+        "servos.l_sho_roll.limits: inverted limits; found [2.094395, -1.745329]",
     ),
-    "three limits": (("limits: [-0.942478, 1.570796]", "limits: [-1, 0, 1]"), "servos.l_sho_roll.limits"),
+    "three limits": (("limits: [-1.745329, 2.094395]", "limits: [-1, 0, 1]"), "servos.l_sho_roll.limits"),
     "unknown joint": (("  l_el: ", "  l_ell:"), "servos.l_ell: unknown joint; found 'l_ell'; allowed: "),
     "joint without a servo": (("  l_el: ", "  l_ell:"), "servos: joints without a servo; found l_el"),
     "duplicate servo id": (
@@ -82,7 +82,7 @@ WRONG = {
     "unknown model": (("XM430-W350,", "XM430-W530,"), "unknown servo model; found 'XM430-W530'"),
     "beyond the travel": (
         ("zero_tick: 2048", "zero_tick: 200"),
-        "limit beyond the servo's travel; found -1.570796 rad, which is tick -824",
+        "limit beyond the servo's travel; found -3.124139 rad, which is tick -1837",
     ),
     "too fast": (
         ("max_velocity: 4.5", "max_velocity: 9"),
@@ -95,8 +95,8 @@ WRONG = {
     ),
     "alias": (("root: free", "root: &a free"), "root: an anchor is not allowed; found &a"),
     "limits beyond the body": (
-        ("limits: [-2.199115, 0.314159]", "limits: [-2.5, 0.314159]"),
-        "servos.r_knee.limits: limits outside the joint's range in the body; found -2.5 to 0.314159 rad",
+        ("limits: [-2.583087, 0]", "limits: [-2.8, 0]"),
+        "servos.r_knee.limits: limits outside the joint's range in the body; found -2.8 to 0.0 rad",
     ),
     "unknown link": (
         ("neck: {link: body_link", "neck: {link: boddy_link"),
@@ -136,10 +136,10 @@ WRONG = {
     ),
     "sole frame": (("left: {frame: l_sole", "left: {frame: l_soul"), "feet.left.frame: unknown frame; found 'l_soul'"),
     "posture limits": (
-        ("l_knee: 2.15", "l_knee: 2.6"),
+        ("l_knee: 2.44", "l_knee: 2.6"),
         "postures.rest.l_knee: posture outside the joint's limits; found 2.6 rad",
     ),
-    "posture joint": (("l_knee: 2.15", "l_kneee: 2.15"), "postures.rest.l_kneee: unknown joint; found 'l_kneee'"),
+    "posture joint": (("l_knee: 2.44", "l_kneee: 2.15"), "postures.rest.l_kneee: unknown joint; found 'l_kneee'"),
     "missing landmark": (("  head: {frame: head", "  hed: {frame: head"), "landmarks: landmarks are missing"),
     "landmark frame": (
         ("l_hand: {frame: l_hand", "l_hand: {frame: l_hnd"),
@@ -177,9 +177,9 @@ def test_all_errors_of_a_file_at_once(changed: Change) -> None:
         ("root: free", "root: free\nrooot: 1"),
         ("zero_tick: 2048", "zero_tick: x"),
         ("{id: 4,", "{id: 3,"),
-        ("limits: [-1.413717, 1.413717]", "limits: [1.4, -1.4]"),
+        ("limits: [-1.396263, 1.396263]", "limits: [1.4, -1.4]"),
         ("geom: head_tilt_shell", "geom: none"),
-        ("l_knee: 2.15", "l_knee: 2.6"),
+        ("l_knee: 2.44", "l_knee: 2.6"),
         ("rate_hz: 125", "rate_hz: .inf"),
         ("retarget: servo", "retarget: servo\nname: again"),
     )
@@ -192,7 +192,7 @@ def test_all_errors_of_a_file_at_once(changed: Change) -> None:
 
 def test_one_fault_is_told_once(changed: Change) -> None:
     assert "problems" not in changed(("max_velocity: 4.5", "max_velocity: .nan"))
-    assert "problems" not in changed(("limits: [-0.942478, 1.570796]", "limits: [1.570796, -0.942478]"))
+    assert "problems" not in changed(("limits: [-1.745329, 2.094395]", "limits: [2.094395, -1.745329]"))
     assert "problems" not in changed(("name: op3", "name: &n op3"))
 
 

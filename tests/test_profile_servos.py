@@ -12,11 +12,11 @@ from retarget.errors import ConfigError
 from retarget.profile import RobotProfile, load_profile
 
 PAN = (
-    "head_pan:    {id: 19, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-1.570796, 1.570796],"
+    "head_pan:    {id: 19, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-2.356194, 2.356194],"
 )
 SPEED = "max_velocity: 4.5, max_acceleration: 40.0, gains: {p: 800, i: 0, d: 0}}"
 TILT = (
-    "head_tilt:   {id: 20, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-1.570796, 1.570796],"
+    "head_tilt:   {id: 20, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-2.356194, 1.570796],"
 )
 LINE = f"{PAN}\n                 {SPEED}\n  {TILT}\n                 {SPEED}\n"
 POWER = "power: {id: 200, register: 24, value: 1}"
@@ -104,7 +104,7 @@ WRONG = {
     "homing offset": ((head(extra=", homing_offset: 1025"),), "homing_offset: more than this mode honours; found 1025"),
     "travel": (
         (("zero_tick: 2048", "zero_tick: 5000"),),
-        "limit beyond the servo's travel; found 1.570796 rad, which is tick 6024; allowed: ticks 0 to 4095",
+        "limit beyond the servo's travel; found 3.124139 rad, which is tick 7037; allowed: ticks 0 to 4095",
     ),
     "protocol": ((("protocol: 2", "protocol: 1"),), "found XM430-W350 on bus 'main' of protocol 1; allowed: 2"),
     "baud": ((("baud: 2000000", "baud: 1500000"),), "main.baud: no speed of protocol 2 servos; found 1500000"),
@@ -126,7 +126,7 @@ WRONG = {
         "needs two different joints",
     ),
     "singular": ((coupled("[[1, 1], [1, 1]]"),), "couplings[0]: coupling of head_pan and head_tilt: the matrix"),
-    "too far together": ((coupled("[[-0.5, 0.5], [0.5, 0.5]]"),), "need ticks 0 to 4096 of servo 19"),
+    "too far together": ((coupled("[[-0.5, 0.5], [0.5, 0.5]]"),), "need ticks -1024 to 4608 of servo 19"),
     "geared": ((head(extra=", gear: 2.0"), coupled("[[1, 0], [0, 1]]")), "head_pan.gear: a coupled servo has no gear"),
     "three in a row": ((coupled("[[1, 0, 0], [0, 1, 0]]"),), "couplings[0].matrix"),
 }

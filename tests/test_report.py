@@ -34,7 +34,7 @@ def test_the_keys_of_the_contract_come_first_and_in_order(report: Report) -> Non
     assert list(data)[: len(CONTRACT)] == CONTRACT
     assert set(data["solve_us"]) == {"p50", "p99", "max"}
     assert set(data["tracking_mm"]["l_hand"]) == {"mean", "p95", "max"}
-    assert set(data["min_clearance_mm"]) == {"self", "scene"}
+    assert set(data["min_clearance_mm"]) == {"self", "scene", "ground"}
     assert set(data["limit_violations"]) == {"position", "velocity", "acceleration"}
     assert {"rate_hz", "cycle_ms", "faults"} <= set(data["bus"]) and {"p50", "p99"} <= set(data["bus"]["cycle_ms"])
     assert set(data["stop"]) == {"state", "reason"}

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from retarget.metrics.measure import measure
@@ -21,7 +22,7 @@ def run() -> RunResult:
 @pytest.fixture(scope="module")
 def report(run: RunResult) -> Report:
     found = measure(run)
-    clearance = replace(found.min_clearance_mm, self=3.0, scene=7.0)
+    clearance = replace(found.min_clearance_mm, self=3.0, scene=7.0, ground=9.0)
     return replace(found, min_clearance_mm=clearance, penetrating_frames=0)
 
 
@@ -48,6 +49,11 @@ CASES: list[tuple[str, Any, str]] = [
         "What is around it",
         lambda r: replace(changed(r, "min_clearance_mm", scene=-4.0), penetrating_frames=2),
         "4.0 mm inside each other",
+    ),
+    (
+        "The floor",
+        lambda r: replace(changed(r, "min_clearance_mm", ground=-2.0), penetrating_frames=2),
+        "2.0 mm inside each other",
     ),
     ("Servos", lambda r: changed(r, "bus", faults=2), "2 faults"),
     ("Ticks", lambda r: changed(r, "bus", missed_ticks=5, longest_period_ms=30.0), "longest took 30.0 ms"),
@@ -86,7 +92,9 @@ def test_a_servo_at_its_temperature_limit_is_too_warm(run: RunResult, report: Re
 
 def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report) -> None:
     bare = replace(
-        changed(report, "min_clearance_mm", scene=None, self=None), bus=None, com_outside_support_frames=None
+        changed(report, "min_clearance_mm", scene=None, self=None, ground=None),
+        bus=None,
+        com_outside_support_frames=None,
     )
     assert [verdict.limit for verdict in verdicts(run, bare)] == [
         "Joint positions",
@@ -106,5 +114,5 @@ def test_the_joint_that_turned_used_most_of_its_speed(run: RunResult) -> None:
     name, room = use.room
     at, sent = robot.joint_map.joints.index(name), run.record.robot
     assert sent is not None
-    q = sent.q[:, robot.servo_columns][:, at]
+    q = np.vstack([sent.start, sent.q[:, robot.servo_columns]])[:, at]
     assert room == pytest.approx(min((q - robot.limits.lower[at]).min(), (robot.limits.upper[at] - q).min()))
