@@ -6,16 +6,21 @@ from hardware.clock import VirtualClock
 from retarget import RunOptions, measure, open_source
 from retarget.prepare import prepare
 from sim.mock_bus import mock_bus
+from sim.performer import synthetic_performer
 
 FILES = ("servo", "steady")
 
 
-def main(source: str = "sample") -> None:
+def main(path: str | None = None) -> None:
     """Run both and print them."""
+
+    def read():
+        return open_source(path) if path else synthetic_performer().cut(0.0, 3.0)
+
     reports = []
     for file in FILES:
         options = RunOptions(robot="op3", priorities=file)
-        with prepare(lambda: open_source(source), options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        with prepare(read, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
             reports.append(measure(prepared.run()))
     print(f"{'':10s}", *(f"{file:>10s}" for file in FILES))
     for name in reports[0].tracking_mm:

@@ -13,7 +13,7 @@ from motion_texts import bvh_text
 from retarget.cli import main
 from retarget.cli import view as viewing
 from retarget.cli.boundary import DONE, STOPPED
-from unknown_robots import humanoid
+from unknown_robots import small_bust
 
 ROOT = Path(__file__).resolve().parent.parent
 NEEDS = {
@@ -29,7 +29,7 @@ SHORTER = {
     "--source sample": ["--end", "0.5"],
     "retarget import": ["--samples", "50"],
     "retarget fit-observers": ["--samples", "50"],
-    "retarget faults": ["--row", "not a number"],
+    "retarget faults": ["--row", "unknown key"],
     "retarget view": ["--port", "0"],
 }
 """What is added to a line, so that it takes seconds; and a port that nobody else has."""
@@ -67,7 +67,7 @@ def test_every_line_works_in_its_order(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(viewing, "MonotonicClock", ImpatientClock)
     Path("walk.bvh").write_text(bvh_text(), encoding="utf-8")
-    Path("my_robot.urdf").write_text(humanoid().replace('"stranger"', '"my_robot"'), encoding="utf-8")
+    Path("my_robot.urdf").write_text(small_bust().replace('"stranger"', '"my_robot"'), encoding="utf-8")
     for line in typed():
         with pytest.raises(SystemExit) as leaving:
             main(words(line))
