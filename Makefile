@@ -19,7 +19,7 @@ RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test lint bench bench-bus bench-tick bench-lateness bench-viewer bench-physics robustness long docs wheels clean machine
+.PHONY: help demo test lint bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness long docs wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -31,6 +31,7 @@ help:
 	@echo 'make bench-lateness  how late ticks of the live loop wake up, beside an empty loop'
 	@echo 'make bench-viewer  what a page of a run costs its ticks'
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
+	@echo 'make paper   the experiments and figures of the paper, run anew'
 	@echo 'make robustness  in how many runs under trouble it stands; takes half an hour'
 	@echo 'make long    tests that take minutes'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
@@ -77,6 +78,9 @@ bench-viewer: $(VENV)/.with-test
 
 bench-physics: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.physics $(BENCH)
+
+paper: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.paper $(BENCH)
 
 robustness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.robustness --jobs $(JOBS) $(BENCH)

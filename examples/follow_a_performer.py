@@ -1,4 +1,4 @@
-"""A performer moves an OP3 on a mock bus: give a motion file, or none for the synthetic one."""
+"""A performer moves an OP3 on a mock bus: give a motion file, or none for the shipped sample."""
 
 import sys
 
@@ -6,16 +6,12 @@ from hardware.clock import VirtualClock
 from retarget import RunOptions, measure, open_source
 from retarget.prepare import prepare
 from sim.mock_bus import mock_bus
-from sim.performer import synthetic_performer
 
 
-def main(path: str | None = None) -> None:
+def main(source: str = "sample") -> None:
     """Run and print what the hands did."""
-
-    def read():
-        return open_source(path) if path else synthetic_performer().cut(0.0, 4.0)
-
-    with prepare(read, RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock_bus) as prepared:
+    options = RunOptions(robot="op3")
+    with prepare(lambda: open_source(source), options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
         report = measure(prepared.run())
     for name, tracking in report.tracking_mm.items():
         print(f"{name:10s} {tracking.mean:6.1f} mm off on average")

@@ -5,7 +5,7 @@ from typing import Any
 
 from retarget import siblings
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "Gate": "retarget.gate",

@@ -16,7 +16,16 @@ from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
 from retarget.rotations import FloatArray
 from retarget.sources.tree import JointTree, Pose, forward_kinematics
 
-__all__ = ["CYCLES", "DURATION_S", "RATE_HZ", "synthetic_performer"]
+__all__ = [
+    "CYCLES",
+    "DURATION_S",
+    "RATE_HZ",
+    "leg",
+    "minimum_jerk",
+    "rest_skeleton",
+    "synthetic_performer",
+    "upper_body",
+]
 
 RATE_HZ = 120.0
 DURATION_S = 18.6
@@ -111,10 +120,10 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
     """
     time = np.arange(round(DURATION_S * rate_hz)) / rate_hz
     paths = _paths(time, np.random.default_rng(seed))
-    tree = _upper_body()
+    tree = upper_body()
     joints, segments = _upper_tracks(tree, _upper_pose(tree, paths))
     for side, sign in (("l", 1.0), ("r", -1.0)):
-        points, turns = _leg(joints["pelvis"], segments["pelvis"], sign)
+        points, turns = leg(joints["pelvis"], segments["pelvis"], sign)
         joints |= {f"{side}_{name}": track for name, track in points.items()}
         segments |= {f"{side}_{name}": track for name, track in turns.items()}
     names = tuple(name for name in JOINTS if name in joints)
@@ -125,7 +134,7 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
         orientation=np.stack([segments[name] for name in SENSORS], axis=1),
         valid=np.ones((len(time), len(SENSORS)), bool),
         joints=JointTracks(names, np.stack([joints[name] for name in names], axis=1)),
-        skeleton=_skeleton(tree, names),
+        skeleton=rest_skeleton(tree, names),
         source=f"synthetic performer, seed {seed}",
         rate_hz=rate_hz,
     )
@@ -163,7 +172,7 @@ def _paths(time: FloatArray, generator: np.random.Generator) -> dict[str, FloatA
     return paths
 
 
-def _upper_body() -> JointTree:
+def upper_body() -> JointTree:
     """Pelvis, trunk, head and both arms as a tree."""
     rows = [row for row in _UPPER_BODY if not row[0].startswith("s_")]
     for side, sign in (("l_", 1.0), ("r_", -1.0)):
@@ -210,7 +219,7 @@ def _upper_tracks(tree: JointTree, pose: Pose) -> tuple[dict[str, FloatArray], d
     return positions, {name: pose.orientation[:, i] for i, name in enumerate(tree.names)}
 
 
-def _leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+def leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Joint positions (T, 3) and segment orientations (T, 4) of one leg on its planted foot. sign: +1 left, -1 right.
 
     The knee lies where a thigh and a shank of constant length meet, in the vertical plane of the foot's direction
@@ -240,7 +249,7 @@ def _segment(bottom: FloatArray, top: FloatArray, left: FloatArray) -> FloatArra
     return rotations.from_matrix(np.stack([np.cross(left, up), left, up], axis=-1))
 
 
-def _skeleton(tree: JointTree, names: tuple[str, ...]) -> Skeleton:
+def rest_skeleton(tree: JointTree, names: tuple[str, ...]) -> Skeleton:
     """The T-pose with straight legs."""
     rest = dict(zip(tree.names, tree.rest_positions(), strict=True))
     for side, sign in (("l", 1.0), ("r", -1.0)):

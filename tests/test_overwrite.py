@@ -109,14 +109,10 @@ def test_a_proposal_of_observers(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert code_of(*words, "--overwrite") == DONE and out.read_bytes() != MINE
 
 
-@pytest.mark.parametrize(
-    "words", [("demo", "{}"), ("experiments", "--out", "{}", "--only", "crouching")], ids=["demo", "experiments"]
-)
-def test_a_folder_of_the_users_own(words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The default folders under out/ are the command's, and are made anew."""
-    for name in ("report.json", "experiments.json"):
-        (tmp_path / name).write_bytes(MINE)
-    assert code_of(*(word.format(tmp_path) for word in words)) == REFUSED
+def test_a_folder_of_the_users_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The default folder under out/ is the command's, and is made anew."""
+    (tmp_path / "report.json").write_bytes(MINE)
+    assert code_of("demo", tmp_path) == REFUSED
     assert "something is there already" in capsys.readouterr().err
     assert {path.read_bytes() for path in tmp_path.iterdir()} == {MINE}
 

@@ -29,7 +29,6 @@ COMMANDS = {
     "faults": "Hurt a live run in every way of the fault table, and see what the robot does.",
     "import": "Draft a robot profile from a URDF or MJCF file.",
     "fit-observers": "Propose collision observers from a robot's body.",
-    "experiments": "Repeat the paper's experiments and figures.",
 }
 """Every command and its line in the list of commands."""
 

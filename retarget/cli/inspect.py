@@ -18,7 +18,10 @@ SHOWN_JUMPS = 8
 
 
 def inspect(
-    source: Annotated[Path, typer.Argument(help="A motion file: AMC, BVH or C3D.")],
+    source: Annotated[
+        str,
+        typer.Argument(help="A motion file: AMC, BVH or C3D; or 'sample', which comes with the program."),
+    ],
     skeleton: Annotated[
         Path | None, typer.Option(help="The ASF of an AMC, where it does not lie beside it.", metavar="FILE.asf")
     ] = None,

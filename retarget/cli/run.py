@@ -32,9 +32,9 @@ def run(
     source: Annotated[
         str,
         typer.Option(
-            help="Motion file of the performer (AMC, BVH or C3D), or a live stream: vmc://:39539, mvn://:9763, "
-            " natnet://HOST, json://:14150, replay://FILE.",
-            metavar="FILE|ADDRESS",
+            help="Motion file of the performer (AMC, BVH or C3D), 'sample', which comes with the program, or a live "
+            "stream: vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, replay://FILE.",
+            metavar="FILE|sample|ADDRESS",
         ),
     ],
     bus: Annotated[

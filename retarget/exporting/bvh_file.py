@@ -16,7 +16,7 @@ from retarget.exporting.links import Links, links_of
 from retarget.exporting.motion import Motion
 from retarget.rotations import FloatArray
 
-__all__ = ["write_bvh"]
+__all__ = ["BvhSkeleton", "write_bvh", "write_skeleton"]
 
 CM = 100.0
 ORDER = "zxy"
@@ -29,7 +29,7 @@ DIGITS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class _Skeleton:
+class BvhSkeleton:
     """Joints (b) as `nodes`, file axes and cm. offsets (b, 3): at rest. places (T, b, 3) and turns (T, b, 4): in the
     parent joint's frame. ends (b, 3): bone ends."""
 
@@ -48,14 +48,18 @@ class _Skeleton:
 def write_bvh(motion: Motion, stream: IO[bytes]) -> None:
     """Write a motion. Raises InputError where rows are not evenly spaced."""
     rate = motion.rate_hz
-    skeleton = _skeleton(motion)
+    write_skeleton(_skeleton(motion), rate, stream)
+
+
+def write_skeleton(skeleton: BvhSkeleton, rate_hz: float, stream: IO[bytes], *, digits: int = DIGITS) -> None:
+    """Write a skeleton in motion. digits: decimals of the channels (cm and degrees)."""
     lines = ["HIERARCHY", *_block(skeleton, 0, 0)]
-    lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1.0 / rate:.9f}"]
+    lines += ["MOTION", f"Frames: {len(skeleton.places)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
     stream.write(("\n".join(lines) + "\n").encode())
-    np.savetxt(stream, _channels(skeleton), fmt=f"%.{DIGITS}f")
+    np.savetxt(stream, _channels(skeleton), fmt=f"%.{digits}f")
 
 
-def _skeleton(motion: Motion) -> _Skeleton:
+def _skeleton(motion: Motion) -> BvhSkeleton:
     nodes, links, rest = nodes_of(motion), links_of(motion), _rest(motion)
     position, stand = _points(nodes, links), _points(nodes, rest)[0]
     rows = [node.link - 1 for node in nodes]
@@ -70,7 +74,7 @@ def _skeleton(motion: Motion) -> _Skeleton:
             places[:, joint] = rotations.rotate(back, position[:, joint] - position[:, node.parent])
             turns[:, joint] = rotations.multiply(back, turn[:, joint])
     ends = rotations.rotate(rest.orientation[0, rows], np.array([node.end for node in nodes]))
-    return _Skeleton(nodes, offsets, places, turns, CM * ends[:, AXES])
+    return BvhSkeleton(nodes, offsets, places, turns, CM * ends[:, AXES])
 
 
 def _points(nodes: tuple[Node, ...], links: Links) -> FloatArray:
@@ -89,7 +93,7 @@ def _rest(motion: Motion) -> Links:
     return links_of(replace(motion, time=np.zeros(1), phase=motion.phase[:1], q=q))
 
 
-def _block(skeleton: _Skeleton, joint: int, depth: int) -> list[str]:
+def _block(skeleton: BvhSkeleton, joint: int, depth: int) -> list[str]:
     """The lines of a joint and all below it."""
     tab = "\t" * depth
     turns = [f"{axis.upper()}rotation" for axis in ORDER]
@@ -112,7 +116,7 @@ def _numbers(values: FloatArray) -> str:
     return " ".join(f"{value:.{DIGITS}f}" for value in values)
 
 
-def _channels(skeleton: _Skeleton) -> FloatArray:
+def _channels(skeleton: BvhSkeleton) -> FloatArray:
     """All channels (T, d): nodes are in the order of the file."""
     parts = []
     for joint in range(len(skeleton.nodes)):

@@ -43,11 +43,11 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_head(path: Path) -> bytes:
-    """The first 4 KiB of a motion file. Raises InputError as `read_bytes`."""
-    return _read(path, 4096)
+    """The first 4 KiB of a motion file. Raises InputError as `read_bytes`; of a missing one it names the sample."""
+    return _read(path, 4096, missing="Check the path; the word sample names a recording that comes with the program")
 
 
-def _read(path: Path, count: int) -> bytes:
+def _read(path: Path, count: int, *, missing: str = "Check the path") -> bytes:
     where = str(path)
     try:
         status = path.stat()
@@ -65,7 +65,7 @@ def _read(path: Path, count: int) -> bytes:
         with path.open("rb") as file:
             content = file.read(count)
     except FileNotFoundError:
-        raise InputError("no such motion file", where=where, next_step="Check the path") from None
+        raise InputError("no such motion file", where=where, next_step=missing) from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError("cannot read the motion file", where=where, found=reason) from None

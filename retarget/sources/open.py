@@ -1,7 +1,11 @@
-"""Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing."""
+"""Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing.
+
+The word `sample` names the recording that comes with the package; a file of that name is `./sample`.
+"""
 
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 from retarget.errors import InputError, UsageError
@@ -12,9 +16,14 @@ from retarget.sources.c3d import read_c3d
 from retarget.sources.files import read_head
 from retarget.sources.raw_record import is_recording
 
-__all__ = ["FORMATS", "open_source", "recognise"]
+__all__ = ["FORMATS", "SAMPLE", "open_source", "recognise"]
 
 FORMATS = ("amc", "bvh", "c3d")
+
+SAMPLE = "sample"
+"""In place of a path: the recording that comes with the package, a synthetic performer of `sim.sample_recording`."""
+_SAMPLE_FILE = Path(__file__).with_name("sample_recording.bvh")
+_SAMPLE_UNIT = "cm"
 
 _READERS = {"bvh": read_bvh, "c3d": read_c3d}
 
@@ -25,12 +34,16 @@ _C3D_KEY = 0x50
 def open_source(
     path: str | Path, *, skeleton: str | Path | None = None, unit: str | None = None, rate: float | None = None
 ) -> SensorFrames:
-    """Read a motion file of any known format.
+    """Read a motion file of any known format, or the recording that comes with the package.
 
-    skeleton: the ASF of an AMC, where it does not lie beside it. unit: m, cm, mm, inch or cmu, where the file does not
-    state it and the guess is wrong. rate: frames per second instead of the file's. Raises InputError with file, line
-    and what to do; UsageError for an unknown unit, or for a skeleton with a format that has none.
+    path: the word SAMPLE as text is that recording, also where a file of this name is there; any other text, and every
+    `Path`, is a file. skeleton: the ASF of an AMC, where it does not lie beside it. unit: m, cm, mm, inch or cmu, where
+    the file does not state it and the guess is wrong. rate: frames per second instead of the file's. Raises InputError
+    with file, line and what to do; UsageError for an unknown unit, or for a skeleton with a format that has none.
     """
+    if path == SAMPLE:
+        shipped = open_source(_SAMPLE_FILE, skeleton=skeleton, unit=unit or _SAMPLE_UNIT, rate=rate)
+        return replace(shipped, source=SAMPLE)
     _refuse_live(str(path))
     path = Path(path)
     kind = recognise(path)
@@ -52,7 +65,7 @@ def _refuse_live(address: str) -> None:
         raise InputError(
             "a live stream is no motion file",
             where=re.sub(r":/+", "://", address, count=1)[:200],
-            allowed="a motion file: " + ", ".join(FORMATS),
+            allowed=f"a motion file ({', '.join(FORMATS)}), or {SAMPLE}, which comes with the program",
             next_step="`retarget doctor ADDRESS` says what arrives, `retarget run --source ADDRESS` follows it",
         )
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.paper.crouching import CONFIGURATIONS, PENETRATION, Outcome, crouching
+from benchmarks.paper.observed_distances import observed_distances
+from benchmarks.paper.placement import HINDERED, START_CLEAR, clear_cylinder, hindering_sphere
+from benchmarks.paper.replay import replay
+from benchmarks.paper.table import as_data, as_table
+from benchmarks.paper.trials import CROUCH, read_trial
 from hardware.clock import MonotonicClock
 from retarget.errors import InputError
-from retarget.experiments.crouching import CONFIGURATIONS, PENETRATION, Outcome, crouching
-from retarget.experiments.observed_distances import observed_distances
-from retarget.experiments.placement import HINDERED, START_CLEAR, clear_cylinder, hindering_sphere
-from retarget.experiments.replay import replay
-from retarget.experiments.table import as_data, as_table
-from retarget.experiments.trials import CROUCH, read_trial
 from retarget.frames import SensorFrames
 from retarget.human_observers import human_observers
 from retarget.priorities import ObserverSettings, load_priorities

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from benchmarks.paper.made_motion import made_jog, made_jump
+from benchmarks.paper.replay import replay
 from hardware.clock import VirtualClock
-from retarget.experiments.made_motion import made_jog, made_jump
-from retarget.experiments.replay import replay
 from retarget.frames import SensorFrames
 from retarget.priorities import load_priorities
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from retarget.experiments.crouching import Outcome
-from retarget.experiments.cycles import crouch_cycles
-from retarget.experiments.replay import Replay
-from retarget.experiments.strips import Row, View, body_row, draw_strips
+from benchmarks.paper.crouching import Outcome
+from benchmarks.paper.cycles import crouch_cycles
+from benchmarks.paper.replay import Replay
+from benchmarks.paper.strips import Row, View, body_row, draw_strips
 from retarget.frames import SensorFrames
 from retarget.human_dimensions import POINTS
 from retarget.rotations import FloatArray

@@ -1,68 +1,73 @@
-"""`retarget experiments`: the paper's experiments and figures, run anew."""
+"""`python -m benchmarks.paper`: the paper's experiments and figures, run anew.
 
+Pictures like the paper's figures, and a table beside its numbers. Experiments 1 to 3 run with the paper's priorities
+and line observers, and with ours and capsules. Obstacles are placed from the motion.
+"""
+
+from __future__ import annotations
+
+import argparse
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.console import Console
 
+from benchmarks.paper.made_motion import made_jog, made_jump
+from benchmarks.paper.run import NAMES, Motions, Results, run_experiments
+from benchmarks.paper.table import as_table
+from benchmarks.paper.trials import CROUCH, JOG, JUMP, read_trial
 from hardware.clock import MonotonicClock
-from retarget.cli.overwrite import Overwrite
+from retarget.cli.boundary import exit_code_of
 from retarget.cli.progress import progress_bar
 from retarget.errors import UsageError, suggest
-from retarget.experiments.made_motion import made_jog, made_jump
-from retarget.experiments.run import NAMES, Motions, Results, run_experiments
-from retarget.experiments.table import as_table
-from retarget.experiments.trials import CROUCH, JOG, JUMP, read_trial
 from retarget.outputs import check_folder, make_folder, refuse_existing, write_atomic
+from sim.performer import synthetic_performer
 
-DEFAULT_FOLDER = Path("out/experiments")
+DEFAULT_FOLDER = Path("out/paper")
 RUNS = 8
 """Reconstructions of the crouching motion: two free ones, and three experiments with two configurations."""
-
-
+MOST_ITERATIONS = 100
 PIPED_WIDTH = 120
 """Columns of the table where no terminal says how many there are."""
 
 
-def experiments(
-    mocap: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of recordings, searched for CMU 02_06, 02_03 and 02_04; without: synthetic motion.",
-            metavar="DIR",
-        ),
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Where pictures and numbers go.", metavar="DIR")] = DEFAULT_FOLDER,
-    only: Annotated[str | None, typer.Option(help=f"Some of {', '.join(NAMES)}.", metavar="NAME,...")] = None,
-    n_ik: Annotated[
-        int | None,
-        typer.Option("--n-ik", min=1, max=100, help="Iterations per frame at most (the paper's: 5).", metavar="N"),
-    ] = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Repeat the paper's experiments: pictures like its figures, and a table beside its numbers.
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command."""
+    asked = _parse(arguments)
+    sys.exit(exit_code_of(lambda: _experiments(asked)))
 
-    Experiments 1 to 3 run with the paper's priorities and line observers, and with ours and capsules. Obstacles are
-    placed from the motion.
-    """
-    names = _chosen(only)
-    check_folder(out, option="--out")
-    path = out / "experiments.json"
-    if not overwrite and out != DEFAULT_FOLDER:
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper", description=__doc__)
+    recordings = "folder of recordings, searched for CMU 02_06, 02_03 and 02_04; without: synthetic motion"
+    parser.add_argument("--mocap", type=Path, metavar="DIR", help=recordings)
+    parser.add_argument("--out", type=Path, default=DEFAULT_FOLDER, metavar="DIR", help="for pictures and numbers")
+    parser.add_argument("--only", metavar="NAME,...", help=f"some of {', '.join(NAMES)}")
+    iterations = "iterations per frame at most (the paper's: 5)"
+    parser.add_argument("--n-ik", type=int, metavar="N", help=iterations)
+    parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
+    return parser.parse_args(arguments)
+
+
+def _experiments(asked: argparse.Namespace) -> None:
+    """Run what is asked for. Raises UsageError before anything is written, InputError."""
+    names, iterations = _chosen(asked.only), _iterations(asked.n_ik)
+    check_folder(asked.out, option="--out")
+    path = asked.out / "experiments.json"
+    if not asked.overwrite and asked.out != DEFAULT_FOLDER:
         refuse_existing(path, option="--out")
-    motions = _motions(mocap)
-    make_folder(out, option="--out")
+    motions = _motions(asked.mocap)
+    make_folder(asked.out, option="--out")
     total = RUNS * len(motions.crouch)
     with progress_bar("experiments", total if "crouching" in names else 1) as show:
         results = run_experiments(
             motions,
-            out,
+            asked.out,
             clock=MonotonicClock(),
             only=names,
-            iterations=n_ik,
+            iterations=iterations,
             progress=_Counter(show, len(motions.crouch)),
         )
     write_atomic(path, json.dumps(results.data, indent=2, allow_nan=False).encode(), option="--out")
@@ -99,12 +104,18 @@ def _chosen(only: str | None) -> tuple[str, ...]:
     return tuple(name for name in NAMES if name in words)
 
 
+def _iterations(asked: int | None) -> int | None:
+    if asked is not None and not 1 <= asked <= MOST_ITERATIONS:
+        raise UsageError(
+            "impossible number of iterations", where="--n-ik", found=asked, allowed=f"1 to {MOST_ITERATIONS}"
+        )
+    return asked
+
+
 def _motions(mocap: Path | None) -> Motions:
     """Recordings where there are any, synthetic motion for what is not there."""
     crouch = read_trial(mocap, CROUCH)
     if crouch is None:
-        from sim.performer import synthetic_performer
-
         crouch = synthetic_performer()
     return Motions(crouch, read_trial(mocap, JOG) or made_jog(), read_trial(mocap, JUMP) or made_jump())
 
@@ -118,3 +129,7 @@ def _show(results: Results, path: Path) -> None:
         console.print()
     for file in (path, *results.pictures):
         console.print(f"written: {file}", markup=False, highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.paper.trials import CROUCH, find_trial, read_trial
 from retarget.errors import UsageError
-from retarget.experiments.trials import CROUCH, find_trial, read_trial
 
 
 def test_an_amc_comes_before_a_bvh(tmp_path: Path) -> None:

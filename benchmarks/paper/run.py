@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.paper.body_pictures import figure_3, figure_7, figure_9, figure_10
+from benchmarks.paper.chain_runs import ONE, TWO, reaching_chain, yielding_chain
+from benchmarks.paper.crouching import Outcome, crouching
+from benchmarks.paper.damping_law import damped_points
+from benchmarks.paper.plane_pictures import figure_4, figure_5, figure_6
+from benchmarks.paper.replay import replay
+from benchmarks.paper.table import as_data
 from hardware.clock import Clock
-from retarget.experiments.body_pictures import figure_3, figure_7, figure_9, figure_10
-from retarget.experiments.chain_runs import ONE, TWO, reaching_chain, yielding_chain
-from retarget.experiments.crouching import Outcome, crouching
-from retarget.experiments.damping_law import damped_points
-from retarget.experiments.plane_pictures import figure_4, figure_5, figure_6
-from retarget.experiments.replay import replay
-from retarget.experiments.table import as_data
 from retarget.frames import SensorFrames
 from retarget.human_dimensions import POINTS
 from retarget.plots.style import save_figure

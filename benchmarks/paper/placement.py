@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.paper.cycles import crouch_cycles
+from benchmarks.paper.observed_distances import observed_distances
+from benchmarks.paper.replay import Replay
 from retarget.errors import InputError
-from retarget.experiments.cycles import crouch_cycles
-from retarget.experiments.observed_distances import observed_distances
-from retarget.experiments.replay import Replay
 from retarget.human import Human
 from retarget.human_dimensions import POINTS
 from retarget.human_observers import Worn, human_observers

@@ -5,10 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from retarget.experiments.chain_runs import DT, ChainRun
-from retarget.experiments.damping_law import BALL, DampedPoint
-from retarget.experiments.outlines import OBSTACLE, ZONE_SHARE
-from retarget.experiments.solver_rig import Ball
+from benchmarks.paper.chain_runs import DT, ChainRun
+from benchmarks.paper.damping_law import BALL, DampedPoint
+from benchmarks.paper.outlines import OBSTACLE, ZONE_SHARE
+from benchmarks.paper.solver_rig import Ball
 from retarget.plots.style import ASKED, REACHED, WARNING, new_figure
 from retarget.rotations import FloatArray
 

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget import _solver
-from retarget.body import BodyModel
-from retarget.experiments.solver_rig import (
+from benchmarks.paper.solver_rig import (
     LINK,
     Ball,
     chain_points,
@@ -16,6 +14,8 @@ from retarget.experiments.solver_rig import (
     planar_chain,
     watching,
 )
+from retarget import _solver
+from retarget.body import BodyModel
 from retarget.rotations import FloatArray
 
 __all__ = ["DT", "ONE", "TWO", "ChainRun", "reaching_chain", "yielding_chain"]

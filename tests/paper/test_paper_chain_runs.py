@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from retarget.experiments.chain_runs import ONE, TWO, ChainRun, reaching_chain, yielding_chain
+from benchmarks.paper.chain_runs import ONE, TWO, ChainRun, reaching_chain, yielding_chain
 
 TOUCH = -1e-5
 """m: exact touching is allowed (margin 0), rounding of a step is not penetration."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from retarget.experiments.damping_law import BALL, DampedPoint, damped_points
+from benchmarks.paper.damping_law import BALL, DampedPoint, damped_points
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from retarget.experiments.outlines import scene_outlines
+from benchmarks.paper.outlines import scene_outlines
 from retarget.rotations import FloatArray
 from retarget.scene import Scene
 

@@ -1,23 +1,23 @@
-"""`retarget experiments`: pictures, numbers and a table, with and without recordings; and what is refused."""
+"""`python -m benchmarks.paper`: pictures, numbers and a table, with and without recordings; and what is refused."""
 
 import json
 from pathlib import Path
 
 import pytest
 
-from retarget.cli import main
+from benchmarks.paper.__main__ import main
 from retarget.cli.boundary import DONE, REFUSED
 
 
-def experiments(*words: str | Path) -> int:
+def paper(*words: str | Path) -> int:
     with pytest.raises(SystemExit) as leaving:
-        main(["experiments", *map(str, words)])
+        main([*map(str, words)])
     return int(leaving.value.code or 0)
 
 
 def test_figures_without_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = ("jog", "jump", "figure4", "figure5", "figure6")
-    assert experiments("--out", tmp_path / "new", "--only", ",".join(names)) == DONE
+    assert paper("--out", tmp_path / "new", "--only", ",".join(names)) == DONE
     files = {path.name for path in (tmp_path / "new").iterdir()}
     assert files == {"experiments.json", *(f"{name}.png" for name in names)}
     for name in names:
@@ -42,14 +42,22 @@ def test_figures_without_recordings(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_refused_before_anything_is_written(
     words: tuple[str, ...], hint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert experiments("--out", tmp_path / "new", *words) == REFUSED
+    assert paper("--out", tmp_path / "new", *words) == REFUSED
     assert hint in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 
+def test_a_folder_of_the_users_own_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "experiments.json").write_text("mine", encoding="utf-8")
+    assert paper("--out", tmp_path, "--only", "figure4") == REFUSED
+    assert "something is there already" in capsys.readouterr().err
+    assert (tmp_path / "experiments.json").read_text(encoding="utf-8") == "mine"
+    assert paper("--out", tmp_path, "--only", "figure4", "--overwrite") == DONE
+
+
 @pytest.mark.long
 def test_all_of_them_on_the_synthetic_performer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert experiments("--out", tmp_path) == DONE
+    assert paper("--out", tmp_path) == DONE
     shown = capsys.readouterr().out
     assert "52.6" in shown and "42.5" in shown and "40.6" in shown
     assert {"experiment_1.png", "experiment_2.png", "experiment_3.png"} <= {path.name for path in tmp_path.iterdir()}

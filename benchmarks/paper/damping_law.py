@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.paper.solver_rig import Ball, make_solver, place_balls, sliding_point, watching
 from retarget import _solver
-from retarget.experiments.solver_rig import Ball, make_solver, place_balls, sliding_point, watching
 from retarget.rotations import FloatArray
 
 __all__ = ["BALL", "POINTS", "DampedPoint", "damped_points"]

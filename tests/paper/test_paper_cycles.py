@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from retarget.experiments.cycles import crouch_cycles
+from benchmarks.paper.cycles import crouch_cycles
 from sim.performer import CYCLES, synthetic_performer
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from retarget.experiments.crouching import Collisions, Outcome
+from benchmarks.paper.crouching import Collisions, Outcome
 
 __all__ = ["as_data", "as_table"]
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from retarget.experiments.outlines import Outline, draw_outline, scene_outlines
+from benchmarks.paper.outlines import Outline, draw_outline, scene_outlines
 from retarget.human_dimensions import PARENTS, POINTS
 from retarget.plots.skeleton import AZIMUTH, ELEVATION, HEAD, Bone, Skeleton, draw_skeleton, project, turned
 from retarget.plots.style import new_figure

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.paper.observed_distances import ObservedDistances, observed_distances
+from benchmarks.paper.placement import FOREARM, HEAD, clear_cylinder, cycles_hindered, hindering_sphere
+from benchmarks.paper.replay import Replay, replay
 from hardware.clock import Clock
-from retarget.experiments.observed_distances import ObservedDistances, observed_distances
-from retarget.experiments.placement import FOREARM, HEAD, clear_cylinder, cycles_hindered, hindering_sphere
-from retarget.experiments.replay import Replay, replay
 from retarget.frames import SensorFrames
 from retarget.human_observers import Worn, human_observers
 from retarget.observers import Observers
