@@ -5,11 +5,11 @@
 //! independent of their rows (it starts empty; a limit met on the way is always independent). Multipliers are then unique, and
 //! the lowest-index rule after a while makes it finite.
 
-use super::active_set::{advance, first_limit, hold_violated_rows, let_go};
 use super::kernels::{add_scaled, compile_twice, dot};
+use super::limits::{advance, first_limit, hold_violated_rows, let_go};
 use super::multipliers::examine_level;
 use super::problem::{Outcome, Problem, Side};
-use super::Workspace;
+use super::work::Work;
 
 /// Moves per stage; beyond it the point is kept as it is and counted.
 const MOST_MOVES: u32 = 400;
@@ -17,7 +17,7 @@ const MOST_MOVES: u32 = 400;
 const PATIENCE: u32 = 60;
 const STILL: f64 = 1e-12;
 
-pub fn solve(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+pub fn solve(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
     work.multipliers.clear(problem);
     for k in 0..=problem.level_count() {
         open_stage(problem, work, k);
@@ -29,7 +29,7 @@ pub fn solve(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome)
 
 /// Working set of stage k: what is locked, equalities, violated rows; and what the stage before held, as long as that is
 /// independent of the rows of the stages before.
-fn open_stage(problem: &mut Problem, work: &mut Workspace, k: usize) {
+fn open_stage(problem: &mut Problem, work: &mut Work, k: usize) {
     let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     let before = if k == 0 { 0 } else { problem.level_end[k - 1] };
     for r in end..problem.row_count() {
@@ -62,11 +62,11 @@ fn open_stage(problem: &mut Problem, work: &mut Workspace, k: usize) {
 
 compile_twice! {
     /// Rank of the held rows of the levels before k in the free columns.
-    fn rank_before(problem: &Problem, work: &mut Workspace, k: usize) -> usize = rank_before_any
+    fn rank_before(problem: &Problem, work: &mut Work, k: usize) -> usize = rank_before_any
 }
 
 #[inline(always)]
-fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> usize {
+fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Work, k: usize) -> usize {
     let factor = &mut work.factor;
     factor.restart(problem);
     for level in 0..k {
@@ -75,7 +75,7 @@ fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: 
     factor.rank()
 }
 
-fn run_stage(problem: &mut Problem, work: &mut Workspace, k: usize, outcome: &mut Outcome) -> bool {
+fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Outcome) -> bool {
     let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     for moves in 0..MOST_MOVES {
         let length = direction(work.fma, problem, work, k);
@@ -115,11 +115,11 @@ fn run_stage(problem: &mut Problem, work: &mut Workspace, k: usize, outcome: &mu
 
 compile_twice! {
     /// Direction to the optimum of stage k that leaves the stages before alone. Returns its largest entry.
-    fn direction(problem: &Problem, work: &mut Workspace, k: usize) -> f64 = direction_any
+    fn direction(problem: &Problem, work: &mut Work, k: usize) -> f64 = direction_any
 }
 
 #[inline(always)]
-fn direction_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> f64 {
+fn direction_any<const FMA: bool>(problem: &Problem, work: &mut Work, k: usize) -> f64 {
     let factor = &mut work.factor;
     factor.restart(problem);
     for level in 0..problem.level_count().min(k + 1) {
