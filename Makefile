@@ -40,7 +40,7 @@ demo: $(VENV)/.with-base
 	$(BIN)/retarget demo
 
 test: $(VENV)/.with-test
-	cargo test --release --lib --locked --quiet --features count-allocations --manifest-path $(MANIFEST)
+	CARGO_PROFILE_RELEASE_LTO=off cargo test --release --lib --locked --quiet --features count-allocations --manifest-path $(MANIFEST)
 	$(BIN)/python -m pytest -n $(JOBS) -m 'not long' $(PYTEST)
 
 long: $(VENV)/.with-test
