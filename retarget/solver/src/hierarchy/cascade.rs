@@ -8,7 +8,7 @@
 use super::kernels::{add_scaled, compile_twice, dot};
 use super::limits::{advance, first_limit, hold_violated_rows, let_go};
 use super::multipliers::examine_level;
-use super::problem::{Outcome, Problem, Side};
+use super::problem::{Outcome, Problem, Release, Side};
 use super::work::Work;
 
 /// Moves per stage; beyond it the point is kept as it is and counted.
@@ -107,10 +107,24 @@ fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Out
         std::mem::swap(&mut work.multipliers.locked, &mut work.locked);
         std::mem::swap(&mut work.multipliers.locked_row, &mut work.locked_row);
         if let Some(release) = release {
-            let_go(problem, release);
+            let_go_or_turn(work.fma, problem, release);
         }
     }
     false
+}
+
+compile_twice! {
+    /// Let go of a limit. A row with two limits that was guessed to be at the wrong one is beyond the other: held there it stays in
+    /// the working set, free it would be forgotten where nothing moves any more.
+    fn let_go_or_turn(problem: &mut Problem, release: Release) = let_go_or_turn_any
+}
+
+#[inline(always)]
+fn let_go_or_turn_any<const FMA: bool>(problem: &mut Problem, release: Release) {
+    let Release::Row(r) = release else { return let_go(problem, release) };
+    let held = problem.row_side[r];
+    let beyond = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z));
+    problem.row_side[r] = beyond.filter(|side| *side != held).unwrap_or_default();
 }
 
 compile_twice! {
