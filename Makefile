@@ -12,9 +12,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 CRATE := retarget/solver
 MANIFEST := $(CRATE)/Cargo.toml
-RUST := $(MANIFEST) $(CRATE)/Cargo.lock $(shell find $(CRATE)/src -name '*.rs')
+RUST := $(MANIFEST) $(CRATE)/Cargo.lock $(shell find $(CRATE)/src -name '*.rs' -not -path '*/src/tests/*')
 RUST_OLDEST := 1.83
-RUST_TESTS := $(shell grep -rl 'cfg(test)' $(CRATE)/src)
 RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -42,7 +41,7 @@ demo: $(VENV)/.with-base
 	$(BIN)/retarget demo
 
 test: $(VENV)/.with-test
-	$(if $(RUST_TESTS),PYO3_PYTHON=$(abspath $(BIN)/python) cargo test --release --lib --locked --quiet --manifest-path $(MANIFEST))
+	CARGO_PROFILE_RELEASE_LTO=off cargo test --release --lib --locked --quiet --features count-allocations --manifest-path $(MANIFEST)
 	$(BIN)/python -m pytest -n $(JOBS) -m 'not long' $(PYTEST)
 
 long: $(VENV)/.with-test
@@ -55,7 +54,7 @@ lint: $(VENV)/.with-test $(VENV)/.with-lint
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	cargo fmt --check --manifest-path $(MANIFEST)
-	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --release --locked --all-targets --quiet --manifest-path $(MANIFEST) -- -D warnings
+	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --release --locked --all-targets --all-features --quiet --manifest-path $(MANIFEST) -- -D warnings
 
 docs: $(VENV)/.with-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

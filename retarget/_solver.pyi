@@ -247,9 +247,6 @@ class PathChecker:
         the first row is where the robot was sent, so that what is let out is measured from there."""
     def planted(self, standing: Floats, values: Floats) -> Floats:
         """Posture (nq,) with these values (n,), its root so that the lower sole of `standing (nq,)` stays."""
-    @property
-    def stats(self) -> tuple[int, int]:
-        """Postures looked at, and heap allocations in checks, since construction."""
 
 @final
 class Solver:
@@ -319,7 +316,7 @@ class Solver:
         """Error norm of each task at the posture reached, in order of levels; NaN where absent."""
     @property
     def stats(self) -> dict[str, int]:
-        """frames, iterations, factorizations, fallbacks, capped, and heap allocations in frames, since construction."""
+        """frames, iterations, factorizations, fallbacks and capped, since construction."""
 
 @final
 class HierarchyResult:

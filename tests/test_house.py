@@ -4,6 +4,7 @@ import ast
 import hashlib
 import re
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,14 @@ def test_versions_agree() -> None:
     }
     versions.add(re.search(r'__version__ = "(.+)"', (ROOT / "retarget/__init__.py").read_text())[1])  # type: ignore[index]
     assert len(versions) == 1, versions
+
+
+def test_what_is_shipped_has_the_allocator_of_the_system() -> None:
+    """The counting one is a feature of the crate that neither maturin nor a default asks for."""
+    maturin = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["maturin"]
+    features = tomllib.loads((ROOT / "retarget/solver/Cargo.toml").read_text())["features"]
+    built = {*maturin["features"], *features.get("default", [])}
+    assert "count-allocations" in features and built == {"python"}
 
 
 def test_no_machine_path_is_written_down() -> None:

@@ -214,19 +214,6 @@ def test_what_servos_are_off_their_way_is_off_the_whole_way() -> None:
     assert robot.clearance._following.unexplained(robot.sent + 0.06 * pitch).tolist() == [0.0] * 20
 
 
-def test_nothing_is_allocated() -> None:
-    rng = np.random.default_rng(3)
-    robot = obstacles(rng)
-    checker = robot.clearance._checker
-    paths = [robot.sent + np.linspace(0.0, 0.4, 18)[:, None] * rng.standard_normal(20) for _ in range(60)]
-    for path in paths:
-        is_clear(robot, path)
-    looks, before = checker.stats
-    for path in paths:
-        is_clear(robot, path)
-    assert checker.stats[0] > looks and checker.stats[1] == before
-
-
 def test_the_root_is_that_of_the_planted_sole() -> None:
     robot, rng = GatedRobot(), np.random.default_rng(5)
     for _ in range(50):

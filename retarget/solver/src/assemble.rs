@@ -102,6 +102,16 @@ impl FrameSolver {
             self.problem.hi_is_stop[c] = self.frame_box[dof].hi_is_stop && hi < self.settings.max_step;
         }
     }
+
+    /// From the answer of the hierarchy to the step of every coordinate.
+    pub(crate) fn read_step(&mut self) {
+        self.step.fill(0.0);
+        for &(dof, c) in &self.columns.all {
+            let (lo, hi) = iteration_bounds(&self.frame_box[dof], self.done[dof], self.settings.max_step);
+            let x = self.reference[dof] + self.problem.z[c] * self.scale[dof];
+            self.step[dof] = x.max(lo).min(hi);
+        }
+    }
 }
 
 /// From dq to z = (dq - reference) / scale.

@@ -1,49 +1,11 @@
 //! Observers inside the convergence loop: their rows in the problem of one iteration, and the second solve that a trial asks for.
 
-use crate::body::Body;
 use crate::frame::FrameSolver;
 use crate::hierarchy::solve;
-use crate::layout::Placed;
-use crate::observers::{Activation, ObserverSet, ObserverTask, Shift, Watch};
-use crate::rows::Columns;
-use crate::task::{Task, TaskKind};
-use std::sync::Arc;
+use crate::observers::{Activation, Shift};
 
-/// Most rows of one task: where more pairs are within influence, the closest get them.
-const MOST_ROWS: usize = 128;
 /// Solves of one iteration in which pairs may still ask for a row.
 const MOST_SURPRISES: usize = 4;
-
-/// Give every task of observers room for the pairs that it looks at.
-pub(crate) fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
-    for task in levels.iter_mut().flatten() {
-        if let TaskKind::Observers(task) = &mut task.kind {
-            task.rows = set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_ROWS);
-        }
-    }
-}
-
-/// The observers at work, with the rows that the layout gave their tasks.
-pub(crate) fn watch(
-    body: &Body,
-    columns: &Columns,
-    placed: &mut [Placed],
-    set: Arc<ObserverSet>,
-    activation: Activation,
-) -> Watch {
-    let mut tasks = vec![];
-    for p in placed {
-        if let TaskKind::Observers(task) = &mut p.task.kind {
-            (task.index, task.first_row) = (tasks.len(), p.first_row);
-            tasks.push(ObserverTask { used: Vec::with_capacity(task.rows), ..task.clone() });
-        }
-    }
-    let mut column = vec![None; body.nv];
-    for &(dof, c) in &columns.all {
-        column[dof] = Some(c);
-    }
-    Watch::new(set, tasks, activation, &column)
-}
 
 impl FrameSolver {
     /// Solve the iteration's problem with the rows of the observers.

@@ -1,8 +1,14 @@
-//! Where tasks go: their slices of the target vector, their rows, and the slack variables of soft rows.
+//! Where tasks go: their slices of the target vector, their rows, and the slack variables of soft rows; rows of observers too.
 
 use crate::body::Body;
+use crate::observers::{Activation, ObserverSet, ObserverTask, Watch};
+use crate::rows::Columns;
 use crate::task::{Task, TaskKind};
 use std::ops::Range;
+use std::sync::Arc;
+
+/// Most rows of one task: where more pairs are within influence, the closest get them.
+const MOST_ROWS: usize = 128;
 
 /// A task's place in the target vector and among the rows.
 pub struct Placed {
@@ -65,4 +71,35 @@ impl Layout {
             |level| self.placed.iter().any(|p| p.level == level && matches!(p.task.kind, TaskKind::Posture));
         (0..self.level_rows.len()).map(|level| !has_posture(level)).collect()
     }
+}
+
+/// Give every task of observers room for the pairs that it looks at.
+pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
+    for task in levels.iter_mut().flatten() {
+        if let TaskKind::Observers(task) = &mut task.kind {
+            task.rows = set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_ROWS);
+        }
+    }
+}
+
+/// The observers at work, with the rows that the layout gave their tasks.
+pub fn watch(
+    body: &Body,
+    columns: &Columns,
+    placed: &mut [Placed],
+    set: Arc<ObserverSet>,
+    activation: Activation,
+) -> Watch {
+    let mut tasks = vec![];
+    for p in placed {
+        if let TaskKind::Observers(task) = &mut p.task.kind {
+            (task.index, task.first_row) = (tasks.len(), p.first_row);
+            tasks.push(ObserverTask { used: Vec::with_capacity(task.rows), ..task.clone() });
+        }
+    }
+    let mut column = vec![None; body.nv];
+    for &(dof, c) in &columns.all {
+        column[dof] = Some(c);
+    }
+    Watch::new(set, tasks, activation, &column)
 }

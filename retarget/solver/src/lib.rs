@@ -1,67 +1,34 @@
-//! retarget._solver: kinematics, strict hierarchies, whole frames, poses as they are heard. Knows no file, no clock, no servo.
+//! retarget._solver: kinematics, strict hierarchies, whole frames; and, beside them, what is done with poses as they come in. Knows no
+//! file, no clock, no servo. `use` runs one way between the files here (`tests/test_arrows_rust.py`).
 
-mod allocations;
-mod assemble;
-mod avoid;
-pub mod body;
-pub mod bounds;
-pub mod braking;
-mod clip;
-pub mod frame;
-pub mod geometry;
-pub mod hierarchy;
-pub mod kinematics;
-pub mod last_poses;
-mod layout;
-pub mod math;
-pub mod observers;
-pub mod playout;
-mod progress;
-mod py_arrays;
-mod py_body;
-mod py_bounds;
-mod py_braking;
-mod py_hierarchy;
-mod py_observers;
-mod py_path;
-mod py_playout;
-mod py_probe;
-mod py_sensor_plan;
-mod py_shapes;
-mod py_smooth;
-mod py_solver;
-mod py_task;
-mod py_watched;
-pub mod rows;
-pub mod sensor_plan;
-pub mod smooth;
-pub mod sound;
-pub mod stillness;
-pub mod task;
-pub mod watched;
+#[cfg(feature = "count-allocations")]
+pub mod allocations; // heap allocations of a thread, counted for tests
+mod assemble; // the linear problem of one iteration
+mod avoid; // observers inside the convergence loop
+pub mod body; // links and joints
+pub mod bounds; // how far a coordinate may go in one frame
+pub mod braking; // goals from which every joint can stop
+mod clip; // many frames in a row
+mod converge; // one frame: the convergence loop
+pub mod frame; // what a solver of frames holds
+pub mod geometry; // solids and the distance between them
+pub mod hierarchy; // strict levels of linear tasks, solved exactly
+pub mod kinematics; // where links are, and Jacobians
+mod layout; // where tasks go in targets and rows
+pub mod math; // vectors, quaternions, matrices
+pub mod observers; // observers, obstacles, their rows; paths
+mod progress; // how levels fare from iteration to iteration
+#[cfg(feature = "python")]
+pub mod python; // the bindings of all but the streams
+pub mod rows; // Jacobian rows of tasks
+pub mod streams; // poses of sensors as they come in
+pub mod task; // what is asked of a body
+#[cfg(test)]
+mod tests; // against closed forms and optimality conditions
 
-use pyo3::prelude::*;
-
-#[pymodule]
-fn _solver(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<py_body::PyBody>()?;
-    m.add_class::<py_task::PyTask>()?;
-    m.add_class::<py_probe::PyProbe>()?;
-    m.add_class::<py_probe::PyFooting>()?;
-    m.add_class::<py_braking::PyBraking>()?;
-    m.add_class::<py_observers::PyObservers>()?;
-    m.add_class::<py_path::PyPathChecker>()?;
-    m.add_class::<py_solver::PySolver>()?;
-    m.add_class::<py_hierarchy::HierarchyResult>()?;
-    m.add_function(wrap_pyfunction!(py_hierarchy::solve_hierarchy, m)?)?;
-    m.add_function(wrap_pyfunction!(py_bounds::frame_bounds, m)?)?;
-    m.add_function(wrap_pyfunction!(py_shapes::shape_distances, m)?)?;
-    m.add_class::<py_smooth::PyPoseFilter>()?;
-    m.add_function(wrap_pyfunction!(py_smooth::along_arc, m)?)?;
-    m.add_class::<py_playout::PyPoseRing>()?;
-    m.add_class::<py_sensor_plan::PySensorPlan>()?;
-    m.add_class::<py_sensor_plan::PyPoseParts>()?;
-    m.add_class::<py_watched::PyWatchedSensors>()?;
-    m.add_function(wrap_pyfunction!(py_shapes::shape_gaps_at_least, m)?)?;
-    Ok(())
+#[cfg(feature = "python")]
+#[pyo3::pymodule]
+fn _solver(m: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo3::PyResult<()> {
+    python::register(m)?;
+    streams::python::register(m)
 }

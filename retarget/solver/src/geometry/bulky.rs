@@ -1,12 +1,13 @@
 //! Boxes and cylinders among themselves.
 
+use super::best::Best;
 use super::capsule_box::NO_DIRECTION;
 use super::climb::climb;
 use super::contact::{meet, touching, MISS};
 use super::difference::Difference;
 use super::gjk::{nearest_apart, Apart};
 use super::separating::separating;
-use super::way_out::{flat, way_out, Best};
+use super::way_out::{flat, way_out};
 use super::{Nearest, Scratch, Solid};
 use crate::math::{across, add, add_scaled, dot, mat_vec, norm, scale, Vec3};
 

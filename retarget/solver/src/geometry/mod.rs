@@ -5,6 +5,7 @@
 //! overlapping, it is minus the way out (`way_out.rs`).
 
 mod along;
+mod best;
 mod bulky;
 mod capsule_box;
 mod capsule_cylinder;
@@ -13,6 +14,7 @@ mod climb;
 mod clip;
 mod contact;
 mod difference;
+mod distance;
 mod face;
 mod gap;
 mod gjk;
@@ -24,7 +26,8 @@ mod shape;
 mod simplex;
 mod way_out;
 
+pub use distance::nearest;
 pub use gap::gap_at_least;
 pub use half_space::extreme;
-pub use nearest::{nearest, Nearest, Scratch};
+pub use nearest::{Nearest, Scratch};
 pub use shape::{Shape, Solid};

@@ -1,7 +1,7 @@
 //! Ways out across one edge that sweeps a disc: the largest gap over the directions perpendicular to that edge.
 
+use super::best::Best;
 use super::difference::Difference;
-use super::way_out::Best;
 use crate::math::{add_scaled, cross, dot, perpendicular, scale, Vec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 

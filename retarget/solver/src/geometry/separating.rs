@@ -1,7 +1,7 @@
 //! The fifteen directions along which two boxes can be kept apart (Gottschalk, Lin, Manocha, 1996): faces, and edge across edge.
 
+use super::best::Best;
 use super::difference::Difference;
-use super::way_out::Best;
 use crate::math::{cross, dot, scale, Vec3};
 
 /// Sine below which two edges span no facet.

@@ -5,11 +5,11 @@
 //! independent of their rows (it starts empty; a limit met on the way is always independent). Multipliers are then unique, and
 //! the lowest-index rule after a while makes it finite.
 
-use super::active_set::{advance, first_limit, hold_violated_rows, let_go};
 use super::kernels::{add_scaled, compile_twice, dot};
+use super::limits::{advance, first_limit, hold_violated_rows, let_go};
 use super::multipliers::examine_level;
-use super::problem::{Outcome, Problem, Side};
-use super::Workspace;
+use super::problem::{Outcome, Problem, Release, Side};
+use super::work::Work;
 
 /// Moves per stage; beyond it the point is kept as it is and counted.
 const MOST_MOVES: u32 = 400;
@@ -17,7 +17,7 @@ const MOST_MOVES: u32 = 400;
 const PATIENCE: u32 = 60;
 const STILL: f64 = 1e-12;
 
-pub fn solve(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+pub fn solve(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
     work.multipliers.clear(problem);
     for k in 0..=problem.level_count() {
         open_stage(problem, work, k);
@@ -29,7 +29,7 @@ pub fn solve(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome)
 
 /// Working set of stage k: what is locked, equalities, violated rows; and what the stage before held, as long as that is
 /// independent of the rows of the stages before.
-fn open_stage(problem: &mut Problem, work: &mut Workspace, k: usize) {
+fn open_stage(problem: &mut Problem, work: &mut Work, k: usize) {
     let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     let before = if k == 0 { 0 } else { problem.level_end[k - 1] };
     for r in end..problem.row_count() {
@@ -62,11 +62,11 @@ fn open_stage(problem: &mut Problem, work: &mut Workspace, k: usize) {
 
 compile_twice! {
     /// Rank of the held rows of the levels before k in the free columns.
-    fn rank_before(problem: &Problem, work: &mut Workspace, k: usize) -> usize = rank_before_any
+    fn rank_before(problem: &Problem, work: &mut Work, k: usize) -> usize = rank_before_any
 }
 
 #[inline(always)]
-fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> usize {
+fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Work, k: usize) -> usize {
     let factor = &mut work.factor;
     factor.restart(problem);
     for level in 0..k {
@@ -75,7 +75,7 @@ fn rank_before_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: 
     factor.rank()
 }
 
-fn run_stage(problem: &mut Problem, work: &mut Workspace, k: usize, outcome: &mut Outcome) -> bool {
+fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Outcome) -> bool {
     let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     for moves in 0..MOST_MOVES {
         let length = direction(work.fma, problem, work, k);
@@ -107,19 +107,33 @@ fn run_stage(problem: &mut Problem, work: &mut Workspace, k: usize, outcome: &mu
         std::mem::swap(&mut work.multipliers.locked, &mut work.locked);
         std::mem::swap(&mut work.multipliers.locked_row, &mut work.locked_row);
         if let Some(release) = release {
-            let_go(problem, release);
+            let_go_or_turn(work.fma, problem, release);
         }
     }
     false
 }
 
 compile_twice! {
-    /// Direction to the optimum of stage k that leaves the stages before alone. Returns its largest entry.
-    fn direction(problem: &Problem, work: &mut Workspace, k: usize) -> f64 = direction_any
+    /// Let go of a limit. A row with two limits that was guessed to be at the wrong one is beyond the other: held there it stays in
+    /// the working set, free it would be forgotten where nothing moves any more.
+    fn let_go_or_turn(problem: &mut Problem, release: Release) = let_go_or_turn_any
 }
 
 #[inline(always)]
-fn direction_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, k: usize) -> f64 {
+fn let_go_or_turn_any<const FMA: bool>(problem: &mut Problem, release: Release) {
+    let Release::Row(r) = release else { return let_go(problem, release) };
+    let held = problem.row_side[r];
+    let beyond = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z));
+    problem.row_side[r] = beyond.filter(|side| *side != held).unwrap_or_default();
+}
+
+compile_twice! {
+    /// Direction to the optimum of stage k that leaves the stages before alone. Returns its largest entry.
+    fn direction(problem: &Problem, work: &mut Work, k: usize) -> f64 = direction_any
+}
+
+#[inline(always)]
+fn direction_any<const FMA: bool>(problem: &Problem, work: &mut Work, k: usize) -> f64 {
     let factor = &mut work.factor;
     factor.restart(problem);
     for level in 0..problem.level_count().min(k + 1) {

@@ -6,10 +6,9 @@
 
 use super::factor::Factor;
 use super::kernels::{add_rows, dot_rows};
+use super::levels::REACH;
 use super::problem::Problem;
 
-/// Pivots above this many times the damping are not damped.
-const REACH: f64 = 2.5;
 /// Damped directions go where the last level attracts them, by this much (weighted rad) in one step. Standing still instead, a limb would
 /// creep on until it is stretched, and shake there; a larger pull would keep it from a goal that it can reach.
 const ATTRACTION: f64 = 0.2;
@@ -17,24 +16,6 @@ const ATTRACTION: f64 = 0.2;
 const LEEWAY: f64 = 1e-4;
 
 impl Factor {
-    /// Room for whatever a level may need, so that nothing is allocated on the day that the first level is damped.
-    pub(super) fn make_room(&mut self, problem: &Problem) {
-        let m = problem.row_count();
-        for buffer in [&mut self.held, &mut self.path, &mut self.step] {
-            buffer.resize(self.stride, 0.0);
-        }
-        let most = self.width.max(m);
-        for buffer in
-            [&mut self.y, &mut self.damping, &mut self.exact, &mut self.again, &mut self.still, &mut self.moved]
-        {
-            buffer.reserve(most.saturating_sub(buffer.len()));
-        }
-        self.small.reserve(2 * m, self.width);
-        self.pivot_row.reserve(most.saturating_sub(self.pivot_row.len()));
-        self.members.reserve(m.saturating_sub(self.members.len()));
-        self.rank_end.reserve(problem.level_count().saturating_sub(self.rank_end.len()));
-    }
-
     /// Before the first level: held variables at their bounds, the others still.
     #[inline(always)]
     pub fn start_path(&mut self, problem: &Problem) {
@@ -143,38 +124,5 @@ impl Factor {
             }
             self.residual[r] = self.reached(r, first) - self.residual[r];
         }
-    }
-
-    /// min ||L y - b||^2 + sum_j d_j^2 y_j^2 (towards y_j = stays still_j), with d_j zero for pivots above the damping threshold.
-    pub(super) fn least_squares(&mut self, first: usize, damping_from: f64) {
-        let (count, rank) = (self.members.len(), self.rank());
-        let new = rank - first;
-        self.damping.clear();
-        for j in first..rank {
-            let pivot = self.coefficient(self.pivot_row[j], j);
-            if pivot < damping_from {
-                let share = pivot / damping_from;
-                self.damping.push(damping_from / REACH * (1.0 - share * share).sqrt());
-            } else {
-                self.damping.push(0.0);
-            }
-        }
-        let damped = self.damping.iter().filter(|d| **d > 0.0).count();
-        self.small.start(count + damped, new);
-        for (slot, &r) in self.members.iter().enumerate() {
-            for c in 0..new {
-                self.small.set(slot, c, self.coefficients[r * self.width + first + c]);
-            }
-            self.small.set_target(slot, self.residual[r]);
-        }
-        let mut extra = count;
-        for (c, d) in self.damping.iter().enumerate() {
-            if *d > 0.0 {
-                self.small.set(extra, c, *d);
-                self.small.set_target(extra, *d * self.stays * self.still[first + c]);
-                extra += 1;
-            }
-        }
-        self.small.solve(&mut self.y[first..]);
     }
 }

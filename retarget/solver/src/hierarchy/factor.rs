@@ -81,6 +81,24 @@ impl Factor {
         }
     }
 
+    /// Room for whatever a level may need, so that nothing is allocated on the day that the first level is damped.
+    fn make_room(&mut self, problem: &Problem) {
+        let m = problem.row_count();
+        for buffer in [&mut self.held, &mut self.path, &mut self.step] {
+            buffer.resize(self.stride, 0.0);
+        }
+        let most = self.width.max(m);
+        for buffer in
+            [&mut self.y, &mut self.damping, &mut self.exact, &mut self.again, &mut self.still, &mut self.moved]
+        {
+            buffer.reserve(most.saturating_sub(buffer.len()));
+        }
+        self.small.reserve(2 * m, self.width);
+        self.pivot_row.reserve(most.saturating_sub(self.pivot_row.len()));
+        self.members.reserve(m.saturating_sub(self.members.len()));
+        self.rank_end.reserve(problem.level_count().saturating_sub(self.rank_end.len()));
+    }
+
     /// Forget all levels, and take the free columns from the active set.
     #[inline(always)]
     pub fn restart(&mut self, problem: &Problem) {
@@ -122,24 +140,6 @@ impl Factor {
     #[inline(always)]
     pub fn coefficient(&self, r: usize, j: usize) -> f64 {
         self.coefficients[r * self.width + j]
-    }
-
-    /// What the held rows of level `k` ask of the free columns, with the others where `held` has them.
-    #[inline(always)]
-    pub fn ask<const FMA: bool>(&mut self, problem: &Problem, k: usize, held: &[f64]) {
-        for r in problem.level(k) {
-            if problem.row_side[r] != Side::Free {
-                self.rhs[r] = problem.target(r) - dot::<FMA>(problem.row(r), held);
-            }
-        }
-    }
-
-    /// Add level `k`: its held rows, with `rhs` set beforehand.
-    #[inline(always)]
-    pub fn add_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
-        self.add_rows::<FMA>(problem, k);
-        self.solve_level(self.first_of(k));
-        self.rank_end.push(self.rank());
     }
 
     #[inline(always)]
@@ -253,44 +253,5 @@ impl Factor {
         self.remaining.swap(a, b);
         let (left, right) = self.level_rows.split_at_mut(b * stride);
         left[a * stride..(a + 1) * stride].swap_with_slice(&mut right[..stride]);
-    }
-
-    /// Coordinates of the level's new directions: exact, or least squares where rows depend on each other.
-    #[inline(always)]
-    pub(super) fn solve_level(&mut self, first: usize) {
-        let (count, rank) = (self.members.len(), self.rank());
-        let new = rank - first;
-        // What is asked beyond what earlier levels already give.
-        for slot in 0..count {
-            let r = self.members[slot];
-            let row = &self.coefficients[r * self.width..r * self.width + first];
-            let given: f64 = row.iter().zip(&self.y).map(|(c, y)| c * y).sum();
-            self.residual[r] = self.rhs[r] - given;
-        }
-        self.y.resize(rank, 0.0);
-        if new == count {
-            for j in first..rank {
-                let r = self.pivot_row[j];
-                let row = &self.coefficients[r * self.width..(r + 1) * self.width];
-                let mut sum = self.residual[r];
-                for i in first..j {
-                    sum -= row[i] * self.y[i];
-                }
-                self.y[j] = sum / row[j];
-            }
-        } else if new > 0 {
-            self.least_squares(first, 0.0);
-        }
-        for slot in 0..count {
-            let r = self.members[slot];
-            let row = &self.coefficients[r * self.width + first..r * self.width + rank];
-            let reached: f64 = row.iter().zip(&self.y[first..]).map(|(c, y)| c * y).sum();
-            self.residual[r] = reached - self.residual[r];
-        }
-    }
-
-    pub(super) fn reached(&self, r: usize, first: usize) -> f64 {
-        let row = &self.coefficients[r * self.width + first..];
-        row.iter().zip(&self.y[first..]).map(|(c, y)| c * y).sum()
     }
 }

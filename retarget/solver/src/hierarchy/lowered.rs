@@ -2,7 +2,7 @@
 
 use super::kernels::{compile_twice, dot};
 use super::problem::{Outcome, Problem, Side, CROSSED};
-use super::Workspace;
+use super::work::Work;
 
 /// Rounds in which a damped level finds the ends of ranges and the rows that it runs into.
 const MOST_STOPS: u32 = 8;
@@ -11,11 +11,11 @@ compile_twice! {
     /// Lower the targets of damped levels, each by looking at the levels above it alone.
     ///
     /// It starts from no active set at all: one that the solve before left behind knows what lower levels want.
-    pub fn lower(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) = lower_any
+    pub fn lower(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) = lower_any
 }
 
 #[inline(always)]
-fn lower_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) {
+fn lower_any<const FMA: bool>(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
     work.warm_variables.clone_from(&problem.variable_side);
     work.warm_rows.clone_from(&problem.row_side);
     for side in problem.variable_side.iter_mut().chain(&mut problem.row_side) {
@@ -58,7 +58,7 @@ fn lower_any<const FMA: bool>(problem: &mut Problem, work: &mut Workspace, outco
 
 /// The end of the path meets the lowered targets. What holds it there is mostly not what holds the answer, which is what the solve
 /// before held.
-fn start_from_path(problem: &mut Problem, work: &Workspace) {
+fn start_from_path(problem: &mut Problem, work: &Work) {
     problem.variable_side.clone_from(&work.warm_variables);
     problem.row_side.clone_from(&work.warm_rows);
     let path = work.factor.path();

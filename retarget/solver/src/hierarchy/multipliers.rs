@@ -6,7 +6,7 @@
 
 use super::factor::Factor;
 use super::kernels::{add_scaled, compile_twice};
-use super::problem::{Problem, Side};
+use super::problem::{Problem, Release, Side};
 
 /// Multipliers below this share of their own terms are zero.
 const SIGN_TOLERANCE: f64 = 1e-10;
@@ -15,13 +15,6 @@ const LOCK_TOLERANCE: f64 = 1e-8;
 const ROUNDING: f64 = 1e-12;
 /// A level whose residual is below this share of its scale is met.
 pub const MET_TOLERANCE: f64 = 1e-11;
-
-/// What should be let go.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Release {
-    Variable(usize),
-    Row(usize),
-}
 
 #[derive(Default)]
 pub struct Multipliers {

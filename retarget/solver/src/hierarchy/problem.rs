@@ -14,6 +14,13 @@ pub enum Side {
     Both,
 }
 
+/// A limit that is held, or not: that of a variable or of a row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Release {
+    Variable(usize),
+    Row(usize),
+}
+
 /// How a solve ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {

@@ -5,11 +5,12 @@
 //! and the limits above are rows of one hard level, and `||z||^2` is `||w||^2` and a constant. What breaks the hard level is left
 //! to the whole problem.
 
-use super::active_set::{clamp_to_box, classic};
+use super::active_set::classic;
 use super::factor::Factor;
 use super::kernels::{add_rows, compile_twice, dot, dot_rows};
+use super::limits::clamp_to_box;
 use super::problem::{Outcome, Problem, Side};
-use super::Workspace;
+use super::work::Work;
 
 /// Below this many rows the space that is left is hardly smaller.
 const FEWEST_ROWS: usize = 6;
@@ -28,7 +29,7 @@ enum Origin {
 #[derive(Default)]
 pub struct Reduction {
     problem: Problem,
-    work: Option<Box<Workspace>>,
+    work: Option<Box<Work>>,
     /// N, a row for each w, padded as the rows of the whole problem are.
     space: Vec<f64>,
     /// z0.
@@ -52,34 +53,30 @@ impl Reduction {
         // A first solve of the largest size makes the buffers.
         self.problem.level_end = vec![n + m; whole.level_count() + 1];
         self.problem.reshape(n);
-        let mut work = Workspace::default();
+        let mut work = Work::default();
         work.prepare(&self.problem);
         self.work = Some(Box::new(work));
     }
 }
 
-impl Factor {
-    /// Forget all levels, with every column free whose limits leave it room.
-    fn restart_unlimited(&mut self, problem: &Problem) {
-        self.restart(problem);
-        for (mask, side) in self.mask.iter_mut().zip(&problem.variable_side) {
-            *mask = f64::from(u8::from(*side != Side::Both));
-        }
+/// Forget all levels, with every column free whose limits leave it room.
+fn restart_unlimited(factor: &mut Factor, problem: &Problem) {
+    factor.restart(problem);
+    for (mask, side) in factor.mask.iter_mut().zip(&problem.variable_side) {
+        *mask = f64::from(u8::from(*side != Side::Both));
     }
 }
 
 /// Solve in the space that the first equalities leave. False, with nothing changed, where there is none or it does not hold the answer.
-pub fn solve(problem: &mut Problem, work: &mut Workspace, outcome: &mut Outcome) -> bool {
+pub fn solve(problem: &mut Problem, work: &mut Work, reduction: &mut Reduction, outcome: &mut Outcome) -> bool {
     let Some(level) = first_equalities(problem) else { return false };
-    let mut reduction = std::mem::take(&mut work.reduction);
-    let solved = leave_space(work.fma, problem, work, &mut reduction, level)
-        && write(work.fma, problem, work, &mut reduction, level)
-        && settle(&mut reduction, outcome);
+    let solved = leave_space(work.fma, problem, work, reduction, level)
+        && write(work.fma, problem, work, reduction, level)
+        && settle(reduction, outcome);
     if solved {
         outcome.reduced = true;
-        read(work.fma, problem, &reduction);
+        read(work.fma, problem, reduction);
     }
-    work.reduction = reduction;
     solved
 }
 
@@ -93,13 +90,13 @@ fn first_equalities(problem: &Problem) -> Option<usize> {
 
 compile_twice! {
     /// z0 and N of the equalities of a level. False where digits were lost.
-    fn leave_space(problem: &Problem, work: &mut Workspace, to: &mut Reduction, level: usize) -> bool = leave_space_any
+    fn leave_space(problem: &Problem, work: &mut Work, to: &mut Reduction, level: usize) -> bool = leave_space_any
 }
 
 #[inline(always)]
-fn leave_space_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, to: &mut Reduction, level: usize) -> bool {
+fn leave_space_any<const FMA: bool>(problem: &Problem, work: &mut Work, to: &mut Reduction, level: usize) -> bool {
     let (n, stride, factor) = (problem.n, problem.stride, &mut work.factor);
-    factor.restart_unlimited(problem);
+    restart_unlimited(factor, problem);
     to.origin.clear();
     to.origin.extend((0..n).map(|i| if factor.is_free(i) { 0.0 } else { problem.bound(i) }));
     to.origin.resize(stride, 0.0);
@@ -143,11 +140,11 @@ fn leave_space_any<const FMA: bool>(problem: &Problem, work: &mut Workspace, to:
 
 compile_twice! {
     /// Rows and limits of the reduced problem, its guess and its start. False where a coordinate that follows is beyond its limits.
-    fn write(problem: &Problem, work: &Workspace, to: &mut Reduction, level: usize) -> bool = write_any
+    fn write(problem: &Problem, work: &Work, to: &mut Reduction, level: usize) -> bool = write_any
 }
 
 #[inline(always)]
-fn write_any<const FMA: bool>(problem: &Problem, work: &Workspace, to: &mut Reduction, level: usize) -> bool {
+fn write_any<const FMA: bool>(problem: &Problem, work: &Work, to: &mut Reduction, level: usize) -> bool {
     let (n, stride) = (problem.n, problem.stride);
     let left = to.space.len() / stride;
     to.from.clear();

@@ -3,10 +3,10 @@
 //! budget the step would spend is woken, looked at, and gets its row before the step is taken, for four times in an iteration;
 //! what still surprises then is found after the step, and mended by the next one.
 
-use super::look::Watch;
 use super::modes::Mode;
 use super::obstacle::ObstaclePose;
 use super::set::{Mover, Other};
+use super::watch::Watch;
 use crate::geometry::{gap_at_least, nearest, Nearest, Solid};
 use crate::hierarchy::Side;
 use crate::kinematics::Pose;

@@ -1,127 +1,13 @@
-//! The observers of one solver: where everything is, how near pairs are, and how near they may come.
+//! How near pairs are in a posture: looked at one by one where only the closest act, by budgets where all do.
 
-use super::law::{damped_floor, damping_share, way_out};
-use super::modes::{Mode, Tally};
-use super::obstacle::ObstaclePose;
-use super::rows::ObserverTask;
-use super::set::{Mover, ObserverSet, Other};
-use super::trial::{Activation, Approach};
-use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
-use crate::hierarchy::Side;
+use super::modes::Mode;
+use super::set::Other;
+use super::task::Activation;
+use super::watch::Watch;
+use crate::geometry::{gap_at_least, nearest};
 use crate::kinematics::Pose;
-use crate::math::*;
-use std::sync::Arc;
-
-/// A pair as it is now.
-#[derive(Clone, Copy, Debug)]
-pub struct PairState {
-    pub mode: Mode,
-    pub nearest: Nearest,
-    /// Distance that it shall have at the end of the frame (of the iteration, where only the closest act).
-    pub floor: f64,
-    /// Bounds of the distance, from when it was last looked at.
-    pub at_least: f64,
-    pub at_most: f64,
-    /// How far it may still come nearer in this frame, at least; exact where it was looked at.
-    pub budget: f64,
-    /// Its floor is that of the distance at the start of this frame.
-    pub has_floor: bool,
-    /// It was looked at in the present posture.
-    pub is_fresh: bool,
-    pub has_row: bool,
-    /// Side of its row in the last solve, and in that of the first iteration of the last frame.
-    pub side: Side,
-    pub first_side: Side,
-}
-
-/// Observers at work. Nothing is allocated after it is made.
-pub struct Watch {
-    pub set: Arc<ObserverSet>,
-    pub activation: Activation,
-    pub tasks: Vec<ObserverTask>,
-    /// Tasks that a pair's rows belong to, before contact and in contact.
-    pub task_of: Vec<(Option<usize>, Option<usize>)>,
-    /// Movers of each pair that are not locked, and their columns.
-    pub movers: Vec<Vec<(Mover, usize)>>,
-    pub obstacles: Vec<ObstaclePose>,
-    pub present: Vec<bool>,
-    pub pairs: Vec<PairState>,
-    /// Pairs within influence in the posture looked at last.
-    pub near: Vec<usize>,
-    pub tally: Tally,
-    /// Violation of each task's rows, m.
-    pub violation: Vec<f64>,
-    pub(super) dt: f64,
-    /// Share of a frame that one iteration is.
-    pub(super) iteration: f64,
-    pub(super) approaching: Vec<Approach>,
-    pub(super) solids: Vec<Solid>,
-    pub(super) fixtures: Vec<Solid>,
-    /// Observers and obstacles where they were when the frame began.
-    pub(super) start: (Vec<Solid>, Vec<Solid>),
-    /// A step like the one to come: the last one of this frame, or all of the frame before.
-    pub(super) expected: Vec<f64>,
-    /// Rows that the smallest task has.
-    pub(super) most_rows: usize,
-    pub(super) scratch: Scratch,
-}
 
 impl Watch {
-    pub fn new(
-        set: Arc<ObserverSet>,
-        tasks: Vec<ObserverTask>,
-        activation: Activation,
-        columns: &[Option<usize>],
-    ) -> Self {
-        let task_of = set.pairs.iter().map(|p| ObserverTask::of_pair(&tasks, p)).collect();
-        let movers = set
-            .pairs
-            .iter()
-            .map(|p| p.movers.iter().filter_map(|m| columns[m.dof].map(|c| (*m, c))).collect())
-            .collect();
-        let far = Nearest { distance: f64::INFINITY, a: [0.0; 3], b: [0.0; 3], normal: [0.0, 0.0, 1.0] };
-        let pair = PairState {
-            mode: Mode::Free,
-            nearest: far,
-            floor: 0.0,
-            at_least: f64::NEG_INFINITY,
-            at_most: f64::INFINITY,
-            budget: 0.0,
-            has_floor: false,
-            is_fresh: false,
-            has_row: false,
-            side: Side::Free,
-            first_side: Side::Free,
-        };
-        let still =
-            ObstaclePose { position: [0.0; 3], quat: [1.0, 0.0, 0.0, 0.0], linear: [0.0; 3], angular: [0.0; 3] };
-        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let fixture = |shape| Solid { shape, position: [0.0; 3], rotation: identity };
-        let fixtures: Vec<Solid> = set.obstacles.iter().map(|o| fixture(o.shape)).collect();
-        Self {
-            activation,
-            task_of,
-            movers,
-            obstacles: vec![still; set.obstacles.len()],
-            present: vec![false; set.obstacles.len()],
-            pairs: vec![pair; set.pairs.len()],
-            near: Vec::with_capacity(set.pairs.len()),
-            tally: Tally::new(set.observers.len()),
-            violation: vec![0.0; tasks.len()],
-            dt: 0.0,
-            iteration: 1.0,
-            approaching: Vec::with_capacity(set.pairs.len()),
-            solids: set.new_solids(),
-            start: (set.new_solids(), fixtures.clone()),
-            fixtures,
-            expected: vec![0.0; columns.len()],
-            most_rows: tasks.iter().map(|t| t.rows).min().unwrap_or(0),
-            scratch: Scratch::default(),
-            tasks,
-            set,
-        }
-    }
-
     /// Nothing is known of the posture.
     pub fn reset(&mut self) {
         for k in 0..self.pairs.len() {
@@ -147,48 +33,6 @@ impl Watch {
             self.spend(pose, step);
         } else {
             self.measure(pose, done as f64 * self.iteration);
-        }
-    }
-
-    /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
-    pub fn finish(&mut self, done: &[f64]) {
-        self.expected.copy_from_slice(done);
-        for obstacle in &mut self.obstacles {
-            *obstacle = obstacle.after(self.dt);
-        }
-        self.tally.end_frame();
-    }
-
-    /// An obstacle comes nearer iteration by iteration, so that none may be left out.
-    pub fn needs_every_iteration(&self) -> bool {
-        let moves = |k: &usize| matches!(self.set.pairs[*k].other, Other::Obstacle(o) if self.obstacles[o].moves());
-        self.activation != Activation::All && self.near.iter().any(moves)
-    }
-
-    /// Smallest distance between observers, and of one to an obstacle; infinite beyond influence.
-    pub fn clearance(&mut self) -> (f64, f64) {
-        let mut least = (f64::INFINITY, f64::INFINITY);
-        for (k, pair) in self.set.pairs.iter().enumerate() {
-            let a = &self.solids[pair.observer];
-            let b = match pair.other {
-                Other::Observer(o) => &self.solids[o],
-                Other::Obstacle(o) if self.present[o] => &self.fixtures[o],
-                Other::Obstacle(_) => continue,
-            };
-            let side = if k < self.set.self_pairs { &mut least.0 } else { &mut least.1 };
-            if gap_at_least(a, b) < pair.influence.min(*side) {
-                let distance = nearest(a, b, &mut self.scratch).distance;
-                *side = if distance < pair.influence { side.min(distance) } else { *side };
-            }
-        }
-        least
-    }
-
-    /// Obstacles where they are after `share` of the frame.
-    pub(super) fn place_fixtures(&mut self, share: f64) {
-        for (solid, obstacle) in self.fixtures.iter_mut().zip(&self.obstacles) {
-            let there = obstacle.after(share * self.dt);
-            (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
         }
     }
 
@@ -222,64 +66,5 @@ impl Watch {
                 self.violates(k, -distance);
             }
         }
-    }
-
-    /// What a pair does next at this distance.
-    pub(super) fn mode_at(&self, k: usize, distance: f64) -> Mode {
-        match self.pairs[k].mode.next(distance, self.set.pairs[k].influence) {
-            Mode::Reactive if self.task_of[k].1.is_none() => Mode::Preventive,
-            mode => mode,
-        }
-    }
-
-    /// A pair is below what was asked of it by `depth`, m.
-    pub(super) fn violates(&mut self, k: usize, depth: f64) {
-        let (prevents, reacts) = self.task_of[k];
-        let task = if self.pairs[k].mode == Mode::Reactive { reacts } else { prevents };
-        if let Some(task) = task.filter(|t| self.tasks[*t].on) {
-            self.violation[task] = self.violation[task].hypot(depth);
-        }
-    }
-
-    /// Both observers of a pair are in this mode.
-    pub(super) fn note(&mut self, pair: usize, mode: Mode) {
-        self.tally.note(self.set.pairs[pair].observer, mode);
-        if let Other::Observer(other) = self.set.pairs[pair].other {
-            self.tally.note(other, mode);
-        }
-    }
-
-    /// Least distance of a pair after `dt` s.
-    pub(super) fn floor(&self, k: usize, dt: f64) -> f64 {
-        self.floor_from(k, self.pairs[k].nearest.distance, dt)
-    }
-
-    /// The same, if its distance were this.
-    pub(super) fn floor_from(&self, k: usize, distance: f64, dt: f64) -> f64 {
-        let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
-        match (state.mode, self.task_of[k]) {
-            (Mode::Reactive, (_, Some(task))) => way_out(distance, pair.margin, self.tasks[task].speed, dt),
-            (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
-            _ => f64::NEG_INFINITY,
-        }
-    }
-
-    /// Share of its approach that a pair may keep (paper).
-    pub(super) fn share(&self, k: usize) -> f64 {
-        let pair = &self.set.pairs[k];
-        damping_share(self.pairs[k].nearest.distance, pair.influence, pair.margin)
-    }
-
-    /// How far an obstacle's surface comes at the observer of a pair in the iteration to come, along the normal, m.
-    pub(super) fn drift(&self, k: usize) -> f64 {
-        let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
-        let Other::Obstacle(o) = pair.other else { return 0.0 };
-        if self.activation == Activation::All || !self.obstacles[o].moves() {
-            return 0.0;
-        }
-        let obstacle = &self.obstacles[o];
-        let arm = sub(state.nearest.b, self.fixtures[o].position);
-        let velocity = add(obstacle.linear, cross(obstacle.angular, arm));
-        dot(state.nearest.normal, velocity) * self.dt * self.iteration
     }
 }

@@ -3,6 +3,8 @@
 //!
 //! * `set`: which observers, obstacles and pairs there are.
 //! * `law`: how near a pair may come in one frame, as plain functions.
+//! * `task`: what a level of observers asks for.
+//! * `watch`: what is known of each pair.
 //! * `look`: distances of pairs in a posture.
 //! * `budget`: pairs that cannot have come too near, which nobody needs to look at.
 //! * `modes`: free, preventive or reactive, and how often that changes.
@@ -20,13 +22,15 @@ mod path;
 mod rows;
 mod set;
 mod stage;
+mod task;
 mod trial;
+mod watch;
 mod way;
 
-pub use look::Watch;
 pub use modes::Mode;
 pub use obstacle::ObstaclePose;
 pub use path::{Ask, PathChecker};
-pub use rows::{ObserverTask, Shift};
+pub use rows::Shift;
 pub use set::{Mover, Observer, ObserverSet, Obstacle, Other, Pair};
-pub use trial::Activation;
+pub use task::{Activation, ObserverTask};
+pub use watch::Watch;

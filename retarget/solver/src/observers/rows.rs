@@ -1,9 +1,9 @@
 //! Inequality rows of pairs, n . J dq >= what is left of the approach, written into a hierarchy problem.
 
-use super::look::Watch;
 use super::modes::Mode;
-use super::set::{Mover, Other, Pair};
-use super::trial::Activation;
+use super::set::Mover;
+use super::task::Activation;
+use super::watch::Watch;
 use crate::body::Body;
 use crate::hierarchy::{Problem, Side};
 use crate::kinematics::Pose;
@@ -11,45 +11,6 @@ use crate::math::*;
 
 /// Share of the fastest way out that a pair may ask for in one iteration.
 const EASE: f64 = 0.25;
-
-/// A task of a level that is made of observers.
-#[derive(Clone, Debug, Default)]
-pub struct ObserverTask {
-    pub reactive: bool,
-    /// It names its observers; otherwise all take part.
-    pub named: bool,
-    /// Observers that take part.
-    pub of: Vec<bool>,
-    pub with_self: bool,
-    pub with_scene: bool,
-    /// Approach permitted where influence begins, or speed of the way out of contact, m/s.
-    pub speed: f64,
-    /// Tasks of one group share pairs by nearness, the first of them the closest.
-    pub group: usize,
-    /// It takes part in this frame.
-    pub on: bool,
-    /// Place among the tasks of observers.
-    pub index: usize,
-    pub first_row: usize,
-    pub rows: usize,
-    /// Pairs that its rows stand for, in this iteration.
-    pub used: Vec<usize>,
-}
-
-impl ObserverTask {
-    pub fn looks_at(&self, pair: &Pair) -> bool {
-        match pair.other {
-            Other::Observer(other) => self.with_self && (self.of[pair.observer] || self.of[other]),
-            Other::Obstacle(_) => self.with_scene && self.of[pair.observer],
-        }
-    }
-
-    /// The first tasks that look at a pair before contact and in contact.
-    pub fn of_pair(tasks: &[Self], pair: &Pair) -> (Option<usize>, Option<usize>) {
-        let first = |reactive| tasks.iter().position(|t| t.reactive == reactive && t.looks_at(pair));
-        (first(false), first(true))
-    }
-}
 
 impl Watch {
     /// Rows of all pairs that act, in the variables of the hierarchy. Returns whether rows wait for a trial.

@@ -1,20 +1,10 @@
 //! Of the observers that one obstacle influences, the closest that approaches damps its motion (paper, "observer prioritization").
 
-use super::look::Watch;
 use super::modes::Mode;
 use super::set::{Other, Pair};
+use super::task::Activation;
+use super::watch::{Approach, Watch};
 use crate::hierarchy::Problem;
-
-/// Which of the observers within influence put up their row.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Activation {
-    /// The closest to each obstacle (paper).
-    Closest,
-    /// One after the other by distance, on levels of their own.
-    Ranked,
-    /// All of them, throughout influence.
-    All,
-}
 
 impl Watch {
     /// After a solve without them, put up the rows of pairs that approach in it. Returns whether there are any.
@@ -90,16 +80,6 @@ impl Watch {
         self.note(pair, Mode::Preventive);
         true
     }
-}
-
-/// A pair that came nearer in the trial.
-#[derive(Clone, Copy, Debug)]
-pub struct Approach {
-    pair: usize,
-    task: usize,
-    row: usize,
-    /// n . J dq of the trial, m.
-    moved: f64,
 }
 
 fn is_self(pair: &Pair) -> bool {

@@ -1,7 +1,7 @@
 //! `frame_bounds` for Python: the gate and the solver share one rule.
 
+use super::arrays::{bad, finite};
 use crate::bounds::{frame_bounds as bounds_of, Limit};
-use crate::py_arrays::{bad, finite};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 

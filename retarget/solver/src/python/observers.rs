@@ -1,11 +1,11 @@
 //! `Observers` for Python: which shapes of a body look at each other and at which obstacles.
 
+use super::arrays::{bad, finite, table, triple};
+use super::body::PyBody;
+use super::shapes::shape;
 use crate::geometry::Shape;
 use crate::math::{quat_to_mat, quat_unit, Mat3};
 use crate::observers::{Activation, Observer, ObserverSet, Obstacle};
-use crate::py_arrays::{bad, finite, table, triple};
-use crate::py_body::PyBody;
-use crate::py_shapes::shape;
 use crate::task::{Task, TaskKind};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;

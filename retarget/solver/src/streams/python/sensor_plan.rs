@@ -1,7 +1,7 @@
 //! Sensors out of the poses of a sender, for Python.
 
-use crate::py_arrays::{bad, indices, numbers};
-use crate::sensor_plan::{Column, Parts};
+use crate::python::arrays::{bad, indices, numbers};
+use crate::streams::sensor_plan::{Column, Parts};
 use numpy::{
     PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2, PyUntypedArrayMethods,
 };

@@ -1,8 +1,8 @@
 //! `Braking` for Python.
 
+use super::arrays::bad;
+use super::bounds::limits;
 use crate::braking::Braking;
-use crate::py_arrays::bad;
-use crate::py_bounds::limits;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 

@@ -1,10 +1,10 @@
 //! Watched sensors for Python.
 
-use crate::last_poses::{Last, Pose};
-use crate::py_arrays::{bad, indices, numbers};
-use crate::sound::{Room, Verdict};
-use crate::stillness::Times;
-use crate::watched::Watched;
+use crate::python::arrays::{bad, indices, numbers};
+use crate::streams::last_poses::{Last, Pose};
+use crate::streams::sound::{Room, Verdict};
+use crate::streams::stillness::Times;
+use crate::streams::watched::Watched;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 

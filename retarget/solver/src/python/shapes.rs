@@ -1,8 +1,8 @@
 //! `shape_distances`: the signed distance of many pairs of solids.
 
+use super::arrays::{bad, table, triple};
 use crate::geometry::{gap_at_least, nearest, Scratch, Shape, Solid};
 use crate::math::{quat_to_mat, quat_unit, Vec3};
-use crate::py_arrays::{bad, table, triple};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 

@@ -1,7 +1,7 @@
 //! Which sensors repeat one value while others move. A value that stays is suspect only where most of the others change: made
 //! motion without noise also stays. Repeats of one capture are no evidence.
 
-use crate::last_poses::{Last, Pose};
+use super::last_poses::{Last, Pose};
 
 /// From this share of the time on that makes a sensor frozen, one looks whether others move: they must do so for the rest of it.
 const EARLY: f64 = 0.5;

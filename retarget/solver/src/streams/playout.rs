@@ -1,7 +1,7 @@
 //! Poses of many sensors, each told at its own times, read at one: between them, a little beyond the newest, then held.
 
+use super::smooth::along_arc;
 use crate::math::{Quat, Vec3};
-use crate::smooth::along_arc;
 
 /// The velocity that is extrapolated is that since a pose at least this much older (s): noise of 1 mm is then 0.05 m/s.
 const BASELINE: f64 = 0.020;

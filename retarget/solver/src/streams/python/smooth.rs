@@ -1,7 +1,7 @@
 //! Smooth poses for Python.
 
-use crate::py_arrays::{bad, numbers};
-use crate::smooth::{along_arc as one_arc, Cutoffs, SmoothPose};
+use crate::python::arrays::{bad, numbers};
+use crate::streams::smooth::{along_arc as one_arc, Cutoffs, SmoothPose};
 use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

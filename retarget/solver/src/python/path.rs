@@ -1,12 +1,11 @@
 //! `PathChecker` for Python.
 
-use crate::allocations::allocations;
+use super::arrays::{bad, finite, table, triple};
+use super::body::PyBody;
+use super::observers::PyObservers;
 use crate::body::JointKind;
 use crate::math::quat_unit;
 use crate::observers::{Ask, ObstaclePose, PathChecker};
-use crate::py_arrays::{bad, finite, table, triple};
-use crate::py_body::PyBody;
-use crate::py_observers::PyObservers;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -14,8 +13,6 @@ use pyo3::prelude::*;
 #[pyclass(name = "PathChecker", module = "retarget._solver")]
 pub struct PyPathChecker {
     checker: PathChecker,
-    /// Heap allocations in checks.
-    allocations: u64,
 }
 
 #[pymethods]
@@ -46,7 +43,7 @@ impl PyPathChecker {
         }
         let soles = sole_links.iter().zip(points.chunks_exact(3)).map(|(link, p)| (*link, triple(p))).collect();
         let checker = PathChecker::new(body.clone(), observers.set.clone(), &movers, columns, soles);
-        Ok(Self { checker, allocations: 0 })
+        Ok(Self { checker })
     }
 
     fn set_obstacles(
@@ -98,10 +95,7 @@ impl PyPathChecker {
             return Err(bad(format!("share is {share}, expected 0 to 1")));
         }
         let ask = Ask { share, remember };
-        let before = allocations();
-        let clear = self.checker.is_clear(standing, path, instead, dt, ask);
-        self.allocations += allocations() - before;
-        Ok(clear)
+        Ok(self.checker.is_clear(standing, path, instead, dt, ask))
     }
 
     fn planted<'py>(
@@ -127,11 +121,6 @@ impl PyPathChecker {
             q[address + 3..address + 7].copy_from_slice(&quat);
         }
         Ok(PyArray1::from_vec(py, q))
-    }
-
-    #[getter]
-    fn stats(&self) -> (u64, u64) {
-        (self.checker.stage.looks, self.allocations)
     }
 }
 

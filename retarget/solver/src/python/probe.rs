@@ -1,10 +1,10 @@
 //! What is read of a posture tick by tick: places, orientations, the centre of mass, in one go.
 
+use super::arrays::{bad, table, triple};
+use super::body::PyBody;
 use crate::body::Body;
 use crate::kinematics::Pose;
 use crate::math::{dot, sub, Vec3};
-use crate::py_arrays::{bad, table, triple};
-use crate::py_body::PyBody;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! A playout buffer for Python.
 
-use crate::playout::{Shown, Stored, Track};
-use crate::py_arrays::{bad, indices, numbers};
+use crate::python::arrays::{bad, indices, numbers};
+use crate::streams::playout::{Shown, Stored, Track};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 

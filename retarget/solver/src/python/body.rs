@@ -1,7 +1,7 @@
 //! `Body` for Python: kinematics of one posture or of many.
 
+use super::arrays::{bad, finite, table, triple};
 use crate::body::{Body, Joint, JointKind, Link};
-use crate::py_arrays::{bad, finite, table, triple};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::sync::Arc;

@@ -1,13 +1,13 @@
 //! `Solver` for Python.
 
+use super::arrays::{bad, finite, triple};
+use super::body::PyBody;
+use super::bounds::limits;
+use super::observers::{activation_named, check_observed, obstacle_rows, PyObservers};
+use super::task::PyTask;
 use crate::frame::{FrameSolver, Settings};
 use crate::math::quat_unit;
 use crate::observers::ObstaclePose;
-use crate::py_arrays::{bad, finite, triple};
-use crate::py_body::PyBody;
-use crate::py_bounds::limits;
-use crate::py_observers::{activation_named, check_observed, obstacle_rows, PyObservers};
-use crate::py_task::PyTask;
 use crate::task::{Task, TaskKind};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -241,7 +241,6 @@ impl PySolver {
             ("factorizations", s.factorizations),
             ("fallbacks", s.fallbacks),
             ("capped", s.capped),
-            ("allocations", s.allocations),
         ])
     }
 }

@@ -1,8 +1,8 @@
 //! `Task` for Python.
 
+use super::arrays::bad;
 use crate::math::quat_unit;
 use crate::observers::ObserverTask;
-use crate::py_arrays::bad;
 use crate::task::{Task, TaskKind};
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;

@@ -1,9 +1,9 @@
 //! Sensors that are watched: which of their poses may be used without a second look, and what is thought of each.
 
-use crate::last_poses::{joined, Last, Pose};
+use super::last_poses::{joined, Last, Pose};
+use super::sound::{Room, Verdict};
+use super::stillness::{Stillness, Times};
 use crate::math::{Quat, Vec3};
-use crate::sound::{Room, Verdict};
-use crate::stillness::{Stillness, Times};
 
 /// What is thought of one sensor; the rest of what may be thought of it is found elsewhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,0 +1,49 @@
+//! Buffers of the solver: what one active set over all levels needs, made once for each size of problem.
+
+use super::factor::Factor;
+use super::kernels;
+use super::multipliers::Multipliers;
+use super::problem::{Problem, Side};
+
+#[derive(Default)]
+pub struct Work {
+    /// The processor has fused multiply-add.
+    pub fma: bool,
+    pub factor: Factor,
+    pub multipliers: Multipliers,
+    pub candidate: Vec<f64>,
+    pub direction: Vec<f64>,
+    /// What the levels above have locked, while one is examined.
+    pub locked: Vec<bool>,
+    pub locked_row: Vec<bool>,
+    /// Targets of one level before damping.
+    pub asked: Vec<f64>,
+    /// The active set of the solve before, while damping looks for its own.
+    pub warm_variables: Vec<Side>,
+    pub warm_rows: Vec<Side>,
+    /// The active set before it is guessed.
+    pub guessed_variables: Vec<Side>,
+    pub guessed_rows: Vec<Side>,
+}
+
+impl Work {
+    /// Buffers, and the sizes of rows; once per problem.
+    pub fn prepare(&mut self, problem: &Problem) {
+        self.fma = kernels::has_fma();
+        self.make_room(problem);
+        self.factor.prepare(problem);
+    }
+
+    /// Buffers for problems of this size.
+    fn make_room(&mut self, problem: &Problem) {
+        self.candidate.resize(problem.stride, 0.0);
+        self.direction.resize(problem.stride, 0.0);
+        self.asked.reserve(problem.row_count().saturating_sub(self.asked.len()));
+        self.warm_variables.resize(problem.n, Side::Free);
+        self.warm_rows.resize(problem.row_count(), Side::Free);
+        self.guessed_variables.resize(problem.n, Side::Free);
+        self.guessed_rows.resize(problem.row_count(), Side::Free);
+        self.locked.resize(problem.n, false);
+        self.locked_row.resize(problem.row_count(), false);
+    }
+}

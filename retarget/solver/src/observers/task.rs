@@ -1,0 +1,53 @@
+//! What a level that is made of observers asks for, and which of the observers within influence take part.
+
+use super::set::{Other, Pair};
+
+/// Which of the observers within influence put up their row.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Activation {
+    /// The closest to each obstacle (paper).
+    Closest,
+    /// One after the other by distance, on levels of their own.
+    Ranked,
+    /// All of them, throughout influence.
+    All,
+}
+
+/// A task of a level that is made of observers.
+#[derive(Clone, Debug, Default)]
+pub struct ObserverTask {
+    pub reactive: bool,
+    /// It names its observers; otherwise all take part.
+    pub named: bool,
+    /// Observers that take part.
+    pub of: Vec<bool>,
+    pub with_self: bool,
+    pub with_scene: bool,
+    /// Approach permitted where influence begins, or speed of the way out of contact, m/s.
+    pub speed: f64,
+    /// Tasks of one group share pairs by nearness, the first of them the closest.
+    pub group: usize,
+    /// It takes part in this frame.
+    pub on: bool,
+    /// Place among the tasks of observers.
+    pub index: usize,
+    pub first_row: usize,
+    pub rows: usize,
+    /// Pairs that its rows stand for, in this iteration.
+    pub used: Vec<usize>,
+}
+
+impl ObserverTask {
+    pub fn looks_at(&self, pair: &Pair) -> bool {
+        match pair.other {
+            Other::Observer(other) => self.with_self && (self.of[pair.observer] || self.of[other]),
+            Other::Obstacle(_) => self.with_scene && self.of[pair.observer],
+        }
+    }
+
+    /// The first tasks that look at a pair before contact and in contact.
+    pub fn of_pair(tasks: &[Self], pair: &Pair) -> (Option<usize>, Option<usize>) {
+        let first = |reactive| tasks.iter().position(|t| t.reactive == reactive && t.looks_at(pair));
+        (first(false), first(true))
+    }
+}

@@ -1,0 +1,254 @@
+//! Nothing is allocated in a frame, a solve or a check after the first ones. Run with `--features count-allocations`.
+
+use super::bodies::{chain, humanoid, Humanoid};
+use super::random::Random;
+use crate::allocations::allocations;
+use crate::body::Body;
+use crate::bounds::Limit;
+use crate::frame::{FrameSolver, Settings};
+use crate::geometry::Shape;
+use crate::hierarchy::{solve, Problem, Workspace};
+use crate::observers::{Activation, Ask, Observer, ObserverSet, ObserverTask, Obstacle, ObstaclePose, PathChecker};
+use crate::task::{Task, TaskKind};
+use std::hint::black_box;
+use std::sync::Arc;
+
+const DT: f64 = 0.02;
+
+/// How many allocations `work` makes.
+fn counted(work: impl FnOnce()) -> u64 {
+    let before = allocations();
+    work();
+    allocations() - before
+}
+
+#[test]
+fn an_allocation_is_counted() {
+    assert_eq!(counted(|| drop(black_box(Box::new(1.0)))), 1);
+    let mut numbers: Vec<f64> = Vec::with_capacity(1);
+    assert_eq!(counted(|| black_box(&mut numbers).push(1.0)), 0);
+    assert_eq!(counted(|| black_box(&mut numbers).resize(100, 1.0)), 1);
+    assert_eq!(counted(|| drop(black_box(vec![0.0; 100]))), 1);
+}
+
+fn task(kind: TaskKind, rows: usize) -> Task {
+    Task { kind, weight: vec![1.0; rows], gain: 1.0, max_error: 0.05 }
+}
+
+fn posture(body: &Body) -> Task {
+    Task { gain: 0.05, max_error: 0.3, ..task(TaskKind::Posture, body.nv) }
+}
+
+fn settings() -> Settings {
+    Settings { n_ik: 5, max_step: 0.3, damping: 1.0, early_stop: true }
+}
+
+/// Targets: every task present, with these values behind its weight.
+fn targets(solver: &FrameSolver, values: &[Vec<f64>]) -> Vec<f64> {
+    let mut all = vec![0.0; solver.target_size];
+    for ((_, place), value) in solver.slices().zip(values) {
+        all[place.start] = 1.0;
+        all[place.start + 1..place.end].copy_from_slice(value);
+    }
+    all
+}
+
+/// In reach and out of it in turns, so that damping begins in the middle, on feet that are planted by nothing but tasks.
+fn run_humanoid(robot: &Humanoid, levels: Vec<Vec<Task>>, fixed: &[Vec<f64>]) -> (FrameSolver, Vec<u64>) {
+    let body = Arc::new(robot.body.clone());
+    let mut limits = vec![Limit { lower: -1.5, upper: 1.5, velocity: 4.5, acceleration: f64::INFINITY }; body.nv];
+    limits[..6].fill(Limit::NONE);
+    let locked = vec![false; body.nv];
+    let mut solver = FrameSolver::new(body.clone(), levels, limits, &locked, None, settings());
+    solver.reset(&body.rest(), &vec![0.0; body.nv]);
+    let counts = (0..400).map(|t| {
+        let (far, phase) = (t / 50 % 2 == 1, 0.1 * f64::from(t));
+        let mut values = fixed.to_vec();
+        for side in [1.0, -1.0] {
+            let reach = if far { 1.5 } else { 0.2 };
+            values.push(vec![reach * phase.cos().abs(), side * (0.3 + 0.1 * phase.sin()), 0.8 + reach * phase.sin()]);
+        }
+        values.push(body.rest());
+        let row = targets(&solver, &values);
+        counted(|| solver.frame(&row, DT))
+    });
+    let counts = counts.collect();
+    (solver, counts)
+}
+
+fn assert_none_but_in_the_first(counts: &[u64], what: &str) {
+    assert!(counts[0] > 0, "{what}: the first frame makes its buffers");
+    let frames: Vec<usize> = (1..counts.len()).filter(|t| counts[*t] > 0).collect();
+    assert!(frames.is_empty(), "{what}: frames {frames:?} allocate");
+}
+
+#[test]
+fn no_frame_after_the_first_allocates_on_planted_soles() {
+    let robot = humanoid();
+    let mut pose = robot.body.new_pose();
+    robot.body.forward(&robot.body.rest(), &mut pose);
+    let (mut soles, mut fixed) = (vec![], vec![]);
+    for foot in robot.feet {
+        soles.push(task(TaskKind::Position { link: foot, point: [0.0; 3] }, 3));
+        soles.push(task(TaskKind::Orientation { link: foot, quat: [1.0, 0.0, 0.0, 0.0] }, 3));
+        fixed.extend([pose.position[foot].to_vec(), vec![1.0, 0.0, 0.0, 0.0]]);
+    }
+    let hands = robot.hands.map(|link| task(TaskKind::Position { link, point: [0.0, 0.0, -0.2] }, 3));
+    let support = Task { weight: vec![], ..task(TaskKind::Support { max_edges: 4, without: vec![] }, 0) };
+    let square = [[1.0, 0.0, 0.0, 0.08], [-1.0, 0.0, 0.0, 0.05], [0.0, 1.0, 0.0, 0.1], [0.0, -1.0, 0.0, 0.1]].concat();
+    fixed.push(square);
+    let levels = vec![soles, vec![support], hands.to_vec(), vec![posture(&robot.body)]];
+    let (solver, counts) = run_humanoid(&robot, levels, &fixed);
+    assert_none_but_in_the_first(&counts, "soles, support, hands");
+    assert!(solver.stats.iterations > 800 && solver.stats.factorizations > 2 * solver.stats.iterations);
+    let lowest = solver.task_errors.iter().take(4).fold(0.0, |most: f64, e| most.max(*e));
+    assert!(lowest < 1e-3, "the soles are left where they were: {lowest} m or rad off");
+}
+
+#[test]
+fn no_frame_after_the_first_allocates_where_the_active_set_cycles() {
+    let robot = humanoid();
+    let mut pose = robot.body.new_pose();
+    robot.body.forward(&robot.body.rest(), &mut pose);
+    robot.body.mass_properties(&mut pose);
+    let position = |link: usize| task(TaskKind::Position { link, point: [0.0; 3] }, 3);
+    let mut last: Vec<Task> = vec![position(robot.head)];
+    last.extend(robot.hands.map(position));
+    let levels = vec![
+        vec![task(TaskKind::CentreOfMass { over: None }, 3)],
+        robot.feet.map(position).to_vec(),
+        last,
+        vec![posture(&robot.body)],
+    ];
+    let mut fixed = vec![pose.com.to_vec()];
+    fixed.extend(robot.feet.map(|foot| pose.position[foot].to_vec()));
+    fixed.push(vec![0.1, 0.0, 1.0]);
+    let (solver, counts) = run_humanoid(&robot, levels, &fixed);
+    assert_none_but_in_the_first(&counts, "centre of mass, feet, hands");
+    assert!(solver.stats.fallbacks > 0, "no solve went level by level: {:?}", solver.stats);
+}
+
+#[test]
+fn no_solve_after_the_first_of_its_size_allocates() {
+    let random = &mut Random::new(1);
+    let (n, sizes) = (20, [4, 8, 8, 6]);
+    let (mut problem, mut work) = (Problem::new(n, &sizes), Workspace::default());
+    let (mut reduced, mut fallback, mut damped) = (0, 0, 0);
+    for turn in 0..2000 {
+        for r in 0..problem.row_count() {
+            // The second level asks for equalities alone, as planted soles do.
+            let limit = r < sizes[0] || (r >= sizes[0] + sizes[1] && random.chance(0.5));
+            let value = random.normal();
+            for i in 0..n {
+                problem.row_mut(r)[i] = random.normal();
+            }
+            problem.present[r] = true;
+            (problem.lower[r], problem.upper[r]) = (value, if limit { f64::INFINITY } else { value });
+        }
+        for i in 0..n {
+            let room = random.between(0.05, 1.0);
+            (problem.lo[i], problem.hi[i]) = (-room, room);
+        }
+        let damping = if turn % 3 == 0 { 0.2 } else { 0.0 };
+        problem.damping.fill(damping);
+        let mut outcome = Default::default();
+        let count = counted(|| outcome = solve(&mut problem, &mut work));
+        assert_eq!(count > 0, turn == 0, "solve {turn}: {count} allocations, {outcome:?}");
+        reduced += usize::from(outcome.reduced);
+        fallback += usize::from(outcome.fallback);
+        damped += usize::from(damping > 0.0);
+    }
+    assert!(
+        reduced > 10 && fallback > 10 && damped > 10,
+        "{reduced} reduced, {fallback} level by level, {damped} damped"
+    );
+}
+
+fn rod(link: usize, length: f64) -> Observer {
+    let shape = Shape::Capsule { half_length: 0.4 * length, radius: 0.02 };
+    // Its long axis along the link's x.
+    let rotation = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
+    Observer { link, shape, position: [0.5 * length, 0.0, 0.0], rotation, influence: 0.1, margin: 0.01 }
+}
+
+/// A chain of six and five balls beside it; it looks at itself too.
+fn among_obstacles() -> (Arc<Body>, Arc<ObserverSet>) {
+    let body = chain(6, 0.2);
+    let observers = (1..=6).map(|link| rod(link, 0.2)).collect();
+    let ball = Shape::Capsule { half_length: 0.0, radius: 0.05 };
+    let obstacles = vec![Obstacle { shape: ball, influence: 0.1, margin: 0.01 }; 5];
+    let pairs: Vec<_> = (0..6).flat_map(|a| (a + 2..6).map(move |b| (a, b, f64::INFINITY))).collect();
+    let set = ObserverSet::new(&body, observers, obstacles, &pairs).unwrap();
+    (Arc::new(body), Arc::new(set))
+}
+
+fn ball_at(k: usize, shift: f64) -> ObstaclePose {
+    let position = [0.5, 0.4 - 0.2 * k as f64 + shift, 0.0];
+    ObstaclePose { position, quat: [1.0, 0.0, 0.0, 0.0], linear: [0.03, -0.02, 0.0], angular: [0.0; 3] }
+}
+
+fn observers(reactive: bool, speed: f64) -> Task {
+    let everyone =
+        ObserverTask { reactive, of: vec![true; 6], with_self: true, with_scene: true, speed, ..Default::default() };
+    task(TaskKind::Observers(everyone), 0)
+}
+
+#[test]
+fn no_frame_after_the_first_allocates_among_obstacles() {
+    for activation in [Activation::Closest, Activation::Ranked, Activation::All] {
+        let (body, set) = among_obstacles();
+        let tip = task(TaskKind::Position { link: 6, point: [0.2, 0.0, 0.0] }, 3);
+        let levels = vec![vec![observers(true, 0.1)], vec![observers(false, 0.5)], vec![tip], vec![posture(&body)]];
+        let limit = Limit { lower: -3.0, upper: 3.0, velocity: 5.0, acceleration: 100.0 };
+        let mut solver =
+            FrameSolver::new(body.clone(), levels, vec![limit; 6], &[false; 6], Some((set, activation)), settings());
+        solver.reset(&[0.3; 6], &[0.0; 6]);
+        let mut shift = 0.0;
+        let mut counts = vec![];
+        for t in 0..400 {
+            let time = f64::from(t);
+            shift += 0.02 * (0.2 * time).sin();
+            let watch = solver.watch.as_mut().unwrap();
+            (0..5).for_each(|k| watch.set_obstacle(k, ball_at(k, shift), true));
+            let goal = vec![0.6 * (0.05 * time).cos(), 0.8 * (0.03 * time).sin(), 0.0];
+            let row = targets(&solver, &[vec![], vec![], goal, vec![0.0; 6]]);
+            counts.push(counted(|| solver.frame(&row, DT)));
+        }
+        assert_none_but_in_the_first(&counts, &format!("{activation:?}"));
+        let tally = &solver.watch.as_ref().unwrap().tally;
+        let both = [&tally.preventive, &tally.reactive].map(|frames| frames.iter().sum::<u64>());
+        assert!(both[0] > 100 && both[1] > 0, "{activation:?}: {both:?} frames preventive and reactive");
+    }
+}
+
+#[test]
+fn no_check_of_a_path_allocates_once_it_was_seen() {
+    let (body, set) = among_obstacles();
+    let columns: Vec<usize> = (0..6).collect();
+    let mut checker = PathChecker::new(body, set, &columns, columns.clone(), vec![(1, [0.0; 3])]);
+    for (k, obstacle) in checker.stage.obstacles.iter_mut().enumerate() {
+        *obstacle = ball_at(k, 0.1);
+    }
+    let random = &mut Random::new(2);
+    let paths: Vec<Vec<f64>> = (0..80)
+        .map(|_| {
+            let (from, way): (Vec<f64>, Vec<f64>) = (0..6).map(|_| (random.normal(), 0.8 * random.normal())).unzip();
+            (0..18)
+                .flat_map(|row| (0..6).map(move |k| (row, k)))
+                .map(|(row, k)| from[k] + way[k] * row as f64 / 17.0)
+                .collect()
+        })
+        .collect();
+    let ask = Ask { share: 1.0, remember: false };
+    let mut check = |path: &Vec<f64>| checker.is_clear(&path[..6], path, None, DT, ask);
+    let clear = paths.iter().filter(|path| check(path)).count();
+    assert!(clear > 5 && clear < 75, "{clear} of 80 paths are clear");
+    let count = counted(|| {
+        paths.iter().for_each(|path| {
+            black_box(check(path));
+        });
+    });
+    assert_eq!(count, 0);
+    let looks = checker.stage.looks;
+    assert!(looks > 500, "{looks} postures were looked at");
+}

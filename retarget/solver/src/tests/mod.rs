@@ -1,0 +1,10 @@
+//! Tests of the crate by itself, without Python. Random cases are numbered: a failure names the seed that makes its case again.
+
+#[cfg(feature = "count-allocations")]
+mod allocations; // no frame after the first allocates
+mod bodies; // bodies to try things on
+mod cone; // how far a vector is from a cone
+mod distances; // against closed forms, and proofs of optimality
+mod hierarchy; // strict, optimal, never infeasible, the same bits
+mod kinematics; // against finite differences and closed forms
+mod random; // numbers from a seed
