@@ -36,7 +36,7 @@ def test_a_refusal_has_its_kind_and_its_facts() -> None:
 @pytest.mark.parametrize("facts", [{"found": "z"}, {"found": "x", "allowed": "x"}, {"next_step": 4}])
 def test_facts_are_those_of_one_problem(facts: dict[str, str | int]) -> None:
     two = InputError.from_problems([Problem("a", found="x", allowed="y"), Problem("b", found="y", allowed="x")])
-    with pytest.raises(AssertionError, match="no problem"), refuses(InputError, **facts):
+    with pytest.raises(AssertionError), refuses(InputError, **facts):
         raise two
 
 
@@ -60,6 +60,8 @@ def test_no_error_is_a_failure() -> None:
         ("at 3.", 3, True),
         ("j3", 3, False),
         ("0.25 s", 0.25, True),
+        ("4.0 rad", 4.0, True),
+        ("4 rad", 4.0, True),
         ("-3", -3, True),
         ("l_wrist", "wrist", True),
         ("/a/b: x", Path("/a/b"), True),
@@ -71,12 +73,12 @@ def test_facts(text: str, fact: str | int | float | Path | re.Pattern[str], held
     if held:
         mentions(text, (fact,), fact)
     else:
-        with pytest.raises(AssertionError, match="not in the message"):
+        with pytest.raises(AssertionError):
             mentions(text, fact)
 
 
 def test_texts_and_lines_are_pinned() -> None:
-    shows(["one", "two 2"], 2)
+    shows(["one", "two 2", "12.5 ms    1.25"], 2, 12.5)
     shows_lines("kept 1\nleft 0x7f0000000000\nkept 2", "kept")
     with pytest.raises(AssertionError):
         shows_lines("a 1\nb 2", "a", 2)

@@ -12,8 +12,10 @@ also with `-n`, and read the difference of the snapshots. A test that moves to a
 
 import ast
 import difflib
+import os
 import re
 import sys
+import tempfile
 from collections.abc import Collection, Generator, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,10 +93,13 @@ class Refusal(Generic[E]):
 
 
 def shows(text: object, *facts: Facts, varies: Facts = ()) -> None:
-    """Checks that a text (or the lines of a text) holds every fact, and pins it whole."""
+    """Checks that a text (or the lines of a text) holds every fact, and pins it whole, but for decimal numbers.
+
+    What a run measures differs between processors: the numbers that matter are facts.
+    """
     whole = _text(text)
     mentions(whole, *facts)
-    _book.note(whole, varies)
+    _book.note(_without_numbers(whole), varies)
 
 
 def shows_lines(text: object, *facts: Facts, varies: Facts = ()) -> None:
@@ -102,7 +107,7 @@ def shows_lines(text: object, *facts: Facts, varies: Facts = ()) -> None:
     assert _flat(facts), "without a fact, no line is meant"
     found = [line for line in _text(text).splitlines() if all(_holds(line, fact) for fact in _flat(facts))]
     assert found, f"no line has all of {_flat(facts)}:\n{_text(text)}"
-    _book.note("\n".join(found), varies)
+    _book.note(_without_numbers("\n".join(found)), varies)
 
 
 def mentions(text: object, *facts: Facts) -> None:
@@ -120,6 +125,11 @@ def _text(text: object) -> str:
     return str(text)
 
 
+def _without_numbers(text: str) -> str:
+    """Also without the width of the columns that they stand in."""
+    return re.sub(r"(?<=\S) {2,}", "  ", re.sub(r"(?<![\w.])[-+]?\d+\.\d+(?!\w|\.\d)", "<number>", text))
+
+
 def _flat(facts: Facts | tuple[Facts, ...]) -> list[Fact]:
     if not isinstance(facts, tuple):
         return [facts]
@@ -131,8 +141,8 @@ def _holds(text: str, fact: Fact) -> bool:
     if isinstance(fact, re.Pattern):
         return fact.search(text) is not None
     if isinstance(fact, int | float):
-        number = re.escape(format(fact, "g" if isinstance(fact, float) else "d"))
-        return re.search(rf"(?<![\w.]){number}(?!\w|\.\d)", text) is not None
+        numbers = "|".join(re.escape(number) for number in (repr(fact), f"{fact:g}"))
+        return re.search(rf"(?<![\w.])({numbers})(?!\w|\.\d)", text) is not None
     return str(fact) in text
 
 
@@ -141,6 +151,22 @@ def _fits(problem: Problem, asked: Mapping[str, list[Fact]]) -> bool:
 
 
 # The snapshots.
+
+OF_THE_MACHINE = [
+    (re.compile(pattern), name)
+    for pattern, name in {
+        rf"\bprocess {os.getpid()}\b( \([^)]*\))?": "process <this>",
+        r"process \d+ \((\S*/)?python[^)]*\)": "process <another>",
+        rf"{re.escape(tempfile.gettempdir())}/tmp\w{{8}}\b": "<tmp>",
+        r"(\w)\1{40,}": "<long name>",
+        r"\d+(\.\d+){3} \(\w+\)(, \d+(\.\d+){3} \(\w+\))*": "<interfaces>",
+        r"/dev/pts/\d+": "/dev/pts/<number>",
+        r"(?<=allowed: )(/dev/tty\w+(, /dev/tty\w+)*\b(?! \(bus)|none, no serial port exists here)": "<ports>",
+        r"owner \w+, group \w+, mode \S+": "<owner>",
+        r"0x[0-9a-f]{8,}": "<address>",
+        r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[+-]\d\d:\d\d)?)?": "<time>",
+    }.items()
+]
 
 
 @dataclass
@@ -155,6 +181,7 @@ class Book:
     pinned: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     noted: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     running: list[str] | None = None
+    _homes: dict[str, str] = field(default_factory=dict)
 
     def note(self, text: str, varies: Facts = ()) -> None:
         """Notes a message of the running test; outside of one, and in a randomised test, nothing is noted."""
@@ -167,9 +194,9 @@ class Book:
             text = fact.sub("<varies>", text) if isinstance(fact, re.Pattern) else text.replace(str(fact), "<varies>")
         for pattern, name in self.replaced:
             text = pattern.sub(name, text)
-        text = re.sub(r"(?<=:)\d{5}\b|(?<=port )\d{5}\b", _port, text)
-        text = re.sub(r"0x[0-9a-f]{8,}", "<address>", text)
-        text = re.sub(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[+-]\d\d:\d\d)?", "<time>", text)
+        text = re.sub(r"(?<=:)\d{5}\b|(?<=port )\d{5}\b|(?<=found )\d{5}(?=: taken)", _port, text)
+        for pattern, name in OF_THE_MACHINE:
+            text = pattern.sub(name, text)
         return "\n".join(line.rstrip() for line in text.splitlines())
 
     def pinned_for(self, area: str, test: str) -> list[str]:
@@ -183,7 +210,9 @@ class Book:
         folder = path.resolve().relative_to(TESTS).parent
         if folder != Path():
             return "-".join(folder.parts)
-        return next((area for area, tests in self.pinned.items() if any(_module(t) == path.stem for t in tests)), FLAT)
+        if not self._homes:
+            self._homes = {_module(test): area for area, tests in self.pinned.items() for test in tests}
+        return self._homes.get(path.stem, FLAT)
 
 
 def _port(match: re.Match[str]) -> str:
@@ -281,7 +310,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     made = session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]  # no public way before a test runs
     folders = {
         rf"{re.escape(str(made))}(/[\w.-]+)?": "<tmp>",
-        re.escape(str(TESTS.parent)): "<repository>",
+        rf"{re.escape(str(TESTS.parent))}(?![\w.-])": "<repository>",
+        re.escape(os.environ.get("RETARGET_SHARED", str(TESTS.parent.parent / "shared"))): "<shared>",
         re.escape(sys.executable): "<python>",
     }
     _book.replaced = [(re.compile(pattern), name) for pattern, name in folders.items()]
