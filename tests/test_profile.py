@@ -70,7 +70,7 @@ def test_servo_specs_make_a_joint_map(op3: Path) -> None:
 
 def test_a_profile_cannot_be_changed() -> None:
     profile = read_profile("op3")
-    with refuses(ValueError):
+    with pytest.raises(ValueError, match="frozen"):
         profile.name = "other"
 
 

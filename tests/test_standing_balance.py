@@ -106,7 +106,7 @@ def test_without_motion_the_margin_alone_counts() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 1.5])
 def test_an_impossible_share_is_refused(share: float) -> None:
-    with refuses(ValueError):
+    with refuses(ValueError, "moving"):
         task = {"type": "centre_of_mass", "mode": "support", "moving": share}
         Priorities.model_validate({"name": "t", "description": "t", "levels": [{"name": "b", "tasks": [task]}]})
 

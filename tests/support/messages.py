@@ -23,6 +23,7 @@ from types import TracebackType
 from typing import Generic, TypeVar
 
 import pytest
+from pydantic import ValidationError
 
 from retarget.errors import Problem, RefusedError
 
@@ -51,7 +52,7 @@ def refuses(
     next_step: Facts = (),
     varies: Facts = (),
 ) -> "Refusal[E]":
-    """Expects an error of this kind whose message holds every fact, and pins the message.
+    """Expects an error of this kind whose message holds every fact, and pins the message, but for pydantic's own.
 
     where, found, allowed, next_step: facts that one problem of a structured error (`RefusedError`) must have in its
     field of that name. varies: parts of the message that differ from run to run, and are not pinned.
@@ -88,7 +89,8 @@ class Refusal(Generic[E]):
             assert any(_fits(problem, self._fields) for problem in error.problems), (
                 f"no problem of the error has {self._fields}: {error.problems}"
             )
-        _book.note(str(error), self._varies)
+        if not isinstance(error, ValidationError):
+            _book.note(str(error), self._varies)
         return True
 
 
