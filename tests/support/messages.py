@@ -157,7 +157,7 @@ def _fits(problem: Problem, asked: Mapping[str, list[Fact]]) -> bool:
 OF_THE_MACHINE = [
     (re.compile(pattern), name)
     for pattern, name in {
-        rf"\bprocess {os.getpid()}\b( \([^)]*\))?": "process <this>",
+        rf"\bprocess {os.getpid()}\b( \(.*?\)+(?=[ .,;]|$))?": "process <this>",
         r"process \d+ \((\S*/)?python[^)]*\)": "process <another>",
         rf"{re.escape(tempfile.gettempdir())}/tmp\w{{8}}\b": "<tmp>",
         r"(\w)\1{40,}": "<long name>",
@@ -192,10 +192,10 @@ class Book:
 
     def plain(self, text: str, varies: Facts = ()) -> str:
         """The text without what differs from run to run: folders, ports, addresses, times."""
-        for fact in _flat(varies):
-            text = fact.sub("<varies>", text) if isinstance(fact, re.Pattern) else text.replace(str(fact), "<varies>")
         for pattern, name in self.replaced:
             text = pattern.sub(name, text)
+        for fact in _flat(varies):
+            text = fact.sub("<varies>", text) if isinstance(fact, re.Pattern) else text.replace(str(fact), "<varies>")
         text = re.sub(r"(?<=:)\d{5}\b|(?<=port )\d{5}\b|(?<=found )\d{5}(?=: taken)", _port, text)
         for pattern, name in OF_THE_MACHINE:
             text = pattern.sub(name, text)
