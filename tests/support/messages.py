@@ -13,6 +13,7 @@ also with `-n`, and read the difference of the snapshots. A test that moves to a
 import ast
 import difflib
 import os
+import platform
 import re
 import sys
 import tempfile
@@ -162,6 +163,8 @@ OF_THE_MACHINE = [
         rf"{re.escape(tempfile.gettempdir())}/tmp\w{{8}}\b": "<tmp>",
         r"(\w)\1{40,}": "<long name>",
         r"\d+(\.\d+){3} \(\w+\)(, \d+(\.\d+){3} \(\w+\))*": "<interfaces>",
+        rf"\b{re.escape(platform.machine())}\b": "<machine>",
+        rf"\b{re.escape(platform.python_version())}\b": "<version>",
         r"/dev/pts/\d+": "/dev/pts/<number>",
         r"(?<=allowed: )(/dev/tty\w+(, /dev/tty\w+)*\b(?! \(bus)|none, no serial port exists here)": "<ports>",
         r"owner \w+, group \w+, mode \S+": "<owner>",
