@@ -8,6 +8,16 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from support.messages import (  # noqa: F401  # hooks: pytest finds them here
+    pytest_addoption,
+    pytest_collection_modifyitems,
+    pytest_configure,
+    pytest_runtest_call,
+    pytest_sessionfinish,
+    pytest_sessionstart,
+    pytest_testnodedown,
+)
+
 ROOT = Path(__file__).resolve().parent.parent
 
 # Same examples on every machine and in every run; no deadline, because a shared machine may stall.

@@ -18,6 +18,7 @@ from retarget.live.admission import (
     admission_for,
 )
 from retarget.live.datagram import Datagram, Source
+from support.messages import refuses
 
 A, B, C = ("192.168.1.20", 5000), ("192.168.1.21", 5000), ("10.9.9.9", 5000)
 LAN = (IPv4Network("192.168.1.0/24"),)
@@ -157,7 +158,7 @@ def test_refused_sources_are_told_once_and_in_bounded_number() -> None:
 
 @pytest.mark.parametrize("options", [{"release_after": -1.0}, {"release_after": float("nan")}, {"rate": 0.0}])
 def test_options_that_mean_nothing_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="found"):
+    with refuses(ValueError):
         Admission(**options)  # type: ignore[arg-type]
 
 

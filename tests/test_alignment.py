@@ -1,13 +1,13 @@
 """The stream's world in ours: floor, origin, heading; and a turn while running that moves nobody."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.live.alignment import Alignment, align
+from support.messages import refuses
 
 NAMES = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 STANDING = np.array([[0.0, 0.0, 1.62], [0.02, 0.25, 0.8], [0.02, -0.25, 0.8], [0.0, 0.1, 0.07], [0.0, -0.1, 0.07]])
@@ -36,7 +36,7 @@ def test_without_ankles_the_stream_s_floor_is_believed() -> None:
 def test_left_and_right_in_one_place_tell_nothing() -> None:
     told = STANDING.copy()
     told[:, 1] = 0.0
-    with pytest.raises(InputError, match="left and right tell no direction"):
+    with refuses(InputError):
         align(NAMES, told, where="vmc://:39539")
 
 

@@ -1,12 +1,12 @@
 """The compiled arcs against the general functions."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from retarget import rotations
 from retarget._solver import along_arc
+from support.messages import refuses
 
 ANGLES = st.one_of(st.floats(0.0, 3.1), st.sampled_from([0.0, 1e-12, 1e-9, 1e-8, 1e-7, 1e-5, 1e-3, 3.14159]))
 
@@ -35,5 +35,5 @@ def test_what_is_missing_stays_missing() -> None:
 
 def test_bad_shapes_are_refused() -> None:
     a = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
-    with pytest.raises(ValueError, match="shape"):
+    with refuses(ValueError):
         along_arc(a, a[:1], np.ones(2))

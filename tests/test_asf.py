@@ -9,6 +9,7 @@ from motion_texts import BONES, asf_text
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.sources.asf import MAX_BONES, read_asf
+from support.messages import refuses
 
 
 def write(folder: Path, text: str) -> Path:
@@ -87,7 +88,7 @@ def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, what: str, 
 
 
 def test_a_misspelt_bone_brings_the_nearest_names(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="Did you mean ltibia"):
+    with refuses(InputError, next_step="ltibia"):
         read_asf(write(tmp_path, asf_text().replace("lfemur ltibia\n", "lfemur ltibai\n")))
 
 
@@ -99,10 +100,10 @@ def test_a_file_cut_short_is_refused(tmp_path: Path, share: float) -> None:
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not an ASF file"):
+    with refuses(InputError, "ASF"):
         read_asf(write(tmp_path, "hello\n"))
     bone = "begin\nname b{}\ndirection 0 1 0\nlength 1\nend\n"
-    with pytest.raises(InputError, match="too many bones"):
+    with refuses(InputError):
         read_asf(write(tmp_path, ":bonedata\n" + "".join(bone.format(i) for i in range(MAX_BONES + 1))))
 
 

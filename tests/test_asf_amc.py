@@ -20,6 +20,7 @@ from retarget.sources.bvh import read_motion
 from retarget.sources.c3d import read_markers
 from retarget.sources.files import read_lines
 from retarget.sources.units import CMU_METRES
+from support.messages import Facts, refuses, shows
 
 
 def test_rest_pose_is_a_person_facing_x(tmp_path: Path) -> None:
@@ -80,16 +81,16 @@ def test_rate_and_unit_can_be_said(tmp_path: Path) -> None:
     assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.17)
     assert any("120 Hz" in note for note in read_amc(path).notes)
     for rate in (0.0, -1.0, float("nan"), float("inf"), 1e-300):
-        with pytest.raises(InputError, match="frame rate"):
+        with refuses(InputError):
             read_amc(path, rate=rate)
 
 
 def test_another_length_unit_is_guessed_from_the_body(tmp_path: Path) -> None:
     skeleton = asf_text(length=1.0, scale=CMU_METRES)
     frames = read_amc(write_amc(tmp_path, amc_text(height=0.95), skeleton=skeleton))
-    assert any("taken as m" in note for note in frames.notes)
+    shows(frames.notes)
     assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.95)
-    with pytest.raises(InputError, match="fits a human in no known unit"):
+    with refuses(InputError):
         read_amc(write_amc(tmp_path, amc_text(), skeleton=asf_text(length=1.0, scale=1e-5)))
 
 
@@ -98,39 +99,39 @@ def test_the_skeleton_is_found_by_subject_then_by_name_in_any_case(tmp_path: Pat
     (tmp_path / "walk.asf").write_text(asf_text())
     assert find_skeleton(tmp_path / "07_12.amc").name == "07.ASF"
     assert find_skeleton(tmp_path / "walk.AMC").name == "walk.asf"
-    with pytest.raises(InputError, match=r"no skeleton.*beside it: 07.ASF.*allowed: 99.asf.*--skeleton"):
+    with refuses(InputError, "07.ASF", "--skeleton", allowed="99.asf"):
         find_skeleton(tmp_path / "99_01.amc")
-    with pytest.raises(InputError, match="no ASF file beside it"):
+    with refuses(InputError, "ASF"):
         find_skeleton(tmp_path / "nowhere" / "99_01.amc")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "what"),
+    ("old", "new", "facts"),
     [
-        ("ltibia 0\n", "ltibai 0\n", r"unknown bone.*Did you mean ltibia"),
-        ("ltibia 0\n", "ltibia\n", r"wrong number of values for bone 'ltibia'; found 0; allowed: 1 \(rx\)"),
-        ("ltibia 0\n", "ltibia 0 0\n", "wrong number of values"),
-        ("ltibia 0\n", "lhipjoint 0\n", "the bone has no dof"),
-        ("ltibia 0\n", "", "frame 2 is incomplete; found no line for ltibia"),
-        ("ltibia 0\n", "ltibia 0\nltibia 0\n", "a bone twice in one frame"),
-        ("ltibia 0\n", "ltibia nan\n", "not a usable number; found 'nan'"),
-        ("ltibia 0\n", "ltibia -inf\n", "not a usable number"),
-        ("ltibia 0\n", "ltibia 1e300\n", "not a usable number"),
-        ("ltibia 0\n", "ltibia zero\n", "not a usable number; found 'zero'"),
-        ("\n3\n", "\n5\n", "frames are missing or repeated; found frame 5; allowed: frame 3"),
-        ("\n3\n", "\n2\n", "frames are missing or repeated"),
+        ("ltibia 0\n", "ltibai 0\n", "ltibia"),
+        ("ltibia 0\n", "ltibia\n", ("'ltibia'", 0, 1, "rx")),
+        ("ltibia 0\n", "ltibia 0 0\n", ()),
+        ("ltibia 0\n", "lhipjoint 0\n", ()),
+        ("ltibia 0\n", "", ("ltibia", 2)),
+        ("ltibia 0\n", "ltibia 0\nltibia 0\n", ()),
+        ("ltibia 0\n", "ltibia nan\n", "'nan'"),
+        ("ltibia 0\n", "ltibia -inf\n", "'-inf'"),
+        ("ltibia 0\n", "ltibia 1e300\n", "1e300"),
+        ("ltibia 0\n", "ltibia zero\n", "'zero'"),
+        ("\n3\n", "\n5\n", (5, 3)),
+        ("\n3\n", "\n2\n", (2, 3)),
     ],
 )
-def test_each_fault_of_a_frame_has_its_line(tmp_path: Path, old: str, new: str, what: str) -> None:
+def test_each_fault_of_a_frame_has_its_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
     text = amc_text(3)
     second = text.index("\n2\n")
     at = text.index(old, second)
     path = write_amc(tmp_path, text[:at] + new + text[at + len(old) :])
-    with pytest.raises(InputError, match=what) as caught:
+    with refuses(InputError, facts) as caught:
         read_amc(path)
     line = int(caught.value.problems[0].where.removeprefix(f"{path}:"))
     expected = text[:at].count("\n") + 1 + new.count("\n") - 1
-    if "incomplete" not in what:
+    if new:
         assert line in (expected, expected + (old == "\n3\n"))
 
 
@@ -284,10 +285,10 @@ def test_bones_of_recordings_are_constant_and_human(shared: Path) -> None:
 
 def test_endorphin_is_read_in_metres_with_its_skeleton_named(shared: Path) -> None:
     other = shared / "mocap/other"
-    with pytest.raises(InputError, match=r"beside it: skeleton.asf"):
+    with refuses(InputError, "skeleton.asf"):
         read_amc(other / "walking.amc")
     frames = read_amc(other / "walking.amc", skeleton=other / "skeleton.asf")
     assert len(frames) == 1741 and frames.names == SENSORS
     assert 0.8 < frames.position[0, frames.index("pelvis"), 2] < 1.0
-    with pytest.raises(InputError, match="unknown bone"):
+    with refuses(InputError):
         read_amc(other / "walking.amc", skeleton=shared / "mocap/cmu_asfamc/02.asf")

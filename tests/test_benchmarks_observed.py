@@ -30,6 +30,7 @@ from benchmarks.observed_table import print_observed, print_obstacle_costs
 from benchmarks.urdf import write_urdf
 from retarget.body import load_body_text
 from retarget.scene_shapes import ShapeKind
+from support.messages import refuses
 
 FRAMES = 200
 """Past the farthest place of the hand."""
@@ -179,11 +180,11 @@ class Blind:
 
 def test_a_peer_that_looks_at_less_is_told(watched: Watched, motion: Motion) -> None:
     check_pairs(watched, Blind(watched, motion.start))
-    with pytest.raises(RuntimeError, match="pairs, we at"):
+    with refuses(RuntimeError):
         check_pairs(watched, Blind(watched, motion.start, missing=1))
-    with pytest.raises(RuntimeError, match="distances that are not ours"):
+    with refuses(RuntimeError):
         check_pairs(watched, Blind(watched, motion.start, off=1e-4))
-    with pytest.raises(RuntimeError, match="distances that are not ours"):
+    with refuses(RuntimeError):
         check_pairs(watched, Blind(watched, motion.start, off=np.nan))
 
 

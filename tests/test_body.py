@@ -11,6 +11,7 @@ from retarget.errors import ConfigError
 from retarget.human import build_human
 from retarget.human_dimensions import proportional_dimensions
 from retarget.rotations import FloatArray
+from support.messages import refuses
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +51,10 @@ def test_masses_are_the_files(body: BodyModel) -> None:
 def test_frames_are_sites_and_links(body: BodyModel) -> None:
     assert body.frame("tool").body == 1 and body.frame("hand").body == 4
     assert_allclose(body.frame("tool").position, [0.0, 0.1, 0.0])
-    with pytest.raises(ConfigError, match="tool"):
+    with refuses(ConfigError):
         body.frame("tol")
     for lookup in (body.body_index, body.joint_index, body.dof_index):
-        with pytest.raises(ConfigError, match=r"all\.xml"):
+        with refuses(ConfigError, "all.xml"):
             lookup("nothing")
 
 

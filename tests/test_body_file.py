@@ -8,6 +8,7 @@ from bodies import TWO_LINK_URDF
 from retarget.body import load_body, load_body_text
 from retarget.body_file import MAX_BYTES, compile_body_text
 from retarget.errors import InputError
+from support.messages import Facts, refuses, shows, shows_lines
 
 FREE_MJCF = """<mujoco><worldbody><body name="base"><freejoint name="root"/><geom size="0.1" mass="2"/>
   <body name="arm" pos="0 0 1"><joint name="swing" axis="0 1 0"/><geom size="0.1" mass="1"/></body></body></worldbody>
@@ -24,7 +25,7 @@ def test_a_urdf_keeps_every_link_and_stays_fixed_unless_asked() -> None:
 def test_a_free_root_is_added_where_the_file_has_none() -> None:
     body = load_body_text(TWO_LINK_URDF, source="robot.urdf", root="free")
     assert body.root == "free" and body.nv == 7 and body.joint_names[0] == "root"
-    assert any("free joint added to 'base'" in note for note in body.notes)
+    shows_lines(body.notes, "'base'")
 
 
 def test_a_urdf_whose_root_link_is_the_world_gets_its_free_root_on_the_link_above() -> None:
@@ -64,37 +65,36 @@ def test_loops_and_tendons_are_named_in_notes() -> None:
     extra = """<equality><joint name="coupled" joint1="swing"/></equality>
       <tendon><fixed name="cord"><joint joint="swing" coef="1"/></fixed></tendon></mujoco>"""
     notes = " ".join(load_body_text(FREE_MJCF.replace("</mujoco>", extra), source="robot.xml").notes)
-    assert "1 equality constraints" in notes and "coupled" in notes and "cord" in notes
+    shows(notes, 1)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "facts"),
     [
-        ("", "no element found"),
-        ("frame 1", "syntax error"),
+        ("", ()),
+        ("frame 1", ()),
         ("<html><body/></html>", "<html>"),
-        ("<mujoco/>", "no links"),
-        ("<mujoco><worldbody><body/></worldbody></mujoco>", "nothing moves"),
+        ("<mujoco/>", ()),
+        ("<mujoco><worldbody><body/></worldbody></mujoco>", ()),
         ('<mujoco><worldbody><body><joint type="screw"/></body></worldbody></mujoco>', "screw"),
         (FREE_MJCF.replace('axis="0 1 0"', 'axis="0 1 0" range="2 1" limited="true"'), "range"),
-        (TWO_LINK_URDF.replace('xyz="0 0 0.5"', 'xyz="0 0 nan"'), "no finite numbers; found link arm"),
-        (FREE_MJCF.replace('mass="1"', 'mass="1" pos="0 0 nan"'), "no finite numbers; found link arm"),
-        (FREE_MJCF.replace('pos="0 0 1"', 'pos="0 nan 1"'), "no finite numbers; found link arm"),
-        (FREE_MJCF.replace('axis="0 1 0"', 'axis="0 1 0" pos="0 inf 0"'), "no finite numbers; found joint swing"),
+        (TWO_LINK_URDF.replace('xyz="0 0 0.5"', 'xyz="0 0 nan"'), "arm"),
+        (FREE_MJCF.replace('mass="1"', 'mass="1" pos="0 0 nan"'), "arm"),
+        (FREE_MJCF.replace('pos="0 0 1"', 'pos="0 nan 1"'), "arm"),
+        (FREE_MJCF.replace('axis="0 1 0"', 'axis="0 1 0" pos="0 inf 0"'), "swing"),
         (FREE_MJCF.replace("<worldbody>", '<worldbody><body name="ball"><freejoint/><geom size="1"/></body>'), "ball"),
     ],
 )
-def test_bad_text_is_refused_with_its_reason(text: str, said: str) -> None:
-    with pytest.raises(InputError) as error:
+def test_bad_text_is_refused_with_its_reason(text: str, facts: Facts) -> None:
+    with refuses(InputError, "robot.xml", facts):
         load_body_text(text, source="robot.xml")
-    assert "robot.xml" in str(error.value) and said in str(error.value)
 
 
 def test_two_root_links_cannot_be_set_free() -> None:
     mjcf = "<mujoco><worldbody>" + '<body><joint/><geom size="1"/></body>' * 2 + "</worldbody></mujoco>"
-    with pytest.raises(InputError, match="no single root link"):
+    with refuses(InputError):
         load_body_text(mjcf, source="two.xml", root="free")
-    with pytest.raises(InputError, match="already moves"):
+    with refuses(InputError):
         load_body_text(
             mjcf.replace("</body><body>", "</body><!--").replace("</body></w", "--></w"), source="one.xml", root="free"
         )
@@ -106,14 +106,15 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
     empty.write_bytes(b"")
     with huge.open("wb") as stream:
         stream.truncate(MAX_BYTES + 1)
-    for path, said in [
-        (binary, "not well-formed"),
-        (empty, "0 bytes"),
-        (huge, "bytes"),
-        (tmp_path, "regular"),
-        (tmp_path / "absent.xml", "No such file"),
-    ]:
-        with pytest.raises(InputError, match=said) as error:
+    bad: list[tuple[Path, Facts]] = [
+        (binary, ()),
+        (empty, 0),
+        (huge, ()),
+        (tmp_path, ()),
+        (tmp_path / "absent.xml", ()),
+    ]
+    for path, facts in bad:
+        with refuses(InputError, facts) as error:
             load_body(path)
         assert str(path) in str(error.value)
 

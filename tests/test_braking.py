@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from retarget._solver import Braking, frame_bounds
 from retarget.rotations import FloatArray
+from support.messages import refuses
 
 DT = 0.01
 LOWER, UPPER = np.array([-1.0, -0.2, 0.0]), np.array([1.0, 0.3, 2.0])
@@ -66,9 +67,9 @@ def test_paths_slow_down_as_fast_as_they_may_and_end_at_rest(position: FloatArra
 
 
 @pytest.mark.parametrize(
-    ("speed", "dt", "text"),
-    [(0.0, DT, "positive"), (np.inf, DT, "finite"), (1.0, 0.0, "positive"), (np.nan, DT, "negative")],
+    ("speed", "dt"),
+    [(0.0, DT), (np.inf, DT), (1.0, 0.0), (np.nan, DT)],
 )
-def test_limits_must_be_limits(speed: float, dt: float, text: str) -> None:
-    with pytest.raises(ValueError, match=text):
+def test_limits_must_be_limits(speed: float, dt: float) -> None:
+    with refuses(ValueError):
         Braking(LOWER[:1], UPPER[:1], np.array([speed]), ACCELERATION[:1], dt=dt)

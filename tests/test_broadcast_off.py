@@ -8,6 +8,7 @@ from hardware.dynamixel.broadcast_off import tell_everybody_off
 from hardware.dynamixel.line_scan import Speed, all_speeds
 from hardware.errors import BusError
 from sim.emulator.faults import Fault, FaultKind
+from support.messages import refuses
 
 
 def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
@@ -53,5 +54,5 @@ def test_a_speed_that_the_adapter_lacks_is_left_out_and_a_port_that_is_gone_is_t
     assert rig.shown("torque_enable") == [0, 1, 0]
     monkeypatch.undo()
     rig.fault(Fault(FaultKind.UNPLUG))
-    with pytest.raises(BusError, match="no such port"):
+    with refuses(BusError):
         tell_everybody_off(rig.port, all_speeds())

@@ -13,6 +13,7 @@ from retarget.errors import UsageError
 from retarget.robot_body import RobotBody, load_robot
 from sim.mock_bus import MockBus
 from sim.no_bus import NoBus
+from support.messages import refuses
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +51,12 @@ def test_a_real_bus_is_on_the_profile_s_port_or_on_the_named_one(name: str, port
 
 def test_no_port_is_touched_before_it_is_opened(robot: RobotBody) -> None:
     bus = make_bus("/dev/no-such-port", robot, VirtualClock())
-    with pytest.raises(BusError, match="no such port"):
+    with refuses(BusError):
         bus.open()
 
 
 def test_one_port_for_several_buses_is_refused(divided: RobotBody) -> None:
-    with pytest.raises(UsageError, match="one port for a robot with several buses") as caught:
+    with refuses(UsageError) as caught:
         make_bus("/dev/ttyUSB7", divided, VirtualClock())
     for text in ("--bus", "/dev/ttyUSB7", "main, head", "into the profile"):
         assert text in str(caught.value)

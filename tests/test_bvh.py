@@ -12,6 +12,7 @@ from retarget import rotations
 from retarget.errors import InputError, UsageError
 from retarget.frames import SENSORS
 from retarget.sources.bvh import CALIBRATION_POSE, LOST_LENGTHS, read_bvh, read_motion
+from support.messages import Facts, refuses, shows, shows_lines
 
 RECORDINGS = ("cmu_bvh_hahne", "cmu_bvh_daz", "other")
 
@@ -33,7 +34,7 @@ def test_rest_pose_is_a_person_facing_x_in_metres(tmp_path: Path) -> None:
     np.testing.assert_allclose(at["r_toe"], [0.13, -0.09, 0.0], atol=1e-12)
     assert frames.skeleton is not None
     np.testing.assert_allclose(frames.skeleton.of("l_ankle"), [0.0, 0.09, -0.92], atol=1e-12)
-    assert any("taken as cm" in note for note in frames.notes)
+    shows(frames.notes)
 
 
 def test_rotations_multiply_in_the_order_of_the_channels(tmp_path: Path) -> None:
@@ -85,7 +86,7 @@ def test_z_up_is_seen_in_frames_that_stand_along_z(tmp_path: Path) -> None:
     # Rest pose y up, but the root stands the body up along z and turns it to look along -y.
     text = bvh_text(order="XYZ", root=(0.0, 0.0, 98.0), rotations={"Hips": (90.0, 0.0, 0.0)})
     frames = read_bvh(write(tmp_path, text))
-    assert any("stands along z" in note for note in frames.notes)
+    shows(frames.notes)
     assert frames.position[0, frames.index("head"), 2] == pytest.approx(1.52)
     toe, ankle = (frames.position[0, frames.index(name)] for name in ("l_toe", "l_ankle"))
     np.testing.assert_allclose(toe - ankle, [0.0, -0.13, -0.06], atol=1e-9)
@@ -100,12 +101,12 @@ def test_units_are_guessed_and_can_be_said(tmp_path: Path, scale: float, unit: s
     path = write(tmp_path, bvh_text(scale=scale))
     for frames in (read_bvh(path), read_bvh(path, unit=unit), read_bvh(path, unit=unit.upper())):
         assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.98, rel=1e-3)
-    assert any(f"taken as {unit}" in note for note in read_bvh(path).notes)
+    shows_lines(read_bvh(path).notes, unit)
 
 
 def test_unknown_units_and_bodies_of_no_size_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path, bvh_text())
-    with pytest.raises(UsageError, match=r"unknown unit; found 'inches'.*Did you mean inch"):
+    with refuses(UsageError, found="'inches'", next_step="inch"):
         read_bvh(path, unit="inches")
     for scale in (0.0, 5.0, 1e-4):
         with pytest.raises(InputError):
@@ -153,7 +154,7 @@ def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: 
     plain = read_bvh(write(tmp_path, bvh_text()))
     names = {name: f"node {i}" for i, (name, _, _) in enumerate(JOINTS)}
     other = read_bvh(write(tmp_path, bvh_text(names=names)))
-    assert any("by the shape" in note for note in other.notes)
+    shows(other.notes)
     for name in (
         "head",
         "l_wrist",
@@ -171,51 +172,41 @@ def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "what"),
+    ("old", "new", "facts"),
     [
-        ("Frames: 3", "Frames: 4", "fewer frames than declared; found 3; allowed: 4"),
-        ("Frames: 3", "Frames: 2", "more frames than declared"),
-        ("Frames: 3", "Frames: 0", "no frame of motion"),
-        ("Frames: 3", "Frames: -3", "wrong number of frames"),
-        ("Frames: 3", "Frames: 300000", "too many frames"),
-        ("Frames: 3", "Frames: 9999999999999999999999", "wrong number of frames"),
-        ("Frames: 3", "Count: 3", "incomplete MOTION section"),
-        ("Frame Time: 0.008333", "Frame Time: 0", "impossible frame time"),
-        ("Frame Time: 0.008333", "Frame Time: -0.01", "impossible frame time"),
-        ("Frame Time: 0.008333", "Frame Time: 1e-300", "impossible frame rate"),
-        ("Frame Time: 0.008333", "Frame Time: nan", "not a usable number"),
-        ("Frame Time: 0.008333", "Frame Time:", "not a usable number"),
+        ("Frames: 3", "Frames: 4", (3, 4)),
+        ("Frames: 3", "Frames: 2", 2),
+        ("Frames: 3", "Frames: 0", ()),
+        ("Frames: 3", "Frames: -3", ()),
+        ("Frames: 3", "Frames: 300000", ()),
+        ("Frames: 3", "Frames: 9999999999999999999999", ()),
+        ("Frames: 3", "Count: 3", "MOTION"),
+        ("Frame Time: 0.008333", "Frame Time: 0", ()),
+        ("Frame Time: 0.008333", "Frame Time: -0.01", ()),
+        ("Frame Time: 0.008333", "Frame Time: 1e-300", ()),
+        ("Frame Time: 0.008333", "Frame Time: nan", ()),
+        ("Frame Time: 0.008333", "Frame Time:", ()),
     ],
 )
-def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, what: str) -> None:
+def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
     text = bvh_text()
     assert old in text
     path = write(tmp_path, text.replace(old, new, 1))
-    with pytest.raises(InputError, match=what) as caught:
+    with refuses(InputError, facts) as caught:
         read_bvh(path)
     place, _, number = caught.value.problems[0].where.rpartition(":")
     assert place == str(path)
-    if "frames than declared" not in what:
+    if new not in ("Frames: 4", "Frames: 2"):
         assert int(number) == text[: text.index(old)].count("\n") + 1
 
 
-@pytest.mark.parametrize(
-    ("value", "what"),
-    [
-        ("nan", "not a usable"),
-        ("inf", "not a usable"),
-        ("abc", "not a usable"),
-        ("1e10", "not a usable"),
-        ("1 2", "wrong number of values"),
-        ("", "wrong number of values"),
-    ],
-)
-def test_a_bad_value_in_a_frame_has_its_line(tmp_path: Path, value: str, what: str) -> None:
+@pytest.mark.parametrize("value", ["nan", "inf", "abc", "1e10", "1 2", ""])
+def test_a_bad_value_in_a_frame_has_its_line(tmp_path: Path, value: str) -> None:
     lines = bvh_text().splitlines()
     values = lines[-2].split()
     lines[-2] = " ".join([*values[:7], value, *values[8:]])
     path = write(tmp_path, "\n".join(lines))
-    with pytest.raises(InputError, match=what) as caught:
+    with refuses(InputError, f":{len(lines) - 1}") as caught:
         read_bvh(path)
     assert caught.value.problems[0].where == f"{path}:{len(lines) - 1}"
 
@@ -270,6 +261,6 @@ def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
 def test_what_is_told_about_recordings(shared: Path) -> None:
     notes = read_bvh(shared / "mocap/cmu_bvh_hahne/02_06.bvh").notes
     assert LOST_LENGTHS in notes and CALIBRATION_POSE in notes
-    assert any("stands along z" in note for note in read_bvh(shared / "mocap/other/bvh_test3.bvh").notes)
+    shows(read_bvh(shared / "mocap/other/bvh_test3.bvh").notes)
     orders = read_motion(shared / "mocap/other/bvh_test1.bvh").hierarchy.channels
     assert len({tuple(axis for kind, axis in channels if kind == "r") for channels in orders}) == 4

@@ -9,6 +9,7 @@ from motion_texts import bvh_text
 from retarget.errors import InputError
 from retarget.sources.bvh import read_bvh
 from retarget.sources.bvh_hierarchy import MAX_DEPTH, MAX_JOINTS
+from support.messages import Facts, refuses, shows
 
 
 def write(folder: Path, text: str) -> Path:
@@ -25,53 +26,52 @@ def test_braces_blanks_in_names_tabs_and_case(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "what"),
+    ("old", "new", "facts"),
     [
-        ("HIERARCHY", "ANARCHY", "not a BVH file"),
-        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS 4 Zrotation Xrotation Yrotation", "wrong channel count"),
-        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS three", "wrong channel count"),
-        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS", "wrong channel count"),
-        ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Zrotation Xrotatoin", "unknown channel.*Did you mean xrotation"),
-        ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Zrotation Zrotation", "a channel twice"),
-        ("JOINT LeftLeg", "JOINT LeftUpLeg", "joint defined twice"),
-        ("JOINT LeftLeg", "JOINT", "unknown statement"),
-        ("JOINT LeftLeg", "ROOT LeftLeg", "ROOT at the wrong place"),
-        ("OFFSET 9 -9 0", "OFFSET 9 -9", "OFFSET needs three numbers"),
-        ("OFFSET 9 -9 0", "OFFSET 9 nan 0", "not a usable number"),
-        ("OFFSET 9 -9 0", "OFFSET 9 x 0", "not a usable number"),
-        ("OFFSET 9 -9 0", "OFSET 9 -9 0", "unknown statement"),
-        ("MOTION", "}\nMOTION", "a '}' too many"),
-        ("MOTION", "ROOT second\n{\nOFFSET 0 0 0\n}\nMOTION", "a second ROOT"),
+        ("HIERARCHY", "ANARCHY", "BVH"),
+        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS 4 Zrotation Xrotation Yrotation", ()),
+        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS three", ()),
+        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS", ()),
+        ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Zrotation Xrotatoin", ("xrotatoin", "xrotation")),
+        ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Zrotation Zrotation", ()),
+        ("JOINT LeftLeg", "JOINT LeftUpLeg", "LeftUpLeg"),
+        ("JOINT LeftLeg", "JOINT", ()),
+        ("JOINT LeftLeg", "ROOT LeftLeg", "ROOT"),
+        ("OFFSET 9 -9 0", "OFFSET 9 -9", "OFFSET"),
+        ("OFFSET 9 -9 0", "OFFSET 9 nan 0", ()),
+        ("OFFSET 9 -9 0", "OFFSET 9 x 0", ()),
+        ("OFFSET 9 -9 0", "OFSET 9 -9 0", ()),
+        ("MOTION", "}\nMOTION", "'}'"),
+        ("MOTION", "ROOT second\n{\nOFFSET 0 0 0\n}\nMOTION", "ROOT"),
     ],
 )
-def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, what: str) -> None:
+def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
     text = bvh_text()
     assert old in text
     path = write(tmp_path, text.replace(old, new, 1))
-    with pytest.raises(InputError, match=what) as caught:
+    with refuses(InputError, facts) as caught:
         read_bvh(path)
     place, _, number = caught.value.problems[0].where.rpartition(":")
     assert place == str(path)
-    if "frames than declared" not in what:
-        assert int(number) == text[: text.index(old)].count("\n") + 1
+    assert int(number) == text[: text.index(old)].count("\n") + 1
 
 
 def test_absurd_skeletons_are_refused_without_recursion(tmp_path: Path) -> None:
     deep = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n" + "".join(
         f"JOINT j{i}\n{{\nOFFSET 0 1 0\n" for i in range(5 * MAX_DEPTH)
     )
-    with pytest.raises(InputError, match=f"nested up to {MAX_DEPTH}"):
+    with refuses(InputError, MAX_DEPTH):
         read_bvh(write(tmp_path, deep))
     wide = "".join(f"JOINT j{i}\n{{\nOFFSET 0 1 0\n}}\n" for i in range(MAX_JOINTS + 1))
-    with pytest.raises(InputError, match=f"up to {MAX_JOINTS} joints"):
+    with refuses(InputError, MAX_JOINTS):
         read_bvh(write(tmp_path, f"HIERARCHY\nROOT a\n{{\nOFFSET 0 0 0\n{wide}}}\nMOTION\n"))
 
 
 def test_a_skeleton_that_is_no_human_is_refused(tmp_path: Path) -> None:
     text = "HIERARCHY\nROOT tail\n{\nOFFSET 0 0 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n"
     text += "End Site\n{\nOFFSET 0 1 0\n}\n}\n"
-    with pytest.raises(InputError, match=r"no human skeleton recognised; found tail; allowed: a body"):
+    with refuses(InputError):
         read_bvh(write(tmp_path, text + "MOTION\nFrames: 1\nFrame Time: 0.01\n0 0 0\n"))
     # The right names on the wrong tree: the knee is no descendant of the hip.
     swapped = bvh_text(names={"LeftLeg": "LeftForeArm", "LeftForeArm": "LeftLeg"})
-    assert any("by the shape" in note for note in read_bvh(write(tmp_path, swapped)).notes)
+    shows(read_bvh(write(tmp_path, swapped)).notes)

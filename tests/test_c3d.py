@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from motion_texts import MARKERS, c3d_bytes
 from retarget.errors import InputError
 from retarget.sources.c3d import MarkerTracks, _metres, _one_subject, _up_axis, read_c3d, read_markers
+from support.messages import refuses
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
 
@@ -85,21 +86,21 @@ def test_units_unknown_and_unstated() -> None:
     tracks = MarkerTracks(("LANK",), np.zeros((1, 1, 3)), np.ones((1, 1), bool), 100.0, "", np.array([0.0, 0.0, 1.0]))
     assert _metres(tracks, None, Path("a.c3d")) == (0.001, ("unit not stated: taken as mm (change it with --unit)",))
     odd = MarkerTracks(tracks.labels, tracks.position, tracks.seen, 100.0, "furlong", tracks.up)
-    with pytest.raises(InputError, match="unknown unit in the file; found 'furlong'"):
+    with refuses(InputError, found="'furlong'"):
         _metres(odd, None, Path("a.c3d"))
     assert _metres(odd, "cm", Path("a.c3d"))[0] == 0.01
 
 
 def test_files_without_known_markers_are_refused_with_what_they_hold(tmp_path: Path) -> None:
     names = {name: f"M{i}" for i, name in enumerate(MARKERS)}
-    with pytest.raises(InputError, match=r"no known marker; found M0, M1.*LFHD"):
+    with refuses(InputError, "LFHD", found=("M0", "M1")):
         read_c3d(write(tmp_path, c3d_bytes(names=names)))
 
 
 @pytest.mark.parametrize("share", [0.01, 0.2, 0.4, 0.8, 0.95])
 def test_a_file_cut_short_is_refused(tmp_path: Path, share: float) -> None:
     content = c3d_bytes(40)
-    with pytest.raises(InputError, match=r"damaged C3D file|fewer frames than declared"):
+    with refuses(InputError):
         read_c3d(write(tmp_path, content[: int(share * len(content))]))
 
 
@@ -112,7 +113,7 @@ def test_what_is_no_c3d_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_without_the_package_the_error_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path, c3d_bytes())
     monkeypatch.setitem(sys.modules, "c3d", None)
-    with pytest.raises(InputError, match=r"pip install 'retarget\[c3d\]'"):
+    with refuses(InputError, "'retarget[c3d]'"):
         read_c3d(path)
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from retarget.catalogue import Kind, entries, find, kind_of, shipped_folder, user_folder
 from retarget.errors import UsageError
+from support.messages import Facts, refuses
 
 
 @pytest.fixture
@@ -61,29 +62,29 @@ def test_paths(own: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "name", "part"),
     [
-        (Kind.ROBOT, "op33", r"unknown robot; found 'op33'; allowed: op3.*Did you mean op3\?"),
-        (Kind.ROBOT, "humn", r"allowed: op3, .*, or human, which only reconstructs.*Did you mean human\?"),
-        (Kind.PERFORMER, "sixx", r"unknown performer; .*Did you mean six\?"),
-        (Kind.PERFORMER, "", "unknown performer"),
-        (Kind.SCENE, "tabel", r"unknown scene; found 'tabel'; .*Did you mean table\?"),
-        (Kind.SCENE, "gone.yaml", "gone.yaml: there is no such scene"),
-        (Kind.ROBOT, "some/where", "some/where: there is no such robot"),
-        (Kind.PERFORMER, "gone.yaml", "gone.yaml: there is no such performer"),
-        (Kind.PERFORMER, "/", "there is no such performer"),
-        (Kind.PERFORMER, "a\0b", "unknown performer"),
-        (Kind.PERFORMER, "x" * 5000, "unknown performer"),
-        (Kind.PERFORMER, "x" * 5000 + ".yaml", "there is no such performer"),
-        (Kind.PERFORMER, "~nobody_of_that_name/x.yaml", "there is no such performer"),
+        (Kind.ROBOT, "op33", ("'op33'", "op3")),
+        (Kind.ROBOT, "humn", ("op3", "human")),
+        (Kind.PERFORMER, "sixx", "six"),
+        (Kind.PERFORMER, "", ()),
+        (Kind.SCENE, "tabel", ("'tabel'", "table")),
+        (Kind.SCENE, "gone.yaml", "gone.yaml"),
+        (Kind.ROBOT, "some/where", "some/where"),
+        (Kind.PERFORMER, "gone.yaml", "gone.yaml"),
+        (Kind.PERFORMER, "/", ()),
+        (Kind.PERFORMER, "a\0b", ()),
+        (Kind.PERFORMER, "x" * 5000, ()),
+        (Kind.PERFORMER, "x" * 5000 + ".yaml", ()),
+        (Kind.PERFORMER, "~nobody_of_that_name/x.yaml", ()),
     ],
 )
-def test_unknown_names_and_paths_are_refused(own: Path, kind: Kind, name: str, part: str) -> None:
-    with pytest.raises(UsageError, match=part) as caught:
+def test_unknown_names_and_paths_are_refused(own: Path, kind: Kind, name: str, part: Facts) -> None:
+    with refuses(UsageError, part) as caught:
         find(kind, name)
     assert len(str(caught.value)) < 1500
 
 
 def test_a_folder_without_a_robot_is_refused(own: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no such robot"):
+    with refuses(UsageError):
         find(Kind.ROBOT, tmp_path)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from exported import SLIDER, moved, saved, slider, with_servos
 from retarget.cli import main
+from support.messages import shows
 
 
 @pytest.fixture
@@ -40,17 +41,18 @@ def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.Captu
     assert code_of(run, "--to", to) == 0
     assert {path.name for path in run.parent.iterdir()} - before == {ENDINGS[to]}
     told = capsys.readouterr().out
-    assert "27 rows, one for each tick" in told and "10 rows of approach and 3 rows of brake" in told
+    shows(told, 27, 10, 3)
     place = run.parent / ENDINGS[to]
     stamp = place.stat().st_mtime_ns
     assert code_of(run, "--to", to) == 2
-    assert "there already" in capsys.readouterr().err and place.stat().st_mtime_ns == stamp
+    shows(capsys.readouterr().err)
+    assert place.stat().st_mtime_ns == stamp
 
 
 def test_all_phases_and_another_rate(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "here.csv"
     assert code_of(run, "--to", "csv", "--out", out, "--phase", "all", "--fps", "25") == 0
-    assert "20 rows at 25 Hz, resampled" in capsys.readouterr().out
+    shows(capsys.readouterr().out, 20, 25)
     header, *rows = out.read_text().splitlines()
     assert header.endswith("phase") and len(rows) == 20 and rows[0].endswith("approach")
 
@@ -109,13 +111,13 @@ def test_nothing_followed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     (tmp_path / "slider.xml").write_text(SLIDER)
     run = saved(moved(slider()), tmp_path / "run.npz", tmp_path / "slider.xml", phase=np.full(40, "approach"))
     assert code_of(run, "--to", "csv") == 2
-    assert "--phase all" in capsys.readouterr().err
+    shows(capsys.readouterr().err, "--phase")
 
 
 def test_what_fails_halfway_leaves_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = sorted(path.name for path in run.parent.iterdir())
     assert code_of(run, "--to", "lerobot", "--fps", "31.25") == 2
-    assert "whole frames per second" in capsys.readouterr().err
+    shows(capsys.readouterr().err)
     assert sorted(path.name for path in run.parent.iterdir()) == before
 
 

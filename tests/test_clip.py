@@ -1,5 +1,7 @@
 """A recording on ticks: frames kept bit for bit where they fall on one, cuts, speed, loops, mirror, refusals."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from retarget.frames import SensorFrames
 from retarget.performer import load_performer
 from retarget.sensor_grid import STEP_M
 from sim.performer import synthetic_performer
+from support.messages import refuses
 
 FIVE = load_performer("five")
 
@@ -99,16 +102,16 @@ def test_truth_is_reordered_and_unknown_joints_are_nan(frames: SensorFrames) -> 
     ],
 )
 def test_impossible_playback_is_refused(playback: dict[str, float]) -> None:
-    with pytest.raises(UsageError, match=r"--speed|--start|--end"):
+    with refuses(UsageError, re.compile(r"--(speed|start|end)")):
         Playback(**playback)  # type: ignore[arg-type]
 
 
 def test_what_the_recording_does_not_have_is_refused(frames: SensorFrames) -> None:
-    with pytest.raises(UsageError, match=r"no frame|enclose"):
+    with refuses(UsageError):
         lay(frames, start=500.0)
-    with pytest.raises(UsageError, match=r"lacks sensors.*no l_wrist"):
+    with refuses(UsageError, "l_wrist"):
         lay(frames.select(["head", "r_wrist", "l_ankle", "r_ankle"]))
-    with pytest.raises(UsageError, match="rate"):
+    with refuses(UsageError):
         lay(frames, 1e6)
-    with pytest.raises(UsageError, match="too long"):
+    with refuses(UsageError):
         lay(frames, 2000.0, speed=0.01)

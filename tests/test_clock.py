@@ -5,6 +5,7 @@ from datetime import UTC, date, datetime
 import pytest
 
 from hardware.clock import MonotonicClock, PacedClock, VirtualClock, process_cpu, thread_cpu, today, wall_to_monotonic
+from support.messages import refuses
 
 
 def test_virtual_time_moves_only_forward() -> None:
@@ -19,7 +20,7 @@ def test_virtual_time_moves_only_forward() -> None:
 
 @pytest.mark.parametrize("step", [-1e-9, float("nan"), float("inf")])
 def test_a_bad_step_is_refused(step: float) -> None:
-    with pytest.raises(ValueError, match="forward"):
+    with refuses(ValueError):
         VirtualClock().advance(step)
 
 

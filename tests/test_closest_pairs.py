@@ -5,6 +5,7 @@ import pytest
 
 from retarget.metrics.closest_pairs import IntArray, closest_pairs
 from retarget.rotations import FloatArray
+from support.messages import refuses
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -36,5 +37,5 @@ def test_one_posture_is_enough() -> None:
 
 
 def test_nothing_is_no_answer() -> None:
-    with pytest.raises(ValueError, match="0 pairs"):
+    with refuses(ValueError, 0):
         closest_pairs(lambda rows, pairs: np.zeros(0), np.zeros((3, 0)), tolerances=())

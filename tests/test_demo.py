@@ -8,6 +8,7 @@ import pytest
 
 from retarget.cli import main
 from retarget.cli.boundary import DONE, REFUSED
+from support.messages import mentions, shows
 
 
 def demo(*words: str | Path) -> int:
@@ -18,7 +19,7 @@ def demo(*words: str | Path) -> int:
 
 def test_the_help_says_which_bus(capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--help") == DONE
-    assert "emulated bus" in capsys.readouterr().out
+    mentions(capsys.readouterr().out, "--bus", "emulator")
 
 
 def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -40,7 +41,7 @@ def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
 def test_a_folder_that_is_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
     assert demo(tmp_path / "file") == REFUSED
-    assert "not a folder" in capsys.readouterr().err
+    shows(capsys.readouterr().err)
 
 
 def test_an_unknown_robot_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,4 +52,4 @@ def test_an_unknown_robot_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_a_demo_moves_no_real_servos(capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--bus", "profile") == REFUSED
-    assert "moves no real servos" in capsys.readouterr().err
+    shows(capsys.readouterr().err)

@@ -17,6 +17,7 @@ from hardware.servo import ServoMode, ServoSpec
 from retarget.gate import Gate
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.wire import Timing
+from support.messages import refuses
 
 FULL = 885  # PWM limit as delivered
 LINES = ("one", "two", "three")
@@ -53,11 +54,11 @@ def test_a_closed_bus_does_nothing(action: str) -> None:
         else:
             rig.bus.torque(False)
 
-    with pytest.raises(BusError, match="the bus is closed"):
+    with refuses(BusError):
         act()
     rig.ready().bus.close()
     rig.bus.close()
-    with pytest.raises(BusError, match="the bus is closed"):
+    with refuses(BusError):
         act()
     assert not rig.port.opened
 
@@ -81,7 +82,7 @@ def test_ports_cost_the_slowest_and_not_the_sum() -> None:
 
 def test_torque_needs_goals_first() -> None:
     rig = BusRig(specs(2)).ready()
-    with pytest.raises(BusError, match="no goals were sent"):
+    with refuses(BusError):
         rig.bus.torque(True)
     assert rig.shown("torque_enable") == [0, 0]
 
@@ -90,7 +91,7 @@ def test_torque_needs_goals_first() -> None:
 def test_goals_that_a_servo_does_not_have_are_not_sent(ticks: tuple[int, ...]) -> None:
     rig = BusRig(specs(2)).ready()
     before = len(rig.port.sent)
-    with pytest.raises(BusError, match="goal ticks out of range"):
+    with refuses(BusError):
         rig.bus.write(ServoGoals(np.array(ticks)))
     assert len(rig.port.sent) == before
 
@@ -130,7 +131,7 @@ def test_an_arm_that_moved_since_is_not_powered() -> None:
     rig = BusRig(specs(3)).ready()
     rig.tick()
     rig.devices[1].shaft.position += 100
-    with pytest.raises(BusError, match=r"j2 \(id 2\) from 2048 to 2148.*Torque was not switched on"):
+    with refuses(BusError, "j2", 2, 2048, "2148"):
         rig.bus.torque(True)
     assert rig.shown("torque_enable") == [0, 0, 0]
     assert not rig.bus.read().driven.any()
@@ -140,7 +141,7 @@ def test_a_servo_with_a_latched_error_refuses_and_closing_leaves_all_off() -> No
     rig = BusRig(specs(3)).ready()
     rig.tick()
     rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(2,)))
-    with pytest.raises(BusError, match=r"do not switch their torque on.*j2 \(id 2\) has latched OVERHEATING"):
+    with refuses(BusError, "j2", 2, "OVERHEATING"):
         rig.bus.torque(True)
     assert rig.shown("torque_enable") == [0, 0, 0]
     rig.bus.close()
@@ -150,10 +151,10 @@ def test_a_servo_with_a_latched_error_refuses_and_closing_leaves_all_off() -> No
 def test_torque_off_names_who_is_silent_and_switches_off_the_rest() -> None:
     rig = BusRig(specs(5)).ready(torque=True)
     rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
-    with pytest.raises(BusError, match=r"j3 \(id 3\) did not confirm that torque is off.*Cut the power by hand"):
+    with refuses(BusError, "j3", 3):
         rig.bus.torque(False)
     assert rig.shown("torque_enable") == [0, 0, 1, 0, 0]
-    with pytest.raises(BusError, match=r"j3 \(id 3\)"):
+    with refuses(BusError, "j3", 3):
         rig.bus.close()
     assert not rig.port.opened
     rig.bus.close()
@@ -165,7 +166,7 @@ def test_a_dead_port_does_not_keep_the_others_powered() -> None:
     rig.lines["arms"].faults.add(Fault(FaultKind.UNPLUG), rig.clock.now())
     with pytest.raises(BusError):
         rig.bus.read()
-    with pytest.raises(BusError, match="all of bus arms"):
+    with refuses(BusError):
         rig.bus.close()
     assert rig.shown("torque_enable") == [0, 1, 0]
     assert not rig.ports["main"].opened
@@ -189,7 +190,7 @@ def test_an_exception_while_torque_rises_leaves_it_to_closing() -> None:
     with pytest.raises(BusError):
         rig.bus.torque(True)
     assert rig.shown("torque_enable") == [1, 1, 1]
-    with pytest.raises(BusError, match="did not confirm"):
+    with refuses(BusError):
         rig.bus.close()
 
 

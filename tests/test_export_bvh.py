@@ -16,6 +16,7 @@ from retarget.human_posture import PostureReader
 from retarget.rotations import FloatArray, to_matrix
 from retarget.sources.bvh import pose_of, read_bvh, read_motion
 from rig import person
+from support.messages import refuses
 
 TO_WORLD = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """x forward is the file's z, y left its x, z up its y."""
@@ -140,5 +141,5 @@ def test_angles_do_not_leap(tmp_path: Path) -> None:
 def test_uneven_rows_are_refused() -> None:
     motion = moved(slider())
     motion.time[10:] += 0.005
-    with pytest.raises(InputError, match=r"not evenly spaced.*--fps"):
+    with refuses(InputError, "--fps"):
         write_bvh(motion, io.BytesIO())

@@ -3,6 +3,7 @@
 import io
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from retarget.exporting.reading import read_run
 from retarget.pipeline import Pipeline
 from retarget.save import write_npz
 from rig import StubReconstructor, person, result, scripted_run, short_clip
+from support.messages import Facts, refuses
 
 
 @pytest.fixture
@@ -64,9 +66,9 @@ def test_a_run_of_the_human_alone_needs_no_body_file(tmp_path: Path) -> None:
 
 def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> None:
     run = saved(motion, tmp_path / "run.npz", tmp_path / "gone" / "elsewhere.xml")
-    with pytest.raises(InputError, match=r"body is not there.*--body"):
+    with refuses(InputError, "--body"):
         read_run(run)
-    with pytest.raises(InputError, match=r"body is not there"):
+    with refuses(InputError):
         read_run(saved(motion, tmp_path / "long.npz", Path("x" * 5000)))
     assert read_run(run, body=body).joint_names == motion.joint_names
     body.rename(tmp_path / "elsewhere.xml")  # beside the run is where a colleague would have put it
@@ -76,27 +78,27 @@ def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> N
 def test_another_robots_body(motion: Motion, tmp_path: Path) -> None:
     other = tmp_path / "other.xml"
     other.write_text(SLIDER.replace('"swing"', '"swung"'))
-    with pytest.raises(InputError, match=r"do not belong together.*swing.*--body"):
+    with refuses(InputError, "swing", "--body"):
         read_run(saved(motion, tmp_path / "run.npz", other))
 
 
-BAD = {
-    "time": (np.arange(39) / 50.0, "shape"),
-    "joint_positions": (np.full((40, 3), np.nan), r"joint_positions.*nan in row 1"),
+BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
+    "time": (np.arange(39) / 50.0, "(39, 3)"),
+    "joint_positions": (np.full((40, 3), np.nan), ("joint_positions", "nan", 1)),
     "root_position": (np.full((40, 3), np.inf), "root_position"),
-    "root_quaternion": (np.zeros((40, 4)), "no unit quaternion"),
-    "joint_names": (np.arange(3), "texts"),
+    "root_quaternion": (np.zeros((40, 4)), "[0. 0. 0. 0.]"),
+    "joint_names": (np.arange(3), "joint_names"),
     "servo_positions": (np.zeros((40, 2)), "servo_positions"),
-    "goal_ticks": (np.zeros((40, 3)), "whole numbers"),
+    "goal_ticks": (np.zeros((40, 3)), "goal_ticks"),
     "landmarks_asked": (np.zeros((40, 1, 3)), "landmarks_asked"),
-    "phase": (np.full(40, "dance"), "unknown phase.*dance"),
+    "phase": (np.full(40, "dance"), ("phase", "dance")),
 }
 
 
 @pytest.mark.parametrize("key", BAD)
 def test_wrong_content_is_told_by_its_key(key: str, motion: Motion, body: Path, tmp_path: Path) -> None:
-    value, message = BAD[key]
-    with pytest.raises(InputError, match=message):
+    value, facts = BAD[key]
+    with refuses(InputError, facts):
         read_run(saved(motion, tmp_path / "run.npz", body, **{key: value}))
 
 
@@ -104,13 +106,13 @@ def test_wrong_content_is_told_by_its_key(key: str, motion: Motion, body: Path, 
 def test_time_goes_on(
     time: np.ndarray[tuple[int], np.dtype[np.float64]], motion: Motion, body: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=r"time|ticks"):
+    with refuses(InputError):
         read_run(saved(motion, tmp_path / "run.npz", body, time=time))
 
 
 def test_missing_keys_are_listed_all_at_once(motion: Motion, body: Path, tmp_path: Path) -> None:
     run = saved(motion, tmp_path / "run.npz", body, time=None, root_position=None)
-    with pytest.raises(InputError, match="no root_position, time"):
+    with refuses(InputError, "root_position"):
         read_run(run)
 
 
@@ -122,9 +124,9 @@ def test_what_is_no_run(tmp_path: Path) -> None:
         archive.writestr("time.npy", b"no array")
     (tmp_path / "folder.npz").mkdir()
     for name in ("text", "empty", "other", "zip", "folder", "missing"):
-        with pytest.raises(InputError, match=f"{name}.npz"):
+        with refuses(InputError, f"{name}.npz"):
             read_run(tmp_path / f"{name}.npz")
-    with pytest.raises(InputError, match=r"\.csv; allowed: .*\.npz"):
+    with refuses(InputError):
         read_run(tmp_path / "run.csv")
 
 
@@ -134,7 +136,7 @@ def test_pickles_are_never_loaded(motion: Motion, body: Path, tmp_path: Path) ->
     run = saved(motion, tmp_path / "run.npz", body, time=None)
     with zipfile.ZipFile(run, "a") as archive:
         archive.writestr("time.npy", stream.getvalue())
-    with pytest.raises(InputError, match="damaged"):
+    with refuses(InputError):
         read_run(run)
 
 

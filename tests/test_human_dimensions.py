@@ -16,6 +16,7 @@ from retarget.human_dimensions import (
     mirrored_dimensions,
     proportional_dimensions,
 )
+from support.messages import refuses
 
 
 def test_the_points_are_the_canonical_joints_parents_first() -> None:
@@ -63,11 +64,10 @@ def test_offsets_are_read_only() -> None:
 
 def test_what_is_no_human_is_refused() -> None:
     check_plausible(proportional_dimensions(1.7), source="file")
-    with pytest.raises(InputError, match=r"stature of 170 m.*unit"):
+    with refuses(InputError, 170):
         check_plausible(proportional_dimensions(170.0), source="file")
     stretched = proportional_dimensions(1.7)
     offset = np.array(stretched.offset)
     offset[[POINTS.index("l_knee"), POINTS.index("r_wrist")]] *= [[5.0], [0.1]]
-    with pytest.raises(InputError) as error:
+    with refuses(InputError, "l_hip", "l_knee", "r_elbow", "r_wrist"):
         check_plausible(replace(stretched, offset=offset), source="file")
-    assert "l_hip to l_knee" in str(error.value) and "r_elbow to r_wrist" in str(error.value)

@@ -8,6 +8,7 @@ from retarget import rotations
 from retarget.human import build_human
 from retarget.human_dimensions import POINTS, proportional_dimensions
 from retarget.human_posture import ORIENTED, HumanPosture, PostureReader
+from support.messages import refuses
 
 
 def test_reads_what_the_body_has() -> None:
@@ -33,7 +34,7 @@ def test_one_posture_is_read_as_many_are() -> None:
         assert (joints == reader.joints(rows)[i]).all()
         assert (orientations == reader.orientations(rows)[i]).all()
         assert (centre == reader.centre_of_mass(rows)[i]).all()
-    with pytest.raises(ValueError, match="entries"):
+    with refuses(ValueError):
         reader.read(rows[0, 1:])
 
 

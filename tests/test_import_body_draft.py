@@ -10,6 +10,7 @@ from retarget.errors import InputError
 from retarget.importing.body_draft import BodyDraft, draft_body, facing_x
 from retarget.importing.source import read_source
 from retarget.importing.urdf_source import Relaxed
+from support.messages import refuses, shows
 from unknown_robots import SHIPPED, humanoid, shipped_body
 
 TWO = """<mujoco><asset>{asset}</asset><worldbody><geom type="plane" size="1 1 1"/><light pos="0 0 1"/>
@@ -52,7 +53,7 @@ def test_names_that_no_profile_can_hold(tmp_path: Path) -> None:
     written = mujoco.MjModel.from_xml_string(body.content.decode())
     assert [written.body(i).name for i in range(1, 4)] == ["base_link", "link_2", "last"]
     assert [written.joint(i).name for i in range(2)] == ["joint_1", "j_2"]
-    assert "'base link' is now base_link" in body.notes[0]
+    shows(body.notes[0], "'base link'", "base_link")
     assert written.nlight == 0 and b"plane" not in body.content
     alike(body.model, written)
 
@@ -68,14 +69,14 @@ def test_a_mesh_becomes_a_shape(tmp_path: Path) -> None:
 def test_a_mesh_without_volume_is_a_shell(tmp_path: Path) -> None:
     mesh = '<mesh name="m" vertex="0 0 0  0.1 0 0  0.1 0.1 0  0 0.1 0  0.05 0.05 1e-3" face="0 1 2  0 2 3"/>'
     text = two(asset=mesh, geom='<geom type="mesh" mesh="m"/>' + BALL)
-    with pytest.raises(ValueError, match="volume is too small"):
+    with refuses(ValueError):
         mujoco.MjModel.from_xml_string(text)
     assert drafted(text, tmp_path).model.nmesh == 1
 
 
 def test_a_mesh_that_is_missing(tmp_path: Path) -> None:
     text = two(asset='<mesh name="m" file="gone.stl"/>', geom='<geom type="mesh" mesh="m"/>' + BALL)
-    with pytest.raises(InputError, match=r"meshes that cannot be read.*gone\.stl.*--no-meshes"):
+    with refuses(InputError, "gone.stl", "--no-meshes"):
         drafted(text, tmp_path)
     body = drafted(text, tmp_path, no_meshes=True)
     assert body.model.nmesh == 0 and "gone.stl" in body.notes[0]
@@ -92,14 +93,15 @@ def test_a_mesh_that_is_missing(tmp_path: Path) -> None:
 )
 def test_joints_that_no_servo_of_their_own_turns(kind: str, more: str, tmp_path: Path) -> None:
     text = two(kind=kind, more=more).replace("<joint axis", '<joint name="first" axis')
-    with pytest.raises(InputError, match=r"no servo of their own turns.*j/2.*--freeze"):
+    with refuses(InputError, "j/2", "--freeze"):
         drafted(text, tmp_path)
     body = drafted(text, tmp_path, freeze=True)
-    assert body.model.njnt == 1 and body.model.joint(0).name == "first" and "made rigid" in body.notes[0]
+    assert body.model.njnt == 1 and body.model.joint(0).name == "first"
+    shows(body.notes[0])
 
 
 def test_what_mujoco_refuses_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"body\.xml: not a usable body; found .*nonsense"):
+    with refuses(InputError, where="body.xml"):
         drafted(two(geom="<nonsense/>"), tmp_path)
 
 

@@ -1,32 +1,34 @@
 """Body files that are broken, hostile or something else: one message each, and nothing that hangs."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from retarget.errors import InputError
 from retarget.importing.source import MAX_DEPTH, read_source
+from support.messages import Facts, refuses
 from unknown_robots import humanoid
 
 LAUGHS = '<!DOCTYPE a [<!ENTITY x "ha"><!ENTITY y "&x;&x;&x;">]><robot name="&y;"/>'
-BAD = {
-    "broken": (humanoid()[:500], "not XML that can be read"),
-    "text": ("hello", "not XML that can be read"),
-    "binary": ("\x00\x01\x02", "not XML that can be read"),
-    "svg": ("<svg/>", "neither URDF nor MJCF.*<svg>"),
-    "entities": (LAUGHS, "document type"),
-    "external": ('<!DOCTYPE a SYSTEM "http://localhost/a.dtd"><robot/>', "document type"),
-    "deep": ("<mujoco>" + "<body>" * (MAX_DEPTH + 1), f"more than {MAX_DEPTH} deep"),
+BAD: dict[str, tuple[str, Facts]] = {
+    "broken": (humanoid()[:500], "XML"),
+    "text": ("hello", "XML"),
+    "binary": ("\x00\x01\x02", "XML"),
+    "svg": ("<svg/>", ("URDF", "MJCF", "<svg>")),
+    "entities": (LAUGHS, ()),
+    "external": ('<!DOCTYPE a SYSTEM "http://localhost/a.dtd"><robot/>', ()),
+    "deep": ("<mujoco>" + "<body>" * (MAX_DEPTH + 1), MAX_DEPTH),
     "xacro": ('<robot xmlns:xacro="x"><xacro:macro name="a"></robot>', "xacro robot.xacro"),
-    "xacro without its name": ('<robot><xacro:include filename="a"/></robot>', "unbound prefix.*xacro robot.xacro"),
+    "xacro without its name": ('<robot><xacro:include filename="a"/></robot>', "xacro robot.xacro"),
     "xacro that is sound XML": (
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
-        "yet to be made; found <xacro:include>.*xacro robot.xacro",
+        ("<xacro:include>", "xacro robot.xacro"),
     ),
-    "itself": ('<mujoco><include file="body.xml"/></mujoco>', "includes that never end"),
-    "absent": ('<mujoco><include file="other.xml"/></mujoco>', "other.xml: cannot read"),
-    "device": ('<mujoco><include file="/dev/zero"/></mujoco>', "/dev/zero: cannot read.*not a regular file"),
-    "empty": ("", "0 bytes"),
+    "itself": ('<mujoco><include file="body.xml"/></mujoco>', ()),
+    "absent": ('<mujoco><include file="other.xml"/></mujoco>', "other.xml"),
+    "device": ('<mujoco><include file="/dev/zero"/></mujoco>', "/dev/zero"),
+    "empty": ("", 0),
 }
 
 
@@ -34,7 +36,7 @@ BAD = {
 def test_what_is_refused(case: str, tmp_path: Path) -> None:
     path = tmp_path / "body.xml"
     path.write_text(BAD[case][0], encoding="utf-8")
-    with pytest.raises(InputError, match=BAD[case][1]) as caught:
+    with refuses(InputError, BAD[case][1]) as caught:
         read_source(path)
     assert len(caught.value.problems) == 1
 
@@ -48,13 +50,13 @@ def test_a_urdf_that_xacro_made_keeps_the_name_of_xacro(tmp_path: Path) -> None:
 def test_entities_are_found_in_any_encoding(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
     path.write_bytes(('<?xml version="1.0" encoding="utf-16"?>' + LAUGHS).encode("utf-16"))
-    with pytest.raises(InputError, match="document type"):
+    with refuses(InputError):
         read_source(path)
 
 
 @pytest.mark.parametrize("name", ["nosuch.urdf", ".", "/dev/zero", "a" * 5000, "a\0b"])
 def test_what_is_no_file(name: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot read the body"):
+    with refuses(InputError, varies=re.compile("a{9,}")):
         read_source(tmp_path / name if name != "/dev/zero" else Path(name))
 
 
@@ -63,7 +65,7 @@ def test_includes_that_include(tmp_path: Path) -> None:
     (tmp_path / "b.xml").write_text(f"<mujoco><worldbody><body/></worldbody>{'<!-- -->' * 3}</mujoco>")
     assert read_source(tmp_path / "a.xml").included
     (tmp_path / "b.xml").write_text(LAUGHS)
-    with pytest.raises(InputError, match=r"b\.xml:1: not a usable body"):
+    with refuses(InputError, where="b.xml:1"):
         read_source(tmp_path / "a.xml")
 
 

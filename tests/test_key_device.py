@@ -9,6 +9,7 @@ import pytest
 
 from hardware.errors import HardwareError
 from hardware.key_device import EVENT, KeyDevice
+from support.messages import refuses
 
 KEY_B, BTN_TRIGGER = 48, 0x120
 
@@ -107,13 +108,13 @@ def test_whatever_bytes_come_nothing_raises_and_a_release_releases(pedal: Pedal)
 
 
 def test_what_is_no_device_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(HardwareError, match=r"event9: the device cannot be opened: No such file.*by-id"):
+    with refuses(HardwareError, "event9"):
         KeyDevice(str(tmp_path / "event9"))
     (tmp_path / "file").write_bytes(b"")
     for path in (str(tmp_path / "file"), "/dev/null"):
-        with pytest.raises(HardwareError, match="no event device"):
+        with refuses(HardwareError):
             KeyDevice(path)
-    with pytest.raises(HardwareError, match="cannot be opened"):
+    with refuses(HardwareError):
         KeyDevice("a\0b")
 
 
@@ -122,5 +123,5 @@ def test_without_permission_it_says_what_to_do(pedal: Pedal, monkeypatch: pytest
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(os, "open", forbidden)
-    with pytest.raises(HardwareError, match=r"not for this user.*usermod -aG input"):
+    with refuses(HardwareError, "usermod"):
         KeyDevice(pedal.path)

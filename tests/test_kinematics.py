@@ -9,6 +9,7 @@ import pytest
 from oracles.problem import Array
 from oracles.trees import Tree, random_tree
 from retarget import _solver
+from support.messages import refuses
 
 SEEDS = range(40)
 EXACT = 1e-12
@@ -158,5 +159,5 @@ def test_arrays_of_wrong_shape_are_refused(field: int) -> None:
 
 def test_postures_of_wrong_length_are_refused() -> None:
     body = body_of(random_tree(1))
-    with pytest.raises(ValueError, match="q has"):
+    with refuses(ValueError):
         body.forward(np.zeros(body.nq + 1))

@@ -11,6 +11,7 @@ from hardware.guard_state import GuardState, StopCause
 from hardware.joint_map import JointMap
 from hardware.line_health import DEAF_CYCLES, DEAF_S, MOST_ROUGH, LineHealth
 from sim.mock_faults import FaultKind, MockFault
+from support.messages import shows
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def test_what_was_never_heard_is_not_lost(states: ServoStates) -> None:
 def test_a_rough_line_is_told(states: ServoStates) -> None:
     health = LineHealth(MAP)
     assert health.rough(replace(states, rough=MOST_ROUGH - 0.01)) is None
-    assert "noisy line" in (health.rough(replace(states, rough=0.75)) or "")
+    shows(health.rough(replace(states, rough=0.75)))
 
 
 def test_the_guard_cuts_when_a_bus_is_deaf() -> None:

@@ -10,6 +10,7 @@ from followers import op3
 from retarget.viewer.live_page import STOPPING_WORDS, LivePage, moment_of
 from retarget.viewer.wire import LiveRow
 from retarget.viewer.zero_moment import MassMotion
+from support.messages import shows
 from viewed import cast_of_op3, person
 
 
@@ -65,7 +66,8 @@ def test_rows_are_drawn_and_the_end_is_told(watched: Watched) -> None:
     watched.page.show(row(60, state="stopped"))
     assert "STOPPED" in watched.letters, "what is new is said at once"
     watched.page.end("over <b>")
-    assert "over &lt;b&gt;" in watched.letters and watched.page._button.disabled
+    shows(watched.letters)
+    assert watched.page._button.disabled
 
 
 def test_nothing_is_drawn_for_nobody_but_all_is_kept_for_the_plot(watched: Watched) -> None:

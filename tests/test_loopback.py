@@ -12,6 +12,7 @@ from sim.emulator.line import Line
 from sim.emulator.loopback import EmulatedPort
 from sim.emulator.wire import Timing
 from stub_devices import StubDevice
+from support.messages import refuses
 
 PING_STATUS = bytes.fromhex("FF FF FD 00 01 07 00 55 00 06 04 26 65 5D")
 
@@ -100,15 +101,15 @@ def test_a_closed_port_refuses_everything_and_closes_twice() -> None:
     port.close()
     port.close()
     for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.wait(1.0), lambda: port.set_baud(9600)):
-        with pytest.raises(BusError, match="closed"):
+        with refuses(BusError):
             use()
 
 
 def test_it_is_opened_once_and_at_a_rate_above_zero() -> None:
     port = _port(VirtualClock())
-    with pytest.raises(BusError, match="busy"):
+    with refuses(BusError):
         port.open(57600)
-    with pytest.raises(BusError, match="no such baud rate"):
+    with refuses(BusError):
         port.set_baud(0)
 
 
@@ -118,10 +119,10 @@ def test_a_lost_adapter_raises_and_is_opened_again_when_it_is_back() -> None:
     state = FaultState(devices, faults=[Fault(FaultKind.UNPLUG, start=1.0, end=2.0)])
     port = EmulatedPort(Line(devices, faults=state), clock)
     port.open(1_000_000)
-    with pytest.raises(BusError, match="no such port"):
+    with refuses(BusError):
         while not port.wait(1.5):
             pass
-    with pytest.raises(BusError, match="no such port"):
+    with refuses(BusError):
         port.open(1_000_000)
     clock.sleep_until(2.5)
     port.open(1_000_000)

@@ -19,6 +19,7 @@ from retarget.performer import Performer, load_performer
 from retarget.rotations import FloatArray, from_axis_angle, rotate
 from retarget.samples import Performance
 from sim.faults.sender import FakeSender, Poses, SenderFault, lost, silent
+from support.messages import refuses, shows
 
 COUNTDOWN_S = 0.2
 
@@ -94,7 +95,7 @@ def test_measured_anew_where_it_is_asked() -> None:
 @pytest.mark.parametrize("stature", [1.4, 2.1])
 def test_somebody_else_is_refused(stature: float) -> None:
     write_person(person_of("anna", proportional_dimensions(stature), sensors=("head",), date="2020-01-01"))
-    with pytest.raises(InputError, match=r"not of the size that is known.*--recalibrate"):
+    with refuses(InputError, "--recalibrate"):
         begun()
 
 
@@ -102,7 +103,7 @@ def test_a_file_that_is_unsound_is_refused_before_the_stream_is_waited_for() -> 
     path = write_person(person_of("anna", proportional_dimensions(1.7), sensors=("head",), date="2020-01-01"))
     path.write_text(path.read_text().replace("layout: 1", "layout: 7"))
     clock = VirtualClock()
-    with pytest.raises(ConfigError, match="another layout"):
+    with refuses(ConfigError):
         begin_live(
             live_stream(FakeSender(), five()),
             LiveOptions(person="anna"),
@@ -119,7 +120,7 @@ def test_without_ankles_the_floor_is_as_far_below_the_head_as_the_person_is_tall
     begun(worn, performer=three)
     found, _, _ = begun(worn, placed(0.0, (0.0, 0.0, 0.06)), performer=three)
     assert origin(found)[2] == pytest.approx(0.06, abs=0.004)
-    with pytest.raises(InputError, match="m above the floor"):
+    with refuses(InputError):
         begun(worn, placed(0.0, (0.0, 0.0, 0.5)), performer=three)
 
 
@@ -140,7 +141,7 @@ def test_a_stream_that_falls_silent_is_told_as_the_reason_and_no_tracker_is_blam
         stream.listen(0.01 * tick, moving=False)
     clock.advance(0.4)
     options = LiveOptions(patience=2.0, countdown=COUNTDOWN_S)
-    with pytest.raises(InputError, match=r"calibration: nothing has arrived for \d\.\d s: see that the sender runs"):
+    with refuses(InputError):
         measure(stream, options, None, clock=clock, where=WHERE, tell=said.append)
     assert sum("nothing has arrived for 1.0 s" in text for text in said) == 1
 
@@ -156,7 +157,7 @@ def test_what_was_in_the_way_for_longest_is_told_and_not_what_came_last() -> Non
 
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=[hidden_and_moved]), five())
     options = LiveOptions(patience=3.5, countdown=COUNTDOWN_S)
-    with pytest.raises(InputError, match="sensors are not fresh; found head"):
+    with refuses(InputError, found="head"):
         measure(stream, options, None, clock=clock, where=WHERE, tell=lambda text: None)
     assert clock.now() > 4.5
 
@@ -175,7 +176,8 @@ def test_a_busy_machine_is_not_taken_for_a_silent_stream() -> None:
     with suppress(InputError):  # with so few looks nobody can be measured
         options = LiveOptions(patience=6.0, countdown=0.0)
         measure(stream, options, None, clock=clock, where=WHERE, tell=said.append)
-    assert stream.arrived > 600 and not any("nothing has arrived" in text for text in said)
+    assert stream.arrived > 600
+    shows(said)
 
 
 def test_nobody_stands_still_for_a_sensor_that_the_sender_never_tells() -> None:

@@ -11,6 +11,7 @@ from hardware.errors import BusError
 from servos import four_servos, waist_servos
 from sim.mock_bus import MockBus
 from sim.mock_faults import FaultKind, MockFault
+from support.messages import refuses
 
 SERVOS = four_servos()
 START = np.array([2048, 2100, 2048, 512])
@@ -143,16 +144,16 @@ def test_an_alert_stays_and_takes_the_torque() -> None:
 
 @pytest.mark.parametrize("ticks", [[4096, 0, 0, 0], [0, 0, 0, 1024], [-1, 0, 0, 0], [0, 0, 0]])
 def test_ticks_that_no_servo_has_are_refused(ticks: list[int]) -> None:
-    with pytest.raises(BusError, match="range"):
+    with refuses(BusError):
         opened()[0].write(ServoGoals(np.array(ticks)))
 
 
 def test_a_dead_bus_raises() -> None:
     bus, _ = opened(MockFault(FaultKind.READ_FAILS, first=0, cycles=1), MockFault(FaultKind.WRITE_FAILS, 1, 1))
-    with pytest.raises(BusError, match="no answer"):
+    with refuses(BusError):
         bus.read()
     bus.read()
-    with pytest.raises(BusError, match="takes no data"):
+    with refuses(BusError):
         bus.write(ServoGoals(GOAL))
     bus.read()
     bus.write(ServoGoals(GOAL))
@@ -164,7 +165,7 @@ def test_closing_switches_torque_off_and_closed_is_closed() -> None:
     bus.close()
     bus.close()
     assert not bus.torque_on
-    with pytest.raises(BusError, match="closed"):
+    with refuses(BusError):
         bus.read()
 
 
@@ -176,7 +177,7 @@ def test_torque_that_a_servo_does_not_hear_is_named_and_the_others_are_off() -> 
     bus.read()
     switches: tuple[Callable[[], None], ...] = (lambda: bus.torque(False), bus.close)
     for switch in switches:
-        with pytest.raises(BusError, match=r"torque off: no answer from elbow \(id 2\)"):
+        with refuses(BusError, "elbow", 2):
             switch()
     assert bus._torque.tolist() == [False, True, False, False]
     bus.close()  # is closed, and allowed
@@ -191,5 +192,5 @@ def test_servos_of_many_turns_take_goals_beyond_one() -> None:
     bus.torque(True)
     clock.advance(30.0)
     assert bus.read().position.tolist() == goals.tolist()
-    with pytest.raises(BusError, match="out of range"):
+    with refuses(BusError):
         bus.write(ServoGoals(np.array([-1, 0, 0, 0])))

@@ -23,6 +23,7 @@ from retarget.rotations import angle_between, rotate
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.natnet_wire import Version
 from retarget.sources.stream_frame import MAX_POSES, StreamFrame
+from support.messages import refuses
 
 HALF = float(np.sqrt(0.5))
 ANN = 5 << 16
@@ -218,7 +219,7 @@ def test_an_empty_frame_is_a_frame() -> None:
 
 
 def test_options() -> None:
-    with pytest.raises(UsageError, match="global or local"):
+    with refuses(UsageError):
         NatnetDecoder(bones="both")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="y or z"):
+    with refuses(UsageError):
         NatnetDecoder(up="x")  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from retarget.live.address import StreamAddress, parse_address
 from retarget.live.datagram import Datagram
 from retarget.live.natnet_receiver import NOT_THE_SERVER, REJOIN_S, NatnetReceiver, session_for
 from retarget.sources.natnet_wire import MessageId, Version, split
+from support.messages import refuses, shows
 
 GROUP = "239.255.42.99"
 UNICAST = parse_address("natnet://127.0.0.1")
@@ -99,7 +100,8 @@ def test_a_group_that_cannot_be_joined_is_told_and_tried_again() -> None:
             before = receiver._frames
             server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
             heard(receiver, 1)
-            assert "is taken" in receiver.trouble and receiver._frames is before
+            shows(receiver.trouble)
+            assert receiver._frames is before
         receiver.poll(CLOCK.now())
         assert receiver.trouble, "not before its time"
         receiver.poll(CLOCK.now() + REJOIN_S)
@@ -117,7 +119,7 @@ def test_what_others_send_is_not_the_servers_word() -> None:
 
 def test_a_group_without_interface_is_refused_at_start() -> None:
     address = replace(MULTICAST, interface="203.0.113.77")
-    with pytest.raises(InputError, match="no interface with such an address"):
+    with refuses(InputError):
         NatnetReceiver(address, session_for(address))
 
 

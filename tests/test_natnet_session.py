@@ -16,6 +16,7 @@ from retarget.sources.natnet_wire import (
     definitions_request,
     keep_alive_message,
 )
+from support.messages import Facts, refuses
 
 V41, V44 = Version(4, 1), Version(4, 4)
 CATALOGUE = definitions(Catalogue(bodies=[Body("Quad", 1)]), V41)
@@ -229,14 +230,14 @@ def test_damage_changes_nothing() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"transport": "broadcast"}, "unicast or multicast"),
-        ({"version": Version(2, 9)}, "3.0 to 4.x"),
-        ({"version": Version(5, 0)}, "3.0 to 4.x"),
-        ({"keep_alive_s": 0.0}, "0.1 to 60"),
-        ({"retry_s": float("nan")}, "0.1 to 60"),
-        ({"echo_s": -1.0}, "0.1 to 60"),
+        ({"transport": "broadcast"}, ()),
+        ({"version": Version(2, 9)}, ("3.0", "4.x")),
+        ({"version": Version(5, 0)}, ("3.0", "4.x")),
+        ({"keep_alive_s": 0.0}, ("0.1", 60)),
+        ({"retry_s": float("nan")}, ("0.1", 60)),
+        ({"echo_s": -1.0}, ("0.1", 60)),
     ],
 )
-def test_settings_that_cannot_be(wrong: dict[str, object], message: str) -> None:
-    with pytest.raises(UsageError, match=message):
+def test_settings_that_cannot_be(wrong: dict[str, object], message: Facts) -> None:
+    with refuses(UsageError, message):
         SessionSettings(**wrong)  # type: ignore[arg-type]

@@ -12,6 +12,7 @@ from retarget.live.performer import LivePerformer
 from retarget.live.roles import roles_of
 from retarget.performer import Performer, load_performer
 from sim.faults.sender import FakeSender, Poses, SenderFault
+from support.messages import refuses
 
 
 def only(*names: str) -> SenderFault:
@@ -34,14 +35,14 @@ def begun(performer: Performer, *faults: SenderFault) -> LivePerformer:
 
 @pytest.mark.parametrize(("name", "lacking"), [("six", "pelvis"), ("ten", "l_knee")])
 def test_a_listed_role_that_the_stream_lacks_is_refused_by_name(name: str, lacking: str) -> None:
-    with pytest.raises(InputError, match=rf"missing in the stream; found .*no {lacking} \({lacking}\).*--performer"):
+    with refuses(InputError, lacking, "--performer"):
         begun(load_performer(name), FIVE)
 
 
 @pytest.mark.parametrize("lost", ["pelvis", "l_ankle"])
 def test_what_carries_is_waited_for(lost: str) -> None:
     kept = [name for name in load_performer("six").sensors if name != lost]
-    with pytest.raises(InputError, match=f"found no {lost}"):
+    with refuses(InputError, found=lost):
         begun(load_performer("six"), lambda time, poses: {name: poses[name] for name in kept if name in poses})
 
 
@@ -60,7 +61,7 @@ def test_all_takes_what_there_is_and_moves() -> None:
 def test_a_file_without_wrists_is_refused_at_once() -> None:
     plain = load_performer("five")
     without = plain.model_copy(update={"sensors": {name: plain.sensors[name] for name in ("head", "l_ankle")}})
-    with pytest.raises(UsageError, match="without l_wrist, r_wrist"):
+    with refuses(UsageError, "l_wrist", "r_wrist"):
         begun(without)
 
 
@@ -68,7 +69,7 @@ def test_vrchat_without_wrists_is_refused_at_once_whatever_its_file_lists() -> N
     five = load_performer("five")
     sensors = {name: five.sensors[name] for name in ("head", "l_ankle", "r_ankle")}
     roles = roles_of(five.model_copy(update={"sensors": sensors}), "slimevr_vrchat", where="vr.yaml")
-    with pytest.raises(UsageError, match=r"without l_wrist, r_wrist.*VRChat's trackers alone are not enough"):
+    with refuses(UsageError, "l_wrist", "r_wrist", "VRChat's"):
         refuse_unmeasurable(roles, where="vrchat://:9000")
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from retarget.metrics.observer_activity import nearest, observer_activity
+from support.messages import refuses
 
 
 def test_switches_are_counted_per_second_and_observer() -> None:
@@ -36,7 +37,7 @@ def test_calm_observers_have_no_worst_one() -> None:
 def test_nothing_is_known_of_nobody() -> None:
     assert observer_activity(np.zeros((0, 2), dtype=np.uint8), ("a", "b"), dt=0.1) is None
     assert observer_activity(np.zeros((5, 0), dtype=np.uint8), (), dt=0.1) is None
-    with pytest.raises(ValueError, match="1 names for 2 observers"):
+    with refuses(ValueError, 1, 2):
         observer_activity(np.zeros((5, 2), dtype=np.uint8), ("a",), dt=0.1)
 
 

@@ -9,6 +9,7 @@ import pytest
 from observed import CARTS, HALF_SPACE, POINT, Rig, aim, ball, binding, chain, rig, rod
 from retarget import _solver
 from retarget._solver import Solver, Task
+from support.messages import Facts, refuses
 
 DT = 0.02
 NAN = float("nan")
@@ -25,43 +26,46 @@ def carts(**instead: Any) -> _solver.Observers:
     [
         ({"kinds": np.array([0])}, "kinds"),
         ({"kinds": np.array([0, 0, 0])}, "kinds"),
-        ({"sizes": np.zeros((2, 2))}, r"sizes.*expected \(?2"),
-        ({"sizes": np.full((2, 3), NAN)}, "finite"),
-        ({"sizes": np.full((2, 3), -0.1)}, "negative"),
-        ({"sizes": np.full((2, 3), np.inf)}, "finite"),
+        ({"sizes": np.zeros((2, 2))}, ("sizes", 2)),
+        ({"sizes": np.full((2, 3), NAN)}, ()),
+        ({"sizes": np.full((2, 3), -0.1)}, ()),
+        ({"sizes": np.full((2, 3), np.inf)}, ()),
         ({"positions": np.zeros((1, 3))}, "positions"),
         ({"positions": np.full((2, 3), NAN)}, "positions"),
         ({"quats": np.zeros((2, 3))}, "quats"),
         ({"quats": np.full((2, 4), NAN)}, "quats"),
-        ({"influence": np.array([0.1])}, "influence has 1 entries.*expected 2"),
-        ({"influence": np.array([0.1, NAN])}, "influence NaN must be above margin"),
-        ({"influence": np.array([0.1, np.inf])}, "influence inf"),
-        ({"margin": np.array([0.1, 0.1])}, r"influence 0.1 must be above margin 0.1"),
-        ({"margin": np.array([0.0, -0.1])}, "must not be negative"),
-        ({"margin": np.array([0.0, NAN])}, "margin NaN"),
-        ({"margin": np.zeros(3)}, "margin 3"),
-        ({"kinds": np.array([0, HALF_SPACE])}, "bounded shape"),
-        ({"kinds": np.array([0, 4])}, "kind 4; 0 capsule"),
-        ({"kinds": np.array([0, -1])}, "kind -1"),
-        ({"links": np.array([1, 7])}, "found link 7"),
-        ({"links": np.array([1, -1])}, "link"),
-        ({"pairs": np.array([[0, 2]])}, r"pair \(0, 2\) is not of two of the 2"),
-        ({"pairs": np.array([[-1, 1]])}, "is not of two"),
-        ({"pairs": np.array([[1, 1]])}, r"pair \(1, 1\)"),
-        ({"pairs": np.zeros((1, 3), dtype=np.int64)}, "pairs have 3 columns"),
-        ({"pairs": np.asfortranarray(np.array([[0, 1], [1, 0]]))}, "pairs must be C-contiguous"),
-        ({"obstacle_pairs": np.array([[0, 1]])}, r"pair \(0, 1\) is not of one of the 2 observers and one of the 1"),
-        ({"obstacle_pairs": np.array([[2, 0]])}, "is not of one of the 2 observers"),
-        ({"obstacle_pairs": np.array([[0, 0]]), "obstacle_pair_margin": np.zeros(2)}, "obstacle_pair_margin needs 1"),
-        ({"obstacle_kinds": np.array([9])}, "kind 9"),
-        ({"obstacle_sizes": np.zeros((2, 3))}, "obstacle"),
-        ({"obstacle_sizes": np.full((1, 3), NAN)}, "finite"),
-        ({"obstacle_influence": np.array([0.01]), "obstacle_margin": np.array([0.02])}, "influence 0.01.*margin 0.02"),
+        ({"influence": np.array([0.1])}, ("influence", 1, 2)),
+        ({"influence": np.array([0.1, NAN])}, ("influence", "NaN", "margin")),
+        ({"influence": np.array([0.1, np.inf])}, "influence"),
+        ({"margin": np.array([0.1, 0.1])}, ("influence", "0.1", "margin")),
+        ({"margin": np.array([0.0, -0.1])}, ()),
+        ({"margin": np.array([0.0, NAN])}, ("margin", "NaN")),
+        ({"margin": np.zeros(3)}, ("margin", 3)),
+        ({"kinds": np.array([0, HALF_SPACE])}, ()),
+        ({"kinds": np.array([0, 4])}, (4, 0)),
+        ({"kinds": np.array([0, -1])}, -1),
+        ({"links": np.array([1, 7])}, 7),
+        ({"links": np.array([1, -1])}, ()),
+        ({"pairs": np.array([[0, 2]])}, (0, 2)),
+        ({"pairs": np.array([[-1, 1]])}, ()),
+        ({"pairs": np.array([[1, 1]])}, 1),
+        ({"pairs": np.zeros((1, 3), dtype=np.int64)}, 3),
+        ({"pairs": np.asfortranarray(np.array([[0, 1], [1, 0]]))}, ()),
+        ({"obstacle_pairs": np.array([[0, 1]])}, (0, 1, 2)),
+        ({"obstacle_pairs": np.array([[2, 0]])}, (2, 0)),
+        ({"obstacle_pairs": np.array([[0, 0]]), "obstacle_pair_margin": np.zeros(2)}, ("obstacle_pair_margin", 1)),
+        ({"obstacle_kinds": np.array([9])}, 9),
+        ({"obstacle_sizes": np.zeros((2, 3))}, ()),
+        ({"obstacle_sizes": np.full((1, 3), NAN)}, ()),
+        (
+            {"obstacle_influence": np.array([0.01]), "obstacle_margin": np.array([0.02])},
+            ("influence", "0.01", "margin", "0.02"),
+        ),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
 )
-def test_bad_observers_are_refused(instead: dict[str, Any], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_bad_observers_are_refused(instead: dict[str, Any], told: Facts) -> None:
+    with refuses(ValueError, told):
         carts(**instead)
 
 
@@ -73,11 +77,11 @@ def test_they_tell_how_many_they_are() -> None:
 @pytest.mark.parametrize("task", [Task.reactive, Task.preventive])
 def test_bad_tasks_are_refused(task: Callable[..., Task]) -> None:
     for speed in (0.0, -1.0, NAN, np.inf):
-        with pytest.raises(ValueError, match=r"speed is .*, expected positive m/s"):
+        with refuses(ValueError, "m/s"):
             task(speed=speed)
-    with pytest.raises(ValueError, match='against is "nobody", expected all, self or scene'):
+    with refuses(ValueError, '"nobody"'):
         task(against="nobody")
-    with pytest.raises(ValueError, match="of at most"):
+    with refuses(ValueError):
         task(of=[2**40])
     with pytest.raises(OverflowError):
         task(of=[-1])
@@ -88,20 +92,20 @@ def with_observers(levels: list[list[Task]], **more: Any) -> Solver:
 
 
 def test_solvers_refuse_what_does_not_fit_together() -> None:
-    with pytest.raises(ValueError, match='activation is "some", expected closest, ranked or all'):
+    with refuses(ValueError, "activation", '"some"', "closest", "ranked"):
         with_observers([[Task.preventive()]], activation="some")
-    with pytest.raises(ValueError, match="observer that is not among the 1"):
+    with refuses(ValueError, 1):
         with_observers([[Task.preventive(of=[1])]])
     posture = Task.posture(np.ones(3))
     for task in (Task.preventive(), Task.reactive()):
-        with pytest.raises(ValueError, match="observers cannot share the last level with a posture"):
+        with refuses(ValueError):
             with_observers([[posture, task]])
     with_observers([[Task.preventive()], [posture]])
 
 
 def test_a_solver_without_observers_has_no_obstacles() -> None:
     solver = rig(POINT, []).solver([[Task.position(1)]], observed=False)
-    with pytest.raises(ValueError, match="no observers"):
+    with refuses(ValueError):
         solver.set_obstacles(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
     assert solver.observer_modes.shape == (0,) and solver.observer_counts.shape == (0, 3)
     assert solver.clearance == (np.inf, np.inf)
@@ -118,15 +122,15 @@ def test_a_solver_without_observers_has_no_obstacles() -> None:
         ({"linear": np.full((1, 3), np.inf)}, "linear"),
         ({"angular": np.zeros((2, 3))}, "angular"),
         ({"angular": np.full((1, 3), NAN)}, "angular"),
-        ({"present": np.array([True, True])}, "present has 2 entries, expected 1"),
+        ({"present": np.array([True, True])}, (2, 1)),
     ],
     ids=str,
 )
-def test_bad_obstacle_poses_are_refused_and_change_nothing(instead: dict[str, Any], told: str) -> None:
+def test_bad_obstacle_poses_are_refused_and_change_nothing(instead: dict[str, Any], told: Facts) -> None:
     solver = with_observers([[Task.preventive()], [Task.position(1)]])
     good = {"position": np.array([[0.11, 0.0, 0.0]]), "quat": np.array([[1.0, 0.0, 0.0, 0.0]])}
     solver.set_obstacles(**good)
-    with pytest.raises(ValueError, match=told):
+    with refuses(ValueError, told):
         solver.set_obstacles(**(good | instead))
     assert solver.frame(aim(solver, l1_0=(0.03, 0.0, 0.0)), DT)[0] == pytest.approx(0.003, abs=1e-12)
 

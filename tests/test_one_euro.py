@@ -11,6 +11,7 @@ from retarget import rotations
 from retarget.live.one_euro import OneEuroSettings
 from retarget.live.pose_filter import PoseFilter
 from retarget.rotations import FloatArray
+from support.messages import refuses
 
 SETTINGS = OneEuroSettings(min_cutoff=1.0, beta=0.5, d_cutoff=1.0)
 
@@ -105,5 +106,5 @@ def test_rows_have_their_own_times_and_are_forgotten_one_by_one() -> None:
 
 @pytest.mark.parametrize("wrong", [{"min_cutoff": 0.0}, {"beta": -1.0}, {"d_cutoff": nan}, {"min_cutoff": inf}])
 def test_settings_that_are_none(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
+    with refuses(ValueError, next(iter(wrong))):
         OneEuroSettings(**wrong)

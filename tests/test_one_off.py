@@ -13,6 +13,7 @@ from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2
 from hardware.dynamixel.register import Register
 from hardware.errors import BusError
 from scripted_port import Replies, ScriptedPort, always, in_turn
+from support.messages import refuses
 
 TABLE = find_table("XM430-W350", 2)
 POSITION, GOAL = TABLE["present_position"], TABLE["goal_position"]
@@ -61,7 +62,7 @@ def test_protocol_1_has_no_reboot() -> None:
     port = ScriptedPort(always())
     servo = OneOff(port, 1)
     for ask in (servo.reboot, servo.clear, servo.factory_reset):
-        with pytest.raises(ServoError, match=r"protocol (2.0 only|1.0 resets everything)"):
+        with refuses(ServoError):
             ask(1)
     assert not port.sent
 
@@ -71,14 +72,14 @@ def test_ids_that_nobody_can_have(protocol: int, device: int) -> None:
     port = ScriptedPort(always())
     servo = OneOff(port, protocol)
     for ask in (servo.ping, lambda it: servo.scan([it]), lambda it: servo.read_block(it, 0, 2)):
-        with pytest.raises(ServoError, match=f"id {device}"):
+        with refuses(ServoError, device):
             ask(device)
     assert not port.sent
 
 
 def test_a_refusal_is_told_in_words_and_once() -> None:
     port = ScriptedPort(always(protocol2.status(5, Error2.ACCESS)))
-    with pytest.raises(ServoError, match=r"id 5, id: .*EEPROM is locked while torque is on") as raised:
+    with refuses(ServoError, 5, "EEPROM") as raised:
         OneOff(port, 2).write(5, TABLE["id"], 6)
     assert (raised.value.id, raised.value.register, raised.value.number) == (5, "id", Error2.ACCESS)
     assert len(port.sent) == 1
@@ -87,7 +88,7 @@ def test_a_refusal_is_told_in_words_and_once() -> None:
 def test_a_refused_read_brings_no_value() -> None:
     """An error status without data: the SDK ends in an IndexError."""
     port = ScriptedPort(always(protocol2.status(1, Error2.ACCESS)))
-    with pytest.raises(ServoError, match="present_position"):
+    with refuses(ServoError, "present_position"):
         OneOff(port, 2).read(1, POSITION)
 
 
@@ -158,7 +159,7 @@ def test_later_tries_are_more_patient() -> None:
 
 def test_tries_are_bounded_and_silence_is_told() -> None:
     port = ScriptedPort(always())
-    with pytest.raises(NoAnswer, match=r"scripted, id 1, goal_position: no answer to write 5.*3 tries, silence"):
+    with refuses(NoAnswer, 1, "goal_position", "5", 3):
         OneOff(port, 2).write(1, GOAL, 5)
     assert len(port.sent) == 3
     assert port.now() < 0.1  # after each, a late answer may pass
@@ -166,7 +167,7 @@ def test_tries_are_bounded_and_silence_is_told() -> None:
 
 def test_damage_is_told_from_silence() -> None:
     port = ScriptedPort(in_turn(_flipped(ANSWER), b"", _flipped(ANSWER)))
-    with pytest.raises(NoAnswer, match="2 damaged answers") as raised:
+    with refuses(NoAnswer, 2) as raised:
         OneOff(port, 2).read(1, POSITION)
     assert (raised.value.tries, raised.value.damaged) == (3, 2)
 
@@ -187,7 +188,7 @@ def test_written_values_can_be_verified() -> None:
     port = ScriptedPort(in_turn(protocol2.status(1), ANSWER))
     OneOff(port, 2).write(1, GOAL, 166, verify=True)
     port = ScriptedPort(in_turn(protocol2.status(1), ANSWER))
-    with pytest.raises(ServoError, match=r"did not keep 167; found 166"):
+    with refuses(ServoError, 167, 166):
         OneOff(port, 2).write(1, GOAL, 167, verify=True)
 
 
@@ -200,14 +201,14 @@ def test_a_muted_write_counts_when_it_reads_back() -> None:
 
 def test_a_value_wider_than_its_register_is_not_sent() -> None:
     port = ScriptedPort(always())
-    with pytest.raises(ServoError, match="id holds 0 to 255, not 256"):
+    with refuses(ServoError, 0, 255, 256):
         OneOff(port, 2).write(1, TABLE["id"], 256)
     assert not port.sent
 
 
 @pytest.mark.parametrize("length", [0, -1, 1000])
 def test_lengths_that_no_answer_has(length: int) -> None:
-    with pytest.raises(ServoError, match="1 to "):
+    with refuses(ServoError, 1):
         OneOff(ScriptedPort(always()), 2).read_block(1, 0, length)
 
 
@@ -228,7 +229,7 @@ def test_a_port_that_is_gone_says_so_and_works_when_it_is_back() -> None:
     port = ScriptedPort(always(ANSWER))
     servo = OneOff(port, 2)
     port.broken = True
-    with pytest.raises(BusError, match="gone"):
+    with refuses(BusError):
         servo.read(1, POSITION)
     port.broken = False
     assert servo.read(1, POSITION) == 166

@@ -10,6 +10,7 @@ from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.sources.files import MAX_FILE_BYTES
 from retarget.sources.open import open_source, recognise
+from support.messages import Facts, refuses
 
 pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
 
@@ -41,47 +42,49 @@ def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:
     (tmp_path / "other.asf").write_text(asf_text())
     (tmp_path / "lone.amc").write_text(amc_text())
     (tmp_path / "a.bvh").write_text(bvh_text())
-    with pytest.raises(InputError, match=r"no skeleton.*--skeleton"):
+    with refuses(InputError, "--skeleton"):
         open_source(tmp_path / "lone.amc")
     assert len(open_source(tmp_path / "lone.amc", skeleton=str(tmp_path / "other.asf"))) == 3
-    with pytest.raises(UsageError, match="belongs to an AMC only"):
+    with refuses(UsageError, "AMC"):
         open_source(tmp_path / "a.bvh", skeleton=tmp_path / "other.asf")
-    with pytest.raises(InputError, match=r"no such motion file"):
+    with refuses(InputError):
         open_source(tmp_path / "lone.amc", skeleton=tmp_path / "missing.asf")
 
 
 @pytest.mark.parametrize(
     ("name", "content", "what"),
     [
-        ("a.asf", asf_text(), "a skeleton without motion.*--skeleton"),
-        ("a.txt", asf_text(), "a skeleton without motion"),
-        ("a.fbx", "Kaydara FBX Binary", r"unknown kind of motion file; found suffix '.fbx'; allowed: amc, bvh, c3d"),
-        ("a", "something", r"unknown kind of motion file; found no suffix"),
-        ("a.bvh", "something", "not a BVH file"),
-        ("a.bvh", "\0\1\2", "not a text file; found a NUL byte"),
-        ("a.bvh", " \n ", "empty motion file"),
+        ("a.asf", asf_text(), "--skeleton"),
+        ("a.txt", asf_text(), ()),
+        ("a.fbx", "Kaydara FBX Binary", ("suffix", "'.fbx'", "amc", "bvh", "c3d")),
+        ("a", "something", "suffix"),
+        ("a.bvh", "something", "BVH"),
+        ("a.bvh", "\0\1\2", "NUL"),
+        ("a.bvh", " \n ", ()),
         ("a.c3d", "something", "C3D"),
-        ("a.amc", "", "empty motion file"),
+        ("a.amc", "", ()),
     ],
 )
-def test_what_cannot_be_read_is_refused_with_the_file_named(tmp_path: Path, name: str, content: str, what: str) -> None:
+def test_what_cannot_be_read_is_refused_with_the_file_named(
+    tmp_path: Path, name: str, content: str, what: Facts
+) -> None:
     path = tmp_path / name
     path.write_text(content)
-    with pytest.raises(InputError, match=what) as caught:
+    with refuses(InputError, what) as caught:
         open_source(path)
     assert str(path) in str(caught.value)
 
 
 def test_missing_files_folders_and_odd_paths_are_refused(tmp_path: Path) -> None:
-    for path, what in (
-        (tmp_path / "missing.bvh", "no such motion file"),
-        (tmp_path, "found a folder"),
-        (Path("/dev/null"), "a device or pipe"),
-        (tmp_path / "missing" / "x.amc", "no such motion file"),
-        (Path("a\0b.bvh"), "cannot read|no such"),
-        (tmp_path / ("x" * 5000), "cannot read"),
+    for path, facts in (
+        (tmp_path / "missing.bvh", ()),
+        (tmp_path, ()),
+        (Path("/dev/null"), ()),
+        (tmp_path / "missing" / "x.amc", ()),
+        (Path("a\0b.bvh"), ()),
+        (tmp_path / ("x" * 5000), ()),
     ):
-        with pytest.raises(InputError, match=what):
+        with refuses(InputError, facts):
             open_source(path)
 
 
@@ -91,7 +94,7 @@ def test_two_gigabytes_are_refused_before_they_are_read(tmp_path: Path, suffix: 
     with path.open("wb") as file:
         file.write(b"HIERARCHY\n" if suffix == "bvh" else b"\2P" if suffix == "c3d" else b"1\n")
         file.truncate(2 * 2**30)  # sparse: takes no room
-    with pytest.raises(InputError, match=f"too large; found 2048 MiB; allowed: up to {MAX_FILE_BYTES // 2**20} MiB"):
+    with refuses(InputError, found=(2048, "MiB"), allowed=(MAX_FILE_BYTES // 2**20, "MiB")):
         open_source(path)
 
 
@@ -113,14 +116,14 @@ def test_every_shared_file_opens_or_says_why(shared: Path) -> None:
 
 @pytest.mark.parametrize("address", ["vmc://:39539", Path("vmc://:39539"), "osc://host:1/x"])
 def test_live_sources_are_told_to_be_missing(address: str | Path) -> None:
-    with pytest.raises(InputError, match=r"(vmc|osc)://.*a live stream is no motion file.*retarget doctor ADDRESS"):
+    with refuses(InputError, "ADDRESS"):
         open_source(address)
 
 
 def test_binary_text_formats_say_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "a.bvh"
     path.write_bytes(b"HIERARCHY\0\1")
-    with pytest.raises(InputError, match="Unpack it"):
+    with refuses(InputError):
         open_source(path)
 
 
@@ -130,12 +133,12 @@ def test_a_recording_of_datagrams_is_told_as_such(tmp_path: Path, magic: bytes, 
     path = tmp_path / "session.udprec.gz"
     content = magic + bytes(range(256)) * 40
     path.write_bytes(gzip.compress(content) if packed else content)
-    with pytest.raises(InputError, match=r"no motion file.*retarget doctor replay:///.*session.*\?kind=vmc"):
+    with refuses(InputError, "replay:///", "?kind=vmc"):
         open_source(path)
 
 
 def test_a_packed_file_of_something_else_is_none(tmp_path: Path) -> None:
     for content in (gzip.compress(b"hello"), b"\x1f\x8b"):
         (tmp_path / "x.gz").write_bytes(content)
-        with pytest.raises(InputError, match="unknown kind of motion file"):
+        with refuses(InputError):
             open_source(tmp_path / "x.gz")

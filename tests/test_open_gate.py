@@ -5,6 +5,7 @@ import pytest
 
 from hardware.errors import HardwareError
 from retarget.open_gate import OpenGate
+from support.messages import refuses
 
 
 def test_goals_pass_and_braking_ends_at_rest() -> None:
@@ -22,5 +23,5 @@ def test_goals_pass_and_braking_ends_at_rest() -> None:
 @pytest.mark.parametrize("goal", [[np.nan, 0.0], [np.inf, 0.0], [0.0]])
 def test_what_no_servo_can_take(goal: list[float]) -> None:
     gate = OpenGate(np.full(2, 10.0), dt=0.1)
-    with pytest.raises(HardwareError, match="no gate"):
+    with refuses(HardwareError):
         gate.admit(np.array(goal))

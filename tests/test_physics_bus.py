@@ -11,6 +11,7 @@ from hardware.guard_state import GuardState
 from physics_rig import DT, PhysicsRig, op3, standing, ticks
 from retarget.gate import Gate
 from sim.physics.perturbation import Perturbation, Push
+from support.messages import refuses
 
 
 def test_it_is_a_servo_bus() -> None:
@@ -185,9 +186,9 @@ def test_what_it_refuses() -> None:
     rig = PhysicsRig()
     goal = standing()
     goal[3] = 5000
-    with pytest.raises(BusError, match="out of range"):
+    with refuses(BusError):
         rig.bus.write(ServoGoals(goal))
     rig.bus.close()
     for call in (rig.bus.read, lambda: rig.bus.write(ServoGoals(standing())), lambda: rig.bus.torque(True)):
-        with pytest.raises(BusError, match="closed"):
+        with refuses(BusError):
             call()

@@ -8,6 +8,7 @@ from physics_rig import op3, standing
 from sim.physics.perturbation import Push
 from sim.physics.simulation import LONGEST_S, Simulation
 from sim.physics_bus import simulation_of
+from support.messages import refuses
 
 ALL = np.ones(20, dtype=np.bool_)
 
@@ -59,7 +60,7 @@ def test_a_push_begins_and_ends_on_time() -> None:
 def test_what_diverges_is_said() -> None:
     simulation = running()
     simulation.data.qvel[8] = np.nan
-    with pytest.raises(BusError, match="diverged"):
+    with refuses(BusError):
         simulation.advance(0.1)
     simulation.advance(0.2)  # and after that nothing moves
 

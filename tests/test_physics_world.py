@@ -20,6 +20,7 @@ from sim.physics.mount import Mount, Support, mount_of
 from sim.physics.perturbation import Perturbation, Push
 from sim.physics.state import StateReader
 from sim.physics_bus import simulation_of
+from support.messages import refuses, shows
 
 HOOK = "neck"
 
@@ -92,7 +93,8 @@ def test_fixtures_stand_where_the_scene_has_them_and_what_moves_is_left_out() ->
         fixtures = [index for index in range(world.model.ngeom) if world.model.geom(index).name.startswith(FIXTURE)]
         assert len(fixtures) == count
         assert (world.owners[fixtures] == world.FIXTURES).all()
-    assert len(notes) == 1 and "moves" in notes[0]
+    assert len(notes) == 1
+    shows(notes[0])
 
 
 def test_on_a_stand_it_keeps_its_root_and_never_falls() -> None:
@@ -119,9 +121,9 @@ def test_on_a_gantry_it_hangs_below_its_hook() -> None:
 
 
 def test_a_hanging_robot_needs_a_hook_above_its_centre_of_mass() -> None:
-    with pytest.raises(ConfigError, match=r"frames: no hook point.*no frame 'hook'"):
+    with refuses(ConfigError, "'hook'"):
         simulation_of(op3(), start=standing(), mount=Mount(Support.GANTRY))
-    with pytest.raises(ConfigError, match="turn over"):
+    with refuses(ConfigError):
         simulation_of(op3(), start=standing(), mount=Mount(Support.GANTRY, hook="l_ankle"))
     assert mount_of(changed(root="suspended")) == Mount(Support.GANTRY)
     assert mount_of(changed(root="fixed")) == Mount(Support.STAND)
@@ -140,14 +142,14 @@ def test_legs_of_a_robot_whose_profile_holds_it_do_not_meet_the_floor(root: str,
 
 
 def test_a_robot_without_feet_does_not_stand() -> None:
-    with pytest.raises(ConfigError, match="does not stand on feet"):
+    with refuses(ConfigError):
         simulation_of(changed(feet={}), start=standing())
 
 
 def test_a_robot_without_gains_is_refused() -> None:
     servos = [replace(servo, gains=type(servo.gains)()) for servo in op3().joint_map.servos]
     robot = replace(op3(), joint_map=type(op3().joint_map)(servos))
-    with pytest.raises(ConfigError, match=r"20 servos without a P gain.*r_sho_pitch"):
+    with refuses(ConfigError, 20, "r_sho_pitch"):
         simulation_of(robot, start=standing())
 
 
@@ -156,7 +158,7 @@ def test_a_robot_without_masses_is_refused(tmp_path: Path) -> None:
     (tmp_path / "robot.yaml").write_text((folder / "robot.yaml").read_text())
     body = (folder / "body.xml").read_text()
     (tmp_path / "body.xml").write_text(re.sub(r"<inertial .*?/>", "", body))
-    with pytest.raises(ConfigError, match=r"links with a mass that is only guessed.*body_link"):
+    with refuses(ConfigError, "body_link"):
         simulation_of(load_robot(tmp_path / "robot.yaml"), start=standing())
 
 
@@ -164,7 +166,7 @@ def test_links_that_weigh_nothing_are_named() -> None:
     mass = op3().body.mass.copy()
     mass[op3().body.body_index("head_tilt_link")] = 0.0
     robot = replace(op3(), body=replace(op3().body, mass=mass))
-    with pytest.raises(ConfigError, match=r"1 link without a mass.*head_tilt_link"):
+    with refuses(ConfigError, 1, "head_tilt_link"):
         simulation_of(robot, start=standing())
 
 
@@ -172,5 +174,5 @@ def test_a_missing_engine_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, start = op3(), standing()
     monkeypatch.setitem(sys.modules, "mujoco", None)
     for start_of_it in (lambda: simulation_of(robot, start=start), lambda: load_robot("op3")):
-        with pytest.raises(ConfigError, match=r"MuJoCo is missing.*pip install"):
+        with refuses(ConfigError, "MuJoCo"):
             start_of_it()

@@ -16,6 +16,7 @@ from retarget.recording.played import played
 from retarget.recording.reading import Recording, TopicRows
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, SENSORS, SERVOS, TICK
 from retarget.viewer import from_mcap
+from support.messages import refuses
 
 
 @pytest.fixture(scope="module")
@@ -81,11 +82,9 @@ def nobody(rows: TopicRows) -> TopicRows:
     return TopicRows(rows.cycles, other)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"), [(shifted, "do not begin where a run begins"), (nobody, "nobody is there")]
-)
-def test_what_is_no_run_is_refused(change: Callable[[TopicRows], TopicRows], message: str, run: Recorded) -> None:
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize("change", [shifted, nobody])
+def test_what_is_no_run_is_refused(change: Callable[[TopicRows], TopicRows], run: Recorded) -> None:
+    with refuses(InputError):
         played(changed(run.played().recording, TICK, change))
 
 
@@ -93,18 +92,18 @@ def test_what_is_no_run_is_refused(change: Callable[[TopicRows], TopicRows], mes
 def test_a_topic_that_is_missing_is_named(topic: str, run: Recorded) -> None:
     recording = run.played().recording
     topics = {name: rows for name, rows in recording.topics.items() if name != topic}
-    with pytest.raises(InputError, match=f"lacks a topic; found no {topic}"):
+    with refuses(InputError, found=topic):
         played(replace(recording, topics=topics))
 
 
 def test_a_first_tick_that_lost_its_sensors_is_refused(run: Recorded) -> None:
-    with pytest.raises(InputError, match="nobody is there"):
+    with refuses(InputError):
         played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(1))))
 
 
 def test_more_ticks_than_there_can_be_are_refused(run: Recorded) -> None:
     recording = run.played().recording
-    with pytest.raises(InputError, match="more ticks than it says"):
+    with refuses(InputError):
         played(replace(recording, session=recording.session.model_copy(update={"ticks": 1})))
 
 
@@ -144,7 +143,7 @@ def test_a_field_that_is_missing_is_one_message_to_whoever_reads_it(
         if fine:
             read(run.path)
         else:
-            with pytest.raises(InputError, match=r"lacks something|do not belong together"):
+            with refuses(InputError):
                 read(run.path)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hardware.dynamixel import port_trouble
+from support.messages import shows
 
 
 @pytest.mark.parametrize(
@@ -30,7 +31,7 @@ def test_a_number_becomes_words(number: int, words: str) -> None:
 
 def test_a_speed_that_the_driver_refuses() -> None:
     error = port_trouble.why_not_open(os.devnull, 4_500_000, ValueError("custom baud rate"))
-    assert "no such baud rate; found 4500000" in str(error)
+    shows(str(error), 4500000)
 
 
 def _process(folder: Path, number: int, command: str, *held: Path) -> None:
@@ -86,6 +87,6 @@ def test_a_real_pseudo_terminal_knows_its_other_end() -> None:
 
 def test_who_may_use_a_port_is_told() -> None:
     error = port_trouble.why_not_open(os.devnull, 57_600, PermissionError(errno.EACCES, "no"))
-    assert "group" in str(error)
+    shows(str(error))
     error = port_trouble.why_not_open("/dev/none", 57_600, PermissionError(errno.EACCES, "no"))
-    assert "no rights" in str(error)
+    shows(str(error))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from retarget._solver import PoseRing
 from retarget.live.playout import EXTRAPOLATION_S, How, Played
 from retarget.rotations import IDENTITY, FloatArray
+from support.messages import refuses
 
 DEPTH = 5
 COUNT = 3
@@ -106,7 +107,7 @@ def test_clearing_forgets_everything() -> None:
 
 @pytest.mark.parametrize(("count", "depth"), [(0, 4), (1, 1)])
 def test_a_ring_that_keeps_nothing_is_refused(count: int, depth: int) -> None:
-    with pytest.raises(ValueError, match="at least"):
+    with refuses(ValueError):
         new(count, depth)
 
 
@@ -114,8 +115,8 @@ def test_bad_arrays_are_refused() -> None:
     ring, one = new(2, 4), np.ones(1, dtype=bool)
     place_, turn = np.zeros((1, 3)), np.array([IDENTITY])
     for rows in ([2], [-1]):
-        with pytest.raises(ValueError, match="does not exist"):
+        with refuses(ValueError):
             ring.push(np.array(rows), 1.0, place_, turn, one)
     for arrays in ((place_[:, :2], turn, one), (place_, turn[:, :3], one), (place_, turn, one[:0])):
-        with pytest.raises(ValueError, match="expected"):
+        with refuses(ValueError):
             ring.push(np.array([0]), 1.0, *arrays)

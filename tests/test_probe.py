@@ -8,6 +8,7 @@ from retarget.robot_body import load_robot
 from retarget.rotations import FloatArray
 from retarget.stance import plant
 from retarget.support import support_distance
+from support.messages import refuses
 
 ROBOT = load_robot("op3")
 BODY = ROBOT.body.solver_body()
@@ -57,11 +58,11 @@ def test_nan_in_a_posture_is_never_a_small_loss() -> None:
 
 
 def test_what_does_not_fit_is_refused() -> None:
-    with pytest.raises(ValueError, match="link 999 does not exist"):
+    with refuses(ValueError, 999):
         Probe(BODY, [999], np.zeros((1, 3)), [])
-    with pytest.raises(ValueError, match="link 999 does not exist"):
+    with refuses(ValueError, 999):
         Probe(BODY, [], np.zeros((0, 3)), [999])
-    with pytest.raises(ValueError, match="local has shape"):
+    with refuses(ValueError):
         Probe(BODY, [1], np.zeros((2, 3)), [])
-    with pytest.raises(ValueError, match="entries"):
+    with refuses(ValueError):
         Probe(BODY, LINKS, LOCAL, ORIENTED).read(np.zeros(3))

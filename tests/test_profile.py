@@ -12,6 +12,7 @@ from retarget.catalogue import shipped_folder
 from retarget.errors import ConfigError, UsageError
 from retarget.profile import RobotProfile, load_profile, read_profile
 from retarget.strict_yaml import parse
+from support.messages import refuses
 
 KEYS = [
     *(
@@ -74,7 +75,7 @@ def test_a_profile_cannot_be_changed() -> None:
 
 
 def test_unknown_robot_names_the_nearest() -> None:
-    with pytest.raises(UsageError, match=r"unknown robot; found 'op4'; allowed: .*op3.*Did you mean op3\?"):
+    with refuses(UsageError, "op3", found="'op4'", next_step="op3"):
         load_profile("op4")
 
 

@@ -11,6 +11,7 @@ from hardware.dynamixel import protocol1
 from hardware.dynamixel.packets import BROADCAST, Frame, Status
 from packet_vectors import ONE, Vector
 from sdk_port import SdkPort
+from support.messages import refuses
 
 
 @pytest.mark.parametrize("vector", ONE, ids=lambda vector: vector.printed.hex())
@@ -49,7 +50,7 @@ WRONG: dict[str, Callable[[], bytes]] = {
 
 @pytest.mark.parametrize("build", WRONG.values(), ids=WRONG.keys())
 def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
-    with pytest.raises(ValueError, match=r"allowed|range\(0, 256\)"):
+    with refuses(ValueError):
         build()
 
 

@@ -13,6 +13,7 @@ from hardware.dynamixel import protocol2
 from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Status
 from packet_vectors import FAST_BULK, FAST_SYNC, TWO, Vector
 from sdk_port import SdkPort
+from support.messages import refuses
 
 HOT = st.lists(st.sampled_from((0xFF, 0xFD, 0x00, 0x55)), max_size=40).map(bytes)
 BODIES = st.one_of(HOT, st.binary(max_size=60))
@@ -115,7 +116,7 @@ WRONG: dict[str, Callable[[], bytes]] = {
 
 @pytest.mark.parametrize("build", WRONG.values(), ids=WRONG.keys())
 def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
-    with pytest.raises(ValueError, match=r"allowed|range\(0, 256\)"):
+    with refuses(ValueError):
         build()
 
 

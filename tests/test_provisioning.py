@@ -8,6 +8,7 @@ from bus_rig import BusRig, bus_of, specs
 from hardware.dynamixel.packets import Instruction
 from hardware.errors import BusError
 from hardware.servo import ServoGains, ServoMode, ServoSpec
+from support.messages import refuses, shows
 
 GAINS = ServoGains(position_p=400, position_i=10, position_d=20, feedforward_1=5, feedforward_2=6)
 
@@ -57,7 +58,7 @@ def test_what_differs_is_written_once_and_kept() -> None:
         # A change of mode resets the gains: they come after everything in EEPROM.
         first_gain = min(told.index(table[name].address) for name in ("position_p_gain", "feedforward_1st_gain"))
         assert all(address >= table.eeprom_end for address in told[first_gain:])
-    assert "servo j2 (id 2): return_delay_time 250 -> 0, operating_mode 3 -> 4" in rig.notes
+    shows(rig.notes, "j2", 2, "return_delay_time", 250, 0, "operating_mode", 3, 4)
     assert rig.shown("torque_enable") == [0] * 3
 
 
@@ -89,7 +90,7 @@ def test_a_value_that_is_not_kept_is_named_and_the_ports_are_closed() -> None:
             store(register, value)  # type: ignore[arg-type]
 
     one.memory.store = forgetful  # type: ignore[method-assign]
-    with pytest.raises(BusError, match="id 2, position_p_gain: the servo did not keep 400; found 800"):
+    with refuses(BusError, 2, "position_p_gain", 400, 800):
         rig.bus.open()
     assert not rig.port.opened
 

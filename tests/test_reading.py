@@ -1,6 +1,7 @@
 """Reading a recording: whole, cut anywhere, damaged anywhere, and files that are none."""
 
 import json
+import re
 import struct
 from contextlib import suppress
 from dataclasses import replace
@@ -19,6 +20,7 @@ from retarget.recording.file import METADATA
 from retarget.recording.played import played
 from retarget.recording.reading import MAGIC, TopicRows, read_recording
 from retarget.recording.topics import SENSORS, TICK
+from support.messages import refuses, shows
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +60,7 @@ def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) 
         path.write_bytes(content[:cut])
         recording = read_recording(path)
         cycles = played(recording).cycles
-        assert "ends early" in recording.damage
+        shows(recording.damage, varies=re.compile(r"(?<=early)[:,].*"))
         assert len(cycles) == max(count for end, count in ends if end <= cut), cut
         np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
 
@@ -98,14 +100,14 @@ def test_a_flipped_bit_is_never_believed(content: bytes, tmp_path: Path) -> None
 def test_what_is_no_recording_is_refused(data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
-    with pytest.raises(InputError, match=r"no MCAP file|no recording of ours"):
+    with refuses(InputError):
         read_recording(path)
 
 
 def test_there_is_no_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No such file"):
+    with refuses(InputError):
         read_recording(tmp_path / "x.mcap")
-    with pytest.raises(InputError, match="directory"):
+    with refuses(InputError):
         read_recording(tmp_path)
 
 
@@ -120,18 +122,18 @@ def foreign(path: Path, metadata: dict[str, str] | None) -> None:
 
 def test_a_file_of_somebody_else_and_of_another_version(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
-    for metadata, message in (
-        (None, "no recording of ours"),
-        ({"format": "2", "session": "{}"}, "another version.*format 2; allowed: format 1"),
-        ({"format": "1", "session": "{}"}, "metadata are damaged; found another SHA-256"),
-        ({"format": "1"}, "metadata are damaged"),
+    for metadata, facts in (
+        (None, ()),
+        ({"format": "2", "session": "{}"}, (2, 1)),
+        ({"format": "1", "session": "{}"}, "SHA-256"),
+        ({"format": "1"}, ()),
         (
             {"format": "1", "session": "{}", "sha256": sha256(b"{}").hexdigest()},
-            "metadata are damaged; found .*required",
+            (),
         ),
     ):
         foreign(path, metadata)
-        with pytest.raises(InputError, match=message):
+        with refuses(InputError, facts):
             read_recording(path)
 
 
@@ -162,7 +164,7 @@ def without(content: bytes, path: Path, topic: str) -> None:
 def test_a_missing_topic_is_named(content: bytes, tmp_path: Path, topic: str) -> None:
     path = tmp_path / "run.mcap"
     without(content, path, topic)
-    with pytest.raises(InputError, match=f"lacks a topic; found no {topic}"):
+    with refuses(InputError, found=topic):
         played(read_recording(path.with_suffix(".less.mcap")))
 
 
@@ -186,13 +188,13 @@ def test_hostile_layouts_are_refused(tmp_path: Path, content: bytes) -> None:
             channel = writer.register_channel(TICK, "cdr", schema, {"layout": layout})
             writer.add_message(channel, 0, struct.pack("<d", 1.0), 0, 0)
             writer.finish()  # type: ignore[no-untyped-call]
-        with pytest.raises(InputError, match="a topic is damaged"):
+        with refuses(InputError):
             read_recording(path)
 
 
 def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
-    with pytest.raises(UsageError, match=r"retarget\[record\]"):
+    with refuses(UsageError, "retarget[record]"):
         read_recording(tmp_path / "run.mcap")
 
 
@@ -206,7 +208,7 @@ def test_a_session_that_cannot_be_is_refused(content: bytes, tmp_path: Path, upd
     session = read_recording(path).session
     told = json.dumps(session.model_dump() | update)
     foreign(path, {"format": "1", "session": told, "sha256": sha256(told.encode()).hexdigest()})
-    with pytest.raises(InputError, match="metadata are damaged"):
+    with refuses(InputError):
         read_recording(path)
 
 
@@ -218,5 +220,5 @@ def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> Non
         rows = recording.topic(TICK).rows.copy()
         rows[name][row] = value
         topics = recording.topics | {TICK: TopicRows(recording.topic(TICK).cycles, rows)}
-        with pytest.raises(InputError, match="the recording lacks something"):
+        with refuses(InputError):
             played(replace(recording, topics=topics))

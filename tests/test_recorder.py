@@ -26,6 +26,7 @@ from retarget.recording.ring import Ring
 from retarget.recording.topics import GOALS, HUMAN_JOINTS, JOINTS, SENSORS, TICK
 from retarget.run_result import RunResult
 from sim.mock_faults import FaultKind, MockFault
+from support.messages import Facts, refuses, shows
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +126,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
 
 def test_a_disk_that_is_full_from_the_start_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_Direct, "write", full_after(100))
-    with pytest.raises(UsageError, match="No space left"):
+    with refuses(UsageError):
         record(tmp_path / "run.mcap")
     assert list(tmp_path.iterdir()) == []
 
@@ -145,12 +146,15 @@ def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, monkeypatch: pytest.M
     hangs.set()
     assert goals(run.result) == goals(whole.result)
     assert run.recorder.trouble and run.recorder.code(0) == 1
-    assert "the disk was too slow" in run.told[0] and "the disk does not answer" in run.told[-1] and len(run.told) == 2
+    shows(run.told[0])
+    shows(run.told[-1])
+    assert len(run.told) == 2
 
 
 def test_what_the_bus_fails_with_is_in_it(tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", faults=(MockFault(FaultKind.READ_FAILS, first=40, cycles=1000),))
-    assert run.result.reason is not None and "no answer" in run.result.reason
+    assert run.result.reason is not None
+    shows(run.result.reason)
     texts = read_recording(run.path).texts
     assert any(who == "bus read" for _, who in texts) and any(run.result.reason in text for text in texts.values())
 
@@ -159,20 +163,20 @@ def test_what_the_bus_fails_with_is_in_it(tmp_path: Path) -> None:
     ("fault", "message"),
     [
         (MockFault(FaultKind.MISSING, first=0, cycles=10, servo=2), "r_sho_roll"),
-        (MockFault(FaultKind.READ_FAILS, first=0, cycles=10), "no answer"),
-        (MockFault(FaultKind.WRITE_FAILS, first=0, cycles=10), "write"),
+        (MockFault(FaultKind.READ_FAILS, first=0, cycles=10), ()),
+        (MockFault(FaultKind.WRITE_FAILS, first=0, cycles=10), ()),
     ],
 )
-def test_a_robot_that_never_moved_leaves_no_file(fault: MockFault, message: str, tmp_path: Path) -> None:
+def test_a_robot_that_never_moved_leaves_no_file(fault: MockFault, message: Facts, tmp_path: Path) -> None:
     """Also where goals were written already: what is refused while it is armed has no tick."""
-    with pytest.raises(RetargetError, match=message):
+    with refuses(RetargetError, message):
         record(tmp_path / "run.mcap", faults=(fault,))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["run.npz", "no/such/folder/run.mcap", "."])
 def test_a_place_that_cannot_be_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--record"):
+    with refuses(UsageError, "--record"):
         check_target(tmp_path / name)
 
 
@@ -182,13 +186,14 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
     with pytest.raises(SystemExit) as leaving:
         main(["run", "--robot", "op3", "--source", str(source), "--record", str(path)])
-    assert leaving.value.code == REFUSED and "something is there already" in capsys.readouterr().err
+    assert leaving.value.code == REFUSED
+    shows(capsys.readouterr().err)
     assert path.read_bytes() == b"mine"
 
 
 def test_without_the_library_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
-    with pytest.raises(UsageError, match=r"pip install 'retarget\[record\]'"):
+    with refuses(UsageError, "'retarget[record]'"):
         check_target(tmp_path / "run.mcap")
 
 

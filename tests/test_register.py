@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.dynamixel.register import Register
+from support.messages import refuses
 
 
 def _register(*, size: int = 2, signed: bool = False, direction_bit: int | None = None) -> Register:
@@ -55,13 +56,13 @@ def test_every_byte_string_has_a_count_within_the_width(register: Register, data
 @pytest.mark.parametrize("register", [*REGISTERS, SPEED])
 def test_counts_beyond_the_width_are_refused(register: Register) -> None:
     for counts in (register.narrowest - 1, register.widest + 1):
-        with pytest.raises(ValueError, match="some holds"):
+        with refuses(ValueError):
             register.encode(counts)
 
 
 def test_data_of_another_length_are_refused() -> None:
     for data in (b"", b"\x00", bytes(3)):
-        with pytest.raises(ValueError, match="some has 2 bytes"):
+        with refuses(ValueError, 2):
             _register().decode(data)
 
 

@@ -14,6 +14,7 @@ from retarget.live.address import parse_address
 from retarget.live.datagram import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
 from retarget.live.replay import ReplayReceiver, open_replay, recorded_kind
 from retarget.sources.raw_record import RawReader, RawWriter
+from support.messages import refuses, shows
 
 GAPS = st.lists(st.floats(0.0, 0.3), min_size=1, max_size=40)
 
@@ -106,7 +107,8 @@ def test_a_damaged_end_is_counted_and_what_stands_before_it_is_played(tmp_path: 
     path.write_bytes(path.read_bytes()[:-1])
     receiver = ReplayReceiver(RawReader(path))
     assert numbers(played(receiver, 1.0)) == [0, 1]
-    assert receiver.finished and "record 3" in receiver.damage
+    assert receiver.finished
+    shows(receiver.damage, 3)
     assert receiver.dropped.reasons == {"the recording is damaged": 1}
 
 
@@ -118,7 +120,7 @@ def test_a_closed_replay_is_over(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_speed_that_means_nothing_is_refused(tmp_path: Path, speed: float) -> None:
-    with pytest.raises(ValueError, match="speed"):
+    with refuses(ValueError):
         ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [])), speed=speed)
 
 
@@ -127,14 +129,14 @@ def test_opening_by_address(tmp_path: Path) -> None:
     address = parse_address(f"replay://{path}?speed=10&loop=1")
     assert recorded_kind(address) == "natnet"
     assert numbers(played(open_replay(address), 0.25)) == [0, 1, 0]
-    with pytest.raises(InputError, match="no such recording"):
+    with refuses(InputError):
         open_replay(parse_address(f"replay://{tmp_path}/b.raw"))
 
 
 def test_the_kind_of_an_old_recording_has_to_be_said(tmp_path: Path) -> None:
     path = tmp_path / "old.udprec.gz"
     path.write_bytes(gzip.compress(b"UDPREC01" + struct.pack("<QHI", 10**18, 7, 2) + b"ab"))
-    with pytest.raises(InputError, match=r"Add \?kind=vmc"):
+    with refuses(InputError, "?kind=vmc"):
         recorded_kind(parse_address(f"replay://{path}"))
     address = parse_address(f"replay://{path}?kind=vmc")
     assert recorded_kind(address) == "vmc"
@@ -164,5 +166,5 @@ def test_a_recording_of_several_kinds_or_of_none_is_not(tmp_path: Path) -> None:
             writer.append(payload, time_ns=0, address="127.0.0.1", port=5)
         writer.flush()
         writer.close()
-        with pytest.raises(InputError, match="does not say what kind"):
+        with refuses(InputError):
             recorded_kind(parse_address(f"replay://{tmp_path / f'{number}.raw'}"))

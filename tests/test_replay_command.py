@@ -14,6 +14,7 @@ from retarget.cli.boundary import DONE, REFUSED, STOPPED
 from retarget.exporting import read_run
 from retarget.options import RunOptions
 from retarget.recording.played import Played
+from support.messages import shows
 
 
 def run(*words: str | Path) -> int:
@@ -47,8 +48,11 @@ def test_other_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], monkey
     monkeypatch.setattr("retarget.recording.played.played", moved)
     assert run(plain.path) == STOPPED
     out = capsys.readouterr().out
-    assert "goals differ, from cycle 100, 0.800 s after" in out
-    assert "by 0.264 degrees (3 ticks) at most" in out
+    shows(out, 100, "0.800", "0.264", 3)
+
+
+CUT = re.compile(r"(?<=early)[:,][^;]*|\d+")
+"""Where a file is cut, and what is left, is the compressor's."""
 
 
 @pytest.mark.parametrize("share", [0.5, 0.75])
@@ -62,13 +66,13 @@ def test_a_recording_that_was_cut_off(
     cut.write_bytes(content[: round(share * len(content))])
     assert run(cut) == STOPPED
     shown = capsys.readouterr()
-    assert "it ends early" in shown.err
+    shows(shown.err, varies=CUT)
     seconds, cycle = map(float, re.findall(r"its first ([\d.]+) s are read, up to cycle (\d+)", shown.err)[0])
     assert seconds == pytest.approx(0.008 * (cycle - 1), abs=0.02)
     compared = int(shown.out.split("all ")[1].split()[0])
     assert 0 < compared < len(whole.result.record)
-    assert f"only {compared} goals are in it and were compared: it is not whole" in shown.err
-    assert f"all {compared} goals that it holds are as recorded, to the tick" in shown.out
+    shows(shown.err, compared, varies=CUT)
+    shows(shown.out, compared, varies=CUT)
 
 
 def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,23 +83,24 @@ def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     own.rename(tmp_path / "away")
     assert run(recorded.path, "--save", tmp_path / "again.npz", "--report", tmp_path / "again.json") == DONE
     shown = capsys.readouterr()
-    assert "robot.yaml is not there any more: the one of then is used" in shown.err
+    shows(shown.err, "robot.yaml")
     assert (tmp_path / "again_body.xml").read_bytes() == (tmp_path / "away" / "body.xml").read_bytes()
     assert read_run(tmp_path / "again.npz").joint_names == read_run(recorded.path).joint_names
     assert run(recorded.path, "--robot", tmp_path / "away") == DONE
     assert capsys.readouterr().err == ""
     assert run(recorded.path, "--robot", "toddlerbot") == REFUSED
-    assert "other servos than when it was recorded" in capsys.readouterr().err
+    shows(capsys.readouterr().err)
     assert run(recorded.path, "--goals", "--bus", "mock") == DONE
     assert run(recorded.path, "--goals", "--bus", tmp_path / "tty") == REFUSED
-    assert "no goal goes to real servos by an old one" in capsys.readouterr().err
+    shows(capsys.readouterr().err)
 
 
 def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(plain.path, "--goals", "--bus", "emulator") == DONE
     out = capsys.readouterr().out
     counts = re.search(r"(\d+) goals sent along .* emulator, (\d+) on .* and (\d+) on .*\n.* 0 of these (\d+)\n", out)
-    assert counts is not None and "end: idle" in out
+    assert counts is not None
+    shows(out)
     followed, there, rest, of = map(int, counts.groups())
     assert followed + there + rest == of and followed >= plain.result.ticks_followed and min(there, rest) > 0
 
@@ -125,4 +130,4 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFi
     path.write_bytes(b"\x00" * 100)
     assert run(path) == REFUSED
     error = capsys.readouterr().err
-    assert "No such file" in error and "this is no MCAP file" in error
+    shows(error, "MCAP")

@@ -12,6 +12,7 @@ from retarget.frames import SensorFrames
 from retarget.human_dimensions import POINTS, HumanDimensions, proportional_dimensions
 from retarget.rest_pose import dimensions_from_rest_pose, find_rest_frames, rest_pose_name
 from retarget.rotations import FloatArray
+from support.messages import refuses
 
 FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 POSES = {"N": 0.1, "A": 0.8, "T": np.pi / 2}
@@ -72,14 +73,14 @@ def test_head_and_hands_alone_stand_on_the_ground() -> None:
 
 def test_what_is_no_rest_pose_is_refused() -> None:
     points = at_rest(proportional_dimensions(1.7), POSES["N"])
-    with pytest.raises(InputError, match="no r_wrist"):
+    with refuses(InputError, "r_wrist"):
         fitted(points, ("head", "l_wrist", "l_ankle", "r_ankle"))
     crouched = dict(points, head=points["l_ankle"] + [0.0, 0.0, 0.3])
-    with pytest.raises(InputError, match=r"head 0\.30 m above the ankles"):
+    with refuses(InputError, "head", "0.30"):
         fitted(crouched)
-    with pytest.raises(InputError, match="Check the unit"):
+    with refuses(InputError):
         fitted({name: 1000.0 * point for name, point in points.items()})
-    with pytest.raises(InputError, match="spreads"):
+    with refuses(InputError):
         fitted(dict(points, l_wrist=points["head"] + [0.0, 0.9, 0.9]))
 
 
@@ -100,5 +101,5 @@ def test_the_still_and_tall_frame_is_found() -> None:
     assert 151 <= best[0] < 199
     blind = np.ones((300, 5), bool)
     blind[:, 0] = False
-    with pytest.raises(InputError, match="no frame shows"):
+    with refuses(InputError):
         find_rest_frames(SensorFrames(frames.time, FIVE, position, frames.orientation, blind))

@@ -6,6 +6,7 @@ from hardware.guard_state import StopCause
 from retarget.pipeline import INTERRUPTED, Watch
 from retarget.robot_side import INSISTED
 from rig import Rig, play
+from support.messages import refuses
 from test_robot_side import swing, times_of_writing
 
 
@@ -30,7 +31,7 @@ def test_who_insists_after_a_failure_does_not_wait_either() -> None:
         if done == 20:
             raise OSError("no terminal")
 
-    with pytest.raises(OSError, match="no terminal"):
+    with refuses(OSError):
         play(rig, Watch(broken, cut_asked=lambda: True, every=1))
     assert not rig.gate.at_rest and not rig.bus.torque_on
 
@@ -50,7 +51,7 @@ def test_a_look_that_fails_while_it_brakes_is_raised_when_it_stands(in_clip: boo
     def cut() -> bool:
         raise OSError("no such drive")
 
-    with pytest.raises(OSError, match="no such drive"):
+    with refuses(OSError):
         play(rig, Watch(stop_asked=look, cut_asked=cut))
     assert rig.gate.at_rest and not rig.bus.torque_on and rig.guard.stop_reason is not None
 

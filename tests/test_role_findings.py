@@ -8,6 +8,7 @@ from retarget.doctor.role_findings import role_findings
 from retarget.doctor.stream_findings import named_for
 from retarget.performer import load_performer
 from sim.faults.sender import SenderFault, frozen, lost, moved, swapped
+from support.messages import shows, shows_lines
 
 
 def found_with(*faults: SenderFault) -> str:
@@ -16,13 +17,13 @@ def found_with(*faults: SenderFault) -> str:
 
 def test_all_is_well() -> None:
     found = role_findings(five(), "json", heard())
-    assert not mends(found) and "head, l_wrist, r_wrist, l_ankle, r_ankle told and believed" in text_of(found)
+    assert not mends(found)
+    shows(text_of(found), "head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 
 
 def test_one_that_is_missing_is_named_with_what_comes_instead() -> None:
     lines = found_with(lost("l_ankle", 0.0, 99.0))
-    assert "tells no l_ankle; it tells" in lines and "head" in lines
-    assert "use --performer three" in lines
+    shows(lines, "l_ankle", "head", "--performer")
 
 
 @pytest.mark.parametrize(
@@ -49,7 +50,7 @@ def test_all_in_millimetres_is_one_line() -> None:
 
 def test_names_of_the_senders_own_need_roles() -> None:
     listening = played(steady(json_poses(1.0, {"Head": {"p": [0, 0, 1]}})))
-    assert "Name each pose with `role`" in "\n".join(mends(role_findings(five(), "json", listening)))
+    shows("\n".join(mends(role_findings(five(), "json", listening))), "`role`")
 
 
 def test_vrchat_has_no_wrists() -> None:
@@ -66,6 +67,7 @@ def test_nothing_is_said_of_nothing() -> None:
 def test_who_takes_what_there_is_misses_only_what_measures() -> None:
     everything = load_performer("all")
     found = role_findings(everything, "json", heard(lost("l_toe", 0.0, 99.0), performer=everything))
-    assert not mends(found) and "tells no l_toe: they take no part" in text_of(found)
+    assert not mends(found)
+    shows(text_of(found), "l_toe")
     lines = mends(role_findings(everything, "json", heard(lost("head", 0.0, 99.0), performer=everything)))
-    assert any("tells no head; it tells" in line for line in lines)
+    shows_lines(lines, "head")

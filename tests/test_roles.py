@@ -9,6 +9,7 @@ from retarget.frames import SENSORS
 from retarget.live.roles import CONVENTIONS, MAX_KNOWN, Roles, roles_of
 from retarget.performer import Performer, WornSensor, load_performer
 from retarget.sources.stream_frame import StreamFrame
+from support.messages import Facts, refuses
 
 FIVE = load_performer("five")
 
@@ -84,11 +85,11 @@ def test_names_of_the_file_come_first() -> None:
         description="d",
         sensors={"l_wrist": WornSensor(joint="l_wrist", role="rigid://left hand"), "head": WornSensor(joint="head")},
     )
-    with pytest.raises(UsageError, match="sender of kind natnet tells no head"):
+    with refuses(UsageError, "natnet", "head"):
         roles_of(performer, "natnet", where="p.yaml")
     roles = roles_of(performer, "json", where="p.yaml")
     assert roles.names == ("rigid://left hand", "head")
-    with pytest.raises(UsageError, match="unknown convention of roles"):
+    with refuses(UsageError, "convention"):
         roles_of(performer, "slimvr", where="p.yaml")
 
 
@@ -102,12 +103,12 @@ def test_changing_names_are_remembered_within_bounds() -> None:
 @pytest.mark.parametrize(
     ("convention", "told"),
     [
-        ("slimevr_vrchat", "tells no l_wrist, r_wrist.*alone are not enough, they have no wrists.*vmc://:39539"),
-        ("natnet", "tells no head, l_wrist.*--performer optitrack"),
+        ("slimevr_vrchat", ("l_wrist", "r_wrist", "vmc://:39539")),
+        ("natnet", ("head", "l_wrist", "--performer")),
     ],
 )
-def test_what_a_kind_of_sender_never_tells_is_refused_once_with_what_to_do(convention: str, told: str) -> None:
-    with pytest.raises(UsageError, match=told) as refusal:
+def test_what_a_kind_of_sender_never_tells_is_refused_once_with_what_to_do(convention: str, told: Facts) -> None:
+    with refuses(UsageError, told) as refusal:
         roles_of(FIVE, convention, where="five.yaml")
     assert len(refusal.value.problems) == 1
 
@@ -121,7 +122,7 @@ def test_who_takes_what_there_is_leaves_out_what_a_kind_of_sender_never_tells() 
     }
     poses = roles.take(frame({"human://HEAD": ([0.0, 0.0, 1.6], None), "": ([0.0, 0.0, 1.0], None)}))
     assert poses is not None and poses.rows.tolist() == [roles.sensors.index("head")]
-    with pytest.raises(UsageError, match="tells no l_wrist, r_wrist"):
+    with refuses(UsageError, "l_wrist", "r_wrist"):
         roles_of(everything, "slimevr_vrchat", where="all.yaml")
-    with pytest.raises(UsageError, match="tells no l_shoulder"):
+    with refuses(UsageError, "l_shoulder"):
         roles_of(everything.model_copy(update={"partial": False}), "slimevr", where="all.yaml")

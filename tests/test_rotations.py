@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from retarget import rotations
 from retarget.rotations import FloatArray
+from support.messages import refuses
 
 
 def random_quaternions(count: int, seed: int = 0) -> FloatArray:
@@ -130,11 +131,11 @@ def test_nan_stays_nan_and_raises_nothing() -> None:
 
 
 def test_wrong_axes_are_refused() -> None:
-    with pytest.raises(ValueError, match="axis"):
+    with refuses(ValueError):
         rotations.from_euler([1.0], "w")
-    with pytest.raises(ValueError, match="axes"):
+    with refuses(ValueError):
         rotations.from_euler([1.0], "xy")
-    with pytest.raises(ValueError, match="different"):
+    with refuses(ValueError):
         rotations.to_euler(rotations.IDENTITY, "xyx")
 
 

@@ -17,6 +17,7 @@ from retarget.errors import UsageError
 from retarget.metrics.measure import measure
 from retarget.report import Report
 from retarget.run_result import RunResult
+from support.messages import shows, shows_lines
 
 
 def run(*words: str | Path) -> int:
@@ -135,7 +136,7 @@ def test_a_human_has_neither_parts_nor_gate(amc: Path, options: tuple[str, ...])
 @pytest.mark.parametrize("bus", ["./op3-port", "emulator", "profile"])
 def test_a_human_has_no_servos(amc: Path, bus: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--robot", "human", "--source", amc, "--bus", bus) == REFUSED
-    assert f"--bus: a human has no servos; found --robot human, --bus {bus}; allowed:" in capsys.readouterr().err
+    shows(capsys.readouterr().err, "--bus", "--robot", bus)
 
 
 def short(amc: Path, *words: str | Path) -> tuple[str | Path, ...]:
@@ -186,10 +187,11 @@ def test_a_file_that_cannot_be_written_costs_no_other(
     code = run(*short(amc, "--report", tmp_path / "r.json", "--save", saved, "--plots", pictures))
     shown = capsys.readouterr()
     assert code == STOPPED
-    assert saved.exists() and "run: " in shown.out and "tracking, mm" in shown.out
+    assert saved.exists()
+    shows_lines(shown.out, re.compile("^(tracking|run)"))
     assert {path.name for path in tmp_path.iterdir()} == {"r.npz", "r_human.xml"}
     assert [line[:20] for line in shown.err.splitlines()] == ["error: report not wr", "error: picture not w"]
-    assert "No space left" in shown.err
+    shows(shown.err)
 
 
 def test_a_reader_that_leaves_costs_no_file(amc: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from retarget.pipeline import Pipeline
 from retarget.run_result import RunResult
 from retarget.save import human_body_path, save_path, write_npz
 from rig import StubReconstructor, person, result, scripted_run, short_clip
+from support.messages import refuses
 
 CONTRACT = {
     *("time", "joint_names", "joint_positions", "root_position", "root_quaternion", "goal_ticks", "landmark_names"),
@@ -87,6 +88,6 @@ def test_a_run_of_the_human_brings_its_body(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["run.npy", "run", "nowhere/run.npz"])
 def test_places_that_cannot_hold_a_run(name: str, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--save"):
+    with refuses(UsageError, "--save"):
         save_path(tmp_path / name)
     assert list(tmp_path.iterdir()) == []

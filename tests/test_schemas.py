@@ -13,6 +13,7 @@ from retarget.options import RunOptions
 from retarget.recording.schemas import SCHEMAS
 from retarget.recording.topics import EVENTS, FRAMES, GOALS, HUMAN_JOINTS, JOINTS, LANDMARKS, SENSORS
 from ros2_messages import Field, decoded, parsed
+from support.messages import Facts, refuses
 
 STANDARD: dict[str, tuple[Field, ...]] = {
     "std_msgs/Header": (("stamp", "builtin_interfaces/Time", False), ("frame_id", "string", False)),
@@ -73,16 +74,16 @@ def test_a_definition_has_all_that_it_needs_and_nothing_else(name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("std_msgs/Header header\n", "not defined: std_msgs/Header"),
-        ("float64 x\n" + "=" * 80 + "\nMSG: a_msgs/B\nfloat64 x\n", "defined for nothing"),
-        ("float64 X\n", "no field"),
-        ("float64 x\nint8 x\n", "no field"),
-        ("double x\n", "no type"),
-        ("float64 x", "line feed"),
+        ("std_msgs/Header header\n", "std_msgs/Header"),
+        ("float64 x\n" + "=" * 80 + "\nMSG: a_msgs/B\nfloat64 x\n", ()),
+        ("float64 X\n", ()),
+        ("float64 x\nint8 x\n", ()),
+        ("double x\n", ()),
+        ("float64 x", ()),
     ],
 )
-def test_the_strict_reader_is_strict(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_the_strict_reader_is_strict(text: str, message: Facts) -> None:
+    with refuses(ValueError, message):
         parsed("retarget_msgs/msg/X", text)
 
 
@@ -99,7 +100,7 @@ def test_the_strict_reader_is_strict(text: str, message: str) -> None:
 def test_the_strict_decoder_is_strict(data: bytes) -> None:
     definition = parsed("retarget_msgs/msg/X", "uint8 a\nfloat64 b\n")
     assert decoded(definition, struct.pack("<4sB7xd", b"\0\1\0\0", 1, 2.0)) == {"a": 1, "b": 2.0}
-    with pytest.raises(ValueError, match=r"early|many|padding"):
+    with refuses(ValueError):
         decoded(definition, data)
 
 

@@ -26,6 +26,7 @@ from hardware.dynamixel.packets import ALERT, Error2, Status
 from hardware.dynamixel.sdk_port import MendedProtocol2
 from scripted_port import ScriptedPort, always
 from sdk_line import FakeLine, sdk_over
+from support.messages import refuses
 
 TABLE = find_table("XM430-W350", 2)
 GOAL, POSITION = TABLE["goal_position"], TABLE["present_position"]
@@ -102,7 +103,7 @@ def test_7_a_refusal_without_data_is_an_index_error(monkeypatch: pytest.MonkeyPa
     with pytest.raises(IndexError):
         group.getData(1, 132, 4)
 
-    with pytest.raises(ServoError, match="refused"):
+    with refuses(ServoError):
         OneOff(ScriptedPort(always(refusal)), 2).read(1, POSITION)
     assert _ours(range(1, 2), [refusal]) == []
 
@@ -141,7 +142,7 @@ def test_14_a_group_write_takes_data_that_are_too_short(monkeypatch: pytest.Monk
         group.txPacket()
     assert group.txPacket() == COMM_PORT_BUSY
 
-    with pytest.raises(ValueError, match="2 bytes for device 1; allowed: 4"):
+    with refuses(ValueError, 2, 1, 4):
         protocol2.sync_write(116, 4, [(1, b"\x96\0")])
     assert list(GoalPacket([_Place()]).packets(np.array([0x96]), np.array([True]))) == [
         protocol2.sync_write(116, 4, [(1, b"\x96\0\0\0")])

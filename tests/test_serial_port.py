@@ -15,6 +15,7 @@ from hardware.dynamixel import port_trouble
 from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.serial_port import SerialPort, real_baud
 from hardware.errors import BusError
+from support.messages import refuses
 
 SOON = 2.0
 """[s] Bound for what comes at once."""
@@ -68,21 +69,21 @@ def test_any_speed(pty: Pty, port: SerialPort, baud: int) -> None:
 
 @pytest.mark.parametrize("baud", [-1, 0, 300, 20_000_000, 10**12])
 def test_a_speed_that_does_not_exist_leaves_the_old_one(pty: Pty, port: SerialPort, baud: int) -> None:
-    with pytest.raises(BusError, match="no such baud rate"):
+    with refuses(BusError):
         port.set_baud(baud)
     assert real_baud(pty.near) == port.baud == 1_000_000
-    with pytest.raises(BusError, match="no such baud rate"):
+    with refuses(BusError):
         SerialPort(pty.path, MonotonicClock()).open(baud)
 
 
 def test_a_driver_that_falls_back_is_found_out(pty: Pty, port: SerialPort, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hardware.dynamixel.serial_port.real_baud", lambda fd: 9_600)
-    with pytest.raises(BusError, match="fell back to 9600"):
+    with refuses(BusError, 9600):
         port.set_baud(3_000_000)
     assert real_baud(pty.near) == port.baud == 1_000_000
-    with pytest.raises(BusError, match="fell back to 9600"):
+    with refuses(BusError, 9600):
         port.open(3_000_000)
-    with pytest.raises(BusError, match="not open"):
+    with refuses(BusError):
         port.read()
 
 
@@ -123,7 +124,7 @@ def test_what_had_arrived_can_be_dropped(pty: Pty, port: SerialPort) -> None:
 
 def test_a_second_one_is_told_that_the_port_is_busy(pty: Pty, port: SerialPort) -> None:
     second = SerialPort(pty.path, MonotonicClock())
-    with pytest.raises(BusError, match=rf"busy; found .*process {os.getpid()}"):
+    with refuses(BusError, os.getpid()):
         second.open(57_600)
     assert real_baud(pty.near) == 1_000_000
     port.close()
@@ -145,7 +146,7 @@ def test_closing_twice_and_using_it_then(pty: Pty, port: SerialPort) -> None:
     port.close()
     SerialPort(pty.path, MonotonicClock()).close()
     for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.wait(0.0), lambda: port.set_baud(57_600)):
-        with pytest.raises(BusError, match="not open"):
+        with refuses(BusError):
             use()
 
 
@@ -153,10 +154,10 @@ def test_unplugged_while_open(pty: Pty, port: SerialPort) -> None:
     pty.hang_up()
     assert port.wait(port.now() + SOON)
     for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.set_baud(57_600)):
-        with pytest.raises(BusError, match="went away"):
+        with refuses(BusError):
             use()
     port.close()
-    with pytest.raises(BusError, match="no such port"):
+    with refuses(BusError):
         port.open(57_600)
 
 
@@ -164,28 +165,28 @@ def test_the_end_of_a_line_that_reads_as_nothing(port: SerialPort, monkeypatch: 
     """A USB adapter that is pulled out: reads bring nothing, and the poll says that they always will."""
     assert port.read() == b""
     monkeypatch.setattr(SerialPort, "_hung_up", lambda self, fd: True)
-    with pytest.raises(BusError, match="went away"):
+    with refuses(BusError):
         port.read()
 
 
 def test_an_adapter_that_takes_no_bytes(port: SerialPort) -> None:
-    with pytest.raises(BusError, match="takes no bytes"):
+    with refuses(BusError):
         port.write(bytes(20_000))
 
 
 def test_paths_that_are_no_port(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_bytes(b"")
-    for path, words in [
-        (str(tmp_path / "none"), "no such port"),
-        (str(file / "below"), "no such port"),
-        ("", "no such port"),
-        (str(file), "not a serial port; found a file"),
-        (str(tmp_path), "not a serial port; found a folder"),
-        (os.devnull, "not a serial port"),
-        ("a\0b", "not a serial port"),
+    for path, facts in [
+        (str(tmp_path / "none"), ()),
+        (str(file / "below"), ()),
+        ("", ()),
+        (str(file), ()),
+        (str(tmp_path), ()),
+        (os.devnull, ()),
+        ("a\0b", ()),
     ]:
-        with pytest.raises(BusError, match=words):
+        with refuses(BusError, facts):
             SerialPort(path, MonotonicClock()).open(57_600)
 
 
@@ -202,5 +203,5 @@ def test_without_permission_the_fix_is_named(pty: Pty, monkeypatch: pytest.Monke
         raise failure
 
     monkeypatch.setattr("hardware.dynamixel.serial_port.Serial.__init__", refuse)
-    with pytest.raises(BusError, match=r"no permission.*usermod -aG dialout .*log out and in"):
+    with refuses(BusError, "usermod"):
         SerialPort(pty.path, MonotonicClock()).open(57_600)

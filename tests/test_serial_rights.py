@@ -6,6 +6,7 @@ import pytest
 
 from doctor_rig import mends, text_of
 from retarget.doctor.serial_rights import serial_findings
+from support.messages import shows
 
 
 def test_ports_that_may_be_opened() -> None:
@@ -14,11 +15,11 @@ def test_ports_that_may_be_opened() -> None:
 
 def test_ports_that_may_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert "usermod -aG" in mends(serial_findings([os.devnull]))[0]
+    shows(mends(serial_findings([os.devnull]))[0], "usermod")
 
 
 def test_where_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "no serial port here" in text_of(serial_findings([]))
+    shows(text_of(serial_findings([])))
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(os, "getegid", lambda: 1000)
     monkeypatch.setattr(os, "getgroups", list)

@@ -26,6 +26,7 @@ from retarget.servo_calibration import (
     write_calibration,
 )
 from servos import four_servos, waist_servos
+from support.messages import refuses, shows
 
 
 @pytest.fixture(autouse=True)
@@ -102,7 +103,7 @@ def test_a_write_that_fails_leaves_the_old_one(op3: RobotProfile, monkeypatch: p
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("retarget.servo_calibration.os.fsync", broken)
-    with pytest.raises(UsageError, match="No space left on device"):
+    with refuses(UsageError):
         write_calibration(head(servos={"head_pan": entry(19, 2200)}))
     assert read_calibration(op3) == head()
     assert not list(calibration_path("op3").parent.glob("*.part"))
@@ -169,10 +170,9 @@ def read_as_op3() -> None:
 
 def test_all_that_differs_is_said_at_once() -> None:
     write_calibration(head(servos={"head_pan": entry(18, 1), "head_tilt": entry(19, 1), "tail": entry(3, 3)}))
-    with pytest.raises(ConfigError) as refusal:
+    with refuses(ConfigError) as refusal:
         load_robot("op3")
     assert len(refusal.value.problems) == 3
-    assert "retarget servo home" in str(refusal.value)
 
 
 def test_a_connector_suffix_is_no_other_model() -> None:
@@ -200,7 +200,8 @@ def test_what_stands_in_its_place_is_not_passed_over(op3: RobotProfile) -> None:
 def test_half_a_pair_shifted_beyond_its_servo_is_impossible() -> None:
     assert impossible_zeros(waist_servos(), ServoCalibration(robot="r", servos={"knee": entry(7, 2048)})) == []
     ((joint, text),) = impossible_zeros(waist_servos(), ServoCalibration(robot="r", servos={"knee": entry(7, 100)}))
-    assert joint == "knee" and "need ticks" in text
+    assert joint == "knee"
+    shows(text)
 
 
 def test_check_shows_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ from hardware.dynamixel.one_off import Found, OneOff
 from hardware.dynamixel.packets import Instruction
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
+from support.messages import shows
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def test_everybody_is_found_and_nothing_is_written(lab: ServoLab) -> None:
     assert (code, err) == (0, "")
     assert len(out.splitlines()) == 1 + 1 + 21 and "missing" not in out
     assert _row(out, 13).split() == ["2.0", "2000000", "13", "XM430-W350", "52", "r_knee"]
-    assert "a device of the bus" in _row(out, 200)
+    shows(_row(out, 200))
     assert lab.instructions() <= {Instruction.PING, Instruction.READ}
 
 
@@ -33,9 +34,9 @@ def test_missing_strange_fast_and_wrong_servos_are_told(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.MISSING, ids=(5,)), Fault(FaultKind.ID_CLASH, ids=(6,))]
     code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--protocol", "2")
     assert code == 0
-    assert "57600" in _row(out, 2) and "should be protocol 2.0, 2000000 baud" in _row(out, 2)
+    shows(_row(out, 2), 57600, "2.0", 2000000)
     assert _row(out, 77).endswith("unknown") or "unknown" in _row(out, 77)
-    assert "two servos with this id" in _row(out, 6)
+    shows(_row(out, 6))
     missing = next(line for line in out.splitlines() if line.startswith("missing"))
     assert "id 3" in missing and "id 5" in missing and "id 6" not in missing
 
@@ -43,19 +44,21 @@ def test_missing_strange_fast_and_wrong_servos_are_told(lab: ServoLab) -> None:
 def test_a_latched_error_is_said_in_words(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
     code, out, _ = lab.run("scan", "--port", "emulator", "--baud", "2000000", "--ids", "6-8")
-    assert code == 0 and "OVERHEATING (too hot)" in _row(out, 7) and "OVERHEATING" not in _row(out, 8)
+    assert code == 0 and "OVERHEATING" not in _row(out, 8)
+    shows(_row(out, 7), "OVERHEATING")
 
 
 def test_silence_is_an_error_that_says_what_was_tried(lab: ServoLab) -> None:
     lab.faults = [Fault(FaultKind.MISSING)]
     code, out, err = lab.run("scan", "--port", "emulator", "--protocol", "1", "--baud", "1000000", "--ids", "1,4-6")
     assert (code, out) == (2, "")
-    assert "ids 1, 4, 5, 6" in err and "protocol 1.0 with 1000000 baud" in err and "power" in err
+    shows(err, 1, 4, 5, 6, "1.0", 1000000)
 
 
 def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
     code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--dry-run", "--protocol", "2")
-    assert code == 0 and lab.sent == [] and "would ping all ids" in out and "2000000, 57600, 1000000" in out
+    assert code == 0 and lab.sent == []
+    shows(out, 2000000, 57600, 1000000)
 
 
 @pytest.mark.parametrize(
@@ -108,12 +111,9 @@ def test_ctrl_c_leaves_what_was_found(lab: ServoLab, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(OneOff, "scan", interrupted)
     code, out, err = lab.run("scan", "--port", "emulator", "--protocol", "2")
-    assert (
-        code == 130
-        and "interrupted" in err
-        and "not all was looked at; found so far: 1" in out
-        and speeds == [57_600, 1_000_000]
-    )
+    assert code == 130 and speeds == [57_600, 1_000_000]
+    shows(err)
+    shows(out, 1)
     assert _row(out, 5).split()[:4] == ["2.0", "57600", "5", "XM430-W350"]
 
 

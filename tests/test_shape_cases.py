@@ -8,6 +8,7 @@ import pytest
 from oracles.problem import Array
 from oracles.solids import BOX, CAPSULE, CYLINDER, HALF_SPACE, NAMES, Solids, nearest, one, random_solids, together
 from retarget import _solver
+from support.messages import Facts, refuses
 
 KINDS = [(k, m) for k, m in product(range(4), repeat=2) if (k, m) != (HALF_SPACE, HALF_SPACE)]
 
@@ -109,36 +110,36 @@ def test_points_lines_and_plates_have_finite_distances(kinds: tuple[int, int]) -
 
 
 BAD = [
-    (0, np.array([4]), "kind 4"),
-    (1, np.array([[0.1, -0.1, 0.0]]), "negative"),
-    (1, np.array([[np.nan, 0.1, 0.0]]), "finite"),
-    (2, np.array([[0.0, np.inf, 0.0]]), "finite"),
-    (2, np.zeros((1, 2)), "shape"),
-    (3, np.zeros((1, 4)), "zero"),
-    (0, np.array([0, 0]), "shape"),
+    (0, np.array([4]), 4),
+    (1, np.array([[0.1, -0.1, 0.0]]), ()),
+    (1, np.array([[np.nan, 0.1, 0.0]]), ()),
+    (2, np.array([[0.0, np.inf, 0.0]]), ()),
+    (2, np.zeros((1, 2)), ()),
+    (3, np.zeros((1, 4)), ()),
+    (0, np.array([0, 0]), ()),
 ]
 
 
 @pytest.mark.parametrize("side", [0, 4])
-@pytest.mark.parametrize(("field", "value", "message"), BAD)
+@pytest.mark.parametrize(("field", "value", "facts"), BAD)
 @pytest.mark.parametrize("function", [_solver.shape_distances, _solver.shape_gaps_at_least])
-def test_bad_solids_are_refused(function, side: int, field: int, value: Array, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_bad_solids_are_refused(function, side: int, field: int, value: Array, facts: Facts) -> None:  # type: ignore[no-untyped-def]
     ball = one(CAPSULE, (0.1, 0.1))
     arguments = [*ball.arguments, *ball.arguments]
     arguments[side + field] = value
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError, facts):
         function(*arguments)
 
 
 def test_column_major_arrays_are_refused() -> None:
     balls = together([one(CAPSULE, (0.1, 0.1))] * 2)
-    with pytest.raises(ValueError, match="pos_a must be C-contiguous"):
+    with refuses(ValueError, "pos_a"):
         nearest(Solids(balls.kind, balls.size, np.asfortranarray(balls.pos), balls.quat), balls)
 
 
 def test_two_half_spaces_and_unequal_numbers_are_refused() -> None:
     plane, ball = one(HALF_SPACE, ()), one(CAPSULE, (0.1, 0.1))
-    with pytest.raises(ValueError, match="two half-spaces"):
+    with refuses(ValueError):
         nearest(plane, plane)
-    with pytest.raises(ValueError, match="kinds_b 1"):
+    with refuses(ValueError, "kinds_b", 1):
         nearest(together([ball, ball]), ball)

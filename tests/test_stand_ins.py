@@ -12,6 +12,7 @@ from retarget.recording.cursor import Cursor
 from retarget.recording.cycles import Done
 from retarget.recording.played import Played
 from retarget.recording.stand_ins import ReplayedBus, ReplayedClock, ReplayedSamples
+from support.messages import refuses
 
 
 @pytest.fixture(scope="module")
@@ -89,12 +90,12 @@ def test_a_bus_that_failed_fails_again_in_its_words(found: Played) -> None:
     bus = ReplayedBus(broken, at)
     for cycle in range(6):
         if cycle == 3:
-            with pytest.raises(BusError, match="cable out"):
+            with refuses(BusError):
                 bus.read()
         else:
             bus.read()
         if cycle == 5:
-            with pytest.raises(BusError, match="as recorded"):
+            with refuses(BusError):
                 bus.write(ServoGoals(cycles.goal[cycle]))
         at.before()
 

@@ -11,6 +11,7 @@ from retarget.priorities import Priorities, load_priorities
 from retarget.priority_choice import priority_names
 from retarget.robot_body import load_robot
 from retarget.step_setting import with_steps
+from support.messages import refuses, shows
 
 STEADY = Path(__file__).parent.parent / "configs" / "priorities" / "steady.yaml"
 
@@ -36,29 +37,30 @@ def test_a_robot_that_is_too_weak_for_one_leg_stays_planted_and_says_so(robot: s
     if steps == "shift":
         assert notes == ()
     else:
-        assert len(notes) == 1 and "planted: on one leg left_hip_roll 1.36 N m, 76% of its stall torque" in notes[0]
+        assert len(notes) == 1
+        shows(notes[0], "left_hip_roll", "1.36", "76%")
 
 
 def test_a_file_with_another_word_is_refused_with_its_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"mine\.yaml.*1.*steps.*hop.*planted.*shift.*follow"):
+    with refuses(ConfigError, "mine.yaml", "1"):
         written(tmp_path, "hop")
 
 
 @pytest.mark.parametrize(
     ("steps", "root", "parts", "says"),
     [
-        ("follow", "free", "whole", "stands on its own soles.*shift"),
-        ("shift", "suspended", "whole", "does not stand.*follow"),
-        ("shift", "free", "upper", "legs that are kept still.*whole"),
+        ("follow", "free", "whole", "shift"),
+        ("shift", "suspended", "whole", "follow"),
+        ("shift", "free", "upper", "whole"),
     ],
 )
 def test_what_a_robot_cannot_do_is_refused(tmp_path: Path, steps: str, root: str, parts: str, says: str) -> None:
     assert root in ("free", "suspended") and steps in ("follow", "shift")
     robot = load_robot("op3", root="free" if root == "free" else "suspended")
     asked = "follow" if steps == "follow" else "shift"
-    with pytest.raises(UsageError, match=f"--steps.*{says}"):
+    with refuses(UsageError, "--steps", says):
         with_steps(load_priorities("steady"), robot, asked, parts=parts)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match=f"priorities steady, steps.*{says}"):
+    with refuses(ConfigError, "priorities", says):
         with_steps(written(tmp_path, steps), robot, None, parts=parts)
 
 
@@ -68,13 +70,13 @@ def test_a_robot_that_hangs_may_follow() -> None:
 
 
 def test_options_are_checked_before_any_file() -> None:
-    for options, says in (
-        ({"steps": "walk"}, "unknown way to step.*walk.*planted, shift, follow"),
+    for options, facts in (
+        ({"steps": "walk"}, ("walk", "planted, shift, follow")),
         ({"steps": "shift", "parts": "upper"}, "--parts upper"),
     ):
-        with pytest.raises(RetargetError, match=says):
+        with refuses(RetargetError, facts):
             RunOptions(robot="op3", **options)  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="a human's feet"):
+    with refuses(UsageError):
         RunOptions(robot="human", steps="shift")
 
 

@@ -7,6 +7,7 @@ from retarget import rotations
 from retarget.errors import UsageError
 from retarget.rotations import FloatArray
 from retarget.sources.stream_axes import CONVENTIONS, Convention, convention
+from support.messages import refuses
 
 ALL = pytest.mark.parametrize("row", CONVENTIONS.values(), ids=lambda row: row.name)
 
@@ -86,5 +87,5 @@ def test_the_formulas_of_the_vendors() -> None:
 
 
 def test_an_unknown_name_is_refused_with_the_nearest() -> None:
-    with pytest.raises(UsageError, match=r"unknown axes.*'Unity3'.*Did you mean unity"):
+    with refuses(UsageError, "'Unity3'", next_step="unity"):
         convention("Unity3")

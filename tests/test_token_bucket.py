@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from retarget.live.token_bucket import TokenBucket
+from support.messages import refuses
 
 STEPS = st.lists(st.floats(0.0, 0.5) | st.just(0.0), min_size=1, max_size=120)
 
@@ -41,5 +42,5 @@ def test_time_that_goes_back_gives_nothing() -> None:
 
 @pytest.mark.parametrize(("rate", "burst"), [(0.0, 1), (-1.0, 1), (float("nan"), 1), (float("inf"), 1), (1.0, 0)])
 def test_a_bucket_that_means_nothing_is_refused(rate: float, burst: int) -> None:
-    with pytest.raises(ValueError, match="bucket"):
+    with refuses(ValueError):
         TokenBucket(rate=rate, burst=burst)

@@ -26,6 +26,7 @@ from retarget.sources.mvn import MvnDecoder
 from retarget.sources.mvn_roles import MVN_JOINTS
 from retarget.sources.mvn_wire import SEGMENTS
 from retarget.sources.stream_frame import Dropped
+from support.messages import shows
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 LIMBS = ("knee", "ankle", "elbow", "wrist")
@@ -104,7 +105,8 @@ def test_the_skeleton_of_mvn_is_the_size() -> None:
     fitted, measured = begun(MvnSender(person, b""))
     assert worst_limb(told.dimensions, person) < 1e-5
     assert worst_limb(fitted.dimensions, person) > 0.02  # what the rest pose of five sensors cannot see
-    assert said[-1].startswith("known: ") and "skeleton of mvn://:9763" in said[-1]
+    assert said[-1].startswith("known: ")
+    shows(said[-1], "mvn://:9763")
     assert measured[-1].startswith("measured: ")
 
 

@@ -14,6 +14,7 @@ from retarget.live.address import parse_address
 from retarget.live.interfaces import local_interfaces
 from retarget.live.udp import UdpReceiver
 from retarget.live.udp_socket import open_socket
+from support.messages import Facts, refuses
 
 ABSENT = "203.0.113.77"
 """Of a network that is reserved for documents: no interface has it."""
@@ -22,47 +23,44 @@ MULTICAST = replace(parse_address(f"natnet://127.0.0.1?multicast={GROUP}"), port
 
 
 def test_a_port_that_is_taken_names_its_holder() -> None:
-    with UdpReceiver(LOOPBACK) as first, pytest.raises(InputError) as caught:
+    with UdpReceiver(LOOPBACK) as first, refuses(InputError, os.getpid()):
         open_socket(replace(LOOPBACK, port=first.port))
-    assert "is taken" in str(caught.value) and f"process {os.getpid()}" in str(caught.value)
-    assert "another port" in str(caught.value)
 
 
 @pytest.mark.parametrize(
     "text", [f"vmc://{ABSENT}:39539?allow=any", f"natnet://127.0.0.1?multicast={GROUP}&interface={ABSENT}"]
 )
 def test_an_interface_that_is_not_there_lists_those_that_are(text: str) -> None:
-    with pytest.raises(InputError, match="no interface with such an address") as caught:
+    with refuses(InputError, ABSENT, "127.0.0.1"):
         open_socket(parse_address(text))
-    assert f"found {ABSENT}" in str(caught.value) and "127.0.0.1 (lo)" in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("number", "expected"),
     [
-        (errno.EACCES, "not for this user"),
-        (errno.EINVAL, "cannot listen there; found 127.0.0.1:0: Invalid argument"),
-        (errno.ENOBUFS, "cannot listen there"),
+        (errno.EACCES, ()),
+        (errno.EINVAL, "127.0.0.1:0"),
+        (errno.ENOBUFS, ()),
     ],
 )
-def test_other_reasons_not_to_bind(number: int, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_reasons_not_to_bind(number: int, expected: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(socket.socket, "bind", refuse)
-    with pytest.raises(InputError, match=expected):
+    with refuses(InputError, expected):
         open_socket(LOOPBACK)
 
 
 @pytest.mark.parametrize(
     ("host", "number", "expected"),
     [
-        ("127.0.0.1", errno.ENOBUFS, f"the group {GROUP} cannot be joined; found .*unicast"),
-        ("127.0.0.1", errno.ENODEV, "no interface with such an address; found 127.0.0.1"),
-        ("255.255.255.255", errno.ENODEV, f"no interface leads to the group {GROUP}.*interface=ADDRESS"),
+        ("127.0.0.1", errno.ENOBUFS, GROUP),
+        ("127.0.0.1", errno.ENODEV, "127.0.0.1"),
+        ("255.255.255.255", errno.ENODEV, (GROUP, "interface=ADDRESS")),
     ],
 )
-def test_reasons_not_to_join(host: str, number: int, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reasons_not_to_join(host: str, number: int, expected: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     real = socket.socket.setsockopt
 
     def refuse(self: socket.socket, level: int, option: int, value: int | bytes) -> None:
@@ -72,7 +70,7 @@ def test_reasons_not_to_join(host: str, number: int, expected: str, monkeypatch:
 
     monkeypatch.setattr(socket.socket, "setsockopt", refuse)
     address = replace(parse_address(f"natnet://{host}?multicast={GROUP}"), port=0)
-    with pytest.raises(InputError, match=expected):
+    with refuses(InputError, expected):
         open_socket(address)
 
 

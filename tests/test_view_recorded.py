@@ -9,6 +9,7 @@ import pytest
 from retarget.errors import InputError
 from retarget.viewer.recorded import RecordedRun, open_recorded
 from saved_runs import saved_run
+from support.messages import Facts, refuses
 
 
 @pytest.fixture(scope="module")
@@ -82,40 +83,40 @@ def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        (lambda a: _without(a, "phase"), "no phase"),
-        (lambda a: a | {"time": a["time"][:0]}, "a run without ticks"),
-        (lambda a: a | {"human_q": a["human_q"][:-1]}, "human_q: wrong content; found shape"),
-        (lambda a: a | {"servo_positions": a["servo_positions"][:-1]}, "servo_positions: wrong content; found shape"),
+        (lambda a: _without(a, "phase"), ()),
+        (lambda a: a | {"time": a["time"][:0]}, ()),
+        (lambda a: a | {"human_q": a["human_q"][:-1]}, "human_q"),
+        (lambda a: a | {"servo_positions": a["servo_positions"][:-1]}, "servo_positions"),
         (
             lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]},
-            "sensor_positions: wrong content; found shape",
+            "sensor_positions",
         ),
-        (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "sensor_positions: wrong content; found shape"),
+        (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "sensor_positions"),
         (
             lambda a: a | {"joint_positions": a["joint_positions"] * np.nan},
-            "joint_positions: wrong content; found nan in row 1",
+            ("joint_positions", 1),
         ),
-        (lambda a: a | {"joint_positions": a["joint_positions"][:, 1:]}, "joint_positions: wrong content; found shape"),
-        (lambda a: a | {"joint_positions": a["joint_positions"].astype("U9")}, "joint_positions: .*allowed: numbers"),
-        (lambda a: a | {"servo_positions": a["servo_positions"][:, 1:]}, "servo_positions: wrong content; found shape"),
-        (lambda a: a | {"root_position": a["root_position"][:, 1:]}, "root_position: wrong content; found shape"),
-        (lambda a: a | {"root_quaternion": a["root_quaternion"][:, 1:]}, "root_quaternion: wrong content; found"),
-        (lambda a: a | {"landmarks_asked": a["landmarks_asked"][:, 1:]}, "landmarks_asked: wrong content; found"),
-        (lambda a: a | {"human_q": a["human_q"][:, 1:]}, "another tree"),
-        (lambda a: a | {"time": a["time"].astype("U9")}, "time: wrong content"),
-        (lambda a: a | {"time": a["time"][::-1]}, "time does not increase"),
-        (lambda a: a | {"body": np.array("/nowhere/body.xml")}, "nowhere"),
-        (lambda a: a | {"joint_names": a["joint_names"][::-1].astype("U20") + np.array(["x"])}, "other joints"),
-        (lambda a: a | {"human_mjcf": np.array("<mujoco")}, "human of the run"),
+        (lambda a: a | {"joint_positions": a["joint_positions"][:, 1:]}, "joint_positions"),
+        (lambda a: a | {"joint_positions": a["joint_positions"].astype("U9")}, "joint_positions"),
+        (lambda a: a | {"servo_positions": a["servo_positions"][:, 1:]}, "servo_positions"),
+        (lambda a: a | {"root_position": a["root_position"][:, 1:]}, "root_position"),
+        (lambda a: a | {"root_quaternion": a["root_quaternion"][:, 1:]}, "root_quaternion"),
+        (lambda a: a | {"landmarks_asked": a["landmarks_asked"][:, 1:]}, "landmarks_asked"),
+        (lambda a: a | {"human_q": a["human_q"][:, 1:]}, ()),
+        (lambda a: a | {"time": a["time"].astype("U9")}, ()),
+        (lambda a: a | {"time": a["time"][::-1]}, ()),
+        (lambda a: a | {"body": np.array("/nowhere/body.xml")}, ()),
+        (lambda a: a | {"joint_names": a["joint_names"][::-1].astype("U20") + np.array(["x"])}, ()),
+        (lambda a: a | {"human_mjcf": np.array("<mujoco")}, ()),
         (lambda a: a | {"phase": np.array([None] * len(a["time"]), dtype=object)}, "allow_pickle"),
     ],
 )
-def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, found: str) -> None:
+def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, found: Facts) -> None:
     with np.load(path) as saved:
         arrays = {key: saved[key] for key in saved}
     changed = tmp_path / "changed.npz"
     np.savez(changed, **change(arrays))
-    with pytest.raises(InputError, match=found) as refused:
+    with refuses(InputError, found) as refused:
         open_recorded(changed)
     assert str(changed) in str(refused.value)
 
@@ -124,14 +125,14 @@ def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, foun
 def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, content: bytes) -> None:
     other = tmp_path / "other.npz"
     other.write_bytes(content)
-    with pytest.raises(InputError, match="an NPZ file"):
+    with refuses(InputError, "NPZ"):
         open_recorded(other)
-    with pytest.raises(InputError, match="No such file"):
+    with refuses(InputError):
         open_recorded(tmp_path / "none.npz")
 
 
 def test_half_a_file_is_refused(path: Path, tmp_path: Path) -> None:
     half = tmp_path / "half.npz"
     half.write_bytes(path.read_bytes()[:20000])
-    with pytest.raises(InputError, match="not an NPZ file"):
+    with refuses(InputError, "NPZ"):
         open_recorded(half)

