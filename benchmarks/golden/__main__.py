@@ -5,12 +5,13 @@ Exit code 0: all is the same, but for timings and wording; 1: something differs;
 """
 
 import argparse
+import resource
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.golden.compare import MESSAGES, TIMINGS, differences
+from benchmarks.golden.compare import COUNTED_MESSAGES, MESSAGES, TIMINGS, differences
 from benchmarks.golden.matrix import Run, found_sources, full_matrix
 from benchmarks.golden.old_names import Names, names_in
 from benchmarks.golden.play import Outcome, play
@@ -62,8 +63,11 @@ def compare(commit: str, *, only: str, jobs: int) -> int:
     built = time.monotonic()
     bad = _play_all(runs, here, there, names_in(ROOT, sha), jobs)
     end = time.monotonic()
-    print(f"not compared: {', '.join(TIMINGS)} (timings); the wording of {', '.join(MESSAGES)}")
-    print(f"{end - begin:.0f} s, of them {built - begin:.0f} s to build")
+    worded = ", ".join([*MESSAGES, *COUNTED_MESSAGES])
+    print(f"not compared: {', '.join(TIMINGS)} (timings); the wording of {worded}")
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = used.ru_utime + used.ru_stime
+    print(f"{end - begin:.0f} s, of them {built - begin:.0f} s to build; {cpu:.0f} s of CPU")
     print(f"{bad} of {len(runs)} runs differ" if bad else f"all {len(runs)} runs are equal to the bit")
     return 1 if bad else 0
 

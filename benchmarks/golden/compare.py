@@ -42,7 +42,10 @@ class Difference:
 
 
 def differences(ours: Outcome, theirs: Outcome, names: Names | None = None) -> list[Difference]:
-    """Everything that differs, the earliest first. names: what the other version calls things."""
+    """Everything that differs: exit code and wire, then arrays, the earliest first, then the report.
+
+    names: what the other version calls things.
+    """
     problems = [
         Difference("run", f"{side}: {one.problem}") for side, one in (("here", ours), ("there", theirs)) if one.problem
     ]
@@ -54,7 +57,7 @@ def differences(ours: Outcome, theirs: Outcome, names: Names | None = None) -> l
     wire = wire_difference(ours.wire, theirs.wire)
     found += [] if wire is None else [wire]
     found += _report_differences(compared_report(ours.report), compared_report(theirs.report), known)
-    return sorted(found, key=lambda one: (one.first is None, one.first or 0))
+    return sorted(found, key=lambda one: (one.what.startswith("report "), -1 if one.first is None else one.first))
 
 
 def _array_differences(ours: Arrays, theirs: Arrays, names: Names) -> list[Difference]:
@@ -109,10 +112,7 @@ def _texts(ours: Floats, theirs: Floats) -> str:
 
 def _rows_differ(ours: Floats, theirs: Floats) -> Floats:
     """Mask (T,) of rows that are not the same bits: -0 is not 0, and a NaN is the same NaN."""
-    if ours.dtype.kind == "U":
-        unlike = ours != theirs
-    else:
-        unlike = _bits(ours) != _bits(theirs)
+    unlike = np.asarray(ours != theirs if ours.dtype.kind == "U" else _bits(ours) != _bits(theirs))
     return np.asarray(unlike.any(axis=tuple(range(1, unlike.ndim))))
 
 
@@ -149,18 +149,26 @@ def wire_difference(ours: Arrays, theirs: Arrays) -> Difference | None:
     if first == count:
         if len(ours["size"]) == len(theirs["size"]):
             return None
-        return Difference(
-            "wire", f"the same for {count} messages; {len(ours['size'])} here, {len(theirs['size'])} there"
-        )
-    return Difference("wire", f"message {first}: {_message(ours, first)} here, {_message(theirs, first)} there")
+        text = f"the same for {count} messages; {len(ours['size'])} here, {len(theirs['size'])} there"
+        return Difference("wire", text)
+    return Difference(
+        "wire", f"message {first}: {_message(ours, theirs, first)} here, {_message(theirs, ours, first)} there"
+    )
 
 
-def _message(wire: Arrays, place: int) -> str:
-    end = int(wire["size"][: place + 1].sum())
-    data = wire["data"][end - int(wire["size"][place]) : end].tobytes()
+def _message(wire: Arrays, other: Arrays, place: int) -> str:
+    """One message from the byte on that is another one in `other`, and when it was where."""
+    data, beside = _data(wire, place), _data(other, place)
+    at = next((byte for byte, (a, b) in enumerate(zip(data, beside, strict=False)) if a != b), 0)
+    shown = f"{data[at : at + 12].hex(' ')}{' ...' if len(data) > at + 12 else ''} from byte {at} of {len(data)} on,"
     way = "from" if wire["direction"][place] else "to"
-    shown = f"{data[:24].hex(' ')}{' ...' if len(data) > 24 else ''}"
     return f"{shown} {way} the servos of port {wire['port'][place]} at {wire['time'][place]:.6f} s"
+
+
+def _data(wire: Arrays, place: int) -> bytes:
+    end = int(wire["size"][: place + 1].sum())
+    data: bytes = wire["data"][end - int(wire["size"][place]) : end].tobytes()
+    return data
 
 
 def compared_report(report: Mapping[str, Any], above: str = "") -> dict[str, Any]:

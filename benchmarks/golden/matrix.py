@@ -66,7 +66,7 @@ def found_sources(folder: Path, root: Path) -> Sources:
     folder.mkdir(parents=True, exist_ok=True)
     faults = folder / "stop.yaml"
     faults.write_text(STOP_FAULT, encoding="utf-8")
-    made_stream = ("--source", f"replay://{write_stream(folder / 'stream.rec')}", *LIVE_END)
+    made_stream: tuple[str, ...] = ("--source", f"replay://{write_stream(folder / 'stream.rec')}", *LIVE_END)
     shared = Path(os.environ.get("RETARGET_SHARED", str(root.parent / "shared"))).resolve()
     notes: list[str] = []
     clip: tuple[str, ...] = ("--source", str(shared / CLIP), "--start", "2", "--end", "4.5")
@@ -75,7 +75,7 @@ def found_sources(folder: Path, root: Path) -> Sources:
         notes.append(f"no {CLIP.name} in {shared}: the clip is a made one")
     streams = dict.fromkeys(ROBOTS, made_stream)
     if (shared / STREAM).is_file():
-        recorded = ("--source", f"replay://{shared / STREAM}", "--performer", "three", *LIVE_END)
+        recorded: tuple[str, ...] = ("--source", f"replay://{shared / STREAM}", "--performer", "three", *LIVE_END)
         # The recording is over before Poppy, which approaches slowly, could follow anything of it.
         streams = {robot: made_stream if robot == "poppy" else recorded for robot in ROBOTS}
     else:

@@ -80,17 +80,24 @@ def resolved(root: Path, commit: str) -> str:
 
 
 def other_tree(root: Path, sha: str, *, cache: Path) -> Tree:
-    """A commit, unpacked and built below `cache`; a second call finds it there. Raises TreeError."""
+    """A commit, unpacked and built below `cache`; a second call finds it there. Raises TreeError.
+
+    It uses this environment where it asks for the same packages; else one of its own, which takes minutes.
+    """
     folder = cache / sha
-    whole = folder / ".whole"
+    asked = tomllib.loads(_git(root, "show", f"{sha}:pyproject.toml"))
+    shared = _dependencies(asked) == _dependencies(_pyproject(root))
+    whole = folder / (".whole" if shared else ".whole-with-packages")
     if not whole.exists():
         shutil.rmtree(folder, ignore_errors=True)
         _unpack(root, sha, folder)
-        python = _python_for(root, folder)
-        if python == Path(sys.executable):
+        if shared:
             _copy_extension(root, sha, folder, cache)
-        whole.write_text(str(python), encoding="utf-8")
-    return Tree(sha[:12], folder, Path(whole.read_text(encoding="utf-8")))
+        else:
+            print(f"{sha[:12]} asks for other packages: it gets an environment of its own", flush=True)
+            _checked(["make", ".venv/.with-base"], cwd=folder, env=dict(os.environ))
+        whole.touch()
+    return Tree(sha[:12], folder, Path(sys.executable) if shared else folder / ".venv/bin/python")
 
 
 def _unpack(root: Path, sha: str, folder: Path) -> None:
@@ -102,17 +109,8 @@ def _unpack(root: Path, sha: str, folder: Path) -> None:
         archive.extractall(folder, filter="tar")
 
 
-def _python_for(root: Path, folder: Path) -> Path:
-    """This environment where the commit asks for the same packages; else one of its own, which takes minutes."""
-    if _dependencies(root) == _dependencies(folder):
-        return Path(sys.executable)
-    print("it asks for other packages: it gets an environment of its own", flush=True)
-    _checked(["make", ".venv/.with-base"], cwd=folder, env=dict(os.environ))
-    return folder / ".venv/bin/python"
-
-
-def _dependencies(folder: Path) -> list[str]:
-    return sorted(_pyproject(folder)["project"]["dependencies"])
+def _dependencies(project: dict[str, Any]) -> list[str]:
+    return sorted(project["project"]["dependencies"])
 
 
 def _pyproject(folder: Path) -> dict[str, Any]:

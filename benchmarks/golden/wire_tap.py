@@ -8,7 +8,6 @@ import importlib
 import pkgutil
 import runpy
 import sys
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -51,14 +50,16 @@ class Log:
         }
 
 
-def emulated_port() -> type:
+def emulated_port() -> type[Any]:
     """The class. Raises LookupError unless there is exactly one in the first package that has any."""
     for place in PLACES:
         try:
             package = importlib.import_module(place)
         except ModuleNotFoundError:
             continue
-        found = {kind for module in _modules(package) for kind in vars(module).values() if _has_the_shape(kind)}
+        found: set[type[Any]] = {
+            kind for module in _modules(package) for kind in vars(module).values() if _has_the_shape(kind)
+        }
         if len(found) > 1:
             raise LookupError(f"several emulated ports in {place}: {sorted(kind.__qualname__ for kind in found)}")
         if found:
@@ -99,8 +100,8 @@ def main(file: str, *words: str) -> None:
     try:
         runpy.run_module("retarget", run_name="__main__", alter_sys=True)
     finally:
-        with Path(file).open("wb") as out:
-            np.savez(out, **log.arrays())
+        kept: dict[str, Any] = log.arrays()
+        np.savez(file, **kept)
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def test_the_first_message_on_the_wire_that_differs() -> None:
     assert wire_difference(ours, theirs) is None
     theirs["data"][2] += 1
     found = wire_difference(ours, theirs)
-    assert found is not None and "message 1" in found.text and "02 03 04" in found.text and "03 03 04" in found.text
+    assert found is not None and "message 1: 02 03 04 from byte 0 of 3" in found.text and "03 03 04" in found.text
     later: Arrays = outcome().wire
     later["time"][0] += 0.01
     found = wire_difference(ours, later)
