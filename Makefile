@@ -18,12 +18,14 @@ RUST_TARGETS := x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
 JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test lint bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness long docs wheels clean machine
+.PHONY: help demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper robustness long docs wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
 	@echo 'make test    every test but the long ones'
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
+	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes'
+	@echo 'make golden-store  renew the stored runs that make test compares with'
 	@echo 'make bench   our frame time beside PlaCo and mink'
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'
 	@echo 'make bench-tick  what a live tick computes, datagram in to goal bytes out'
@@ -55,6 +57,13 @@ lint: $(VENV)/.with-test $(VENV)/.with-lint
 	$(BIN)/mypy
 	cargo fmt --check --manifest-path $(MANIFEST)
 	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --release --locked --all-targets --all-features --quiet --manifest-path $(MANIFEST) -- -D warnings
+
+golden: $(VENV)/.with-test
+	@[ -n '$(AGAINST)' ] || { echo 'which commit? make golden AGAINST=HEAD' >&2; exit 2; }
+	$(BIN)/python -m benchmarks.golden --against '$(AGAINST)' --jobs $(JOBS) $(GOLDEN)
+
+golden-store: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.golden --store
 
 docs: $(VENV)/.with-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

@@ -1,0 +1,266 @@
+"""Golden runs: what is compared and how, and a few runs against stored values where the machine is the same."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.golden import wire_tap
+from benchmarks.golden.compare import (
+    COUNTED_MESSAGES,
+    MESSAGES,
+    TIMINGS,
+    Difference,
+    array_difference,
+    compared_report,
+    differences,
+    wire_difference,
+)
+from benchmarks.golden.matrix import FAULT_ROWS, found_sources, full_matrix
+from benchmarks.golden.old_names import Names
+from benchmarks.golden.play import Arrays, Outcome
+from benchmarks.golden.stored import STORED, fingerprint, hashes, hashes_of_runs
+from benchmarks.golden.tree import TreeError, resolved, this_tree
+
+
+def outcome(**arrays: Any) -> Outcome:
+    report = {"ticks": 3, "solve_us": {"p50": 1.0}, "stop": {"state": "idle", "reason": None}, "notes": []}
+    wire = {"time": [0.0, 0.1], "port": [0, 0], "direction": [0, 1], "size": [2, 3]}
+    made = {name: np.array(values) for name, values in wire.items()}
+    made["data"] = np.arange(5, dtype=np.uint8)
+    return Outcome(0, {"time": np.arange(3.0), "goal_ticks": np.zeros((3, 2), dtype=np.int64)} | arrays, report, made)
+
+
+def whats(found: Iterable[Difference]) -> list[str]:
+    return [one.what for one in found]
+
+
+def test_the_same_is_equal() -> None:
+    assert not differences(outcome(), outcome())
+
+
+def test_a_changed_array_is_found_with_its_first_tick_and_by_how_much() -> None:
+    ticks = np.zeros((3, 2), dtype=np.int64)
+    ticks[1, 1], ticks[2, 0] = 4, -7
+    found = differences(outcome(goal_ticks=ticks), outcome())
+    assert whats(found) == ["goal_ticks"] and found[0].first == 1
+    assert "2 of 3 rows" in found[0].text and "7" in found[0].text
+
+
+def test_the_earliest_difference_stands_first() -> None:
+    ticks, time = np.zeros((3, 2), dtype=np.int64), np.arange(3.0)
+    ticks[2], time[0] = 1, 1e-9
+    assert whats(differences(outcome(goal_ticks=ticks, time=time), outcome())) == ["time", "goal_ticks"]
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "first"),
+    [
+        ([1.0, 0.0], [1.0, -0.0], 1),
+        ([1.0, np.nan], [1.0, 0.0], 1),
+        ([1.0, 2.0], [1.0, np.nextafter(2.0, 3.0)], 1),
+        ([True, False], [True, True], 1),
+        (["a", "b"], ["c", "b"], 0),
+        ([1.0, 2.0, 3.0], [1.0, 2.0], 2),
+        ([1, 2], [1.0, 2.0], None),
+        ([[1.0], [2.0]], [[1.0, 1.0], [2.0, 2.0]], None),
+        (1.0, 2.0, None),
+        ("body", "bodies", None),
+    ],
+)
+def test_one_bit_is_a_difference(ours: Any, theirs: Any, first: int | None) -> None:
+    found = array_difference("x", np.array(ours), np.array(theirs))
+    assert found is not None and found.first == first
+    assert array_difference("x", np.array(theirs), np.array(theirs)) is None
+
+
+def test_a_nan_is_the_same_nan() -> None:
+    assert array_difference("x", np.array([np.nan, 1.0]), np.array([np.nan, 1.0])) is None
+
+
+def test_an_array_that_one_version_lacks_is_a_difference() -> None:
+    assert whats(differences(outcome(more=np.zeros(3)), outcome())) == ["more"]
+    assert whats(differences(outcome(), outcome(more=np.zeros(3)))) == ["more"]
+
+
+def test_the_first_message_on_the_wire_that_differs() -> None:
+    ours, theirs = outcome().wire, outcome().wire
+    assert wire_difference(ours, theirs) is None
+    theirs["data"][2] += 1
+    found = wire_difference(ours, theirs)
+    assert found is not None and "message 1: 02 03 04 from byte 0 of 3" in found.text and "03 03 04" in found.text
+    later: Arrays = outcome().wire
+    later["time"][0] += 0.01
+    found = wire_difference(ours, later)
+    assert found is not None and "message 0" in found.text
+    shorter = {name: values[:1] for name, values in ours.items()} | {"data": ours["data"][:2]}
+    found = wire_difference(ours, shorter)
+    assert found is not None and "2 here, 1 there" in found.text
+    assert wire_difference(ours, {name: values[:0] for name, values in ours.items()}) is not None
+
+
+def test_timings_and_wording_are_left_out_and_nothing_else() -> None:
+    report = {
+        "ticks": 3,
+        "stop": {"state": "stopped", "reason": "too hot"},
+        "bus": {"faults": 0, "cycle_ms": {"p50": 0.1}},
+        "live": {"dropped": {"one reason": 3, "another": 1}},
+        "physics": None,
+    }
+    assert compared_report(report) == {
+        "ticks": 3,
+        "stop.state": "stopped",
+        "stop.reason": True,
+        "bus.faults": 0,
+        "live.dropped": [1, 3],
+        "physics": None,
+    }
+    assert all([*TIMINGS.values(), *MESSAGES.values(), *COUNTED_MESSAGES.values()])
+
+
+def test_a_changed_key_of_the_report_is_found() -> None:
+    ours, theirs = outcome(), outcome()
+    theirs.report["ticks"] = 4
+    theirs.report["solve_us"] = {"p50": 2.0}
+    theirs.report["stop"] = {"state": "idle", "reason": "wording"}
+    assert whats(differences(ours, theirs)) == ["report ticks", "report stop.reason"]
+
+
+def test_a_run_that_failed_is_never_equal() -> None:
+    failed = Outcome(2, problem="exit code 2")
+    assert differences(failed, failed)
+    assert whats(differences(replace(outcome(), code=1), outcome())) == ["exit code"]
+
+
+def test_old_names_are_understood() -> None:
+    names = Names(
+        words={"--perturb": "--trouble", "age": "years"}, keys={"no_command": "unled", "time": "t", "idle": "free"}
+    )
+    ours, theirs = outcome(state=np.array(["idle", "moving"])), outcome(state=np.array(["free", "moving"]))
+    ours.report["no_command"] = theirs.report["unled"] = 5
+    theirs.report["stop"] = {"state": "free", "reason": None}
+    theirs.arrays["t"] = theirs.arrays.pop("time")
+    assert differences(ours, theirs)
+    assert not differences(ours, theirs, names)
+    assert names.word("--perturb") == "--trouble" and names.word("--bus") == "--bus"
+
+
+def test_old_names_in_a_file_of_a_run(tmp_path: Path) -> None:
+    source, folder = tmp_path / "faults.yaml", tmp_path / "run"
+    folder.mkdir()
+    source.write_text("faults:\n  - {fault: hot, ids: [5]}\n", encoding="utf-8")
+    words = Names(words={"ids": "servos", "hot": "warm"}).files(["--faults", str(source)], folder)
+    assert Path(words[1]).read_text(encoding="utf-8") == "faults:\n  - {fault: warm, servos: [5]}\n"
+    assert Names().files(["--faults", str(source)], folder) == ["--faults", str(source)]
+
+
+def test_the_matrix_is_whole(tmp_path: Path, root: Path) -> None:
+    runs = {run.name: run for run in full_matrix(found_sources(tmp_path, root))}
+    for robot in ("op3", "poppy", "toddlerbot", "wolfgang"):
+        for kind in ("clip", "stream"):
+            for bus in ("mock", "emulator", "physics"):
+                assert runs[f"{robot} {kind} {bus}"].wire == (bus == "emulator")
+    assert {"human paper", "human human", "op3 stopped emulator", "op3 wall mock"} <= set(runs)
+
+
+def test_a_fault_row_of_every_kind_is_run() -> None:
+    from sim.faults.rows import ROWS
+
+    kinds = {row.reaction for row in ROWS if row.name in FAULT_ROWS}
+    assert kinds == {row.reaction for row in ROWS}
+
+
+def test_without_recorded_data_sources_are_made_and_it_says_so(
+    tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RETARGET_SHARED", str(tmp_path / "nothing"))
+    sources = found_sources(tmp_path / "made", root)
+    assert len(sources.notes) == 2
+    assert Path(sources.clip[1]).is_file() and Path(sources.streams["op3"][1].removeprefix("replay://")).is_file()
+
+
+def test_the_emulated_port_is_found_by_its_shape() -> None:
+    from sim.emulator.loopback import EmulatedPort
+
+    assert wire_tap.emulated_port() is EmulatedPort
+
+
+def test_bytes_of_several_ports_are_kept_in_order() -> None:
+    class Port:
+        def __init__(self) -> None:
+            self.waiting, self.time = b"", 0.0
+
+        def now(self) -> float:
+            return self.time
+
+        def write(self, data: bytes) -> None:
+            self.waiting, self.time = data[::-1], self.time + 1.0
+
+        def read(self) -> bytes:
+            data, self.waiting = self.waiting, b""
+            return data
+
+    log = wire_tap.Log()
+    wire_tap.tap(Port, log)
+    first, second = Port(), Port()
+    first.write(b"abc")
+    second.write(b"x")
+    assert first.read() == b"cba" and first.read() == b""
+    found = log.arrays()
+    assert found["data"].tobytes() == b"abcxcba"
+    assert [found[name].tolist() for name in ("port", "direction", "size", "time")] == [
+        [0, 1, 0],
+        [0, 0, 1],
+        [3, 1, 3],
+        [0.0, 0.0, 1.0],
+    ]
+
+
+def test_a_commit_that_is_none(root: Path) -> None:
+    if not (root / ".git").exists():
+        pytest.skip("not a git checkout")
+    with pytest.raises(TreeError, match="no such commit"):
+        resolved(root, "--upload-pack=x")
+
+
+def test_the_command_refuses_without_a_commit(root: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.golden"], cwd=root, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2 and "--against" in done.stderr
+
+
+def test_hashes_tell_arrays_apart() -> None:
+    assert hashes(outcome()) == hashes(outcome())
+    other = hashes(outcome(time=np.arange(3.0) + 1e-12))
+    assert {name for name, value in hashes(outcome()).items() if other[name] != value} == {"time"}
+    assert set(other) == {"time", "goal_ticks", "report", "wire"}
+
+
+def test_runs_are_the_stored_ones(root: Path, tmp_path: Path) -> None:
+    """`make golden-store` renews what is stored."""
+    if not (root / ".git").exists():
+        pytest.skip("not a git checkout")
+    stored = json.loads(STORED.read_text(encoding="utf-8"))
+    here = fingerprint()
+    other = [
+        f"{key} is {here.get(key)!r}, stored {value!r}"
+        for key, value in stored["fingerprint"].items()
+        if here.get(key) != value
+    ]
+    if other:
+        pytest.skip(f"golden runs were stored on another kind of machine: {'; '.join(other)}")
+    found = hashes_of_runs(this_tree(root), tmp_path)
+    differ = [
+        f"{run}: {name}"
+        for run, values in stored["runs"].items()
+        for name in sorted(values.keys() | found.get(run, {}).keys())
+        if values.get(name) != found.get(run, {}).get(name)
+    ]
+    assert not differ and set(found) == set(stored["runs"])
