@@ -19,14 +19,14 @@ def envelope() -> Envelope:
 
 
 def test_the_op3_crouches_to_bent_knees_and_stands_on_nearly_straight_ones() -> None:
-    # Sole to ankle 0.0305, shin and thigh 0.22 straight; knees bend from 11 to 126 degrees.
-    assert 0.12 < envelope().lowest < 0.14
+    # Sole to ankle 0.0305, shin and thigh 0.22 straight; knees bend from 11 to 148 degrees.
+    assert 0.08 < envelope().lowest < 0.10
     assert 0.24 < envelope().highest < 0.2507
 
 
 def test_it_leans_less_when_it_crouches() -> None:
     forward = envelope().lean[:, 0]
-    assert np.deg2rad(20.0) < forward[0] < np.deg2rad(35.0)
+    assert np.deg2rad(20.0) < forward[0] < np.deg2rad(50.0)
     assert forward[-2] > 1.3 * forward[0]
 
 

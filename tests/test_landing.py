@@ -21,13 +21,13 @@ PELVIS = list(op3().profile.landmarks).index("pelvis")
 STEADY = {"op3": "steady", "toddlerbot": "lasting", "wolfgang": "steady"}
 
 
-def crouched(name: str = "op3") -> Follower:
+def crouched(name: str = "op3", ticks: int = 300) -> Follower:
     """Stopped in the midst of what the performer does."""
     robot = Follower(load_robot(name), load_priorities(STEADY[name]), dimensions(performer()))
     motion = postures(performer())
     robot.start(motion[0])
     robot.arrive(motion[0], DT)
-    for human in motion[1:300]:
+    for human in motion[1:ticks]:
         robot.step(human, DT)
     for _ in range(100):
         robot.halt(DT)
@@ -36,7 +36,7 @@ def crouched(name: str = "op3") -> Follower:
 
 
 def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
-    robot = crouched()
+    robot = crouched(ticks=200)
     reader = RobotReader(op3(), robot.stance)
     start = reader.read(robot._q)
     way: list[FloatArray] = []
@@ -80,7 +80,7 @@ def joints_of(robot: RobotBody) -> tuple[IntArray, IntArray]:
 
 def leaning() -> Follower:
     """Asked aside, forward and round, as far as its room goes."""
-    robot = crouched()
+    robot = crouched(ticks=200)
     standing = robot.landmark_map.standing
     aside = [plus(place, (0.05, 0.05, 0.0)) for place in standing.landmarks]
     turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))

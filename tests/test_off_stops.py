@@ -20,11 +20,11 @@ def test_legs_keep_off_and_arms_do_not() -> None:
     free = limits(op3())
     kept = off_stops(op3(), free, margin=0.05)
     body = op3().body
-    for joint, low, high in (("l_hip_pitch", -1.206637, 1.206637), ("l_ank_roll", -1.363717, 1.363717)):
+    for joint, low, high in (("l_hip_pitch", -2.306194, 0.438692), ("l_ank_roll", -1.346263, 1.346263)):
         dof = body.dof_index(joint)
         assert (kept.lower[dof], kept.upper[dof]) == pytest.approx((low, high))
     knee = body.dof_index("l_knee")
-    assert kept.upper[knee] == pytest.approx(2.149115)
+    assert kept.upper[knee] == pytest.approx(2.533087)
     assert kept.lower[knee] == free.lower[knee]  # it is kept bent by more than that already
     arm = body.dof_index("l_el")
     assert (kept.lower[arm], kept.upper[arm]) == (free.lower[arm], free.upper[arm])

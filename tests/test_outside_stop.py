@@ -89,7 +89,7 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
     assert_stands_well(run)
 
 
-@pytest.mark.parametrize("at", [5.69, 8.47, 11.23, 15.6])
+@pytest.mark.parametrize("at", [5.69, 8.47, 11.23, 15.3])
 def test_an_interrupt_of_the_synthetic_performer(at: float) -> None:
     with prepared(synthetic_performer, at) as ready:
         run = stop_at(ready)
@@ -106,7 +106,7 @@ def test_the_end_of_a_clip_in_the_middle_of_a_motion() -> None:
 
 def test_a_stop_by_the_guard() -> None:
     fault = MockFault(FaultKind.HOT, first=505, cycles=1, servo=4, value=70.0)
-    with prepared(synthetic_performer, 15.6, [fault]) as ready:
+    with prepared(synthetic_performer, 11.23, [fault]) as ready:
         run = ready.run()
     assert run.state == "stopped"
     assert run.reason is not None
@@ -126,7 +126,7 @@ def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
 
 def test_without_the_way_the_same_stop_tears_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:
     """What these tests can see: each joint braking by itself, as fast as it can."""
-    with prepared(synthetic_performer, 15.6) as ready:
+    with prepared(synthetic_performer, 5.69) as ready:
         assert ready.side is not None
         monkeypatch.setattr(ready.side._follower, "halt", lambda dt: None)
         run = stop_at(ready)

@@ -82,7 +82,7 @@ WRONG = {
     "unknown model": (("XM430-W350,", "XM430-W530,"), "unknown servo model; found 'XM430-W530'"),
     "beyond the travel": (
         ("zero_tick: 2048", "zero_tick: 200"),
-        "limit beyond the servo's travel; found -3.124139 rad, which is tick -1837",
+        "limit beyond the servo's travel; found -2.96706 rad, which is tick -1734",
     ),
     "too fast": (
         ("max_velocity: 4.5", "max_velocity: 9"),

@@ -104,7 +104,7 @@ WRONG = {
     "homing offset": ((head(extra=", homing_offset: 1025"),), "homing_offset: more than this mode honours; found 1025"),
     "travel": (
         (("zero_tick: 2048", "zero_tick: 5000"),),
-        "limit beyond the servo's travel; found 3.124139 rad, which is tick 7037; allowed: ticks 0 to 4095",
+        "limit beyond the servo's travel; found 2.96706 rad, which is tick 6934; allowed: ticks 0 to 4095",
     ),
     "protocol": ((("protocol: 2", "protocol: 1"),), "found XM430-W350 on bus 'main' of protocol 1; allowed: 2"),
     "baud": ((("baud: 2000000", "baud: 1500000"),), "main.baud: no speed of protocol 2 servos; found 1500000"),

@@ -15,6 +15,7 @@ from retarget.motion_summary import summarise
 from retarget.sources import open as opening
 from retarget.sources.open import SAMPLE, open_source
 from sim.sample_recording import DURATION_S, MOVES, RATE_HZ, sample_recording
+from support.messages import refuses
 
 SHIPPED = Path(opening.__file__).with_name("sample_recording.bvh")
 LARGEST = 250_000
@@ -88,10 +89,10 @@ def test_the_bare_word_is_the_sample_and_everything_else_a_file(
     Path("sample").write_text("nothing", encoding="utf-8")
     assert len(open_source("sample")) == len(sample)
     for file in ("./sample", Path("sample"), str(tmp_path / "sample")):
-        with pytest.raises(InputError, match="unknown kind of motion file"):
+        with refuses(InputError):
             open_source(file)
     for file in ("sample.bvh", "Sample"):
-        with pytest.raises(InputError, match="no such motion file"):
+        with refuses(InputError):
             open_source(file)
     assert command("inspect", "./sample") == REFUSED
 

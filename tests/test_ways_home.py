@@ -75,7 +75,7 @@ def test_a_robot_that_was_to_be_parked_and_is_not_is_told() -> None:
     assert not_parked(op3(), rest + 0.9 * NEAR_REST, None) == ()
     (told,) = not_parked(op3(), stand, None)
     knees = {op3().joint_map.joints[joint] for joint in np.flatnonzero(np.abs(stand - rest) > 1.5)}
-    assert told.startswith("not parked") and any(f"{knee} 1.55 rad" in told for knee in knees)
+    assert told.startswith("not parked") and any(f"{knee} 1.84 rad" in told for knee in knees)
     assert not_parked(op3(), stand, Stop(StopCause.REQUESTED, "asked", 0.0)) == (told,)
     assert not_parked(op3(), stand, Stop(StopCause.REQUESTED, "insisted", 0.0, then=StopCause.REQUESTED)) == ()
     assert not_parked(op3(), stand, Stop(StopCause.TEMPERATURE, "hot", 0.0)) == (), "it stays, and the reason says so"

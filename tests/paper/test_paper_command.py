@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.paper.__main__ import main
 from retarget.cli.boundary import DONE, REFUSED
+from support.messages import shows
 
 
 def paper(*words: str | Path) -> int:
@@ -50,7 +51,7 @@ def test_refused_before_anything_is_written(
 def test_a_folder_of_the_users_own_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "experiments.json").write_text("mine", encoding="utf-8")
     assert paper("--out", tmp_path, "--only", "figure4") == REFUSED
-    assert "something is there already" in capsys.readouterr().err
+    shows(capsys.readouterr().err)
     assert (tmp_path / "experiments.json").read_text(encoding="utf-8") == "mine"
     assert paper("--out", tmp_path, "--only", "figure4", "--overwrite") == DONE
 
