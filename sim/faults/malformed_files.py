@@ -96,7 +96,7 @@ def _outside(sound: bytes, folder: Path) -> bytes:
 
 _HEAD = "head_pan:    {id: 19"
 _HEAD_SERVO = (
-    "head_pan:    {id: 19, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-1.570796, 1.570796]"
+    "head_pan:    {id: 19, model: XM430-W350, bus: main, direction: 1, zero_tick: 2048, limits: [-2.356194, 2.356194]"
 )
 _SPEED = "max_velocity: 4.5"
 MALFORMED: tuple[Malformed, ...] = (
@@ -120,11 +120,11 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed("negative speed", _swap(_SPEED, "max_velocity: -4.5"), "max_velocity"),
     Malformed(
         "inverted limits",
-        _swap(_HEAD_SERVO, _HEAD_SERVO.replace("[-1.570796, 1.570796]", "[1.570796, -1.570796]")),
+        _swap(_HEAD_SERVO, _HEAD_SERVO.replace("[-2.356194, 2.356194]", "[2.356194, -2.356194]")),
         "inverted",
     ),
-    Malformed("home outside limits", _swap("{l_sho_pitch: -0.3,", "{l_sho_pitch: -1.9,"), "stand.l_sho_pitch"),
-    Malformed("degrees for radians", _swap(_HEAD_SERVO, _HEAD_SERVO.replace("1.570796", "90")), "head_pan"),
+    Malformed("home outside limits", _swap("{l_sho_pitch: -0.3,", "{l_sho_pitch: -3.2,"), "stand.l_sho_pitch"),
+    Malformed("degrees for radians", _swap(_HEAD_SERVO, _HEAD_SERVO.replace("2.356194", "90")), "head_pan"),
     Malformed("duplicate id", _swap(_HEAD, "head_pan:    {id: 20"), "20"),
     Malformed("id 254", _swap(_HEAD, "head_pan:    {id: 254"), "254"),
     Malformed("unknown joint", _swap("head_pan:    {id", "head_pam:    {id"), "head_pam"),
