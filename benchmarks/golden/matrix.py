@@ -29,7 +29,7 @@ FAULT_ROWS = (
     "clearance below margin",  # what is asked is not sent
 )
 """One row of the fault table for each reaction that it knows."""
-MALFORMED = "degrees for radians"
+MALFORMED = "duplicate id"
 """A row with a robot file that is refused."""
 STOP_FAULT = "faults:\n  - {fault: over_temperature, ids: [5], start: 8.5}\n"
 """A servo that is too hot, about 1.5 s after following began: OP3 stops, goes to rest, and ends with exit code 1."""
