@@ -28,7 +28,7 @@ from benchmarks.recording import followed, recording
 from benchmarks.side import Side
 from benchmarks.table import print_costs, print_outcomes, print_real_frame
 from benchmarks.textbook import Textbook
-from retarget.calibration import calibrate
+from retarget.human.calibration import calibrate
 from retarget.sources.open import open_source
 
 

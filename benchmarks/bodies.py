@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.body import BodyModel, load_body
-from retarget.human import build_human
-from retarget.human_dimensions import HumanDimensions, proportional_dimensions
+from retarget.model.body import BodyModel, load_body
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import HumanDimensions, proportional_dimensions
 
 Floats = NDArray[np.float64]
 OP3 = Path(__file__).resolve().parent.parent / "configs" / "robots" / "op3" / "body.xml"

@@ -15,16 +15,13 @@ from types import TracebackType
 
 import numpy as np
 
-from hardware.bus_spec import BusSpec
+from hardware.bus import BusSpec
 from hardware.clock import MonotonicClock
 from hardware.servo import ServoSpec, find_model
-from sim.emulator.fault_command import obey
-from sim.emulator.line import Line
-from sim.emulator.link import Link
-from sim.emulator.pseudo_terminal import PseudoTerminal
+from sim.emulator.fault_state import obey
+from sim.emulator.line import REAL_TIME_GAP, Line, Timing
+from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.robot_lines import robot_lines
-from sim.emulator.serve import serve
-from sim.emulator.wire import REAL_TIME_GAP, Timing
 
 CENTRE = 2048
 """Tick at which every servo begins."""

@@ -12,13 +12,12 @@ from hardware.arrays import TickArray
 from hardware.bus import ServoGoals
 from hardware.clock import MonotonicClock
 from hardware.dynamixel.bus import DynamixelBus
-from hardware.dynamixel.byte_port import BytePort
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import CyclicPort, Wired
 from hardware.dynamixel.exchange import Kind
 from hardware.dynamixel.protocol2 import sync_write
 from hardware.dynamixel.readings import Readings
-from hardware.dynamixel.serial_port import SerialPort
+from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.joint_map import JointMap
 
 MODEL = "XM430-W350"

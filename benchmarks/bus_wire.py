@@ -12,8 +12,8 @@ from benchmarks.bus_emulator import EmulatorProcess, make_line
 from benchmarks.bus_sides import GOAL_SIZE, PRESENT_SIZE, OurPort, our_port
 from hardware.clock import MonotonicClock, VirtualClock
 from hardware.dynamixel.cyclic import STATUS_EVERY
-from sim.emulator.loopback import EmulatedPort
-from sim.emulator.wire import Timing
+from sim.emulator.line import Timing
+from sim.emulator.ports import EmulatedPort
 
 BAUDS = (1_000_000, 2_000_000, 3_000_000, 4_000_000)
 COUNTS = (20, 30)

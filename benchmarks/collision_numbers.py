@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from benchmarks.bodies import Floats
 from benchmarks.collision_runs import Motion, gated_share
-from retarget.metrics.clearance import Clearance
-from retarget.metrics.link_pairs import NEIGHBOURS
-from retarget.metrics.observer_activity import observer_activity
-from retarget.metrics.tracking import path_ratio
-from retarget.scene_motion import SceneState
+from retarget.model.scene_state import SceneState
+from retarget.report.clearance import NEIGHBOURS, Clearance
+from retarget.report.motion_metrics import observer_activity
+from retarget.report.tracking import path_ratio
 
 MM = 1e3
 STEP = 4

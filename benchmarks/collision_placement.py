@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.bodies import Floats
 from benchmarks.collision_runs import Motion
-from retarget.metrics.clearance import PlacedBody
-from retarget.rotations import FloatArray
-from retarget.scene import load_scene
-from retarget.scene_motion import SceneState
+from retarget.model.scene_state import SceneState
+from retarget.report.clearance import PlacedBody
+from retarget.schema.scene import load_scene
+from retarget.types import FloatArray
 
 DEPTH = 0.03
 """So deep, m, the hands of the free run enter, of a robot half a metre high."""

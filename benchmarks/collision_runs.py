@@ -12,16 +12,15 @@ import yaml
 from benchmarks.bodies import Floats
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
-from retarget.catalogue import Kind, find
 from retarget.frames import SensorFrames
-from retarget.metrics.clearance import PlacedBody, place_body
-from retarget.metrics.motion import jerk_p95
-from retarget.options import RunOptions
-from retarget.prepare import prepare
-from retarget.priority_choice import HUMAN_PRIORITIES
-from retarget.record import Phase
-from retarget.robot_body import RobotBody, load_robot
-from retarget.run_result import RunResult
+from retarget.model.robot import RobotBody, load_robot
+from retarget.report.clearance import PlacedBody, place_body
+from retarget.report.motion_metrics import jerk_p95
+from retarget.run.options import HUMAN_PRIORITIES, RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.schema.catalogue import Kind, find
 from sim.mock_bus import MockBus
 
 OBSERVING = ("reactive", "preventive")

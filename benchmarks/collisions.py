@@ -19,9 +19,9 @@ from benchmarks.collision_numbers import Numbers, numbers
 from benchmarks.collision_placement import height_scale, place, write_scene
 from benchmarks.collision_runs import play, unobserving
 from benchmarks.table import print_table
-from retarget.errors import RetargetError
+from hardware.errors import RetargetError
 from retarget.frames import SensorFrames
-from retarget.options import RunOptions
+from retarget.run.options import RunOptions
 from retarget.sources.open import open_source
 
 FORMATS = (".amc", ".bvh", ".c3d")

@@ -14,15 +14,14 @@ import numpy as np
 
 from benchmarks.bodies import Floats
 from benchmarks.table import print_table
-from retarget.calibration import calibrate
-from retarget.clip import Playback, lay_on_ticks
 from retarget.frames import SensorFrames
-from retarget.human import Human, build_human
-from retarget.human_speeds import human_limits
-from retarget.metrics.motion import limit_violations
-from retarget.performer import load_performer
-from retarget.priorities import load_priorities
-from retarget.reconstruct import Reconstructor
+from retarget.human.calibration import calibrate
+from retarget.human.reconstruction import Reconstructor
+from retarget.human.samples import Playback, lay_on_ticks
+from retarget.model.human import Human, build_human, human_limits
+from retarget.report.motion_metrics import limit_violations
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 
 SWEEP = (1, 2, 3, 4, 5, 7, 10, 15, 20)

@@ -24,18 +24,18 @@ from benchmarks.pose_sender import PoseSender
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock
 from hardware.realtime import Scheduling, scheduled
-from retarget.catalogue import Kind, find
+from retarget.human.samples import Performance
 from retarget.live.address import parse_address
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
-from retarget.options import RunOptions
-from retarget.performer import Performer
-from retarget.pipeline import Watch
-from retarget.prepare import prepare_for
-from retarget.record import Phase
-from retarget.robot_body import RobotBody
-from retarget.samples import Performance
-from sim.emulated_bus import emulated_bus
+from retarget.model.robot import RobotBody
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare_for
+from retarget.run.record import Phase
+from retarget.schema.catalogue import Kind, find
+from retarget.schema.performer import Performer
+from sim.buses import emulated_bus
 
 RATE_HZ = 100.0
 DT = 1.0 / RATE_HZ

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from benchmarks.bodies import BenchBody, Floats, bench_human, bench_op3
 from retarget import _solver, rotations
-from retarget.human import build_human
-from retarget.human_dimensions import HumanDimensions, proportional_dimensions
-from retarget.human_observers import human_observers
-from retarget.observers import Observers, robot_observers
-from retarget.priorities import load_priorities
-from retarget.robot_body import load_robot
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import HumanDimensions, proportional_dimensions
+from retarget.model.observers import Observers, human_observers, robot_observers
+from retarget.model.robot import load_robot
+from retarget.schema.priorities import load_priorities
 
 Worn = Literal["lines_and_head", "capsules"]
 SETTINGS = {"lines_and_head": "paper", "capsules": "human"}

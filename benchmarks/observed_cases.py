@@ -24,7 +24,7 @@ from benchmarks.observed_check import check_pairs
 from benchmarks.observed_obstacles import size_of, sphere_at_hand
 from benchmarks.observed_ours import Activation, observed
 from benchmarks.recording import SETTLE, followed, recording
-from retarget.calibration import calibrate
+from retarget.human.calibration import calibrate
 from retarget.sources.open import open_source
 
 HUMAN_US, OP3_US = (250.0, 1500.0), (180.0, 800.0)

@@ -13,7 +13,7 @@ from benchmarks.motion import crouch_and_reach
 from benchmarks.observed_body import Watched, scene_distances, watched_human, watched_op3
 from benchmarks.observed_obstacles import around_arms, influence
 from benchmarks.observed_ours import Activation, observed
-from retarget.plots.style import LEFT, RIGHT, SERVOS, new_figure, plain, save_figure
+from retarget.report.plot_style import LEFT, RIGHT, SERVOS, new_figure, plain, save_figure
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64)
 FRAMES = 360

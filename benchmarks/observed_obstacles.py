@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.bodies import Floats
 from benchmarks.observed_body import Around, Watched, placed_observers, scene_distances
-from retarget.scene_shapes import ShapeKind
+from retarget.model.scene_shapes import ShapeKind
 
 HAND = "r_wrist"
 ARMS = {"human": ("shoulder", "elbow"), "op3": ("upper_arm", "forearm")}

@@ -11,7 +11,7 @@ import mujoco
 from benchmarks.bodies import Floats
 from benchmarks.observed_body import Watched
 from benchmarks.urdf import place, text
-from retarget.scene_shapes import ShapeKind
+from retarget.model.scene_shapes import ShapeKind
 
 THIN = 1e-7
 """Radius of a line, m: peers have no shape without one."""

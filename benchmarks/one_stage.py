@@ -13,26 +13,23 @@ from pathlib import Path
 import numpy as np
 
 from retarget import rotations
-from retarget.calibration import calibrate
-from retarget.chase import Chase
-from retarget.facing import Facing
-from retarget.follow import Follower
-from retarget.following_limits import following_limits
 from retarget.frames import SensorFrames, SensorSample
-from retarget.hierarchy import Hierarchy
-from retarget.human import build_human
-from retarget.human_dimensions import HumanDimensions
-from retarget.human_posture import ORIENTED, HumanPosture
-from retarget.landmarks import AskedLandmarks
-from retarget.performer import load_performer
-from retarget.priorities import Priorities, load_priorities
-from retarget.reconstruct import Reconstructor
-from retarget.robot_body import RobotBody, load_robot
-from retarget.robot_reader import RobotReader, robot_frames, robot_postures
-from retarget.rotations import FloatArray
+from retarget.human.calibration import calibrate
+from retarget.human.reconstruction import Reconstructor
+from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.support_polygon import half_spaces, plant, support_distance
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import HumanDimensions
+from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.follower import Follower
+from retarget.robot.following_limits import following_limits
+from retarget.robot.landmarks import AskedLandmarks, Facing
+from retarget.robot.posture_reader import RobotReader, robot_frames, robot_postures
+from retarget.robot.reference_governor import Chase
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import Priorities, load_priorities
 from retarget.sources.open import open_source
-from retarget.stance import plant
-from retarget.support import half_spaces, support_distance
+from retarget.types import ORIENTED, FloatArray, HumanPosture
 
 FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 STRAIGHT = Priorities.model_validate(

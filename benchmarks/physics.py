@@ -19,9 +19,9 @@ from pathlib import Path
 from benchmarks.observed import RECORDING
 from benchmarks.physics_runs import PhysicsCost, cost_of_run
 from benchmarks.table import print_table
-from retarget.clip import Playback
 from retarget.frames import SensorFrames
-from retarget.options import RunOptions
+from retarget.human.samples import Playback
+from retarget.run.options import RunOptions
 from retarget.sources.open import open_source
 from sim.performer import synthetic_performer
 

@@ -10,14 +10,14 @@ from benchmarks.bodies import Floats
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock, VirtualClock, thread_cpu
 from hardware.guard_state import StopCause
-from retarget.cli.physics_bench import PhysicsBench
+from retarget.cli.buses import PhysicsBench
 from retarget.frames import SensorFrames
-from retarget.metrics.physics import physics_report
-from retarget.options import RunOptions
-from retarget.pipeline import Watch
-from retarget.prepare import prepare
-from retarget.robot_body import RobotBody
-from retarget.run_result import RunResult
+from retarget.model.robot import RobotBody
+from retarget.report.motion_metrics import physics_report
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.run_result import RunResult
 
 __all__ = ["PhysicsCost", "Stood", "TimedBus", "cost_of_run", "play", "stood"]
 

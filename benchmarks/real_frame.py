@@ -13,15 +13,16 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.bodies import Floats
-from retarget import _solver, stopping
-from retarget.calibration import calibrate
-from retarget.clip import Playback, lay_on_ticks
-from retarget.follow import Follower
-from retarget.human import build_human
-from retarget.performer import load_performer
-from retarget.priorities import load_priorities
-from retarget.reconstruct import Reconstructor
-from retarget.robot_body import load_robot
+from retarget import _solver
+from retarget.human.calibration import calibrate
+from retarget.human.reconstruction import Reconstructor
+from retarget.human.samples import Playback, lay_on_ticks
+from retarget.ik import whole_body_stop
+from retarget.model.human import build_human
+from retarget.model.robot import load_robot
+from retarget.robot.follower import Follower
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 
 STAGES = ("human", "robot", "both")
@@ -76,7 +77,7 @@ def real_frame(path: Path, *, robot: str = "op3", repeats: int = 1, end: float |
         plain.append(_play(path, robot, end)[0])
         with ExitStack() as stack:
             stack.enter_context(mock.patch.object(_solver, "Solver", TimedSolver))
-            stack.enter_context(mock.patch.object(stopping, "Solver", TimedSolver))
+            stack.enter_context(mock.patch.object(whole_body_stop, "Solver", TimedSolver))
             timed.append(_play(path, robot, end)[1])
     return [
         FrameCost(stage, *_percentiles([run[:, k] for run in plain]), *_percentiles([run[:, k] for run in timed]))

@@ -11,11 +11,11 @@ from benchmarks.bodies import BenchBody, Floats, Point
 from benchmarks.motion import RATE, Motion
 from benchmarks.one_stage import recorded
 from benchmarks.ours import OursOverRoot
-from retarget.calibration import calibrate
-from retarget.follow import Follower
 from retarget.frames import SensorFrames
-from retarget.priorities import load_priorities
-from retarget.robot_body import RobotBody, load_robot
+from retarget.human.calibration import calibrate
+from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.follower import Follower
+from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 
 LANDMARK = {"l_wrist": "l_hand", "r_wrist": "r_hand"}

@@ -26,10 +26,9 @@ from pathlib import Path
 from benchmarks.observed import RECORDING
 from benchmarks.physics_runs import Stood, play, stood
 from benchmarks.table import print_table
-from retarget.clip import Playback
 from retarget.frames import SensorFrames
-from retarget.options import RunOptions
-from retarget.physics_options import TROUBLES, PhysicsOptions
+from retarget.human.samples import Playback
+from retarget.run.options import TROUBLES, PhysicsOptions, RunOptions
 from retarget.sources.open import open_source
 from sim.performer import synthetic_performer
 

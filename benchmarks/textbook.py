@@ -13,7 +13,7 @@ from benchmarks.motion import Motion
 from benchmarks.side import DT, N_IK, POSTURE_GAIN
 
 sys.path.insert(
-    0, str(Path(__file__).resolve().parent.parent / "tests")
+    0, str(Path(__file__).resolve().parent.parent / "tests" / "support")
 )  # the algorithm lives among the tests' oracles
 
 from oracles.textbook import clamping_loop

@@ -21,11 +21,10 @@ from hardware.clock import thread_cpu
 from hardware.guard import Guard
 from retarget.frames import SensorFrames
 from retarget.live.performer import LivePerformer
-from retarget.pipeline import Pipeline
-from retarget.robot_side import RobotSide
-from sim.faults.bench import Bench
+from retarget.run.loop import Pipeline
+from retarget.run.robot_side import RobotSide
+from sim.faults.bench import Bench, TappedPort
 from sim.faults.sender import FakeSender
-from sim.faults.tapped_port import TappedPort
 from sim.performer import synthetic_performer
 
 FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")

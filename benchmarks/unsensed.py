@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.table import print_table
-from retarget.calibration import calibrate, rest_orientations
-from retarget.clip import Playback, lay_on_ticks
 from retarget.frames import SensorFrames
-from retarget.human import build_human
-from retarget.human_dimensions import POINTS
-from retarget.metrics.measure import UNSENSED
-from retarget.performer import load_performer
-from retarget.priorities import load_priorities
-from retarget.reconstruct import Reconstructor
+from retarget.human.calibration import calibrate, rest_orientations
+from retarget.human.reconstruction import Reconstructor
+from retarget.human.samples import Playback, lay_on_ticks
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import POINTS
+from retarget.report.measure import UNSENSED
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 
 SETS = (("paper", "five"), ("human", "five"), ("human", "five_head"), ("human", "six"), ("human", "ten"),

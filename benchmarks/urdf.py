@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.bodies import BenchBody, Floats
 from retarget import rotations
-from retarget.body import JointType
+from retarget.model.body import JointType
 
 INERTIA = "<inertia ixx='1e-4' iyy='1e-4' izz='1e-4' ixy='0' ixz='0' iyz='0'/>"
 UNBOUNDED = 1e3  # rad, where the body sets no limit

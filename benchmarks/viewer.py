@@ -24,13 +24,13 @@ import numpy as np
 from benchmarks.bodies import Floats
 from hardware.clock import MonotonicClock, thread_cpu
 from retarget.cli.buses import make_bus
-from retarget.cli.interrupt import StopRequest
-from retarget.cli.viewing import Viewing, viewing
-from retarget.clip import Playback
-from retarget.options import RunOptions
-from retarget.pipeline import Watch
-from retarget.prepare import Prepared, prepare
-from retarget.record import Phase
+from retarget.cli.exit import StopRequest
+from retarget.cli.view import Viewing, viewing
+from retarget.human.samples import Playback
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared, prepare
+from retarget.run.record import Phase
 from retarget.viewer.feed import ViewFeed
 from sim.performer import synthetic_performer
 

@@ -9,11 +9,11 @@ import pyarrow.parquet
 import typer
 
 from hardware.clock import VirtualClock
-from retarget.exporting import export_motion, format_named, read_run, resampled
-from retarget.options import RunOptions
-from retarget.prepare import prepare
-from retarget.robot_body import load_robot
-from retarget.save import write_npz
+from retarget import RunOptions, load_robot, read_run
+from retarget.recording.export import export_motion, format_named
+from retarget.recording.motion import resampled
+from retarget.recording.npz import write_npz
+from retarget.run.prepare import prepare
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 

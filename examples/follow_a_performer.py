@@ -4,7 +4,7 @@ import sys
 
 from hardware.clock import VirtualClock
 from retarget import RunOptions, measure, open_source
-from retarget.prepare import prepare
+from retarget.run.prepare import prepare
 from sim.mock_bus import mock_bus
 
 

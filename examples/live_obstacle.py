@@ -5,13 +5,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from retarget.calibration import calibrate
-from retarget.human import build_human
-from retarget.performer import load_performer
-from retarget.priorities import load_priorities
-from retarget.reconstruct import Reconstructor
-from retarget.scene import load_scene
-from retarget.scene_motion import SceneState
+from retarget.human.calibration import calibrate
+from retarget.human.reconstruction import Reconstructor
+from retarget.model.human import build_human
+from retarget.model.scene_state import SceneState
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
+from retarget.schema.scene import load_scene
 from sim.performer import synthetic_performer
 
 BALL = "name: ball\ndescription: tracked\nobstacles:\n  ball: {shape: {sphere: {radius: 0.1}}, at: {pos: [0, 0, -9]}}\n"

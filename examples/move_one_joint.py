@@ -5,9 +5,9 @@ import numpy as np
 from hardware.clock import VirtualClock
 from hardware.guard import Guard
 from retarget.cli.buses import standing_ticks
-from retarget.gate import Gate
-from retarget.robot_body import load_robot
-from sim.emulated_bus import emulated_bus
+from retarget.model.robot import load_robot
+from retarget.safety.gate import Gate
+from sim.buses import emulated_bus
 
 DT, SECONDS, TURN = 0.008, 2.0, 0.5
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from retarget._solver import Solver, Task
-from retarget.human import build_human
-from retarget.human_dimensions import proportional_dimensions
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import proportional_dimensions
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 from hardware.clock import VirtualClock
 from retarget import RunOptions, import_robot, load_robot, measure
-from retarget.prepare import prepare
+from retarget.run.prepare import prepare
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 

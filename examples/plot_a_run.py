@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 
 from hardware.clock import VirtualClock
 from retarget import RunOptions, measure
-from retarget.plots import figures_of
-from retarget.prepare import prepare
+from retarget.report.plots import figures_of
+from retarget.run.prepare import prepare
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from hardware.clock import VirtualClock
-from retarget.exporting import export_motion, format_named, read_run
-from retarget.options import RunOptions
-from retarget.prepare import prepare
-from retarget.save import write_npz
+from retarget.recording.export import export_motion, format_named
+from retarget.recording.npz import write_npz
+from retarget.recording.read_run import read_run
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 

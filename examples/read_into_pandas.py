@@ -30,7 +30,7 @@ def main(path):
 if len(sys.argv) > 1:
     main(sys.argv[1])
 else:  # record one first
-    from retarget.cli.follow_clip import Outputs, RunOptions, follow_clip
+    from retarget.cli.run import Outputs, RunOptions, follow_clip
     from sim.performer import synthetic_performer
 
     with TemporaryDirectory() as folder:

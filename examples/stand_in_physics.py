@@ -5,10 +5,10 @@ python examples/stand_in_physics.py
 
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
-from retarget.robot_body import load_robot
+from retarget.model.robot import load_robot
+from sim.buses import physics_bus, simulation_of
 from sim.physics.perturbation import Perturbation, Push
-from sim.physics.summary import physics_summary
-from sim.physics_bus import physics_bus, simulation_of
+from sim.physics.witness import physics_summary
 
 robot, clock = load_robot("op3"), VirtualClock()
 stand = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])

@@ -1,20 +1,125 @@
-"""The guard: alone switches torque on, alone writes to the bus, and always knows how to stop."""
+"""The guard: alone switches torque on, alone writes to the bus, and always knows how to stop; its stop latch."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoBus, ServoGoals, ServoStates
-from hardware.clock import Clock
+from hardware.clock import Clock, TickPace
 from hardware.errors import GuardError, describe
-from hardware.goal_filter import GoalFilter
-from hardware.guard_state import GuardLimits, GuardState, Stop, StopCause
+from hardware.guard_state import GoalFilter, GuardLimits, GuardState, Stop, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
-from hardware.stop_latch import StopLatch
-from hardware.tick_pace import TickPace
-from hardware.unled import Unled
+
+__all__ = [
+    "CUT_POWER",
+    "FOLLOWING",
+    "GOING_HOME",
+    "LED_S",
+    "TORQUE_OFF",
+    "Guard",
+    "Halt",
+    "StopLatch",
+    "Think",
+    "Unled",
+]
+
+
+# The stop of a guard: its first reason stays, what comes after it is added, and how long the way to its end may be.
+
+TORQUE_OFF = " (torque is off)"
+CUT_POWER = " (torque could not be switched off: cut the power)"
+GOING_HOME = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+"""Stops that are no fault of the robot: it may go where it is parked."""
+
+
+class StopLatch:
+    """`stop`: the latched one, or None. `braking` counts the ticks of its end."""
+
+    def __init__(self, limits: GuardLimits) -> None:
+        self.stop: Stop | None = None
+        self._limits = limits
+        self.begin()
+
+    def begin(self) -> None:
+        """The way to a stand begins, be it without a stop."""
+        self._braked = self._homed = 0
+        self._stood = False
+
+    def latch(self, cause: StopCause, reason: str, time: float) -> None:
+        """Keep the first reason."""
+        if self.stop is None:
+            self.stop = Stop(cause, reason, time)
+
+    def add(self, cause: StopCause, reason: str) -> None:
+        """Something more went wrong on the way to a stop: once."""
+        stop = self.stop
+        if stop is not None and stop.then is None and cause is not stop.cause:
+            self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
+
+    def cut(self, cause: StopCause, reason: str, time: float, *, powered: bool) -> None:
+        """Torque was switched off; powered: not everybody confirmed that."""
+        then = None
+        if self.stop is not None:
+            first, then = self.stop.reason.removesuffix(TORQUE_OFF).removesuffix(CUT_POWER), self.stop.then
+            if reason in first:
+                reason = first
+            else:
+                reason, then = f"{first}, then: {reason}", cause
+            cause = self.stop.cause
+        if not powered:  # it did not confirm at first
+            reason = reason.replace(" Cut the power by hand", "")
+        self.stop = Stop(cause, reason + (CUT_POWER if powered else TORQUE_OFF), time, powered, then)
+
+    @property
+    def may_go_home(self) -> bool:
+        """Whether a stopping robot may go where it is parked: nothing is wrong with it, and it does not take for
+        ever."""
+        well = self.stop is None or (self.stop.cause in GOING_HOME and self.stop.then is None)
+        return well and self._homed < self._limits.max_home_ticks
+
+    def spend(self, *, stood: bool) -> int | None:
+        """One more tick on the way; stood: the robot stands. Ticks of braking so far when there may be no more."""
+        self._stood |= stood
+        if self._stood and self.may_go_home:
+            self._homed += 1  # at the end of these it stands where it is
+        elif self._braked == self._limits.max_brake_ticks:
+            return self._braked
+        else:
+            self._braked += 1
+        return None
+
+
+# For how long nobody has led the robot.
+
+LED_S = 0.5
+"""So long it must have been led without a break, s, before earlier holds count no more: one goal between two of them,
+again and again, leads nowhere."""
+
+
+class Unled:
+    """Counts the time in which nobody knew a goal, from one tick to the next."""
+
+    def __init__(self) -> None:
+        self._since: float | None = None  # [s] since when, but for what was shorter than LED_S
+        self._led_since: float | None = None  # [s] since when there has been a goal in every tick
+
+    def led(self, now: float) -> None:
+        """A tick at `now`, s, had a goal."""
+        if self._led_since is None:
+            self._led_since = now
+        if now - self._led_since >= LED_S:
+            self._since = None
+
+    def lasted(self, now: float, *, on_purpose: bool) -> float:
+        """A tick at `now`, s, has none: for how long, s. on_purpose: somebody holds the robot; that is not counted."""
+        self._led_since = None
+        if on_purpose or self._since is None:
+            self._since = now
+        return now - self._since
+
 
 Think = Callable[[ServoStates], FloatArray | None]
 """From the servo states to a goal posture, rad (n,); None: nobody knows one, the robot brakes and holds."""

@@ -1,14 +1,128 @@
 """Joint radians <-> servo ticks, with direction, zero, gear and coupled pairs, for all servos of a robot at once."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray, TickArray
+from hardware.arrays import BoolArray, FloatArray, TickArray, all_of
 from hardware.errors import HardwareError, describe
-from hardware.few_values import all_of
 from hardware.servo import ServoSpec
-from hardware.transmission import ROUND_OFF, coupled_pairs, coupling_problems
+
+# Coupled pairs of servos, as a joint map needs them: ticks of two servos <-> angles of their two joints.
+
+ROUND_OFF = 1e-6
+"""Round-off, in ticks, by which a limit may miss the tick that it was written for."""
+
+
+class CoupledPair:
+    """Two servos and their two joints; arrays have the pair as last axis (..., 2), in the order of the coupling.
+
+    columns (2,): where the pair stands in the servo order. reach (2,): how far each joint may turn, rad, when both
+    servos are rounded to their nearest ticks.
+    """
+
+    def __init__(self, servos: Sequence[ServoSpec], columns: Sequence[int]) -> None:
+        pair = [servos[column] for column in columns]
+        coupling = pair[0].coupling
+        assert coupling is not None
+        self.columns = np.array(columns, dtype=np.intp)
+        self._turn = np.array(coupling.matrix, dtype=np.float64).T  # (2, 2) joints = shafts @ it
+        self._back = np.array(coupling.inverse, dtype=np.float64).T  # (2, 2) shafts = joints @ it
+        self._zero = np.array([servo.zero_tick for servo in pair], dtype=np.float64)  # (2,) [tick]
+        self._scale = np.array([servo.ticks_per_rad for servo in pair], dtype=np.float64)  # (2,) [tick/rad]
+        self._lower = np.array([servo.lower for servo in pair], dtype=np.float64)  # (2,) [rad]
+        self._upper = np.array([servo.upper for servo in pair], dtype=np.float64)  # (2,) [rad]
+        self.tick_rad: FloatArray = (1.0 / np.abs(self._scale)) @ np.abs(self._turn)  # (2,) [rad] a tick of both servos
+        self.reach: FloatArray = self.tick_rad / 2.0
+
+    def turned(self, shafts: FloatArray) -> FloatArray:
+        """Return joint angles (or their rates) for those of the shafts, both in rad."""
+        return shafts @ self._turn
+
+    def exact_ticks(self, joints: FloatArray) -> FloatArray:
+        """Return shaft ticks, not rounded, for joint angles in rad."""
+        return self._zero + self._scale * (joints @ self._back)
+
+    def nearest_ticks(self, joints: FloatArray) -> FloatArray:
+        """Return whole shaft ticks for joint angles in rad; a joint inside its limits never gets beyond them.
+
+        Where rounding alone would put it there, the goal is moved in by `reach`: then any rounding stays inside.
+        """
+        ticks: FloatArray = np.rint(self.exact_ticks(joints))
+        inside = (joints >= self._lower) & (joints <= self._upper)
+        back = self.turned((ticks - self._zero) / self._scale)
+        room = ROUND_OFF * self.tick_rad
+        over = (inside & ((back < self._lower - room) | (back > self._upper + room))).any(axis=-1, keepdims=True)
+        if not over.any():
+            return ticks
+        moved = np.where(inside, np.clip(joints, self._lower + self.reach, self._upper - self.reach), joints)
+        return np.where(over, np.rint(self.exact_ticks(moved)), ticks)
+
+    def tick_ends(self, *, slack: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and highest shaft tick (2,) of each servo over all joint angles inside the limits, and
+        `slack` rad beyond them."""
+        corners = np.array([[low, high] for low in (0, 1) for high in (0, 1)])
+        ends = self.exact_ticks(np.where(corners, self._upper + slack, self._lower - slack))
+        return ends.min(axis=0), ends.max(axis=0)
+
+    def fastest_shafts(self, max_velocity: FloatArray) -> FloatArray:
+        """Return the highest shaft speeds (2,) when both joints move at `max_velocity` (2,), all rad/s."""
+        speed: FloatArray = max_velocity @ np.abs(self._back)
+        return speed
+
+
+def coupled_pairs(servos: Sequence[ServoSpec]) -> tuple[CoupledPair, ...]:
+    """Return the pairs among sound `servos`, by the first of the two."""
+    columns = {servo.joint: index for index, servo in enumerate(servos)}
+    couplings = dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None)
+    return tuple(CoupledPair(servos, [columns[joint] for joint in coupling.joints]) for coupling in couplings)
+
+
+def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:
+    """Return what keeps the coupled ones of `servos` from being driven, one text per finding."""
+    by_joint = {servo.joint: servo for servo in servos}
+    found: list[str] = []
+    for coupling in dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None):
+        problems = list(coupling.problems())
+        for joint in coupling.joints:
+            if joint not in by_joint:
+                problems.append(f"{joint}: coupled, and no servo has it")
+            elif by_joint[joint].coupling != coupling:
+                problems.append(f"{joint}: its servo does not say that it is coupled, or says it differently")
+        problems += [
+            f"{servo.joint}: coupled with {' and '.join(coupling.joints)}, and none of them"
+            for servo in servos
+            if servo.coupling == coupling and servo.joint not in coupling.joints
+        ]
+        found += problems or _beyond_the_servos([by_joint[joint] for joint in coupling.joints])
+    return found
+
+
+def _beyond_the_servos(pair: Sequence[ServoSpec]) -> list[str]:
+    """Findings about limits of two joints that their servos cannot serve."""
+    if any(servo.problems() for servo in pair):
+        return []  # told already
+    found: list[str] = []
+    map_of_pair = CoupledPair(pair, (0, 1))
+    names = " and ".join(servo.joint for servo in pair)
+    fastest = map_of_pair.fastest_shafts(np.array([servo.max_velocity for servo in pair]))
+    for servo, low, high, speed in zip(pair, *map_of_pair.tick_ends(), fastest, strict=True):
+        if low < servo.lowest_tick - 0.5 or high > servo.highest_tick + 0.5:
+            found.append(
+                f"{servo.joint}: the limits of {names} need ticks {low:.0f} to {high:.0f} of servo {servo.id}; "
+                f"allowed: {servo.lowest_tick} to {servo.highest_tick} ({servo.model.name}, {servo.mode})"
+            )
+        if speed > servo.model.no_load_speed:
+            found.append(
+                f"{servo.joint}: the max_velocity of {names} together need {speed:.3f} rad/s of servo {servo.id}, "
+                f"above the no-load speed {servo.model.no_load_speed:.3f} rad/s of {servo.model.name}"
+            )
+    for servo, reach in zip(pair, map_of_pair.reach, strict=True):
+        if servo.upper - servo.lower < 2.0 * reach:
+            found.append(f"{servo.joint}: limits {servo.lower} to {servo.upper} rad are closer than the servos' ticks")
+    return found
+
 
 NO_SERVO = -1
 """Goal tick of a joint that no servo drives."""
@@ -161,3 +275,97 @@ class JointMap:
 def _twice(names: Sequence[str], kind: str) -> list[str]:
     """Findings about `names` that appear more than once."""
     return [f"{kind} {name} is used {names.count(name)} times" for name in sorted(set(names)) if names.count(name) > 1]
+
+
+# Whole turns of servos after power-up: a servo of many turns then reports one turn, wherever its joint is.
+
+SLACK = 0.05  # [rad] by which a limp joint may lie beyond its limits
+
+
+def resolve_turns(
+    joint_map: JointMap, ticks: TickArray, *, groups: Sequence[Sequence[int]] | None = None, slack: float = SLACK
+) -> TickArray:
+    """Return what has to be added to every reported tick (n,), a multiple of the ticks of a turn, (n,).
+
+    Of all whole turns those count that put the joint inside its limits (and `slack` rad beyond). Raises HardwareError
+    with all joints for which none is left, or more than one. A servo of one turn is never shifted. groups: of those of
+    `turn_groups`; None: all.
+    """
+    offsets = np.zeros(len(joint_map), dtype=np.int64)
+    problems: list[str] = []
+    for group in map(list, turn_groups(joint_map) if groups is None else groups):
+        turns = [_turns(joint_map, column, int(ticks[column]), slack) for column in group]
+        found = [
+            shift
+            for shift in product(*turns)
+            if _inside(joint_map, group, ticks[group] + np.array(shift, dtype=np.int64), slack)
+        ]
+        if len(found) == 1:
+            offsets[group] = found[0]
+        else:
+            problems.append(_problem(joint_map, group, ticks, found))
+    if problems:
+        raise HardwareError(
+            describe(
+                what="the servos do not tell on which turn they are",
+                where="joint map",
+                found="; ".join(problems),
+                then="Switch torque off, move these joints to the middle of their ranges, and try again",
+            )
+        )
+    return offsets
+
+
+def turn_groups(joint_map: JointMap) -> list[list[int]]:
+    """Columns whose turns depend on each other: single servos, and coupled pairs. Only those with a servo of many
+    turns."""
+    column = {joint: index for index, joint in enumerate(joint_map.joints)}
+    groups: dict[tuple[int, ...], None] = {}
+    for index, servo in enumerate(joint_map.servos):
+        joints = (servo.joint,) if servo.coupling is None else servo.coupling.joints
+        members = tuple(column[joint] for joint in joints)
+        if any(joint_map.servos[member].mode.many_turns for member in members):
+            groups.setdefault(members if servo.coupling else (index,))
+    return [list(group) for group in groups]
+
+
+def _turns(joint_map: JointMap, column: int, tick: int, slack: float) -> list[int]:
+    """Shifts of one servo, ticks, that may put its joint (or one of its two) inside the limits."""
+    servo = joint_map.servos[column]
+    if not servo.mode.many_turns:
+        return [0]
+    turn = servo.model.ticks
+    first, last = (int(ends[column]) for ends in joint_map.tick_limits(slack=slack))
+    lowest = -((tick - first) // turn)
+    highest = (last - tick) // turn
+    return [turn * count for count in range(lowest, highest + 1)]
+
+
+def _inside(joint_map: JointMap, group: list[int], ticks: TickArray, slack: float) -> bool:
+    """Whether the joints of a group lie within their limits and the slack."""
+    angles = _angles(joint_map, group, ticks)
+    return bool(np.all((angles >= joint_map.lower[group] - slack) & (angles <= joint_map.upper[group] + slack)))
+
+
+def _angles(joint_map: JointMap, group: list[int], ticks: TickArray) -> FloatArray:
+    every = np.array([servo.zero_tick for servo in joint_map.servos], dtype=np.int64)
+    every[group] = ticks
+    return joint_map.to_radians(every)[group]
+
+
+def _problem(joint_map: JointMap, group: list[int], ticks: TickArray, found: list[tuple[int, ...]]) -> str:
+    servos = [joint_map.servos[column] for column in group]
+    names = " and ".join(
+        f"{servo.joint} (id {servo.id}) at tick {ticks[column]}" for servo, column in zip(servos, group, strict=True)
+    )
+    if not found:
+        limits = " and ".join(f"{servo.lower:.3f} to {servo.upper:.3f}" for servo in servos)
+        return f"{names}: on no turn within {limits} rad"
+    places = [
+        ", ".join(
+            f"{round(angle, 3) + 0.0:.3f}"
+            for angle in _angles(joint_map, group, ticks[group] + np.array(shift, dtype=np.int64))
+        )
+        for shift in found[:4]
+    ]
+    return f"{names}: may be at " + " or at ".join(places) + " rad"

@@ -1,4 +1,5 @@
-"""How the thread of the ticks is scheduled: real-time priority, and a core of its own (Linux).
+"""How the thread of the ticks is scheduled: real-time priority, and a core of its own (Linux); names of other
+processes.
 
 Memory is not locked (mlockall): a tick allocates next to nothing, and a robot's computer should not swap at all.
 """
@@ -7,10 +8,20 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 from hardware.errors import HardwareError, describe
 
-__all__ = ["HOW_TO_PERMIT", "USUAL_PRIORITY", "Scheduling", "refuse_scheduling", "scheduled"]
+__all__ = [
+    "HOW_TO_PERMIT",
+    "PROCESSES",
+    "USUAL_PRIORITY",
+    "Scheduling",
+    "named_process",
+    "refuse_scheduling",
+    "scheduled",
+]
+
 
 USUAL_PRIORITY = 40
 """Below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick waits for."""
@@ -87,3 +98,29 @@ def _hasten(priority: int) -> None:
         raise HardwareError(
             describe(what=f"no real-time priority here: {error.strerror or error}", where="--realtime")
         ) from error
+
+
+# Other processes of this machine, as far as this user may see them (Linux).
+
+PROCESSES = Path("/proc")
+LONGEST = 90
+"""Characters of a command line that are shown."""
+
+
+def named_process(number: int | str, processes: Path = PROCESSES) -> str:
+    """A process as a person knows it: `process 12 (retarget servo monitor --robot op3)`, its number where not more is
+    to be had. The interpreter of a script and the folders of both are left out."""
+    text = _command(processes / str(number))
+    return f"process {number} ({text})" if text else f"process {number}"
+
+
+def _command(process: Path) -> str:
+    try:
+        words = (process / "cmdline").read_text(encoding="utf-8", errors="replace").rstrip("\0").split("\0")
+        if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
+            del words[0]
+        words[0] = Path(words[0]).name or (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+    text = "".join(letter if letter.isprintable() else "?" for letter in " ".join(words))
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

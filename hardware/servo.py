@@ -4,8 +4,87 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hardware.coupling import Coupling
+import numpy as np
+
+from hardware.arrays import FloatArray, TickArray
 from hardware.errors import HardwareError, describe
+
+__all__ = [
+    "DEFAULT_P_GAIN",
+    "FULL_PWM",
+    "GAIN_UNIT",
+    "HOMING_REACH",
+    "MAX_CONDITION",
+    "MULTI_TURN_REACH",
+    "SERVO_MODELS",
+    "Coupling",
+    "ExpectedWay",
+    "ServoGains",
+    "ServoMode",
+    "ServoModel",
+    "ServoSpec",
+    "find_model",
+    "full_drive_error",
+    "lag_of_gain",
+    "loop_lag",
+    "loop_stiffness",
+]
+
+
+# Two joints that two servos turn together, as data: a differential such as the waist of a humanoid.
+
+MAX_CONDITION = 1e3
+"""Worst ratio of the largest to the smallest turn of the joints by one of the servos; beyond it they are stuck."""
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """joint angles of `joints` = `matrix` @ shaft angles of the servos of `joints`, rad, both in this order.
+
+    A shaft angle is `direction * (tick - zero_tick) * model.tick_rad`: at the zero ticks of both servos both joints are
+    at 0. Rows of the matrix are joints, columns servos. Both servos carry the same Coupling.
+    """
+
+    joints: tuple[str, str]
+    matrix: tuple[tuple[float, float], tuple[float, float]]
+
+    @property
+    def determinant(self) -> float:
+        """Of the matrix."""
+        (a, b), (c, d) = self.matrix
+        return a * d - b * c
+
+    @property
+    def inverse(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """shaft angles = inverse @ joint angles. ZeroDivisionError for a singular matrix: see `problems`."""
+        (a, b), (c, d) = self.matrix
+        size = self.determinant
+        return ((d / size, -b / size), (-c / size, a / size))
+
+    @property
+    def condition(self) -> float:
+        """Ratio of the singular values of the matrix, at least 1; inf for a singular one."""
+        squares = sum(value * value for row in self.matrix for value in row)
+        size = abs(self.determinant)
+        if not 0.0 < size < math.inf:
+            return math.inf
+        mean = squares / (2.0 * size)  # of the ratio and its inverse: (k + 1/k) / 2
+        return mean + math.sqrt(max(mean * mean - 1.0, 0.0))
+
+    def problems(self) -> tuple[str, ...]:
+        """Return what is wrong with the coupling by itself, one text per finding; empty when sound."""
+        found: list[str] = []
+        here = f"coupling of {self.joints[0]} and {self.joints[1]}"
+        if self.joints[0] == self.joints[1]:
+            found.append(f"{here}: needs two different joints")
+        if not all(math.isfinite(value) for row in self.matrix for value in row):
+            found.append(f"{here}: the matrix has a number that is not finite")
+        elif self.condition > MAX_CONDITION:
+            found.append(
+                f"{here}: the matrix {self.matrix} is singular or nearly so: the servos cannot set both joints"
+            )
+        return tuple(found)
+
 
 RPM = 2.0 * math.pi / 60.0  # [rad/s]
 
@@ -162,7 +241,7 @@ class ServoSpec:
     def problems(self) -> tuple[str, ...]:
         """Return what keeps this servo from being driven, one text per finding; empty when sound.
 
-        Of a coupled servo only what needs no other one: the rest is said by `hardware.transmission`.
+        Of a coupled servo only what needs no other one: the rest is said by `hardware.joint_map`.
         """
         found: list[str] = []
         numbers = (self.lower, self.upper, self.max_velocity, self.max_acceleration, self.gear)
@@ -215,3 +294,78 @@ class ServoSpec:
                 f"{fastest:.3f} rad/s of {self.model.name} at {self.model.voltage} V"
             )
         return found
+
+
+# How a servo's shaft lags behind its goal: a position loop with a pure P gain whose drive is full at the no-load
+# speed.
+
+FULL_PWM = 885.0  # register value of full drive
+GAIN_UNIT = 128.0  # position P gain register per unit of gain
+DEFAULT_P_GAIN = 800  # XM430 series
+DEFAULT_P_GAIN_1 = 32
+"""Of Protocol 1.0, whose default loop is taken to be as stiff as that of 2.0."""
+
+
+def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:
+    """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load
+    speed.
+
+    Source: e-Manual, Position PID Gain (84, unit 1/128; protocol 1: 28) and Goal PWM (100, full at 885).
+    """
+    return lag_of_gain(servo.model, _gain(servo, protocol))
+
+
+def loop_stiffness(servo: ServoSpec, *, protocol: int = 2) -> float:
+    """Torque by which the servo's shaft holds against being turned off its goal, N m/rad: stalled at full drive, from
+    its P gain, at its model's voltage."""
+    return servo.model.stall_torque / full_drive_error(servo.model, _gain(servo, protocol))
+
+
+def _gain(servo: ServoSpec, protocol: int) -> float:
+    """The servo's P gain, or its default, in register counts of the X series."""
+    usual = DEFAULT_P_GAIN if protocol == 2 else DEFAULT_P_GAIN_1
+    return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
+
+
+def lag_of_gain(model: ServoModel, gain: float) -> float:
+    """Time constant in s of a model's position loop with a P `gain` (register counts of the X series, above 0)."""
+    return full_drive_error(model, gain) / model.no_load_speed
+
+
+def full_drive_error(model: ServoModel, gain: float) -> float:
+    """Error in rad of the shaft at which a P `gain` (register counts of the X series, above 0) asks for full drive."""
+    return FULL_PWM * GAIN_UNIT / gain * _tick_of_x_series(model)
+
+
+def _tick_of_x_series(model: ServoModel) -> float:
+    """The P gain acts on encoder ticks of a turn of 4096, whatever the model counts in, rad."""
+    return 2.0 * np.pi / 4096.0 if model.ticks < 4096 else model.tick_rad
+
+
+class ExpectedWay:
+    """Where n shafts may be on the way to their goals: anywhere from where a loop with its lag would be to the goal.
+
+    So a servo that follows as its gain lets it is not off, however fast it is asked to go.
+    """
+
+    def __init__(self, lag: FloatArray) -> None:
+        """lag (n,): s."""
+        self._lag = np.maximum(lag, 1e-9)
+        self._at: FloatArray | None = None
+        self._time = 0.0
+
+    def forget(self) -> None:
+        """What comes next begins at its goal."""
+        self._at = None
+
+    def off(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
+        """How far (n,) ticks shafts at `position` are off the way to goals that they have had until `time`, s; positive
+        is beyond it."""
+        end, here = goal.astype(np.float64), position.astype(np.float64)
+        if self._at is None:
+            self._at = end
+        else:
+            self._at = end + (self._at - end) * np.exp((self._time - time) / self._lag)
+        self._time = time
+        lowest, highest = np.minimum(self._at, end), np.maximum(self._at, end)
+        return np.asarray(here - np.minimum(np.maximum(here, lowest), highest))

@@ -1,18 +1,345 @@
-"""What the servos say of themselves, held against what is tolerated: in words that name every servo concerned."""
+"""What servos and their bus say of themselves (temperature, voltage, load, errors), held against bounds: warnings
+first, then stops.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoStates
+from hardware.arrays import BoolArray, FloatArray, TickArray, all_of
+from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import BusError, GuardError, HardwareError, describe
-from hardware.few_values import all_of
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.joint_map import JointMap
-from hardware.line_health import LineHealth
-from hardware.servo_lag import ExpectedWay
-from hardware.servo_levels import ServoLevels
-from hardware.servo_warnings import ServoWarnings
-from hardware.servo_watched import Row, name_servos, watched
+from hardware.servo import ExpectedWay, ServoSpec
+
+# What is watched of servos: within which bounds there is nothing to say, and the words for what is beyond them.
+
+Tell = Callable[[float], str]
+"""A value in words."""
+Bounds = tuple[float, float]
+"""Least and most."""
+
+ANYTHING: Bounds = (-inf, inf)
+EASE = 0.1
+"""Share of its level by which a current or a following error has to fall below it before a warning ends."""
+COOLER = 2.0
+"""[degrees Celsius] the same for temperatures, which servos tell in whole degrees."""
+STEADIER = 0.2
+"""[V] the same for voltages."""
+MOST_OF_ALL = 3
+"""All servos of a robot are named one by one up to so many."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watched:
+    """One quantity of every servo. stop: bounds beyond which the robot stops; patience: s that they may be exceeded.
+
+    warn: bounds beyond which somebody is told, after the same patience; ease: how far within them the warning ends;
+    slows: it slows the robot too. complaint, warning: what goes before the names of the servos.
+    """
+
+    cause: StopCause
+    stop: Bounds
+    complaint: str
+    tell: Tell
+    patience: float = 0.0
+    warn: Bounds = ANYTHING
+    warning: str = ""
+    ease: float = 0.0
+    slows: bool = False
+
+
+def watched(limits: GuardLimits) -> tuple[Watched, ...]:
+    """What is watched, in the order of `Row`."""
+    return (*_by_the_servos(limits), _temperature(limits), _voltage(limits), _current(limits), *_following(limits))
+
+
+class Row:
+    """Where in an array of all that is watched (rows, n) each quantity stands."""
+
+    ALERT, AGE, LIMP, TEMPERATURE, VOLTAGE, CURRENT, FAR, STILL_FAR = range(8)
+
+
+def name_servos(servos: Sequence[ServoSpec], which: BoolArray, tell: Tell, values: FloatArray) -> str:
+    """Every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD; all of them by their number
+    alone, from the least value to the most: it is their supply or their bus, and no servo's own."""
+    if which.all() and len(servos) > MOST_OF_ALL:
+        found = list(dict.fromkeys(tell(float(value)) for value in np.sort(values)))
+        told = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
+        return f"all {len(servos)} servos {told}".rstrip()
+    named = []
+    for index in np.flatnonzero(which).tolist():
+        servo = servos[index]
+        named.append(f"{servo.joint} (id {servo.id}) {tell(float(values[index]))}".rstrip())
+    return ", ".join(named)
+
+
+def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
+    return (
+        Watched(
+            cause=StopCause.SERVO_ALERT, stop=(0, 0), complaint="reports", tell=lambda value: _alert_text(int(value))
+        ),
+        Watched(
+            cause=StopCause.SERVO_LOST,
+            stop=(0, limits.max_age),
+            complaint=f"has not answered for more than {limits.max_age:g} s:",
+            tell=_untold,
+            warn=(0, limits.warn_age),
+            warning=f"has not answered for more than {limits.warn_age:g} s:",
+        ),
+        Watched(
+            cause=StopCause.SERVO_LIMP,
+            stop=(0, 0),
+            complaint="does not follow its goals (started anew, or stopped by its watchdog):",
+            tell=_untold,
+        ),
+    )
+
+
+def _temperature(limits: GuardLimits) -> Watched:
+    return Watched(
+        cause=StopCause.TEMPERATURE,
+        stop=(-inf, limits.max_temperature),
+        complaint=f"is hotter than {limits.max_temperature:g} degrees Celsius:",
+        tell=lambda value: _known(f"{value:.0f}"),
+        warn=(-inf, limits.warn_temperature),
+        warning=f"is hotter than {limits.warn_temperature:g} degrees Celsius:",
+        ease=COOLER,
+        slows=True,
+    )
+
+
+def _voltage(limits: GuardLimits) -> Watched:
+    low, high = limits.voltage
+    warn_low, warn_high = limits.warn_voltage
+    return Watched(
+        cause=StopCause.VOLTAGE,
+        stop=limits.voltage,
+        complaint=f"has a supply outside {low:g} to {high:g} V:",
+        tell=lambda value: _known(f"{value:.1f} V"),
+        warn=limits.warn_voltage,
+        warning=f"has a supply outside {warn_low:g} to {warn_high:g} V:",
+        ease=STEADIER,
+    )
+
+
+def _current(limits: GuardLimits) -> Watched:
+    lasting = f"for {limits.current_time:g} s:"
+    return Watched(
+        cause=StopCause.CURRENT,
+        stop=(0, limits.max_current),
+        complaint=f"draws more than {limits.max_current:g} A {lasting}",
+        tell=lambda value: f"{value:.2f} A",
+        patience=limits.current_time,
+        warn=(0, limits.warn_current),
+        warning=f"draws more than {limits.warn_current:g} A {lasting}",
+        ease=_eased(limits.warn_current),
+        slows=True,
+    )
+
+
+def _following(limits: GuardLimits) -> tuple[Watched, ...]:
+    """The largest error at once, a smaller one if it lasts."""
+    lasting = f"rad from its goal for {limits.lasting_time:g} s:"
+    return (
+        Watched(
+            cause=StopCause.FOLLOWING_ERROR,
+            stop=(0, limits.following_error),
+            complaint=f"is more than {limits.following_error:g} rad from its goal:",
+            tell=_angle,
+        ),
+        Watched(
+            cause=StopCause.FOLLOWING_ERROR,
+            stop=(0, limits.lasting_error),
+            complaint=f"is more than {limits.lasting_error:g} {lasting}",
+            tell=_angle,
+            patience=limits.lasting_time,
+            warn=(0, limits.warn_following_error),
+            warning=f"is more than {limits.warn_following_error:g} {lasting}",
+            ease=_eased(limits.warn_following_error),
+        ),
+    )
+
+
+def _eased(level: float) -> float:
+    return EASE * level if np.isfinite(level) else 0.0
+
+
+def _angle(value: float) -> str:
+    return f"{value:.2f} rad"
+
+
+def _untold(value: float) -> str:
+    return ""
+
+
+def _known(value: str) -> str:
+    return "not known" if value.startswith("nan") else value
+
+
+def _alert_text(bits: int) -> str:
+    """Names of the alert bits; bits that the maker leaves undefined as a number."""
+    known = [alert.name or "" for alert in ServoAlert if bits & alert]
+    rest = bits & ~sum(ServoAlert)
+    return "+".join([*known, *([f"0x{rest:02x}"] if rest else [])])
+
+
+# Bounds of quantities that may be exceeded for some time.
+
+ROUND_OFF = 1e-9
+"""[s] by which sums of ticks may miss a patience."""
+
+
+class ServoLevels:
+    """Bounds of rows of values (rows, n), a pair of least and most for each row, and a patience, s, for each.
+
+    Unknown values (NaN) are within every bound.
+    """
+
+    def __init__(self, bounds: Sequence[tuple[float, float]], patience: Sequence[float], count: int) -> None:
+        self.least = np.array([[least] * count for least, _ in bounds])  # (rows, n)
+        self.most = np.array([[most] * count for _, most in bounds])
+        self._patience = np.array(patience)[:, None] - ROUND_OFF
+        self._nothing = np.full(self.least.shape, np.inf)
+        self._since = self._nothing  # [s] since when each is beyond, infinite where it is not
+        self.waiting = False
+        """Whether something is beyond that was to be beyond for longer, as far as it was looked at."""
+
+    def beyond(self, seen: FloatArray, now: float) -> BoolArray:
+        """Which values (rows, n) are beyond their bounds at `now`, s, and were for the whole of their patience."""
+        out = (seen < self.least) | (seen > self.most)
+        self._since = np.where(out, np.minimum(self._since, now), np.inf)
+        late = now - self._since >= self._patience
+        self.waiting = bool(out.any())
+        return np.asarray(out & late)
+
+    def forget(self) -> None:
+        """Nothing is beyond."""
+        self._since, self.waiting = self._nothing, False
+
+
+# Servos that are not well yet not so bad that the robot must stop: told once, and slowing it where that helps them.
+
+RAMP_S = 0.4
+"""How long the robot takes from full speed to slow, and back."""
+CALM_S = 1.0
+"""How long all must be well before a warning ends."""
+MOST_NEWS = 100
+"""So many texts are kept for somebody who does not ask for them."""
+
+
+class ServoWarnings:
+    """The warnings about one robot's servos. share: of its speed that is left to a robot that spares its servos.
+
+    slow: the share of all speeds that is right now, from 1 down to `share`; it changes smoothly.
+    """
+
+    def __init__(self, servos: Sequence[ServoSpec], rows: Sequence[Watched], share: float) -> None:
+        self._servos, self._rows = tuple(servos), tuple(rows)
+        self._share = share
+        bounds, ease = [row.warn for row in rows], np.array([[row.ease] for row in rows])
+        self.levels = ServoLevels(bounds, [row.patience for row in rows], len(servos))
+        self._calm_least, self._calm_most = self.levels.least + ease, self.levels.most - ease
+        self._slows = np.array([row.slows for row in rows])
+        self._active = np.zeros(self.levels.least.shape, dtype=np.bool_)
+        self._rough_at = np.full(self._active.shape, -np.inf)  # [s] when each was last not well
+        self._at: float | None = None  # [s] of the last look
+        self._news: list[str] = []
+        self.slow = 1.0
+        self.busy = False
+        """Whether there is a warning, or one may come, or the robot is not back at its full speed."""
+
+    @property
+    def active(self) -> BoolArray:
+        """Who is warned of, (rows, n)."""
+        return self._active
+
+    def pass_over(self, now: float) -> None:
+        """A look, at `now`, s, at which all was well and nothing was to do."""
+        self._at = now
+
+    def look(self, seen: FloatArray, now: float) -> None:
+        """Judge values (rows, n) at `now`, s."""
+        began = self.levels.beyond(seen, now) & ~self._active
+        calm = (seen >= self._calm_least) & (seen <= self._calm_most)
+        self._rough_at = np.where(calm, self._rough_at, now)
+        ended = self._active & (now - self._rough_at >= CALM_S)
+        self._active = (self._active | began) & ~ended
+        if began.any():
+            self._tell(began, seen, "warning: servo {warning} {names}{slower}")
+        if ended.any():
+            self._tell(ended, seen, "over: servo {warning} {names} now")
+        self._change_speed(now)
+        self.busy = self.slow < 1.0 or self.levels.waiting or bool(self._active.any())
+
+    def take_news(self) -> list[str]:
+        """What began and what ended since somebody last asked, a sentence each."""
+        news, self._news = self._news, []
+        return news
+
+    def _change_speed(self, now: float) -> None:
+        elapsed = 0.0 if self._at is None else max(now - self._at, 0.0)
+        self._at = now
+        goal = self._share if self._active[self._slows].any() else 1.0
+        step = (1.0 - self._share) * elapsed / RAMP_S
+        self.slow = max(goal, self.slow - step) if goal < self.slow else min(goal, self.slow + step)
+
+    def _tell(self, which: BoolArray, seen: FloatArray, form: str) -> None:
+        for row, mask, values in zip(self._rows, which, seen, strict=True):
+            if mask.any():
+                names = name_servos(self._servos, mask, row.tell, values)
+                slower = f"; the robot goes at {self._share:.0%} of its speed" if row.slows else ""
+                self._news.append(form.format(warning=row.warning, names=names, slower=slower))
+        del self._news[:-MOST_NEWS]
+
+
+# Whether a bus can still be trusted: that somebody on it is understood, and that not every other cycle is noise.
+
+DEAF_CYCLES = 2
+"""Cycles in a row without one sound answer."""
+DEAF_S = 0.015
+"""[s] since the last sound answer on a bus before it is given up."""
+MOST_ROUGH = 0.6
+"""Share of rough cycles that is no line to move a robot on (see `ServoStates.rough`)."""
+
+
+class LineHealth:
+    """Judges the buses of one robot. A bus with one servo is not told from that servo: it is left to the servo's age.
+
+    The age is counted to the beginning of a cycle, so that one cycle in which the host was held up is not enough.
+    """
+
+    def __init__(self, joint_map: JointMap) -> None:
+        buses = np.array([servo.bus for servo in joint_map.servos])
+        groups = {str(name): np.flatnonzero(buses == name) for name in buses}
+        self._columns = {name: columns for name, columns in groups.items() if columns.size > 1}
+        self._deaf = dict.fromkeys(self._columns, 0)
+
+    def lost(self, states: ServoStates) -> str | None:
+        """Why there is no way to brake, because nobody on a bus is understood any more; or None."""
+        if all_of(states.valid):
+            self._deaf = dict.fromkeys(self._columns, 0)
+            return None
+        for name, columns in self._columns.items():
+            if states.valid[columns].any():
+                self._deaf[name] = 0
+                continue
+            self._deaf[name] += 1
+            age = float(states.age[columns].min())
+            if self._deaf[name] >= DEAF_CYCLES and DEAF_S < age < np.inf:
+                return f"no sound answer from any servo of bus {name} for {age:.3f} s"
+        return None
+
+    def rough(self, states: ServoStates) -> str | None:
+        """Why the robot must stop while it still can; or None."""
+        if states.rough < MOST_ROUGH:
+            return None
+        share = f"in {states.rough:.0%} of the cycles of late"
+        return f"answers came damaged or cut short {share}: a noisy line, or answers that come late"
+
 
 UNHEARD = "Check power, wiring and the bus of the profile, or whether the host is too busy"
 

@@ -8,16 +8,16 @@ from retarget import siblings
 __version__ = "0.2.0"
 
 _HOMES = {
-    "Gate": "retarget.gate",
+    "Gate": "retarget.safety.gate",
     "RetargetError": "hardware.errors",
-    "RunOptions": "retarget.options",
+    "RunOptions": "retarget.run.options",
     "SensorFrames": "retarget.frames",
-    "import_robot": "retarget.importing.import_robot",
-    "load_body": "retarget.body",
-    "load_robot": "retarget.robot_body",
-    "measure": "retarget.metrics.measure",
+    "import_robot": "retarget.setup.import_robot",
+    "load_body": "retarget.model.body",
+    "load_robot": "retarget.model.robot",
+    "measure": "retarget.report.measure",
     "open_source": "retarget.sources.open",
-    "read_run": "retarget.exporting",
+    "read_run": "retarget.recording.read_run",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

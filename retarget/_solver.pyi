@@ -384,7 +384,7 @@ def along_arc(a: Floats, b: Floats, share: Floats) -> Floats:
 
 @final
 class PoseFilter:
-    """The One-Euro filter on the poses of `count` sensors; see `retarget.live.pose_filter`.
+    """The One-Euro filter on the poses of `count` sensors; see `retarget.live.smoothing`.
 
     position, orientation: (cutoff at rest in Hz, Hz that it rises per m/s or rad/s, cutoff of the speed's own filter in
     Hz), positive; None leaves that part as it is.
@@ -463,7 +463,7 @@ class WatchedSensors:
     """Of `count` sensors the last accepted pose, how it got there, and who repeats one value while others move.
 
     reach: m, horizontally from the origin along each axis, and height: m, from and to, that a pose may have. Times in
-    s of capture, as in `retarget.live.trust_limits`.
+    s of capture, as in `retarget.live.sensor_validity`.
     """
 
     def __init__(
@@ -490,7 +490,7 @@ class WatchedSensors:
         """Judge poses of one capture, position (m, 3) m, orientation (m, 4) wxyz or NaN throughout, of sensors rows
         (m,), and take the sound ones if they come in order and near to where they were, and not look_again.
 
-        Returns a verdict on each (m,) (0 sound; see `retarget.live.sound_poses`) and whether they were taken; None:
+        Returns a verdict on each (m,) (0 sound; see `retarget.live.sensor_validity`) and whether they were taken; None:
         all are sound, and taken.
         """
     def put(self, rows: NDArray[np.int64], time: float, pose: Floats) -> None:

@@ -6,26 +6,82 @@ read-only, so that one recording can be shared by every stage.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from retarget import rotations
 from retarget.errors import UsageError, suggest
-from retarget.interpolate import SNAP, along_arcs, along_lines, locate, valid_at
-from retarget.rotations import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 __all__ = [
     "JOINTS",
     "SENSORS",
-    "BoolArray",
+    "STEP_M",
+    "STEP_TURN",
+    "Instants",
     "JointTracks",
     "SensorFrames",
     "SensorSample",
     "Skeleton",
+    "along_arcs",
+    "along_lines",
+    "locate",
     "mirrored_name",
+    "on_grid",
+    "stature",
+    "valid_at",
 ]
 
-BoolArray = NDArray[np.bool_]
+
+# Tracks between their frames: positions straight, orientations along the short arc, valid where both ends are.
+
+SNAP = 1e-9
+"""A time within this share of a frame interval of a frame is that frame, not a mixture of two."""
+
+
+@dataclass(frozen=True)
+class Instants:
+    """n times on a clock of T frames.
+
+    before, after (n): neighbouring frames. share (n): way from one to the other, 0 to below 1. exact (n): the time is
+    that of frame `before`, whose values are then returned bit for bit.
+    """
+
+    before: NDArray[np.intp]
+    after: NDArray[np.intp]
+    share: FloatArray
+    exact: NDArray[np.bool_]
+
+
+def locate(clock: FloatArray, time: FloatArray) -> Instants:
+    """Where the times (n,) lie on a clock (T,) that rises strictly. Times outside of it are held at its ends."""
+    held = np.clip(time, clock[0], clock[-1])
+    before = np.clip(np.searchsorted(clock, held, side="right") - 1, 0, len(clock) - 1)
+    after = np.minimum(before + 1, len(clock) - 1)
+    share = (held - clock[before]) / np.where(after > before, clock[after] - clock[before], 1.0)
+    before = np.where(share > 1.0 - SNAP, after, before)
+    share = np.where((share < SNAP) | (share > 1.0 - SNAP), 0.0, share)
+    return Instants(before, np.minimum(before + 1, len(clock) - 1), share, share == 0.0)
+
+
+def along_lines(track: FloatArray, at: Instants) -> FloatArray:
+    """Positions (n, k, 3) of a track (T, k, 3); NaN where a neighbour that counts is NaN."""
+    a, b = track[at.before], track[at.after]
+    return np.where(at.exact[:, None, None], a, a + at.share[:, None, None] * (b - a))
+
+
+def along_arcs(track: FloatArray, at: Instants) -> FloatArray:
+    """Orientations (n, k, 4) wxyz of a track (T, k, 4); NaN where a neighbour that counts is NaN."""
+    a, b = track[at.before], track[at.after]
+    share = np.broadcast_to(at.share[:, None], a.shape[:2])
+    return np.where(at.exact[:, None, None], a, rotations.slerp(a, b, share))
+
+
+def valid_at(valid: NDArray[np.bool_], at: Instants) -> NDArray[np.bool_]:
+    """Validity (n, k) of a track with validity (T, k)."""
+    return np.asarray(valid[at.before] & (at.exact[:, None] | valid[at.after]))
 
 
 def _both(*parts: str) -> tuple[str, ...]:
@@ -282,3 +338,44 @@ def _freeze(owner: object, name: str, shape: tuple[int | None, ...], dtype: type
         array = array.view()
     array.flags.writeable = False
     object.__setattr__(owner, name, array)
+
+
+# How tall a body is, measured along its bones.
+
+HEAD_CENTRE, ANKLE = 0.936, 0.039
+"""Heights of the eyes (level with the centre of the head) and of the ankle, as shares of stature (Drillis, Contini)."""
+
+
+def stature(skeleton: Skeleton) -> float | None:
+    """Height in the skeleton's unit, None if it lacks a leg, the neck or the head.
+
+    Along the bones (ankle, knee, hip, middle of the hips, chest, neck, centre of the head), so it does not depend on
+    how the rest pose stands.
+    """
+    needed = ("l_hip", "r_hip", "l_knee", "l_ankle", "neck", "head")
+    if not set(needed) <= set(skeleton.names):
+        return None
+    trunk = [0.5 * (skeleton.of("l_hip") + skeleton.of("r_hip"))]
+    trunk += [skeleton.of(name) for name in ("chest", "neck", "head") if name in skeleton.names]
+    leg = skeleton.distance("l_hip", "l_knee") + skeleton.distance("l_knee", "l_ankle")
+    return (leg + sum(float(np.linalg.norm(b - a)) for a, b in pairwise(trunk))) / (HEAD_CENTRE - ANKLE)
+
+
+# The grid on which sensors are followed: finer than any sensor tells, so that a recording of them stays small.
+#
+# Whatever is interpolated, smoothed or turned fills all 52 bits of a number, of which the last 30 say nothing. They
+# cannot be compressed, and replay needs what was followed to the bit. So what is followed has none of them.
+
+STEP_M = 2.0**-20
+"""Between two positions, m: a micrometre."""
+STEP_TURN = 2.0**-22
+"""Between two numbers of a quaternion: half a microradian. It misses unit length by less than that."""
+
+
+def on_grid(sensors: SensorSample) -> SensorSample:
+    """The same sensors at the nearest points of the grid; what is NaN stays so."""
+    return replace(
+        sensors,
+        position=np.rint(sensors.position / STEP_M) * STEP_M,
+        orientation=np.rint(sensors.orientation / STEP_TURN) * STEP_TURN,
+    )

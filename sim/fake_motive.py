@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from retarget.frames import SensorFrames
-from retarget.rotations import FloatArray
 from retarget.sources.natnet_wire import DATA_PORT, MULTICAST_GROUP, MessageId, Version, message, split
+from retarget.types import FloatArray
 
 __all__ = ["FakeMotive", "MotiveSettings"]
 

@@ -1,6 +1,8 @@
 """Servos in this process, each with a speed limit, a first-order lag and an encoder, on the time of a given clock."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
 from itertools import compress
 
 import numpy as np
@@ -9,12 +11,52 @@ from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError, describe
-from hardware.servo import ServoSpec
-from hardware.servo_lag import loop_lag
-from retarget.robot_body import RobotBody
-from sim.mock_faults import FaultKind, MockFault
-from sim.servo_load import ServoLoad
-from sim.servo_motion import saturated_lag
+from hardware.servo import ServoSpec, loop_lag
+from retarget.model.robot import RobotBody
+from sim.servo_model import ServoLoad, saturated_lag
+
+__all__ = ["ALERT_BIT", "VELOCITY_UNIT", "FaultKind", "MockBus", "MockFault", "NoBus", "mock_bus"]
+
+
+# What may go wrong on the mock bus, as data: which servo, which cycles, what.
+
+
+class FaultKind(Enum):
+    """What happens while a fault lasts."""
+
+    MISSING = "missing"
+    """The servo does not answer, and hears neither goals nor that its torque is to be switched."""
+    ALERT = "alert"
+    """The servo reports `alert` bits and its torque is off; it stays so when the fault is over, like a real one until
+    its reboot."""
+    READ_FAILS = "read fails"
+    """The whole bus raises BusError on a read."""
+    HOT = "hot"
+    """The servo reports `value` degrees Celsius."""
+    SUPPLY = "supply"
+    """The servo reports a supply of `value` V."""
+    STUCK = "stuck"
+    """The shaft stays where it is, whatever the goal."""
+    WRITE_FAILS = "write fails"
+    """The whole bus raises BusError on a write."""
+
+
+@dataclass(frozen=True)
+class MockFault:
+    """One fault: `kind`, from read cycle `first` (counted from 0) for `cycles` cycles, on `servo` (index in servo
+    order). `alert` bits and `value` as the kind says."""
+
+    kind: FaultKind
+    first: int
+    cycles: int
+    servo: int = 0
+    alert: int = 0
+    value: float = 0.0
+
+    def lasts(self, cycle: int) -> bool:
+        """Whether the fault is present in read cycle `cycle`."""
+        return self.first <= cycle < self.first + self.cycles
+
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
 ALERT_BIT = np.uint8(0x80)  # of the error byte
@@ -215,3 +257,57 @@ class MockBus:
     def _require_open(self, action: str) -> None:
         if not self._open:
             raise BusError(describe(what="the bus is closed", where=f"mock bus, {action}", then="Call open first"))
+
+
+# No bus: servos that are always where they were told to be, for runs that only compute.
+
+
+class NoBus:
+    """A `hardware.bus.ServoBus` that answers every goal with itself. `start` in ticks, (n,)."""
+
+    def __init__(self, clock: Clock, *, start: TickArray) -> None:
+        self._clock = clock
+        self._position = np.array(start, dtype=np.int64)
+        count = self._position.size
+        self._zeros = np.zeros(count)
+        self._unknown = np.full(count, np.nan)
+        self._no_bits = np.zeros(count, dtype=np.uint8)
+        self._all = np.ones(count, dtype=np.bool_)
+        self._open = False
+
+    def open(self) -> None:
+        """Nothing to open."""
+        self._open = True
+
+    def read(self) -> ServoStates:
+        """Every servo at its goal, at rest and healthy; currents, voltages and temperatures are unknown."""
+        self._require_open()
+        return ServoStates(
+            time=self._clock.now(),
+            position=self._position,
+            velocity=self._zeros,
+            current=self._unknown,
+            voltage=self._unknown,
+            temperature=self._unknown,
+            error=self._no_bits,
+            alert=self._no_bits,
+            age=self._zeros,
+            valid=self._all,
+            driven=self._all,
+        )
+
+    def write(self, goals: ServoGoals) -> None:
+        """Be there."""
+        self._require_open()
+        self._position = goals.ticks
+
+    def torque(self, on: bool) -> None:
+        """Nothing to switch."""
+
+    def close(self) -> None:
+        """Nothing to close; no further call but `open`."""
+        self._open = False
+
+    def _require_open(self) -> None:
+        if not self._open:
+            raise BusError(describe(what="the bus is closed", where="no bus", then="Call open first"))

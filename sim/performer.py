@@ -13,8 +13,8 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
-from retarget.rotations import FloatArray
-from retarget.sources.tree import JointTree, Pose, forward_kinematics
+from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
+from retarget.types import FloatArray
 
 __all__ = [
     "CYCLES",

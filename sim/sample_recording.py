@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from retarget import rotations
-from retarget.exporting.bvh_file import AXES, CM, BvhSkeleton, write_skeleton
-from retarget.exporting.bvh_nodes import HUMAN, Node
-from retarget.rotations import FloatArray
+from retarget.recording.bvh_export import AXES, CM, HUMAN, BvhSkeleton, Node, write_skeleton
+from retarget.types import FloatArray
 from sim.performer import leg, minimum_jerk, rest_skeleton, upper_body
 
 __all__ = ["DURATION_S", "RATE_HZ", "sample_recording"]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from support.messages import (  # noqa: F401  # hooks: pytest finds them here
+from messages import (  # noqa: F401  # hooks: pytest finds them here
     pytest_addoption,
     pytest_collection_modifyitems,
     pytest_configure,

@@ -1,8 +1,8 @@
 """Errors say what, where, found, allowed and what to do; all problems of one file at once."""
 
 from hardware.errors import RetargetError
+from messages import refuses
 from retarget.errors import MAX_SHOWN, ConfigError, InputError, Problem, UsageError, nearest, suggest
-from support.messages import refuses
 
 
 def test_one_problem_reads_as_one_line() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from support.messages import shows
+from messages import shows
 
 REAL_TIME = {"send_poses"}
 """Examples that go on in real time: each has a test of its own."""

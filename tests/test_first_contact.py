@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from hardware.dynamixel.watch import Torque
+from hardware.dynamixel.bus import Torque
+from messages import shows
 from retarget.cli.application import application
-from retarget.report import BusReport, Report, StopReport
-from support.messages import shows
+from retarget.report.report import BusReport, Report, StopReport
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs/first-contact.md").read_text(encoding="utf-8")

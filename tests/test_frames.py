@@ -1,5 +1,6 @@
 """Sensor frames: interpolation, cutting, mirroring and choosing of sensors."""
 
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,31 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from messages import refuses
 from retarget import rotations
 from retarget.errors import UsageError
-from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton, mirrored_name
-from support.messages import refuses
+from retarget.frames import (
+    ANKLE,
+    HEAD_CENTRE,
+    JOINTS,
+    SENSORS,
+    STEP_M,
+    STEP_TURN,
+    JointTracks,
+    SensorFrames,
+    SensorSample,
+    Skeleton,
+    along_arcs,
+    along_lines,
+    locate,
+    mirrored_name,
+    on_grid,
+    stature,
+    valid_at,
+)
+from retarget.human.samples import Playback, lay_on_ticks
+from retarget.schema.performer import load_performer
+from sim.performer import synthetic_performer
 
 RATE = 120.0
 COUNT = 12
@@ -174,3 +196,100 @@ def test_shapes_that_do_not_fit_are_programmer_errors() -> None:
         replace(frames, position=np.zeros((COUNT, 2, 3)))
     with refuses(AssertionError):
         replace(frames, time=np.zeros(COUNT))
+
+
+CLOCK = np.array([0.0, 0.1, 0.3, 0.35])
+
+
+def test_times_lie_between_their_neighbours_on_an_uneven_clock() -> None:
+    at = locate(CLOCK, np.array([-1.0, 0.0, 0.05, 0.1, 0.2, 0.35, 9.0]))
+    np.testing.assert_array_equal(at.before, [0, 0, 0, 1, 1, 3, 3])
+    np.testing.assert_allclose(at.share, [0.0, 0.0, 0.5, 0.0, 0.5, 0.0, 0.0])
+    np.testing.assert_array_equal(at.exact, [True, True, False, True, False, True, True])
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=20))
+def test_any_time_has_a_share_below_one(times: list[float]) -> None:
+    at = locate(CLOCK, np.array(times))
+    assert np.all((at.share >= 0.0) & (at.share < 1.0)) and np.all(at.after < len(CLOCK))
+    held = np.clip(times, CLOCK[0], CLOCK[-1])
+    np.testing.assert_allclose(CLOCK[at.before] + at.share * (CLOCK[at.after] - CLOCK[at.before]), held, atol=1e-9)
+
+
+def test_a_lost_neighbour_counts_only_where_it_is_used() -> None:
+    track = np.arange(12.0).reshape(4, 1, 3)
+    track[1] = np.nan
+    valid = np.array([[True], [False], [True], [True]])
+    at = locate(CLOCK, np.array([0.0, 0.05, 0.2, 0.3, 0.325]))
+    np.testing.assert_array_equal(valid_at(valid, at)[:, 0], [True, False, False, True, True])
+    np.testing.assert_array_equal(np.isfinite(along_lines(track, at)).all(axis=(1, 2)), valid_at(valid, at)[:, 0])
+
+
+def test_orientations_take_the_short_arc() -> None:
+    turn = rotations.from_axis_angle([0.0, 0.0, 1.0], np.array([0.0, 0.2, 0.6, 0.8]))[:, None]
+    turn[2] *= -1.0
+    half = along_arcs(turn, locate(CLOCK, np.array([0.2])))
+    np.testing.assert_allclose(np.abs(rotations.log(half[0, 0])), [0.0, 0.0, 0.4], atol=1e-12)
+
+
+def sample(count: int = 500) -> SensorSample:
+    random = np.random.default_rng(7)
+    turn = random.normal(size=(count, 4))
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    names = tuple(str(number) for number in range(count))
+    return SensorSample(names, random.uniform(-3.0, 3.0, (count, 3)), turn, np.ones(count, dtype=bool))
+
+
+def test_nothing_moves_by_more_than_half_a_step_and_only_once() -> None:
+    before = sample()
+    before.position[3], before.orientation[5] = np.nan, np.nan
+    after = on_grid(before)
+    assert np.nanmax(np.abs(after.position - before.position)) <= STEP_M / 2
+    assert np.nanmax(np.abs(after.orientation - before.orientation)) <= STEP_TURN / 2
+    assert np.nanmax(np.abs(np.linalg.norm(after.orientation, axis=1) - 1.0)) < 5e-7
+    assert np.isnan(after.position[3]).all() and np.isnan(after.orientation[5]).all()
+    again = on_grid(after)
+    np.testing.assert_array_equal(again.position, after.position)
+    np.testing.assert_array_equal(again.orientation, after.orientation)
+
+
+def test_it_is_half_as_long() -> None:
+    before = sample()
+    after = on_grid(before)
+    for name in ("position", "orientation"):
+        size = len(zlib.compress(getattr(before, name).tobytes()))
+        assert len(zlib.compress(getattr(after, name).tobytes())) < 0.6 * size
+
+
+def test_a_clip_is_on_it() -> None:
+    clip = lay_on_ticks(
+        synthetic_performer(), performer=load_performer("five"), playback=Playback(end=0.5), rate_hz=125.0
+    )
+    now = clip.sample(7)
+    np.testing.assert_array_equal(on_grid(now).position, now.position)
+    np.testing.assert_array_equal(on_grid(now).orientation, now.orientation)
+
+
+NAMES = ("l_hip", "r_hip", "l_knee", "l_ankle", "chest", "neck", "head")
+
+
+def body(spread: float) -> Skeleton:
+    """A body of 1.8 (proportions of Drillis and Contini) with its legs spread (rad) in the rest pose."""
+    down = np.array([0.0, np.sin(spread), -np.cos(spread)])
+    hip = np.array([0.0, 0.1, 0.0])
+    knee = hip + 0.245 * 1.8 * down
+    heights = np.array([0.65, 0.82, HEAD_CENTRE]) - ANKLE - 0.491
+    trunk = np.outer(heights * 1.8, [0.0, 0.0, 1.0])
+    return Skeleton(NAMES, np.stack([hip, -hip, knee, knee + 0.246 * 1.8 * down, *trunk]))
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.35, 1.0])
+def test_the_way_the_rest_pose_stands_does_not_matter(spread: float) -> None:
+    assert stature(body(spread)) == pytest.approx(1.8)
+
+
+def test_a_missing_chest_is_left_out_and_a_missing_leg_is_not() -> None:
+    whole = body(0.2)
+    without = [i for i, name in enumerate(NAMES) if name != "chest"]
+    assert stature(Skeleton(tuple(NAMES[i] for i in without), whole.position[without])) == pytest.approx(1.8)
+    assert stature(Skeleton(NAMES[1:], whole.position[1:])) is None

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from retarget.errors import InputError, Problem, UsageError
-from support.messages import (
+from messages import (
     Book,
     difference,
     mentions,
@@ -19,6 +18,7 @@ from support.messages import (
     write_all,
     write_snapshot,
 )
+from retarget.errors import InputError, Problem, UsageError
 
 TWO = {"test_a::test_b[x y]": ["one", "two\n\n  lines"], "test_a::test_c": [""]}
 

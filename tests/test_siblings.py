@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import retarget
-from support.messages import refuses, shows
+from messages import refuses, shows
 
 HEAVY = ("mujoco", "scipy", "pydantic", "matplotlib", "numpy", "typer", "rich")
 

@@ -1,4 +1,4 @@
-"""No test pins the wording of a message: it asserts kind and facts (`support.messages`), the snapshot has the words."""
+"""No test pins the wording of a message: it asserts kind and facts (`messages`), the snapshot has the words."""
 
 import ast
 import re
@@ -67,7 +67,7 @@ def test_no_new_wording_in_tests() -> None:
         for phrase in phrases(path.read_text(encoding="utf-8"))
     }
     new = {phrase: name for phrase, name in found.items() if phrase not in allowed}
-    assert not new, "assert the kind and the facts, with support.messages"
+    assert not new, "assert the kind and the facts, with messages"
     gone = [phrase for phrase in allowed if phrase not in found]
     assert not gone, "take them off the list, and lower MOST"
     assert len(allowed) <= MOST, "the list may only shrink"

@@ -19,10 +19,10 @@ from benchmarks.paper.run import NAMES, Motions, Results, run_experiments
 from benchmarks.paper.table import as_table
 from benchmarks.paper.trials import CROUCH, JOG, JUMP, read_trial
 from hardware.clock import MonotonicClock
-from retarget.cli.boundary import exit_code_of
-from retarget.cli.progress import progress_bar
+from retarget.cli.application import progress_bar
+from retarget.cli.exit import exit_code_of
 from retarget.errors import UsageError, suggest
-from retarget.outputs import check_folder, make_folder, refuse_existing, write_atomic
+from retarget.schema.files import check_folder, make_folder, refuse_existing, write_atomic
 from sim.performer import synthetic_performer
 
 DEFAULT_FOLDER = Path("out/paper")

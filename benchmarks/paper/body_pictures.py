@@ -10,8 +10,8 @@ from benchmarks.paper.cycles import crouch_cycles
 from benchmarks.paper.replay import Replay
 from benchmarks.paper.strips import Row, View, body_row, draw_strips
 from retarget.frames import SensorFrames
-from retarget.human_dimensions import POINTS
-from retarget.rotations import FloatArray
+from retarget.model.human_dimensions import POINTS
+from retarget.types import FloatArray
 
 __all__ = ["figure_3", "figure_7", "figure_9", "figure_10"]
 

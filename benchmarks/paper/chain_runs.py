@@ -15,8 +15,8 @@ from benchmarks.paper.solver_rig import (
     watching,
 )
 from retarget import _solver
-from retarget.body import BodyModel
-from retarget.rotations import FloatArray
+from retarget.model.body import BodyModel
+from retarget.types import FloatArray
 
 __all__ = ["DT", "ONE", "TWO", "ChainRun", "reaching_chain", "yielding_chain"]
 

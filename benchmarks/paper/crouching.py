@@ -14,11 +14,10 @@ from benchmarks.paper.placement import FOREARM, HEAD, clear_cylinder, cycles_hin
 from benchmarks.paper.replay import Replay, replay
 from hardware.clock import Clock
 from retarget.frames import SensorFrames
-from retarget.human_observers import Worn, human_observers
-from retarget.observers import Observers
-from retarget.priorities import load_priorities
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
+from retarget.model.observers import Observers, Worn, human_observers
+from retarget.schema.priorities import load_priorities
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
 
 __all__ = ["CONFIGURATIONS", "Collisions", "Experiment", "Outcome", "crouching"]
 

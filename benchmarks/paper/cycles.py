@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from retarget.rotations import FloatArray
+from retarget.types import FloatArray
 
 __all__ = ["crouch_cycles"]
 

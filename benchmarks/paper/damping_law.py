@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.paper.solver_rig import Ball, make_solver, place_balls, sliding_point, watching
 from retarget import _solver
-from retarget.rotations import FloatArray
+from retarget.types import FloatArray
 
 __all__ = ["BALL", "POINTS", "DampedPoint", "damped_points"]
 

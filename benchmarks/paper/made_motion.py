@@ -5,10 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from retarget.frames import SENSORS, JointTracks, SensorFrames, Skeleton
-from retarget.human import Human, build_human
-from retarget.human_dimensions import POINTS, proportional_dimensions
-from retarget.human_posture import PostureReader
-from retarget.rotations import FloatArray
+from retarget.model.human import Human, PostureReader, build_human
+from retarget.model.human_dimensions import POINTS, proportional_dimensions
+from retarget.types import FloatArray
 
 __all__ = ["made_jog", "made_jump"]
 

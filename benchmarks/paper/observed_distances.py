@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget import _solver
-from retarget.body import BodyModel
-from retarget.metrics.observer_clearance import Side, shape_rows
-from retarget.observer_pairs import placed
-from retarget.observers import Observers
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
-from retarget.scene_motion import SceneState
+from retarget.model.body import BodyModel
+from retarget.model.observers import Observers, placed
+from retarget.model.scene_state import SceneState
+from retarget.report.clearance import Side, shape_rows
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
 
 __all__ = ["ObservedDistances", "observed_distances"]
 

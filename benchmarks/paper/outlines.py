@@ -7,11 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from retarget.rotations import FloatArray, rotate
-from retarget.scene import Scene
-from retarget.scene_motion import SceneState
-from retarget.scene_shapes import ShapeKind
-from retarget.support import convex_hull
+from retarget.ik.support_polygon import convex_hull
+from retarget.model.scene_shapes import ShapeKind
+from retarget.model.scene_state import SceneState
+from retarget.rotations import rotate
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
 
 __all__ = ["OBSTACLE", "Outline", "draw_outline", "scene_outlines"]
 

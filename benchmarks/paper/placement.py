@@ -13,13 +13,12 @@ from benchmarks.paper.cycles import crouch_cycles
 from benchmarks.paper.observed_distances import observed_distances
 from benchmarks.paper.replay import Replay
 from retarget.errors import InputError
-from retarget.human import Human
-from retarget.human_dimensions import POINTS
-from retarget.human_observers import Worn, human_observers
-from retarget.observers import Observers
-from retarget.priorities import ObserverSettings
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
+from retarget.model.human import Human
+from retarget.model.human_dimensions import POINTS
+from retarget.model.observers import Observers, Worn, human_observers
+from retarget.schema.priorities import ObserverSettings
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
 
 __all__ = ["FOREARM", "HEAD", "HINDERED", "clear_cylinder", "cycles_hindered", "hindering_sphere"]
 

@@ -9,8 +9,8 @@ from benchmarks.paper.chain_runs import DT, ChainRun
 from benchmarks.paper.damping_law import BALL, DampedPoint
 from benchmarks.paper.outlines import OBSTACLE, ZONE_SHARE
 from benchmarks.paper.solver_rig import Ball
-from retarget.plots.style import ASKED, REACHED, WARNING, new_figure
-from retarget.rotations import FloatArray
+from retarget.report.plot_style import ASKED, REACHED, WARNING, new_figure
+from retarget.types import FloatArray
 
 __all__ = ["figure_4", "figure_5", "figure_6"]
 

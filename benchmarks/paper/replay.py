@@ -6,20 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.clock import Clock, thread_cpu
-from retarget.calibration import calibrate, rest_orientations
 from retarget.frames import SensorFrames, SensorSample
-from retarget.human import Human, build_human
-from retarget.human_dimensions import POINTS
-from retarget.human_observers import Worn
-from retarget.human_posture import PostureReader
-from retarget.observers import Observers
-from retarget.performer import load_performer
-from retarget.priorities import Priorities
-from retarget.reconstruct import Reconstructor
-from retarget.record import ModeArray
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
-from retarget.scene_motion import SceneState
+from retarget.human.calibration import calibrate, rest_orientations
+from retarget.human.reconstruction import Reconstructor
+from retarget.model.human import Human, PostureReader, build_human
+from retarget.model.human_dimensions import POINTS
+from retarget.model.observers import Observers, Worn
+from retarget.model.scene_state import SceneState
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import Priorities
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray, ModeArray
 
 __all__ = ["PERFORMER", "Replay", "human_of", "replay"]
 

@@ -16,9 +16,9 @@ from benchmarks.paper.replay import replay
 from benchmarks.paper.table import as_data
 from hardware.clock import Clock
 from retarget.frames import SensorFrames
-from retarget.human_dimensions import POINTS
-from retarget.plots.style import save_figure
-from retarget.priorities import load_priorities
+from retarget.model.human_dimensions import POINTS
+from retarget.report.plot_style import save_figure
+from retarget.schema.priorities import load_priorities
 
 __all__ = ["NAMES", "Motions", "Results", "run_experiments"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget import _solver
-from retarget.body import BodyModel, load_body_text
-from retarget.rotations import FloatArray
+from retarget.model.body import BodyModel, load_body_text
+from retarget.types import FloatArray
 
 __all__ = ["Ball", "chain_points", "make_solver", "planar_chain", "sliding_point", "watching"]
 

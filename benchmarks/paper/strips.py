@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from benchmarks.paper.outlines import Outline, draw_outline, scene_outlines
-from retarget.human_dimensions import PARENTS, POINTS
-from retarget.plots.skeleton import AZIMUTH, ELEVATION, HEAD, Bone, Skeleton, draw_skeleton, project, turned
-from retarget.plots.style import new_figure
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
+from retarget.model.human_dimensions import PARENTS, POINTS
+from retarget.report.plot_style import new_figure
+from retarget.report.pose_pictures import AZIMUTH, ELEVATION, HEAD, Bone, Skeleton, draw_skeleton, project, turned
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
 
 __all__ = ["Row", "View", "body_row", "draw_strips"]
 

@@ -10,10 +10,10 @@ from pydantic import BaseModel
 from command_pages import command_page
 from model_tables import models_below, section
 from python_pages import PAGES, python_page
-from retarget.performer import Performer
-from retarget.priorities import Priorities
-from retarget.profile import RobotProfile
-from retarget.scene import Scene
+from retarget.schema.performer import Performer
+from retarget.schema.priorities import Priorities
+from retarget.schema.profile import RobotProfile
+from retarget.schema.scene import Scene
 
 __all__ = ["led_inside", "made_pages", "on_config", "on_files", "on_page_markdown", "parted_lists", "plain_pipes"]
 

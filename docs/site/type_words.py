@@ -9,9 +9,9 @@ from annotated_types import Ge, Gt, Le, Lt, MultipleOf
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from retarget import priority_tasks, profile_parts
-from retarget.priority_tasks import RowWeights
-from retarget.schema import Interval, Name, Quaternion, Text
+from retarget.schema import priorities, profile_parts
+from retarget.schema.priorities import RowWeights
+from retarget.schema.strict_models import Interval, Name, Quaternion, Text
 
 __all__ = ["models_in", "words"]
 
@@ -22,7 +22,7 @@ KNOWN: tuple[tuple[Any, str], ...] = (
     (Interval, "[lower, upper]"),
     (RowWeights, "number or [x, y, z]"),
     (profile_parts.Names, "name or list of names"),
-    (priority_tasks.Names, "name or list of names"),
+    (priorities.Names, "name or list of names"),
 )
 """Types with a word of their own."""
 PLAIN = {float: "number", int: "whole number", str: "text", bool: "true or false", NoneType: "", Path: "path"}

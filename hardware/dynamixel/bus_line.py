@@ -3,16 +3,15 @@
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 
-from hardware.bus_spec import BusSpec
+from hardware.bus import BusSpec
 from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.byte_port import BytePort
-from hardware.dynamixel.control_table import ControlTable, find_table
+from hardware.dynamixel.control_table import ControlTable, Register, find_table
 from hardware.dynamixel.cyclic import CyclicPort, Wired
 from hardware.dynamixel.exchange import Ask, Kind, collect, settle
-from hardware.dynamixel.one_off import OneOff
-from hardware.dynamixel.register import Register
-from hardware.dynamixel.servo_error import NoAnswer, ServoError
-from hardware.dynamixel.servo_image import ServoImage
+from hardware.dynamixel.readings import Readings
+from hardware.dynamixel.serial_port import BytePort
+from hardware.dynamixel.settings import ServoImage
+from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
 from hardware.servo import ServoSpec
 
 TRIES = 3
@@ -107,3 +106,34 @@ class BusLine:
     def _wire(self, tables: dict[int, ControlTable]) -> CyclicPort:
         wired = [Wired(self.index_of[device], device, table) for device, table in tables.items()]
         return CyclicPort(self.port, wired, return_delay=self.longest_delay)
+
+
+# One cycle of several buses at once: who drives servos and who only watches them read alike.
+
+
+def read_cycle(lines: Sequence[BusLine], readings: Readings, *, wide: bool) -> None:
+    """Ask everybody, on all ports at once; then who has something to add. wide: voltage and temperature too.
+
+    Raises BusError when a port is gone.
+    """
+    readings.begin()
+    for line in lines:
+        line.cyclic.begin(wide=wide)
+    _exchange(lines, readings)
+    for line in lines:
+        line.cyclic.end(readings)
+    for line in lines if (alarmed := readings.alarmed()) else ():
+        for device in [device for device, index in line.index_of.items() if index in alarmed][:1]:
+            line.cyclic.ask_status(device)
+    _exchange(lines, readings)
+
+
+def _exchange(lines: Sequence[BusLine], readings: Readings) -> None:
+    """Until no port has a request left: ask on all, then wait for each."""
+    busy = [line.cyclic for line in lines if line.cyclic.busy]
+    while busy:
+        for cyclic in busy:
+            cyclic.send()
+        for cyclic in busy:
+            cyclic.collect(readings)
+        busy = [cyclic for cyclic in busy if cyclic.busy]

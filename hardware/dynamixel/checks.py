@@ -1,13 +1,100 @@
 """What one servo's registers say against driving it: complaints, each with its cure, and notes."""
 
-from hardware.bus import ServoAlert
-from hardware.bus_spec import BusSpec
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from hardware.bus import BusSpec, ServoAlert
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.servo_image import ServoImage
-from hardware.dynamixel.settings import differing, eeprom_settings
-from hardware.dynamixel.setup_plan import setup_command
-from hardware.dynamixel.travel import Span, travel_complaints
+from hardware.dynamixel.settings import OWN_OPTION, ServoImage, differing, eeprom_settings, setup_command
+from hardware.joint_map import ROUND_OFF, coupled_pairs
 from hardware.servo import ServoMode, ServoSpec
+
+# Whether a servo's own limits let every goal of its joint through: a goal beyond them is refused in silence.
+
+
+class Span(NamedTuple):
+    """First and last tick."""
+
+    low: int
+    high: int
+
+
+def needed_ticks(servos: Sequence[ServoSpec]) -> dict[str, Span]:
+    """Goal ticks that the joints' limits make, by joint; of a coupled pair those of all angles of both joints.
+
+    A pair of which one is not among `servos` is left out.
+    """
+    joints = {servo.joint for servo in servos}
+    whole = [servo for servo in servos if servo.coupling is None or set(servo.coupling.joints) <= joints]
+    spans: dict[str, Span] = {}
+    for servo in whole:
+        if servo.coupling is None:
+            low, high = sorted(servo.zero_tick + servo.ticks_per_rad * q for q in (servo.lower, servo.upper))
+            spans[servo.joint] = _within(servo, math.ceil(low - ROUND_OFF), math.floor(high + ROUND_OFF))
+    for pair in coupled_pairs(whole):
+        for column, low, high in zip(pair.columns.tolist(), *pair.tick_ends(), strict=True):
+            spans[whole[column].joint] = _within(whole[column], round(low), round(high))
+    return spans
+
+
+def _within(servo: ServoSpec, low: int, high: int) -> Span:
+    return Span(max(low, servo.lowest_tick), min(high, servo.highest_tick))
+
+
+def travel_complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> list[str]:
+    """The servo's own limits against the ticks that the joint needs; None: those are not known."""
+    names, moved = _limits(servo, image), limits_to_move(servo, image, needed)
+    if names is None or not moved:
+        return []
+    low, high = (image.value(name) for name in names)
+    cure = setup_command(bus, servo.id, moved)
+    mode = _other_mode(servo, image, low, high)
+    if mode:
+        return [f"{mode}: {cure}"]
+    assert needed is not None
+    return [
+        f"takes ticks {low} to {high} only, the joint needs {needed.low} to {needed.high}: narrow the limits of the "
+        f"profile, or {cure}"
+    ]
+
+
+def limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span | None) -> dict[str, int]:
+    """What the servo's own limits must become for those ticks, counts by register; empty where they are wide enough."""
+    names = _limits(servo, image)
+    if names is None:
+        return {}
+    low, high = (image.value(name) for name in names)
+    wanted = dict(zip(names, needed or Span(0, servo.model.ticks - 1), strict=True))
+    if _other_mode(servo, image, low, high):
+        return wanted
+    if needed is None or (low <= needed.low and needed.high <= high):
+        return {}
+    return _narrow(wanted, low, high)
+
+
+def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
+    """Which mode the limits of a 1.0 servo make that follows no position; "" for none."""
+    if image.table.protocol == 1:
+        if low == high == 0:
+            return "is in wheel mode (both angle limits 0)"
+        if image.has("multi_turn_offset") and low == high == servo.model.ticks - 1:
+            return "is in multi-turn mode (both angle limits at their end)"
+    return ""
+
+
+def _limits(servo: ServoSpec, image: ServoImage) -> tuple[str, str] | None:
+    """Names of the registers that limit goals; None where no register does."""
+    if image.table.protocol == 1:
+        return ("cw_angle_limit", "ccw_angle_limit")
+    return ("min_position_limit", "max_position_limit") if servo.mode is ServoMode.POSITION else None
+
+
+def _narrow(wanted: Mapping[str, int], low: int, high: int) -> dict[str, int]:
+    """Those of the two that must be moved out."""
+    (first, least), (last, most) = wanted.items()
+    return ({first: least} if low > least else {}) | ({last: most} if high < most else {})
+
 
 REVERSE, FOLLOWER, TORQUE_BY_GOAL = 0x01, 0x02, 0x08  # bits of Drive Mode
 TORQUE_AT_BOOT = 0x01  # bit of Startup Configuration
@@ -142,3 +229,28 @@ def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
         f"has firmware {image.value('firmware_version')}, which has no bus watchdog: it would hold its last goal when "
         "the host goes silent. Update it, or write watchdog_s: 0 for the bus"
     ]
+
+
+# Everything in which a servo's EEPROM should follow its profile: more than opening writes, which asks nobody.
+
+NOBODY = 255
+"""Secondary ID of a servo that has none."""
+
+
+def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | None) -> dict[str, int]:
+    """Counts by register that this servo is to hold, those that it has already too; bits that do no harm stay.
+
+    Without id, speed and return delay, which the profile says itself. needed: ticks that its joint needs, see
+    `travel.needed_ticks`; None: not known.
+    """
+    named = {one.register.name: one.value for one in eeprom_settings(servo, bus, image.table)}
+    wanted = {name: value for name, value in named.items() if name not in OWN_OPTION}
+    if image.has("drive_mode"):
+        wanted["drive_mode"] = image.value("drive_mode") & ~(REVERSE | FOLLOWER | TORQUE_BY_GOAL)
+    if image.has("startup_configuration"):
+        wanted["startup_configuration"] = image.value("startup_configuration") & ~TORQUE_AT_BOOT
+    if image.has("homing_offset"):
+        wanted["homing_offset"] = servo.homing_offset
+    if image.has("secondary_id") and image.value("secondary_id") <= HIGHEST_SECONDARY:
+        wanted["secondary_id"] = NOBODY
+    return wanted | limits_to_move(servo, image, needed)

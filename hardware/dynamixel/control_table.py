@@ -1,15 +1,238 @@
 """Control tables: what every register of a servo model means, in the protocol and firmware that it runs."""
 
+import csv
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
+from pathlib import Path
 
-from hardware.dynamixel import control_table_files as files
-from hardware.dynamixel.control_table_files import ModelRow
-from hardware.dynamixel.register import Register
 from hardware.errors import HardwareError, describe
 from hardware.servo import find_model
 
-__all__ = ["ControlTable", "Register", "find_table", "table_of_number", "tables"]
+__all__ = [
+    "LAST_FIRMWARE",
+    "ControlTable",
+    "LayerRow",
+    "ModelRow",
+    "Register",
+    "baud_of",
+    "code_of",
+    "find_table",
+    "firmware_starts",
+    "layer_rows",
+    "model_rows",
+    "registers_of",
+    "rows_of",
+    "table_of_number",
+    "tables",
+]
+
+
+# One register of a control table: where it lies, what its bytes mean, what may be written.
+
+
+@dataclass(frozen=True)
+class Register:
+    """`size` bytes at `address`, little-endian; one count is `scale` of the SI `unit`, both None for plain counts.
+
+    A signed register holds two's complement, unless `direction_bit` is set (protocol 1.0's speeds and loads): then that
+    bit says clockwise, hence negative, and the bits below it hold the magnitude. `lowest`, `highest`: the widest range
+    that may be written, counts, None without a limit of its own; what limit registers and modes narrow is not in it.
+    `initial`: the maker's default in counts, None where the servo itself finds it at start.
+    """
+
+    name: str
+    address: int
+    size: int
+    signed: bool
+    writable: bool
+    scale: float | None
+    unit: str | None
+    lowest: int | None
+    highest: int | None
+    initial: int | None
+    direction_bit: int | None = None
+
+    @property
+    def end(self) -> int:
+        """First address after this register."""
+        return self.address + self.size
+
+    @property
+    def narrowest(self) -> int:
+        """Lowest count that the bytes can hold."""
+        if self.direction_bit is not None:
+            return 1 - (1 << self.direction_bit)
+        return -(1 << (8 * self.size - 1)) if self.signed else 0
+
+    @property
+    def widest(self) -> int:
+        """Highest count that the bytes can hold."""
+        if self.direction_bit is not None:
+            return (1 << self.direction_bit) - 1
+        return (1 << (8 * self.size - self.signed)) - 1
+
+    def decode(self, data: bytes) -> int:
+        """Return the counts in `data`, exactly `size` bytes. Raises ValueError for another length."""
+        if len(data) != self.size:
+            raise ValueError(f"{self.name} has {self.size} bytes, not {len(data)}")
+        if self.direction_bit is None:
+            return int.from_bytes(data, "little", signed=self.signed)
+        raw = int.from_bytes(data, "little")
+        magnitude = raw & self.widest
+        return -magnitude if raw >> self.direction_bit & 1 else magnitude
+
+    def encode(self, counts: int) -> bytes:
+        """Return the bytes of `counts`. Raises ValueError beyond the register's width."""
+        if not self.narrowest <= counts <= self.widest:
+            raise ValueError(f"{self.name} holds {self.narrowest} to {self.widest}, not {counts}")
+        if self.direction_bit is not None and counts < 0:
+            return ((1 << self.direction_bit) - counts).to_bytes(self.size, "little")
+        return counts.to_bytes(self.size, "little", signed=self.signed)
+
+    def allows(self, counts: int) -> bool:
+        """Whether `counts` lies within `lowest` and `highest`."""
+        return (self.lowest is None or counts >= self.lowest) and (self.highest is None or counts <= self.highest)
+
+
+# Reader of the files in `tables/`: models, and layers of register rows that add up to a control table.
+#
+# `models.tsv` names the layers of each model, in the order in which they apply. A row of `registers.tsv` or
+# `values.tsv`
+# counts for firmware from `since` to `until`; the first row of a name in a model's layers makes the register, each
+# later
+# one replaces what it fills in, `none` takes a value away. `name_[1:28]` stands for 28 registers, one after the other;
+# an
+# initial value `224+` counts up along them.
+
+LAST_FIRMWARE = 255
+"""Highest number that a firmware version register can hold."""
+_FOLDER = Path(__file__).parent / "tables"
+_NOTHING = "none"
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One model in one protocol: a row of `models.tsv`."""
+
+    model: str
+    protocol: int
+    number: int
+    usual_firmware: int
+    fast_since: int | None
+    modes: tuple[int, ...]
+    baud_family: str
+    layers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LayerRow:
+    """What one layer says about one register, for firmware `since` to `until`; `cells` as written, by column."""
+
+    layer: str
+    name: str
+    since: int
+    until: int
+    cells: tuple[tuple[str, str], ...]
+
+
+def rows_of(file: str) -> Iterator[dict[str, str]]:
+    """Yield the rows of a file in `tables/` by column, spaces trimmed; lines that begin with # are remarks."""
+    with (_FOLDER / file).open(encoding="utf-8", newline="") as stream:
+        lines = (line for line in stream if not line.startswith("#"))
+        for row in csv.DictReader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, restval=""):
+            yield {column: cell.strip() for column, cell in row.items()}
+
+
+@cache
+def model_rows() -> tuple[ModelRow, ...]:
+    """Every model, in the order of the file."""
+    return tuple(
+        ModelRow(
+            model=row["model"],
+            protocol=int(row["protocol"]),
+            number=int(row["number"]),
+            usual_firmware=int(row["usual_firmware"]),
+            fast_since=int(row["fast_since"]) if row["fast_since"] else None,
+            modes=tuple(int(mode) for mode in row["modes"].split()),
+            baud_family=row["baud_family"],
+            layers=tuple(row["layers"].split()),
+        )
+        for row in rows_of("models.tsv")
+    )
+
+
+@cache
+def layer_rows() -> dict[str, tuple[LayerRow, ...]]:
+    """The rows of every layer, by its name."""
+    layers: dict[str, list[LayerRow]] = {}
+    for file in ("registers.tsv", "values.tsv"):
+        for row in rows_of(file):
+            layer, name = row.pop("layer"), row.pop("name")
+            since = int(row.pop("since", "") or 0)
+            until = int(row.pop("until", "") or LAST_FIRMWARE)
+            cells = tuple((column, cell) for column, cell in row.items() if cell)
+            layers.setdefault(layer, []).append(LayerRow(layer, name, since, until, cells))
+    return {layer: tuple(rows) for layer, rows in layers.items()}
+
+
+def firmware_starts(model: ModelRow) -> tuple[int, ...]:
+    """The firmware versions at which the model's table changes, ascending, 0 the first."""
+    starts = {0}
+    if model.fast_since is not None:
+        starts.add(model.fast_since)
+    for row in _rows(model):
+        starts.add(row.since)
+        if row.until < LAST_FIRMWARE:
+            starts.add(row.until + 1)
+    return tuple(sorted(starts))
+
+
+def registers_of(model: ModelRow, firmware: int) -> tuple[Register, ...]:
+    """Return the model's registers as `firmware` has them, ascending by address."""
+    merged: dict[str, dict[str, str]] = {}
+    for row in _rows(model):
+        if row.since <= firmware <= row.until:
+            merged.setdefault(row.name, {}).update(row.cells)
+    merged["model_number"]["initial"] = str(model.number)
+    registers = [register for name, cells in merged.items() for register in _registers(name, cells)]
+    return tuple(sorted(registers, key=lambda register: register.address))
+
+
+def _rows(model: ModelRow) -> Iterator[LayerRow]:
+    """The rows of a model's layers, in the order in which they apply."""
+    for layer in model.layers:
+        yield from layer_rows()[layer]
+
+
+def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
+    """The registers of one row: one, or as many as the brackets of its name say."""
+    stem, _, span = name.partition("[")
+    first, last = (int(end) for end in span.rstrip("]").split(":")) if span else (0, 0)
+    filled = {column: cell for column, cell in cells.items() if cell != _NOTHING}
+    size = int(filled["size"])
+    initial = filled.get("initial")
+    step = 1 if initial is not None and initial.endswith("+") else 0
+    for place, index in enumerate(range(first, last + 1)):
+        yield Register(
+            name=f"{stem}{index}" if span else stem,
+            address=int(filled["address"]) + place * size,
+            size=size,
+            signed=filled["sign"] != "u",
+            writable=filled["access"] == "rw",
+            scale=float(filled["scale"]) if "scale" in filled else None,
+            unit=filled.get("unit"),
+            lowest=_whole(filled.get("lowest")),
+            highest=_whole(filled.get("highest")),
+            initial=None if initial is None else int(initial.rstrip("+")) + place * step,
+            direction_bit=int(filled["sign"].removeprefix("d")) if filled["sign"].startswith("d") else None,
+        )
+
+
+def _whole(cell: str | None) -> int | None:
+    """A whole number or None."""
+    return None if cell is None else int(cell)
+
 
 _EEPROM_END = {1: 24, 2: 64}
 
@@ -77,7 +300,7 @@ class ControlTable:
 
 def tables() -> tuple[ControlTable, ...]:
     """Every table there is: each model, protocol and range of firmware."""
-    return tuple(_table(row, first) for row in files.model_rows() for first in files.firmware_starts(row))
+    return tuple(_table(row, first) for row in model_rows() for first in firmware_starts(row))
 
 
 def find_table(model: str, protocol: int, firmware: int | None = None) -> ControlTable:
@@ -86,7 +309,7 @@ def find_table(model: str, protocol: int, firmware: int | None = None) -> Contro
     Raises HardwareError for an unknown model, and for a protocol that the model does not speak.
     """
     name = find_model(model).name
-    rows = {row.protocol: row for row in files.model_rows() if row.model == name}
+    rows = {row.protocol: row for row in model_rows() if row.model == name}
     row = rows.get(protocol)
     if row is None:
         raise HardwareError(
@@ -102,20 +325,20 @@ def find_table(model: str, protocol: int, firmware: int | None = None) -> Contro
 
 def table_of_number(number: int, firmware: int | None = None) -> ControlTable | None:
     """Return the table of the model that reports `number`, None for a model without a table."""
-    return next((_table_at(row, firmware) for row in files.model_rows() if row.number == number), None)
+    return next((_table_at(row, firmware) for row in model_rows() if row.number == number), None)
 
 
 def _table_at(row: ModelRow, firmware: int | None) -> ControlTable:
     """The table of a model whose range holds `firmware`."""
     wanted = row.usual_firmware if firmware is None else firmware
-    return _table(row, max(start for start in files.firmware_starts(row) if start <= max(wanted, 0)))
+    return _table(row, max(start for start in firmware_starts(row) if start <= max(wanted, 0)))
 
 
 @cache
 def _table(row: ModelRow, first: int) -> ControlTable:
     """The table of the range of firmware that begins at `first`."""
-    later = [start for start in files.firmware_starts(row) if start > first]
-    last = min(later) - 1 if later else files.LAST_FIRMWARE
+    later = [start for start in firmware_starts(row) if start > first]
+    last = min(later) - 1 if later else LAST_FIRMWARE
     return ControlTable(
         model=row.model,
         number=row.number,
@@ -125,5 +348,39 @@ def _table(row: ModelRow, first: int) -> ControlTable:
         fast_read=row.fast_since is not None and first >= row.fast_since,
         modes=row.modes,
         baud_family=row.baud_family,
-        registers=files.registers_of(row, first),
+        registers=registers_of(row, first),
     )
+
+
+# Codes of the baud rate register <-> bits per second, by the table's family.
+
+_DIVIDED = 2_000_000  # [bits/s] protocol 1.0: divided by code + 1
+_TOLERANCE = 0.01  # of the rate; a UART stands about 3 %, both ends together
+
+
+@cache
+def _listed(family: str) -> dict[int, int]:
+    """Bits per second by code, as the maker lists them for one family."""
+    rows = rows_of("baud_rates.tsv")
+    return {int(row["code"]): int(row["baud"]) for row in rows if family in row["families"].split()}
+
+
+def baud_of(table: ControlTable, code: int) -> int | None:
+    """Return the nominal bits per second of a code, None for a code that the model does not have."""
+    if not table["baud_rate"].allows(code):
+        return None
+    listed = _listed(table.baud_family).get(code)
+    return round(_DIVIDED / (code + 1)) if listed is None and table.protocol == 1 else listed
+
+
+def code_of(table: ControlTable, baud: int) -> int | None:
+    """Return the code whose rate is `baud` bits/s, in protocol 1.0 to 1 %; None for a rate that the model lacks."""
+    register = table["baud_rate"]
+    for code, listed in _listed(table.baud_family).items():
+        if listed == baud and register.allows(code):
+            return code
+    if table.protocol != 1 or baud <= 0:
+        return None
+    code = round(_DIVIDED / baud) - 1
+    rate = baud_of(table, code)
+    return code if rate is not None and abs(rate - baud) <= _TOLERANCE * baud else None

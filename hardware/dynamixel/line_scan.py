@@ -1,18 +1,21 @@
-"""Everybody on one port, whatever their speed and protocol. Nothing is written to a servo."""
+"""Every servo on one port, whatever its speed and protocol; and one EEPROM value written, also where the servo then
+answers elsewhere.
+"""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hardware.bus_spec import BAUDS
-from hardware.dynamixel.byte_port import BytePort
+from hardware.bus import BAUDS, BusSpec
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.control_table import ControlTable, table_of_number
-from hardware.dynamixel.discovery import Found
-from hardware.dynamixel.one_off import OneOff
+from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_number
+from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.packets import MAX_ID
-from hardware.dynamixel.servo_error import NoAnswer, ServoError
-from hardware.errors import BusError
+from hardware.dynamixel.serial_port import BytePort
+from hardware.dynamixel.settings import Setting, setup_command
+from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
+from hardware.errors import BusError, describe
 
 PROTOCOLS = (2, 1)
 """In the order in which they are tried."""
@@ -161,3 +164,91 @@ def _sighting(client: OneOff, found: Found, speed: Speed) -> Sighting:
     except (NoAnswer, ServoError):
         bits = 0
     return Sighting(found, speed, alert_text(bits) or UNSAID)
+
+
+# Servos that do not answer at the speed of their bus, looked for at all others.
+
+MOST = 3
+"""Ids that are looked for: each costs a wait at every speed."""
+
+
+def other_bauds(bus: BusSpec) -> list[int]:
+    """Bits per second that servos of its protocol can have, but for its own."""
+    return [baud for baud in BAUDS[bus.protocol] if baud != bus.baud]
+
+
+def heard_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
+    """By id, the first MOST of `ids` that answer at other speeds, and at which, bits/s; the port is left at the bus's
+    own.
+
+    A speed that the adapter does not have is left out. Raises BusError when the port is gone.
+    """
+    found: dict[int, list[int]] = {}
+    for baud in other_bauds(bus):
+        try:
+            port.set_baud(baud)
+        except BusError:
+            if is_gone(port):
+                raise
+            continue
+        client = OneOff(port, bus.protocol, retries=0)
+        for device in ids[:MOST]:
+            answer = client.ping(device)
+            if answer is not None and not answer.clash:
+                found.setdefault(device, []).append(baud)
+    port.set_baud(bus.baud)
+    return found
+
+
+def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Mapping[int, str]) -> list[str]:
+    """Of the first MOST of `ids`: who answers at which other speed, and the command that mends it, a text each.
+
+    named: what people call them, by id. Raises BusError when the port is gone.
+    """
+    texts = []
+    for device, bauds in heard_elsewhere(port, bus, ids).items() if ids else ():
+        speeds, cure = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
+        name = named.get(device, f"device {device}")
+        texts.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {cure}")
+    return texts
+
+
+# One EEPROM value written and seen to be kept, also where the servo then answers elsewhere.
+
+TRIES = 3
+SETTLE = 0.05
+"""[s] That a servo is given to change its speed."""
+
+
+def write_setting(
+    port: BytePort, table: ControlTable, device: int, speed: Speed, setting: Setting
+) -> tuple[int, Speed]:
+    """Write one value; id and speed of the servo afterwards, the port's too. Raises BusError."""
+    register, value = setting
+    if register.name not in ("id", "baud_rate"):
+        OneOff(port, speed.protocol).write(device, register, value, verify=True)
+        return device, speed
+    new_id = value if register.name == "id" else device
+    rate = baud_of(table, value) if register.name == "baud_rate" else speed.baud
+    assert rate is not None
+    for _ in range(TRIES):
+        port.set_baud(speed.baud)
+        # The answer comes at the new speed, or is lost: the servo is looked for below.
+        with suppress(NoAnswer):
+            OneOff(port, speed.protocol, retries=0).write(device, register, value)
+        port.sleep_until(port.now() + SETTLE)
+        port.set_baud(rate)
+        there = OneOff(port, speed.protocol)
+        try:
+            if there.read(new_id, register) == value:
+                return new_id, Speed(speed.protocol, rate)
+        except NoAnswer:
+            continue
+    raise BusError(
+        describe(
+            what=f"the servo does not answer after {register.name} := {value}",
+            where=port.name,
+            found=f"silence of id {new_id} at {rate} baud",
+            then="Find it with `retarget servo scan`",
+        )
+    )

@@ -3,23 +3,103 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from hardware.bus_spec import RETURN_DELAY_STEP, BusSpec
-from hardware.dynamixel.answer_time import too_slow
-from hardware.dynamixel.byte_port import BytePort
-from hardware.dynamixel.checks import complaints, notes
-from hardware.dynamixel.control_table import find_table, table_of_number
-from hardware.dynamixel.discovery import Found
-from hardware.dynamixel.echo import ECHOES
-from hardware.dynamixel.muted import answers_pings_only, muted_text
-from hardware.dynamixel.one_off import OneOff
-from hardware.dynamixel.other_speeds import MOST, elsewhere_texts, heard_elsewhere, other_bauds
-from hardware.dynamixel.register import Register
-from hardware.dynamixel.servo_error import NoAnswer, ServoError
-from hardware.dynamixel.servo_image import ServoImage, read_image
-from hardware.dynamixel.setup_plan import setup_command
-from hardware.dynamixel.strangers import everybody
-from hardware.dynamixel.travel import Span, needed_ticks
+from hardware.bus import MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
+from hardware.dynamixel import exchange, protocol1
+from hardware.dynamixel.checks import Span, complaints, needed_ticks, notes
+from hardware.dynamixel.control_table import ControlTable, Register, find_table, table_of_number
+from hardware.dynamixel.exchange import Ask, Found, Kind, settle
+from hardware.dynamixel.found_servos import answers_pings_only, muted_text
+from hardware.dynamixel.line_scan import MOST, elsewhere_texts, heard_elsewhere, other_bauds
+from hardware.dynamixel.packets import MAX_ID
+from hardware.dynamixel.serial_port import ECHOES, BytePort
+from hardware.dynamixel.settings import ServoImage, read_image, setup_command
+from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
+from hardware.errors import describe
 from hardware.servo import ServoSpec
+
+# Everybody on a bus who answers, expected or not.
+
+SLACK = 0.001
+"""[s] That a stranger's answer to a ping may be late."""
+LONGEST = 2.0
+"""[s] That the search for strangers of protocol 1.0 may take: about 1 s at 1 Mbps, 1.7 s at 57,600."""
+
+
+def everybody(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found], list[str]]:
+    """Who answers on an open port, by id; and notes. Raises BusError when the port is gone.
+
+    2.0: one broadcast ping, heard to its end, so that no late answer disturbs what comes next. 1.0 has none: each id
+    is pinged, once those that are not expected.
+    """
+    if bus.protocol == 2:
+        heard = client.scan({*bus.ids, MAX_ID})  # the window is that of the highest id asked for
+        return [one for one in heard if one.id in bus.ids or one.model is not None], []  # noise is no stranger
+    found = {one.id: one for one in client.scan(bus.ids)}
+    wait = MAX_RETURN_DELAY + port.latency + SLACK
+    others = [device for device in range(MAX_ID + 2) if device not in bus.ids]
+    each = exchange.SPREAD + wait + 10 * (len(protocol1.ping(0)) + 2 * protocol1.STATUS_BYTES) / port.baud
+    if len(others) * each > LONGEST:
+        return [*found.values()], [f"bus {bus.name}: too slow to look for servos that the profile does not know"]
+    for device in others:
+        if any(answer.id == device for answer in exchange.ping_alone(port, 1, device, wait).answers):
+            stranger = client.ping(device)
+            if stranger is not None:
+                found[device] = stranger
+    return [found[device] for device in sorted(found)], []
+
+
+# How long a servo's answer really takes: an adapter or a hub may be slower than every timeout assumes.
+
+LOOKS = 5
+"""Reads of which the fastest counts."""
+PATIENCE = 0.1
+"""[s] After which one of them is given up."""
+
+
+def answer_time(port: BytePort, ask: Ask) -> float | None:
+    """Time in s from sending to the first byte that is not the request's echo, of an answer that then comes whole and
+    sound; None: none did. The line is silent before and after."""
+    port.drop()
+    request, sent = ask.request(), port.now()
+    port.write(request)
+    heard, took, whole = b"", None, False
+    while port.now() < sent + PATIENCE and port.wait(sent + PATIENCE):
+        heard += port.read()
+        if took is None and heard and not request.startswith(heard):
+            took = port.now() - sent
+        whole = len(ask.answers(heard.removeprefix(request))) == len(ask.ids)
+        if whole:
+            break
+    settle(port)
+    return took if whole else None
+
+
+def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: float) -> str:
+    """What is wrong when even the fastest answer comes later than a cycle waits for it; "" when it does not.
+
+    return_delay: of that servo, s. Raises BusError when the port is gone.
+    """
+    position = table["present_position"]
+    kind = Kind.SINGLE1 if table.protocol == 1 else Kind.SYNC
+    ask = Ask(kind, (device,), position.address, position.size)
+    allowed = ask.timeouts(port, return_delay).first
+    fastest = None
+    for _ in range(LOOKS):
+        took = answer_time(port, ask)
+        if took is not None:
+            fastest = took if fastest is None else min(fastest, took)
+            if fastest <= allowed:
+                return ""
+    if fastest is None:
+        return ""  # that nobody answers is said elsewhere
+    return describe(
+        what="the adapter, or a hub before it, is slower than a cycle allows: every answer would come too late",
+        where=port.name,
+        found=f"{1e3 * fastest:.1f} ms to the first byte at best",
+        allowed=f"{1e3 * allowed:.1f} ms",
+        then="Set its latency timer to 1 ms, plug it into the computer itself, or use another adapter",
+    )
+
 
 SLOW_LATENCY = 0.004
 """[s] From here on an adapter's latency timer is complained about: two of them do not fit into 8 ms."""

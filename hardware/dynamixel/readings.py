@@ -7,11 +7,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.arrays import BoolArray, TickArray
+from hardware.arrays import BoolArray, TickArray, all_of
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.packets import ALERT, Error1
-from hardware.few_values import all_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

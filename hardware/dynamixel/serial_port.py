@@ -1,20 +1,189 @@
-"""A serial adapter as a `BytePort`: dynamixel-sdk's port, opened for us alone, at any speed, and never polled."""
+"""A serial adapter as a `BytePort`: opened for one process, at any speed; its latency timer, and why it cannot be
+used.
+"""
 
 import array
 import contextlib
+import errno
 import fcntl
+import itertools
 import os
 import select
+import stat
 import sys
 import termios
+from contextlib import suppress
 from pathlib import Path
+from typing import Protocol
 
 from dynamixel_sdk import PortHandler
 from serial import Serial
+from serial.tools.list_ports import comports
 
 from hardware.clock import Clock
-from hardware.dynamixel import latency_timer, port_trouble
-from hardware.errors import BusError
+from hardware.errors import BusError, describe
+from hardware.realtime import PROCESSES, named_process
+
+# How long a USB adapter keeps what has arrived: the latency timer of an FTDI chip, in the kernel's own files.
+
+DEVICES = Path("/sys/bus/usb-serial/devices")
+ASSUMED = 0.001
+"""Latency, s, of an adapter that has no such timer: a USB frame."""
+WANTED_MS = 1
+
+
+def timer_file(path: str, devices: Path = DEVICES) -> Path:
+    """Where the kernel shows the timer of the port at `path`, whatever links lead to it; it exists for FTDI only."""
+    return devices / Path(path).resolve().name / "latency_timer"
+
+
+def latency_timer_ms(path: str, devices: Path = DEVICES) -> int | None:
+    """The timer in ms; None for an adapter without one."""
+    try:
+        return int(timer_file(path, devices).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
+def latency(timer_ms: int | None) -> float:
+    """Longest time, s, that the adapter keeps bytes: the timer, and a USB frame where there is none or it says 0."""
+    return timer_ms / 1000 if timer_ms else ASSUMED
+
+
+def timer_command(path: str, devices: Path = DEVICES) -> str:
+    """What a person types to set the timer to 1 ms, until the adapter is plugged in anew."""
+    return f"echo {WANTED_MS} | sudo tee {timer_file(path, devices)}"
+
+
+def ask_low_latency(line: Serial) -> bool:
+    """Ask the kernel for low latency (ASYNC_LOW_LATENCY; no rights needed; an FTDI's timer becomes 1 ms).
+
+    Whether the driver took it: many have no such thing, and say so.
+    """
+    try:
+        line.set_low_latency_mode(True)
+    except (ValueError, OSError, NotImplementedError):
+        return False
+    return True
+
+
+# Why a serial port cannot be opened or used, said so that a person can act on it.
+
+_ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EIO}
+_BUSY = {errno.EBUSY, errno.EAGAIN}
+_FORBIDDEN = {errno.EACCES, errno.EPERM}
+_PSEUDO_TERMINALS = Path("/dev/pts")
+_MOST_PROCESSES = 100_000
+"""Bound of the search for who holds a port."""
+
+
+def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
+    """The error for a port that could not be opened: absent, busy, forbidden, no serial port, no such baud rate."""
+    number = getattr(cause, "errno", None)
+    if number in _ABSENT:
+        return no_such_port(path)
+    if number in _BUSY:
+        return BusError(describe(what="the port is busy", where=path, found=holders(path), then="Stop it, or wait"))
+    if number in _FORBIDDEN:
+        return BusError(
+            describe(
+                what="no permission to open the port",
+                where=path,
+                found=_owner(path),
+                then='Run "sudo usermod -aG dialout $USER", then log out and in again',
+            )
+        )
+    if _is_terminal_device(path) and isinstance(cause, ValueError):
+        return BusError(describe(what="no such baud rate", where=path, found=baud, allowed="what the adapter can do"))
+    return BusError(
+        describe(what="not a serial port", where=path, found=_kind(path), allowed=_existing(), then="Check the path")
+    )
+
+
+def no_such_port(path: str) -> BusError:
+    """The error for a path that leads nowhere."""
+    return BusError(
+        describe(
+            what="no such port",
+            where=path or "an empty path",
+            allowed=_existing(),
+            then="Check the cable, the power and the path",
+        )
+    )
+
+
+def unplugged(path: str, cause: object) -> BusError:
+    """The error for a port that went away while it was open."""
+    return BusError(
+        describe(what="the port went away", where=path, found=cause, then="Check the cable and the adapter's power")
+    )
+
+
+def not_open(path: str) -> BusError:
+    """The error for a port that is used before `open` or after `close`."""
+    return BusError(describe(what="the port is not open", where=path))
+
+
+def wrong_baud(path: str, baud: int, allowed: object) -> BusError:
+    """The error for a speed that the line does not run at."""
+    return BusError(describe(what="no such baud rate", where=path, found=baud, allowed=allowed))
+
+
+def holders(path: str, processes: Path = PROCESSES) -> str:
+    """Who has the port open, as far as this user may see. What is behind a pseudo-terminal has it open too, and is told
+    apart: it keeps nobody out."""
+    device = Path(path).resolve()
+    found: list[str] = []
+    behind: list[str] = []
+    for process in itertools.islice(processes.glob("[0-9]*"), _MOST_PROCESSES):
+        with suppress(OSError):
+            opened = {link.name: link.resolve() for link in (process / "fd").iterdir()}
+            if any(_leads_to(device, process, name, target) for name, target in opened.items()):
+                name = named_process(process.name, processes)
+                what = "the emulator" if "emulate" in name else "its other end"
+                behind.append(f"{name} is {what}")
+            elif device in opened.values():
+                found.append(named_process(process.name, processes))
+    return "; ".join([", ".join(found) or "another process", *behind])
+
+
+def _leads_to(device: Path, process: Path, descriptor: str, target: Path) -> bool:
+    """Whether an open file of a process is the master of a pseudo-terminal: its number is the device's name."""
+    if device.parent != _PSEUDO_TERMINALS or target.name != "ptmx":
+        return False
+    told = (process / "fdinfo" / descriptor).read_text(encoding="utf-8", errors="replace")
+    return ["tty-index:", device.name] in [line.split() for line in told.splitlines()]
+
+
+def _existing() -> str:
+    ports = sorted(port.device for port in comports())
+    return ", ".join(ports) if ports else "none, no serial port exists here"
+
+
+def _owner(path: str) -> str:
+    try:
+        place = Path(path)
+        return f"owner {place.owner()}, group {place.group()}, mode {stat.filemode(place.stat().st_mode)}"
+    except (OSError, KeyError):
+        return "no rights"
+
+
+def _is_terminal_device(path: str) -> bool:
+    try:
+        return Path(path).is_char_device()
+    except (OSError, ValueError):
+        return False
+
+
+def _kind(path: str) -> str:
+    try:
+        place = Path(path)
+        if place.is_dir():
+            return "a folder"
+        return "a file" if place.is_file() else "something else"
+    except (OSError, ValueError):
+        return repr(path)
+
 
 LOWEST_BAUD, HIGHEST_BAUD = 1_200, 12_000_000
 """Bounds of what is tried; what the adapter can do is found out."""
@@ -69,14 +238,14 @@ class SerialPort:
     @property
     def latency(self) -> float:
         """Longest time, s, that the adapter keeps what has arrived; 1 ms assumed where it cannot be told."""
-        return latency_timer.latency(self.latency_timer_ms)
+        return latency(self.latency_timer_ms)
 
     @property
     def latency_command(self) -> str | None:
         """What a person types to bring the latency timer down to 1 ms; None where that is not needed."""
-        if self.latency_timer_ms is None or self.latency_timer_ms <= latency_timer.WANTED_MS:
+        if self.latency_timer_ms is None or self.latency_timer_ms <= WANTED_MS:
             return None
-        return latency_timer.timer_command(self._path)
+        return timer_command(self._path)
 
     def open(self, baud: int) -> None:
         """Open it for this process alone; what had arrived is dropped. Raises BusError."""
@@ -86,15 +255,15 @@ class SerialPort:
             self._handler.setBaudRate(baud)
             self._take_over()
             self._verify_baud(baud)
-            latency_timer.ask_low_latency(self._line)
+            ask_low_latency(self._line)
         except (OSError, termios.error, ValueError, OverflowError) as cause:
             self.close()
-            raise port_trouble.why_not_open(self._path, baud, _with_number(cause)) from cause
+            raise why_not_open(self._path, baud, _with_number(cause)) from cause
         except BusError:
             self.close()
             raise
         self._baud = baud
-        self.latency_timer_ms = latency_timer.latency_timer_ms(self._path)
+        self.latency_timer_ms = latency_timer_ms(self._path)
 
     def set_baud(self, baud: int) -> None:
         """Change the speed; what had arrived is dropped. Raises BusError; a refused speed leaves the old one."""
@@ -175,12 +344,12 @@ class SerialPort:
     @property
     def _line(self) -> Serial:
         if self._handler.ser is None:
-            raise port_trouble.not_open(self._path)
+            raise not_open(self._path)
         return self._handler.ser
 
     def _open_fd(self) -> int:
         if self._fd < 0:
-            raise port_trouble.not_open(self._path)
+            raise not_open(self._path)
         return self._fd
 
     def _take_over(self) -> None:
@@ -198,13 +367,13 @@ class SerialPort:
 
     def _check_baud(self, baud: int) -> None:
         if not LOWEST_BAUD <= baud <= HIGHEST_BAUD:
-            raise port_trouble.wrong_baud(self._path, baud, f"{LOWEST_BAUD} to {HIGHEST_BAUD}")
+            raise wrong_baud(self._path, baud, f"{LOWEST_BAUD} to {HIGHEST_BAUD}")
 
     def _change_baud(self, line: Serial, baud: int) -> None:
         try:
             line.baudrate = baud
         except (ValueError, OverflowError) as cause:
-            raise port_trouble.wrong_baud(self._path, baud, "what the adapter can do") from cause
+            raise wrong_baud(self._path, baud, "what the adapter can do") from cause
         except (OSError, termios.error) as cause:
             raise self._gone(cause) from cause
 
@@ -212,7 +381,7 @@ class SerialPort:
         """Drivers silently fall back to a speed that they can do: ask which. Raises BusError."""
         real = real_baud(self._fd)
         if real and abs(real - baud) > BAUD_TOLERANCE * baud:
-            raise port_trouble.wrong_baud(self._path, baud, f"what the adapter can do; it fell back to {real}")
+            raise wrong_baud(self._path, baud, f"what the adapter can do; it fell back to {real}")
 
     def _write_rest(self, fd: int, data: bytes) -> None:
         """Send what the driver's buffer did not hold. Raises BusError when it takes nothing for too long."""
@@ -235,7 +404,7 @@ class SerialPort:
         return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
 
     def _gone(self, cause: object) -> BusError:
-        return port_trouble.unplugged(self._path, _with_number(cause) if isinstance(cause, Exception) else cause)
+        return unplugged(self._path, _with_number(cause) if isinstance(cause, Exception) else cause)
 
 
 def _with_number(cause: Exception) -> Exception:
@@ -255,3 +424,66 @@ def real_baud(fd: int) -> int | None:
     except OSError:
         return None
     return answer[_SPEED_WORD]
+
+
+# A line of bytes to servos, and the way to it: a serial adapter, or an emulator in this process.
+
+
+class BytePort(Protocol):
+    """Half-duplex bytes with a clock. Every method raises BusError when the port is gone."""
+
+    @property
+    def name(self) -> str:
+        """What a person calls it: the device's path."""
+        ...
+
+    @property
+    def baud(self) -> int:
+        """Bits per second; ten of them carry a byte."""
+        ...
+
+    @property
+    def latency(self) -> float:
+        """Longest time, s, that the adapter keeps what has arrived (FTDI: the latency timer)."""
+        ...
+
+    def open(self, baud: int) -> None:
+        """Open it, for this process alone. Raises BusError: no such port, busy, not permitted, no such baud rate."""
+        ...
+
+    def set_baud(self, baud: int) -> None:
+        """Change the speed; what had arrived is dropped."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send; returns before the bytes are on the wire."""
+        ...
+
+    def read(self) -> bytes:
+        """What has arrived, maybe nothing. Never waits."""
+        ...
+
+    def wait(self, deadline: float) -> bool:
+        """Sleep until something has arrived (True) or until `deadline`, s on the clock."""
+        ...
+
+    def drop(self) -> None:
+        """Forget what has arrived."""
+        ...
+
+    def now(self) -> float:
+        """Monotonic s: the clock that deadlines are on."""
+        ...
+
+    def sleep_until(self, deadline: float) -> None:
+        """Return at `deadline`, in s."""
+        ...
+
+    def close(self) -> None:
+        """Close it; twice is allowed."""
+        ...
+
+
+# What a person is told of an adapter that gives back what is sent.
+
+ECHOES = "the adapter echoes what is sent: it works, but costs time in every exchange; switch its local echo off"

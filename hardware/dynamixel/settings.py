@@ -1,12 +1,47 @@
 """What a profile wants in a servo's registers, and what has to be written for it."""
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from hardware.bus_spec import BusSpec
-from hardware.dynamixel.control_table import ControlTable
-from hardware.dynamixel.register import Register
-from hardware.dynamixel.servo_image import ServoImage
+from hardware.bus import BAUDS, MAX_RETURN_DELAY, RETURN_DELAY_STEP, BusSpec
+from hardware.dynamixel.control_table import ControlTable, Register, baud_of, code_of
+from hardware.dynamixel.single_requests import OneOff
+from hardware.errors import BusError, describe
 from hardware.servo import ServoMode, ServoSpec
+
+# What one servo's registers hold, read in a few blocks: for checks before anything moves.
+
+CHUNK = 64
+"""Most bytes that are read at once."""
+LAST = ("present_temperature", "present_input_voltage", "present_voltage", "lock", "goal_acceleration")
+"""The registers behind which no table has one that is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class ServoImage:
+    """Registers of a servo of this table, as read. Turn by turn: nothing in it changes with the servo."""
+
+    table: ControlTable
+    data: bytes
+
+    def has(self, name: str) -> bool:
+        """Whether the register is there."""
+        return self.table.has(name) and self.table[name].end <= len(self.data)
+
+    def value(self, name: str) -> int:
+        """A register's value, counts."""
+        register = self.table[name]
+        return register.decode(self.data[register.address : register.end])
+
+
+def read_image(client: OneOff, device: int, table: ControlTable) -> ServoImage:
+    """Everything from address 0 to the last register of LAST. Raises BusError when it does not answer."""
+    last = max(table[name].end for name in LAST if table.has(name))
+    parts = [client.read_block(device, at, min(CHUNK, last - at)) for at in range(0, last, CHUNK)]
+    return ServoImage(table, b"".join(parts))
+
 
 MODES = {ServoMode.POSITION: 3, ServoMode.EXTENDED_POSITION: 4, ServoMode.CURRENT_BASED_POSITION: 5}
 """Operating Mode, register 11."""
@@ -89,3 +124,118 @@ def _current(servo: ServoSpec, register: Register) -> int:
 
 def _settings(table: ControlTable, values: "dict[str, int] | dict[str, int | None]") -> list[Setting]:
     return [Setting(table[name], value) for name, value in values.items() if value is not None and table.has(name)]
+
+
+# What a servo's EEPROM is to hold: checked as a whole before anything is written; its id and speed come last.
+
+HIGHEST_ID = 252
+OWN_OPTION = {"id": "--new-id", "baud_rate": "--baud", "return_delay_time": "--return-delay"}
+DELAYS = f"0 to {1e6 * MAX_RETURN_DELAY:g} us, even"
+SILENCING = "protocol_type"
+"""Whoever changes it is no longer understood."""
+
+
+def setup_command(
+    bus: BusSpec, device: int, registers: Mapping[str, int] | None = None, *, baud: int | None = None
+) -> str:
+    """What a person types to write these into a servo; baud: bits/s."""
+    words = [f"--register {name}={value}" for name, value in (registers or {}).items()]
+    if baud is not None:
+        words.append(f"--baud {baud}")
+    return " ".join([f"`retarget servo setup --port {bus.port} --id {device}", *words]) + "`"
+
+
+def plan(
+    image: ServoImage,
+    *,
+    new_id: int | None = None,
+    baud: int | None = None,
+    return_delay: float | None = None,
+    registers: Mapping[str, int] | None = None,
+) -> list[Setting]:
+    """What has to be written, in order; what the servo has already is left out. baud: bits/s, return_delay: s.
+
+    Raises BusError (HardwareError for an unknown register) for what this servo cannot hold, and while torque is on.
+    """
+    table = image.table
+    wanted = [setting_of(table, name, value) for name, value in (registers or {}).items()]
+    if return_delay is not None:
+        if not possible_delay(return_delay):
+            raise _no(table, "return delay", f"{1e6 * return_delay:g} us", DELAYS)
+        wanted.append(Setting(table["return_delay_time"], round(return_delay / RETURN_DELAY_STEP)))
+    if new_id is not None:
+        if not 0 <= new_id <= HIGHEST_ID:
+            raise _no(table, "id", str(new_id), f"0 to {HIGHEST_ID}: 254 is everybody")
+        wanted.append(Setting(table["id"], new_id))
+    if baud is not None:
+        code = code_of(table, baud)
+        if code is None:
+            raise _no(table, "baud rate", str(baud), rates_of(table))
+        wanted.append(Setting(table["baud_rate"], code))
+    due = differing(wanted, image)
+    if due and image.value("torque_enable"):
+        raise BusError(
+            describe(
+                what="torque is on, and locks the EEPROM",
+                where=table.model,
+                then="Secure the robot, then `retarget servo rest`",
+            )
+        )
+    return due
+
+
+def possible_delay(delay: float) -> bool:
+    """Whether a servo can be told to wait for `delay` s before it answers."""
+    steps = delay / RETURN_DELAY_STEP
+    return 0.0 <= delay <= MAX_RETURN_DELAY and abs(steps - round(steps)) < 1e-6
+
+
+def rates_of(table: ControlTable) -> str:
+    """The speeds that a model can be set to, bits/s, in words."""
+    lowest, highest = table["baud_rate"].lowest or 0, table["baud_rate"].highest or 0
+    rates = [rate for one in range(lowest, highest + 1) if (rate := baud_of(table, one))]
+    usual = [rate for rate in rates if rate in BAUDS[table.protocol]]
+    return ", ".join(map(str, sorted(usual)))
+
+
+def setting_of(table: ControlTable, name: str, value: int) -> Setting:
+    """What a register of its EEPROM is to hold. Raises BusError (HardwareError for an unknown register)."""
+    register = table[name]
+    if name in OWN_OPTION:
+        raise _no(table, "register", name, f"the option {OWN_OPTION[name]}")
+    if not register.writable or register.address >= table.eeprom_end or name == SILENCING:
+        eeprom = [one.name for one in table.registers if one.writable and one.address < table.eeprom_end]
+        raise _no(table, "register", name, ", ".join(one for one in eeprom if one != SILENCING))
+    if not register.allows(value) or not register.narrowest <= value <= register.widest:
+        low = register.narrowest if register.lowest is None else register.lowest
+        high = register.widest if register.highest is None else register.highest
+        raise _no(table, name, str(value), f"{low} to {high}")
+    return Setting(register, value)
+
+
+def _no(table: ControlTable, what: str, found: str, allowed: str) -> BusError:
+    return BusError(describe(what=f"no such {what} for this servo", where=table.model, found=found, allowed=allowed))
+
+
+# Counts of a servo's registers as people say them.
+
+TICKS = frozenset(("homing_offset", "min_position_limit", "max_position_limit", "cw_angle_limit", "ccw_angle_limit"))
+"""Registers whose counts are ticks of the shaft."""
+
+
+def in_units(table: ControlTable, name: str, value: int) -> str:
+    """What `value` counts mean: in SI units or words, angles in degrees; "" where the count says it all."""
+    if name == "baud_rate":
+        return str(baud_of(table, value) or "")
+    if name == "return_delay_time":
+        return f"{1e6 * RETURN_DELAY_STEP * value:.0f} us"
+    if name == "operating_mode":
+        return next((mode.value for mode, code in MODES.items() if code == value), "")
+    if name in ("drive_mode", "startup_configuration", "shutdown", "alarm_led"):
+        return f"0x{value:02x}"
+    register = table[name]
+    if register.scale is None or register.unit is None:
+        return ""
+    if name in TICKS and register.unit == "rad":
+        return f"{math.degrees(value * register.scale):.1f} deg"
+    return f"{value * register.scale:.4g} {register.unit}"

@@ -1,19 +1,83 @@
-"""Torque of all servos of a bus: who has it, where their goals are, on and off, all of it confirmed."""
+"""Torque of all servos of a bus: what the profile wants is written, torque rises slowly, and comes off confirmed."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from hardware.dynamixel.bus_line import BusLine
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.confirm import TRIES, not_kept, read_everybody, register_of, write_and_read
-from hardware.dynamixel.settings import WAKING, Setting
-from hardware.errors import BusError, describe
+from hardware.dynamixel.control_table import Register
+from hardware.dynamixel.settings import (
+    WAKING,
+    Setting,
+    differing,
+    eeprom_settings,
+    full_drive,
+    ram_settings,
+    read_image,
+)
+from hardware.dynamixel.single_requests import NoAnswer, ServoError
+from hardware.errors import BusError, HardwareError, describe
+from hardware.servo import ServoSpec
+
+# Registers of many servos of one bus, read or written and read back: whoever does not say or keep it is named.
+
+UNHEARD = "Check power and wiring, or whether the host is too busy"
+TRIES = 2
+"""Times that a value is written to servos which do not keep it."""
+
+
+def register_of(line: BusLine, name: str) -> Register:
+    """A register that all servos of a bus keep in one place."""
+    return next(iter(line.images.values())).table[name]
+
+
+def read_everybody(line: BusLine, name: str, ids: Sequence[int]) -> dict[int, int]:
+    """A register of servos, counts by id. Raises BusError with those that do not say."""
+    found = line.read_all(register_of(line, name), ids)
+    silent = [line.name_of(device) for device in ids if device not in found]
+    if silent:
+        raise BusError(describe(what=f"no answer from {', '.join(silent)}", where=line.where, then=UNHEARD))
+    return found
+
+
+def write_and_read(line: BusLine, wanted: Sequence[tuple[int, Setting]]) -> None:
+    """Write one register of several servos, read it back, and write once more what was lost.
+
+    Raises BusError with what is still wrong.
+    """
+    left = list(wanted)
+    kept: dict[int, int] = {}
+    for _ in range(TRIES):
+        if not left:
+            return
+        register = left[0][1].register
+        line.write_all(register, [(device, setting.value) for device, setting in left])
+        kept = line.read_all(register, [device for device, _ in left])
+        left = [(device, setting) for device, setting in left if kept.get(device) != setting.value]
+    if left:
+        raise not_kept(line, [(device, kept.get(device), setting) for device, setting in left])
+
+
+def not_kept(line: BusLine, wrong: Sequence[tuple[int, int | None, Setting]]) -> BusError:
+    """Servos (id, what its register holds, None: it does not say; what it was to hold) that were told in vain."""
+    name = wrong[0][2].register.name.replace("_", " ")
+    found = ", ".join(
+        f"{line.name_of(one)} " + ("silent" if kept is None else f"{kept} instead of {setting.value}")
+        for one, kept, setting in wrong
+    )
+    then = (
+        "Try again; where it stays, `retarget servo monitor` shows what they say, `retarget servo setup` their limits"
+    )
+    return BusError(describe(what=f"servos do not keep their {name}", where=line.where, found=found, then=then))
+
 
 GOAL_SLACK = 0.06
 """[rad] of the shaft that a limp joint may have moved since its goal was set where it was."""
 
 
-def limp(line: BusLine) -> list[int]:
+def limp_servos(line: BusLine) -> list[int]:
     """Servos of the bus without torque. Raises BusError with those that do not say."""
     found = read_everybody(line, "torque_enable", list(line.servos))
     return [device for device in line.servos if not found[device]]
@@ -169,3 +233,221 @@ def _why_off(line: BusLine, device: int, said: dict[int, int]) -> str:
         return f"{name} stays off"
     bits = line.read_all(register_of(line, "hardware_error_status"), [device]).get(device, 0)
     return f"{name} " + (f"has latched {alert_text(bits)}" if bits else "stays off")
+
+
+# How hard the servos of one bus may push while their torque comes up: little at first, then what the profile wants.
+
+FIRST_DRIVE = 0.1
+"""Share of the full drive with which torque comes on."""
+
+
+class Drive:
+    """The drive of all servos of a bus. Those in `limp` begin with FIRST_DRIVE; others never have less than now, since
+    they carry the robot."""
+
+    def __init__(self, line: BusLine, limp: Collection[int]) -> None:
+        self._line = line
+        self._full = {device: full_drive(servo, line.images[device]) for device, servo in line.servos.items()}
+        self._least = {
+            device: 1 if device in limp else min(line.images[device].value(full.register.name), full.value)
+            for device, full in self._full.items()
+        }
+
+    @property
+    def limited(self) -> bool:
+        """Whether any servo has less than its full drive, or is limp."""
+        return any(self._least[device] < full.value for device, full in self._full.items())
+
+    def send(self, share: float) -> None:
+        """Allow a share of the full drive; nobody confirms. Raises BusError when the port is gone."""
+        for settings in self._by_register(share):
+            register = settings[0][1].register
+            self._line.write_all(register, [(device, setting.value) for device, setting in settings])
+
+    def confirm(self, share: float) -> None:
+        """Allow a share of the full drive, and see that everybody knows. Raises BusError."""
+        for settings in self._by_register(share):
+            write_and_read(self._line, settings)
+
+    def _by_register(self, share: float) -> list[list[tuple[int, Setting]]]:
+        """Servos limit their drive by several registers: by mode and protocol."""
+        found: dict[str, list[tuple[int, Setting]]] = {}
+        for device, (register, full) in self._full.items():
+            value = max(round(share * full), self._least[device])
+            found.setdefault(register.name, []).append((device, Setting(register, value)))
+        return list(found.values())
+
+
+# Writing into servos what the profile wants, and reading it back: EEPROM first, since a change of mode resets RAM.
+
+
+def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
+    """Bring one servo to what its profile wants; what was changed, one text each. What is right is not written.
+
+    limp: it has no torque. One that has takes nothing in EEPROM; of one of protocol 1.0 that has none, what would
+    switch it on is left for `torque.wake`. Raises BusError (NoAnswer, ServoError) when it does not answer, refuses, or
+    does not keep what it was told.
+    """
+    table = line.images[servo.id].table
+    image = read_image(line.client, servo.id, table)
+    changed = []
+    eeprom = differing(eeprom_settings(servo, line.spec, table), image)
+    for register, value in eeprom:
+        # Torque is off here; a servo that has it on says no, and is heard.
+        line.client.write(servo.id, register, value, verify=True)
+        changed.append(f"{register.name} {image.value(register.name)} -> {value}")
+    if eeprom:
+        image = read_image(line.client, servo.id, table)
+    for register, value in differing(ram_settings(servo, image), image):
+        if limp and table.protocol == 1 and register.name in WAKING:
+            continue
+        line.client.write(servo.id, register, value, verify=True)
+        if not limp:
+            changed.append(f"{register.name} {image.value(register.name)} -> {value}")
+    line.images[servo.id] = read_image(line.client, servo.id, table)
+    return changed
+
+
+# Torque on for a whole robot: everything that it needs is written and confirmed first, then the drive rises.
+
+RAMP_TIME = 0.5
+"""[s] From the first drive to the full one."""
+RAMP_STEP = 0.02
+"""[s] Between two steps of the ramp."""
+
+
+class Ready(NamedTuple):
+    """One bus as it was before torque. limp: the servos without it."""
+
+    line: BusLine
+    limp: tuple[int, ...]
+
+
+def prepare(lines: Sequence[BusLine], tell: Callable[[str], object], *, limp_only: bool = False) -> list[Ready]:
+    """Bring everybody to what the profile wants: limp servos wholly, those that have torque as far as they let.
+
+    limp_only: leave those that have torque as they are. `tell` hears what was changed. Raises BusError with what one
+    refuses, and what others have taken by then.
+    """
+    found, changed = [], list[str]()
+    for line in lines:
+        limp = tuple(limp_servos(line))
+        for device in limp if limp_only else line.servos:
+            try:
+                now = provision(line, line.servos[device], limp=device in limp)
+            except HardwareError as error:
+                raise BusError(f"{error} Written before that: {'; '.join(changed) or 'nothing'}.") from error
+            if now:
+                changed.append(f"servo {line.name_of(device)}: {', '.join(now)}")
+                tell(changed[-1])
+        line.adopt(line.images)
+        found.append(Ready(line, limp))
+    return found
+
+
+def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[Drive]:
+    """Send the goals of each bus (by id, ticks), confirm them, and switch torque on with little drive.
+
+    Call `torque.check_still` on all buses before: from here on torque may be on (1.0 servos switch it on when they get
+    a goal). Returns the drive of each bus, to be raised. Raises BusError.
+    """
+    drives = []
+    for (line, limp), own in zip(ready, goals, strict=True):
+        drives.append(Drive(line, limp))
+        drives[-1].confirm(FIRST_DRIVE)
+        if len(limp) < len(own):  # whom its watchdog has stopped takes no goal until that is cleared
+            arm_watchdogs(line)
+        confirm_goals(line, own)
+    lines = [line for line, _ in ready]
+    for line in lines:
+        arm_watchdogs(line)
+        feed_watchdogs(lines)
+    for line, limp in ready:
+        if limp:
+            wake(line, limp)
+            enable(line, limp)
+            feed_watchdogs(lines)
+    return drives
+
+
+def raise_drive(lines: Sequence[BusLine], drives: Sequence[Drive], watch: Callable[[], None]) -> None:
+    """From the first drive to the full one, within RAMP_TIME. `watch` is called at every step: what it raises ends it.
+
+    Raises BusError.
+    """
+    if any(drive.limited for drive in drives):
+        port = lines[0].port
+        begun, steps = port.now(), round(RAMP_TIME / RAMP_STEP)
+        for step in range(1, steps + 1):
+            share = FIRST_DRIVE + (1.0 - FIRST_DRIVE) * step / steps
+            for drive in drives:
+                drive.send(share)
+            port.sleep_until(begun + step * RAMP_STEP)
+            watch()
+    for drive in drives:
+        drive.confirm(1.0)
+
+
+# Servos started anew, to clear their latched errors; and whether they are back, well and limp.
+
+BOOT = 0.3
+"""[s] Before a restarted servo is first asked."""
+PATIENCE = 3.0
+"""[s] After which a servo that has not answered is given up."""
+STEP = 0.1
+"""[s] Between two looks for it."""
+
+
+@dataclass(frozen=True)
+class Restarted:
+    """Who was restarted, by id, in order; and what is wrong with them afterwards, a line each."""
+
+    ids: tuple[int, ...]
+    problems: tuple[str, ...]
+
+
+def restart(line: BusLine, ids: Sequence[int], stop: Callable[[], bool] = lambda: False) -> Restarted:
+    """Reboot servos (protocol 2.0), all before any is waited for. stop: asked before each; True leaves the rest alone.
+
+    Raises BusError when the port is gone.
+    """
+    told: list[int] = []
+    problems: list[str] = []
+    for device in ids:
+        if stop():
+            break
+        told.append(device)
+        try:
+            line.client.reboot(device)
+        except NoAnswer:
+            continue  # whether it heard is seen below
+        except ServoError as error:
+            problems.append(str(error))
+    deadline = line.port.now() + PATIENCE
+    if told:
+        line.port.sleep_until(line.port.now() + BOOT)
+    for device in told:
+        problems += _afterwards(line, device, deadline)
+    return Restarted(tuple(told), tuple(problems))
+
+
+def _afterwards(line: BusLine, device: int, deadline: float) -> list[str]:
+    name = f"{line.servos[device].joint} (id {device})"
+    found = line.client.ping(device)
+    while found is None and line.port.now() < deadline:
+        line.port.sleep_until(line.port.now() + STEP)
+        found = line.client.ping(device)
+    if found is None:
+        return [f"{name} has not come back: check its power and its wiring"]
+    table = line.tables[device]
+    try:
+        bits = line.client.read(device, table["hardware_error_status"])
+        torque = line.client.read(device, table["torque_enable"])
+    except (NoAnswer, ServoError) as error:
+        return [f"{name}: {error}"]
+    wrong = []
+    if bits:
+        wrong.append(f"{name} still has {alert_text(bits)}: mend the cause first (let it cool, check supply and load)")
+    if torque:
+        wrong.append(f"{name} has its torque on again: it did not restart, or is set up to switch it on at start")
+    return wrong

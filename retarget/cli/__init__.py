@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from retarget.cli.boundary import exit_code_of
+from retarget.cli.exit import exit_code_of
 
 COMMANDS = {
     "demo": "See it work: no data and no hardware needed.",
@@ -46,8 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _call(chosen: list[str], words: list[str]) -> None:
-    from retarget.cli.application import application
-    from retarget.cli.optional_values import with_values
+    from retarget.cli.application import application, with_values
 
     panels = bool(chosen) and "--help" in words
     application(chosen, panels=panels)(args=with_values(words), prog_name="retarget")

@@ -1,14 +1,24 @@
-"""The commands as typer knows them: their words, their help, and the exit codes."""
+"""The commands as typer knows them, and what several of them share: questions, progress, options with a usual value."""
 
 import importlib
-from collections.abc import Callable, Sequence
+import os
+import stat
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
 
 import retarget
+from hardware.realtime import USUAL_PRIORITY
+from retarget.errors import UsageError
+from retarget.run.control_socket import USUAL
+from retarget.viewer.server import PORT
 
-__all__ = ["application"]
+__all__ = ["Overwrite", "TypedLines", "application", "ask", "progress_bar", "with_values"]
+
 
 EPILOG = (
     "Exit codes: 0 done, 1 stopped by the guard or by Ctrl-C while something moved, or a file not written afterwards, "
@@ -67,3 +77,121 @@ def _options(
     ] = False,
 ) -> None:
     """From a performer's sensors to safe servo goals."""
+
+
+# Options that may stand alone or with a value: typer knows only the second, so the usual value is put in here.
+
+USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(PORT)}
+
+
+def with_values(words: Sequence[str]) -> list[str]:
+    """The words of a command line, with a value behind each of these options that has none."""
+    found: list[str] = []
+    for word, after in pairwise((*words, "-")):
+        found.append(word)
+        if word in USUAL_VALUES and after.startswith("-"):
+            found.append(USUAL_VALUES[word])
+    return found
+
+
+# `--overwrite`: the one way in which a command replaces a file that is there.
+
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there; else they are refused.")]
+"""Of every command that writes files where the user says."""
+
+
+# A question to the person at the terminal.
+
+
+def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
+    """Whether a person agrees: y is yes, n is no, ENTER alone is `enter`. where: the command that asks.
+
+    Raises UsageError where nobody can answer.
+    """
+    while True:
+        typer.echo(f"{question} [{'Y/n' if enter else 'y/N'}] ", nl=False)
+        sys.stdout.flush()
+        line = sys.stdin.readline()
+        if not line:
+            typer.echo()
+            raise UsageError(
+                "nobody answers the question: the input has ended", where=where, next_step="Run it in a terminal"
+            )
+        answer = line.strip().lower()
+        if not answer:
+            return enter
+        if answer in ("y", "yes"):
+            return True
+        if answer in ("n", "no"):
+            return False
+
+
+# A progress bar on a terminal, and nothing in a pipe.
+
+
+@contextmanager
+def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
+    """Yields a function that takes how much is done of `total` (None: nobody knows). The bar is on stderr."""
+    if not sys.stderr.isatty():
+        yield lambda done: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+# Lines that somebody types, or another program writes, while a command waits for other things too.
+
+MAX_LINE = 4096
+"""Longest line that is kept, bytes; a longer one is cut there."""
+
+
+class TypedLines:
+    """Whole lines of the standard input, handed to `obey` as they come. Only a terminal in front, or a pipe, is read:
+    a process in the background would be stopped by reading."""
+
+    def __init__(self, obey: Callable[[str], None]) -> None:
+        self._obey = obey
+        self._pending = b""
+
+    @staticmethod
+    def descriptor() -> int | None:
+        """What to wait on; None where nobody can type."""
+        try:
+            fd = sys.stdin.fileno()
+            mode = os.fstat(fd).st_mode
+        except (AttributeError, OSError, ValueError):
+            return None
+        return fd if stat.S_ISFIFO(mode) or _in_front(fd) else None
+
+    def read(self) -> bool:
+        """Take what is there; False at the end of the input."""
+        fd = self.descriptor()
+        try:
+            data = b"" if fd is None else os.read(fd, MAX_LINE)
+        except OSError:
+            return False
+        *lines, rest = (self._pending + data).split(b"\n")
+        self._pending = rest[:MAX_LINE]
+        if not data and rest:
+            lines, self._pending = [rest], b""
+        for line in lines:
+            self._obey(line.decode(errors="replace"))
+        return bool(data)
+
+
+def _in_front(fd: int) -> bool:
+    """Whether it is a terminal, and this process stands in front of it."""
+    try:
+        return os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp()
+    except OSError:
+        return False

@@ -7,26 +7,22 @@ from typing import Annotated
 
 import typer
 
-from hardware.bus_spec import BusSpec
-from retarget.catalogue import Kind, calibration_path, entries, find, kind_of
+from hardware.bus import BusSpec
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, suggest
-from retarget.importing.mark import DRAFT, marked_lines
-from retarget.leg_loads import heaviest_loads
-from retarget.observer_pairs import NEVER_NEAR, DroppedPair
-from retarget.observers import robot_observers
-from retarget.parking_check import parking_way
-from retarget.performer import Performer, load_performer
-from retarget.priorities import Priorities, load_priorities
-from retarget.priority_choice import name_with_mass
-from retarget.profile import RobotProfile, load_profile
-from retarget.profile_safety import safety_facts
-from retarget.robot_body import RobotBody, load_robot
-from retarget.scene import Scene, load_scene
-from retarget.scene_parts import Obstacle
-from retarget.schema import Schema
-from retarget.schema_errors import unknown_name
-from retarget.standing import check_stand
-from retarget.strict_yaml import Document, read_text, scan
+from retarget.ik.support_polygon import check_stand
+from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
+from retarget.model.robot import RobotBody, load_robot
+from retarget.report.rest_check import parking_way
+from retarget.robot.balance import heaviest_loads
+from retarget.run.options import name_with_mass
+from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_of
+from retarget.schema.performer import Performer, load_performer
+from retarget.schema.priorities import Priorities, load_priorities
+from retarget.schema.profile import DRAFT, RobotProfile, load_profile, marked_lines
+from retarget.schema.profile_safety import safety_facts
+from retarget.schema.scene import Obstacle, Scene, load_scene
+from retarget.schema.strict_models import Schema, unknown_name
+from retarget.schema.strict_yaml import Document, read_text, scan
 
 TELLING_KEYS: dict[Kind, frozenset[str]] = {
     Kind.ROBOT: frozenset(RobotProfile.model_fields) - {"name"},
@@ -175,7 +171,7 @@ def _not_looked_at(dropped: tuple[DroppedPair, ...]) -> str:
 
 def _physics(robot: RobotBody) -> str:
     """Whether `--bus physics` takes the robot, and if not, why."""
-    from sim.physics.requirements import lacking
+    from sim.physics.mount import lacking
 
     missing = lacking(robot)
     return "ready" if missing is None else f"not possible: {missing}"

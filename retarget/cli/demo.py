@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from retarget.cli.follow_clip import follow_clip
-from retarget.cli.outputs import Outputs
-from retarget.cli.overwrite import Overwrite
+from retarget.cli.application import Overwrite
+from retarget.cli.run import follow_clip
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
-from retarget.options import SIMULATED, RunOptions
+from retarget.report.outputs import Outputs
+from retarget.run.options import SIMULATED, RunOptions
 
 DEFAULT_FOLDER = Path("out/demo")
 

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
-from retarget.doctor.finding import Finding, Level
 from retarget.errors import UsageError
+from retarget.setup.doctor_machine import Finding, Level
 
 LISTEN_S = 5.0
 LONGEST_S = 600.0
@@ -79,9 +79,9 @@ def _check(target: str | None, *, performer: str | None, robot: str | None, seco
 
 
 def _stream(text: str, name: str, seconds: float | None, *, everywhere: bool) -> list[Finding]:
-    from retarget.doctor.stream_findings import stream_findings
     from retarget.live.address import parse_address
-    from retarget.performer import load_performer
+    from retarget.schema.performer import load_performer
+    from retarget.setup.doctor_stream import stream_findings
 
     address, worn = parse_address(text), load_performer(name)
     recorded = address.kind == "replay"
@@ -93,20 +93,24 @@ def _stream(text: str, name: str, seconds: float | None, *, everywhere: bool) ->
 
 
 def _ports(path: str | None, robot: str | None) -> list[Finding]:
-    from retarget.doctor.port_findings import port_findings
+    from retarget.setup.doctor_machine import port_findings
 
     if robot is None:
         return port_findings(path or "")
-    from retarget.robot_body import load_uncalibrated
+    from retarget.model.robot import load_uncalibrated
 
     buses = load_uncalibrated(robot).profile.bus_specs()
     return [finding for bus in buses for finding in port_findings(bus.port, baud=bus.baud)]
 
 
 def _machine(clock: Clock) -> list[Finding]:
-    from retarget.doctor.machine_findings import lateness_finding, machine_findings
-    from retarget.doctor.serial_rights import serial_findings
-    from retarget.doctor.solver_findings import frame_findings, python_findings
+    from retarget.setup.doctor_machine import (
+        frame_findings,
+        lateness_finding,
+        machine_findings,
+        python_findings,
+        serial_findings,
+    )
 
     return [
         *python_findings(),

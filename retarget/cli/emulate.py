@@ -10,26 +10,21 @@ from typing import Annotated
 
 import typer
 
-from hardware.bus_spec import BusSpec
+from hardware.bus import BusSpec
 from hardware.clock import Clock, MonotonicClock
+from retarget.cli.application import TypedLines
 from retarget.cli.buses import standing_ticks
-from retarget.cli.interrupt import stop_on_signals
-from retarget.cli.typed_lines import TypedLines
+from retarget.cli.exit import stop_on_signals
 from retarget.errors import UsageError
-from retarget.robot_body import RobotBody, load_robot
-from sim.emulator.body import BOOT_TIME
-from sim.emulator.conduct import Conduct
+from retarget.model.robot import RobotBody, load_robot
 from sim.emulator.conversation import Gaps
-from sim.emulator.fault_command import obey
-from sim.emulator.fault_file import Buses, FaultPlan, load_fault_plan
+from sim.emulator.fault_state import Buses, FaultPlan, load_fault_plan, obey
 from sim.emulator.faults import random_faults
-from sim.emulator.line import Line
-from sim.emulator.link import Link
-from sim.emulator.pseudo_terminal import PseudoTerminal
-from sim.emulator.robot_lines import robot_lines
-from sim.emulator.serve import serve
-from sim.emulator.watchdog import FedBy
-from sim.emulator.wire import REAL_TIME_GAP, Timing
+from sim.emulator.line import REAL_TIME_GAP, Line, Timing
+from sim.emulator.ports import Link, PseudoTerminal, serve
+from sim.emulator.robot_lines import Conduct, robot_lines
+from sim.emulator.servo2_registers import FedBy
+from sim.emulator.servo_body import BOOT_TIME
 
 __all__ = ["emulate"]
 

@@ -7,10 +7,11 @@ import numpy as np
 import typer
 
 from retarget.errors import InputError, UsageError
-from retarget.exporting import FORMATS, Motion, export_motion, export_place, format_named, read_run, resampled
-from retarget.exporting.lerobot import DEFAULT_TASK
-from retarget.exporting.motion import PHASE_NAMES
-from retarget.record import Phase
+from retarget.recording.export import FORMATS, export_motion, export_place, format_named
+from retarget.recording.lerobot import DEFAULT_TASK
+from retarget.recording.motion import PHASE_NAMES, Motion, resampled
+from retarget.recording.read_run import read_run
+from retarget.run.record import Phase
 
 FOLLOW, ALL = "follow", "all"
 ROBOT, HUMAN = "robot", "human"

@@ -5,12 +5,11 @@ from typing import Annotated
 
 import typer
 
-from retarget.cli.overwrite import Overwrite
-from retarget.cli.progress import progress_bar
+from retarget.cli.application import Overwrite, progress_bar
 from retarget.errors import UsageError
-from retarget.fitting.fit import DEFAULT_SAMPLES, Fit, Subject, find_subject, fit
-from retarget.fitting.proposals import Zones
-from retarget.outputs import check_place, refuse_existing, write_atomic
+from retarget.schema.files import check_place, refuse_existing, write_atomic
+from retarget.setup.fit_observers import DEFAULT_SAMPLES, Fit, Subject, find_subject, fit
+from retarget.setup.observer_proposals import Zones
 
 STEPS = 1000
 

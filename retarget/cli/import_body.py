@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from retarget.cli.progress import progress_bar
-from retarget.importing.import_robot import DEFAULT_SAMPLES, Imported, import_robot
-from retarget.importing.urdf_source import Relaxed
+from retarget.cli.application import progress_bar
+from retarget.setup.import_robot import DEFAULT_SAMPLES, Imported, import_robot
+from retarget.setup.robot_file import Relaxed
 
 STEPS = 1000
 

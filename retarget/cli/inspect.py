@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from retarget.motion_summary import MotionSummary, summarise
+from retarget.report.motion_summary import MotionSummary, summarise
+from retarget.sources.canonical import UNITS
 from retarget.sources.open import open_source
-from retarget.sources.units import UNITS
 
 SHOWN_JUMPS = 8
 

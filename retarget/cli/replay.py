@@ -6,21 +6,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from retarget.cli.boundary import DONE, STOPPED
-from retarget.cli.overwrite import Overwrite
+from retarget.cli.application import Overwrite
+from retarget.cli.exit import DONE, STOPPED
 from retarget.errors import UsageError
-from retarget.options import RunOptions
-from retarget.physics_options import PhysicsOptions
-from retarget.pipeline import Watch
-from retarget.record import Phase
+from retarget.run.loop import Watch
+from retarget.run.options import PhysicsOptions, RunOptions
+from retarget.run.record import Phase
 
 if TYPE_CHECKING:
-    from retarget.cli.outputs import Outputs
+    from retarget.model.robot import RobotBody
     from retarget.recording.configs import Configs
-    from retarget.recording.played import Played
+    from retarget.recording.reading import Played
     from retarget.recording.replay import Replayed
-    from retarget.robot_body import RobotBody
-    from retarget.run_result import RunResult
+    from retarget.report.outputs import Outputs
+    from retarget.run.run_result import RunResult
 
 __all__ = ["replay"]
 
@@ -62,9 +61,8 @@ def replay(
     parked; gate and guard have the last word. Exit code 0: all goals are the same, or were sent; 1: they differ, the
     recording is not whole, or the guard stopped; 2: a file that is no such recording.
     """
-    from retarget.cli.outputs import Outputs
-    from retarget.recording.played import played
-    from retarget.recording.reading import read_recording
+    from retarget.recording.reading import played, read_recording
+    from retarget.report.outputs import Outputs
 
     if goals != (bus is not None):
         raise UsageError("goals need a bus, and nothing else does", where="--goals, --bus", next_step="Give both")
@@ -92,8 +90,8 @@ def _tell_of_damage(found: "Played") -> None:
 
 
 def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
-    from retarget.metrics.measure import measure
     from retarget.recording.configs import as_now, as_then
+    from retarget.report.measure import measure
 
     recording = found.recording
     with as_then(recording) if robot is None else as_now(recording, recording.session.options, robot=robot) as configs:
@@ -117,7 +115,7 @@ def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
 
 def _run(found: "Played", configs: "Configs") -> "Replayed":
     """Run it again, and say what differs."""
-    from retarget.cli.progress import progress_bar
+    from retarget.cli.application import progress_bar
     from retarget.recording.replay import replay as run_again
 
     session = found.recording.session
@@ -133,7 +131,7 @@ def _run(found: "Played", configs: "Configs") -> "Replayed":
 
 def _with_its_body(run: "RunResult", configs: "Configs", save: Path) -> "RunResult":
     """The run, with a body file beside the one that is saved where the recording alone has it."""
-    from retarget.outputs import write_atomic
+    from retarget.schema.files import write_atomic
 
     if run.robot is None or not configs.body_attached:
         return run
@@ -168,10 +166,10 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
     from contextlib import ExitStack
 
     from hardware.clock import Clock, MonotonicClock, VirtualClock
-    from retarget.cli.interrupt import stop_on_signals
-    from retarget.cli.physics_bench import PhysicsBench
-    from retarget.cli.progress import progress_bar
-    from retarget.recording.sending import sending
+    from retarget.cli.application import progress_bar
+    from retarget.cli.buses import PhysicsBench
+    from retarget.cli.exit import stop_on_signals
+    from retarget.recording.goal_playback import sending
 
     clock: Clock = VirtualClock() if options.simulated else MonotonicClock()
     bench = PhysicsBench(options, _note)

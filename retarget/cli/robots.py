@@ -6,9 +6,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from retarget.catalogue import HUMAN, Entry, Kind, entries, user_folder
 from retarget.errors import RefusedError
-from retarget.profile import read_profile
+from retarget.schema.catalogue import HUMAN, Entry, Kind, entries, user_folder
+from retarget.schema.profile import read_profile
 
 
 def robots() -> None:

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from retarget.cli.boundary import DONE, STOPPED
-from retarget.cli.control_socket import MAX_LINE, connect_to, socket_path
+from retarget.cli.exit import DONE, STOPPED
 from retarget.errors import UsageError
+from retarget.run.control_socket import MAX_LINE, connect_to, socket_path
 
 __all__ = ["stop"]
 

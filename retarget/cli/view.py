@@ -1,16 +1,30 @@
 """`retarget view FILE`: a recorded run on a web page that only this machine reaches."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hardware.clock import MonotonicClock
-from retarget.cli.interrupt import stop_on_signals
-from retarget.viewer.door import PORT
-from retarget.viewer.from_mcap import open_viewed
+from retarget.cli.exit import StopRequest, stop_on_signals
+from retarget.model.scene_state import ObstaclePoses
+from retarget.run.loop import Onlooker, Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared
+from retarget.run.record import Record
+from retarget.run.run_result import Beside, Truth
+from retarget.types import FloatArray
+from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
-from retarget.viewer.server import close_server, open_server
+from retarget.viewer.recorded import open_viewed
+from retarget.viewer.server import PORT, close_server, open_server
+from retarget.viewer.snapshot import PHASE_WORDS, drawn
+
+__all__ = ["ON_THE_PAGE", "Viewing", "view", "viewing"]
+
 
 SHOWN_HZ = 30.0
 
@@ -40,3 +54,119 @@ def view(
                 clock.sleep_until(clock.now() + 1.0 / SHOWN_HZ)
     finally:
         close_server(server)
+
+
+# `--view`: a run on a web page while it goes on.
+
+ON_THE_PAGE = "stopped on the web page"
+
+
+class Viewing:
+    """A run whose page is open, or that has none: then it changes nothing."""
+
+    def __init__(self, feed: ViewFeed | None, tell: Callable[[str], object] = lambda text: None) -> None:
+        self._feed, self._tell = feed, tell
+        self.over = False
+        """Whether the run has ended."""
+        self._shows = Onlooker(lambda record, row: None if feed is None else feed.on_row(record, row))
+
+    def heard(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
+        """What is to be asked before every tick instead: the button of the page is `stop`, too."""
+        feed = self._feed
+        if feed is None:
+            return asked
+
+        def either() -> bool:
+            if feed.stop_asked() and not stop():
+                stop.ask(ON_THE_PAGE)
+                self._tell(f"{ON_THE_PAGE}: stopping")
+            return asked()
+
+        return either
+
+    def watch(self, watch: Watch) -> Watch:
+        """The same, and every tick may be shown."""
+        feed = self._feed
+        if feed is None:
+            return watch
+        on_row, show = watch.on_row, self._shows
+
+        def both(record: Record, row: int) -> None:
+            on_row(record, row)
+            show(record, row)
+
+        return replace(watch, on_row=both)
+
+    def settle(self) -> None:
+        """Say why nothing was shown any more, if so."""
+        if self._shows.failure:
+            self._tell(f"warning: the page showed nothing any more: {self._shows.failure}")
+
+
+@contextmanager
+def viewing(
+    port: int | None,
+    prepared: Prepared,
+    options: RunOptions,
+    words: Callable[[], str] | None = None,
+    *,
+    truth: Callable[[], Truth | None] = lambda: None,
+    tell: Callable[[str], object],
+) -> Iterator[Viewing]:
+    """Open the page of a run on a port of this machine; None: there is none. words: what it does now, where the phase
+    of its tick does not say enough. truth: where a simulated body really is. tell: hears the address. Raises
+    RefusedError for a page that does not open."""
+    if port is None:
+        yield Viewing(None)
+        return
+    with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
+        view = Viewing(feed, tell)
+        feed.beside = _beside(prepared, view, words, truth)
+        tell(f"Look at it: {feed.address}")
+        try:
+            yield view
+        finally:
+            view.over = True
+            view.settle()
+
+
+def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
+    side = prepared.side
+    return PageSetup(
+        title=f"retarget: {options.robot}",
+        port=port,
+        robot="" if side is None else str(side.robot.profile.path),
+        root=(options.physics.root or "") if side is not None else "",
+        scene="" if options.scene is None else str(options.scene),
+        human_mjcf=prepared.human.mjcf,
+        simulated=options.has_physics,
+        sensors=tuple(prepared.performer.sensors),
+    )
+
+
+def _beside(
+    prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], Truth | None]
+) -> Beside:
+    """What the parts of a run know of now."""
+    side, surroundings = prepared.side, prepared.surroundings
+
+    def around() -> ObstaclePoses | None:
+        now = None if surroundings is None else surroundings.now
+        return now if now is None or surroundings is None else now.rows(drawn(surroundings.shapes))
+
+    if side is None:
+        return Beside(words=lambda: ("ended" if view.over else "following", ""), around=around)
+
+    def now() -> tuple[str, str]:
+        stop = side.guard.stop_reason
+        if stop is not None:
+            return "stopping" if side.guard.active else "stopped", stop.reason
+        if view.over or not side.guard.active:
+            return "ended", ""
+        return PHASE_WORDS[side.phase] if words is None else words(), ""
+
+    def current() -> FloatArray | None:
+        states = side.guard.states
+        return None if states is None else states.current
+
+    return Beside(words=now, current=current, around=around, truth=truth)

@@ -1,30 +1,103 @@
-"""Who may move the robot: an allow-list, the first source that makes sense and nobody after it, a bound on the rate.
+"""Datagrams and who may send them: an allow-list, the first source that makes sense and none after it, a bound on
+rate and work.
 
 Pure state: what arrives and when comes in, yes or no goes out. A datagram that is refused never reaches a decoder.
 """
 
 from collections.abc import Iterable
 from ipaddress import IPv4Network
+from math import isfinite
 from socket import inet_aton
-from typing import Literal
+from typing import Literal, NamedTuple, Protocol
 
-from retarget.live.address import StreamAddress
-from retarget.live.address_options import ANYBODY
-from retarget.live.datagram import Datagram, Source
-from retarget.live.token_bucket import TokenBucket
-from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
+from retarget.live.address import ANYBODY, StreamAddress
+from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped, StreamDecoder
 
 __all__ = [
     "BURST",
+    "MOST_BYTES_PER_POLL",
+    "MOST_PER_POLL",
     "NOT_ALLOWED",
     "RATE",
     "RELEASE_AFTER_S",
     "SECOND_SOURCE",
     "TOO_LONG",
     "TOO_MANY",
+    "WORK_PER_POLL",
     "Admission",
+    "Datagram",
+    "Receiver",
+    "Source",
+    "TokenBucket",
+    "WorkBudget",
     "admission_for",
+    "work_of",
 ]
+
+
+# One datagram of a live stream, and what every receiver of them offers: sockets and recordings alike.
+
+MOST_PER_POLL = 128
+"""Datagrams that one poll returns at most; the rest waits. 12,800 a second at 100 Hz."""
+MOST_BYTES_PER_POLL = 2**20
+"""Bytes after which a poll takes no further datagram."""
+
+Source = tuple[str, int]
+"""Address (as numbers) and port of a sender."""
+
+
+class Datagram(NamedTuple):
+    """What arrived at once. arrival: s of the clock whose `now` was given to `poll`; payload: 1 to 65,536 bytes."""
+
+    arrival: float
+    source: Source
+    payload: bytes
+
+
+class Receiver(Protocol):
+    """Where datagrams come from."""
+
+    dropped: Dropped
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing will arrive any more, as at the end of a recording."""
+        ...
+
+    def poll(self, now: float) -> list[Datagram]:
+        """What has arrived until `now` (s), oldest first, bounded in number and bytes. Never blocks, never raises."""
+        ...
+
+    def close(self) -> None:
+        """Let go of what is open; twice does no harm."""
+        ...
+
+
+# A bound on how often something may happen: a steady rate, and a burst above it. Reads no clock.
+
+
+class TokenBucket:
+    """Up to `burst` at once, `rate` a second over time: at most burst + rate * t of them in any t seconds."""
+
+    def __init__(self, *, rate: float, burst: int) -> None:
+        """Start full. Raises ValueError unless the rate is positive and finite, and the burst at least 1."""
+        if not (rate > 0.0 and isfinite(rate) and burst >= 1):
+            raise ValueError(f"a bucket needs a rate above 0 and a burst from 1; found {rate} and {burst}")
+        self._rate, self._burst = rate, float(burst)
+        self._tokens = self._burst
+        self._filled: float | None = None
+
+    def take(self, now: float) -> bool:
+        """Whether one more may happen at `now`, s. A time that goes back counts as none passed."""
+        if self._filled is not None and now > self._filled:
+            self._tokens = min(self._burst, self._tokens + (now - self._filled) * self._rate)
+        if self._filled is None or now > self._filled:
+            self._filled = now
+        if self._tokens < 1.0:
+            return False
+        self._tokens -= 1.0
+        return True
+
 
 RATE = 2_000.0
 """Datagrams a second: SlimeVR sends VMC at 232 Hz and VRChat OSC at 750 Hz, others a pose or two in each datagram."""
@@ -145,3 +218,34 @@ class Admission:
 def admission_for(address: StreamAddress) -> Admission:
     """The gate that an address asks for."""
     return Admission(allow=address.allow, source="port" if address.host is None else "computer")
+
+
+# How much of what arrived is decoded in one tick: work that is counted, so that a replay decides as the run did.
+
+WORK_PER_POLL = 3_000.0
+"""Of one poll, three eighths of a tick: the bus needs as much. A unit is about a microsecond: 12 datagrams of
+SlimeVR; a tick has two."""
+PER_DATAGRAM, PER_BYTE, PER_FRAME = 30.0, 1.0 / 40.0, 150.0
+"""What every datagram counts, and each frame in it: clock, trust and playout cost more than its decoding."""
+
+
+class WorkBudget:
+    """What is left of one poll's work."""
+
+    def __init__(self) -> None:
+        self._left = WORK_PER_POLL
+
+    @property
+    def spent(self) -> bool:
+        """Whether the next datagram has to wait for the next poll. The first one of a poll never has to."""
+        return self._left <= 0.0
+
+    def charge(self, payload: bytes, *, frames: int, work: float) -> None:
+        """One datagram was decoded. work: units that its decoder counted for it."""
+        self._left -= PER_DATAGRAM + PER_BYTE * len(payload) + PER_FRAME * frames + work
+
+
+def work_of(decoder: StreamDecoder) -> float:
+    """Units beyond their length that a decoder has counted for its datagrams so far; 0 for one that counts none."""
+    # A look for a protocol would cost more than a decoded datagram.
+    return float(getattr(decoder, "work", 0.0))

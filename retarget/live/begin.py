@@ -1,25 +1,364 @@
-"""The beginning of a live run: wait for data, let the performer stand still on a countdown, and begin there."""
+"""The beginning of a live run: wait for data, calibrate a performer who stands still, check the sides, and begin
+there.
+"""
 
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from hardware.clock import Clock, today
-from retarget.clip import MAX_TICKS
-from retarget.human_dimensions import mirrored_dimensions
-from retarget.live.live_options import LiveOptions
-from retarget.live.measuring import LISTEN_S, measure
-from retarget.live.needed import missing_sensors, refuse_unmeasurable
-from retarget.live.performer import INTAKE, LivePerformer, live_sample
-from retarget.live.person_file import check_person_place, person_of, read_person, write_person
-from retarget.live.rest_capture import Calibrated
-from retarget.live.side_check import check_sides
+from retarget.errors import InputError, UsageError
+from retarget.human.calibration import dimensions_from_skeleton
+from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
+from retarget.human.samples import MAX_TICKS, Performance
+from retarget.live.performer import INTAKE, LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
+from retarget.live.rest_capture import (
+    CAPTURE_S,
+    KNOWN_CAPTURE_S,
+    Alignment,
+    Calibrated,
+    RestCapture,
+    believing_still,
+    told_skeleton,
+)
+from retarget.live.smoothing import LIGHT
 from retarget.live.stream import LiveStream
-from retarget.live.stream_trouble import refuse_version, unusable
-from retarget.robot_body import RobotBody
-from retarget.samples import Performance
+from retarget.live.stream_report import StreamTrouble, refuse_version, unusable
+from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
+from retarget.model.robot import RobotBody
+from retarget.types import FloatArray
 
-__all__ = ["LiveOptions", "begin_live", "live_rate_hz"]
+__all__ = [
+    "BACK_M",
+    "FRONT_M",
+    "LONGEST_COUNTDOWN_S",
+    "RISE_M",
+    "LiveOptions",
+    "SideCheck",
+    "begin_live",
+    "live_rate_hz",
+    "measure",
+]
+
+
+# How a live run begins and is heard.
+
+LONGEST_COUNTDOWN_S = 600.0
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How a live run begins. patience: s of waiting for data. countdown: s to get into the pose. duration: s of the
+    run, None: until it is stopped. mirror: left and right exchanged. mass: kg of the performer, if known. smoothing:
+    of `smoothing.SMOOTHINGS`. latest: the newest poses count, without a playout buffer. person: name under which the
+    size is kept, None: it is not. recalibrate: measure also whoever was measured before. check_sides: the left arm is
+    to be raised first. Raises UsageError: a countdown that is none."""
+
+    patience: float = 10.0
+    countdown: float = 3.0
+    duration: float | None = None
+    mirror: bool = False
+    mass: float | None = None
+    smoothing: str = LIGHT
+    latest: bool = False
+    person: str | None = None
+    recalibrate: bool = False
+    check_sides: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.countdown <= LONGEST_COUNTDOWN_S:  # nor NaN
+            raise UsageError(
+                "this is no time to get into the pose",
+                where="--countdown",
+                found=f"{self.countdown:g}",
+                allowed=f"0 to {LONGEST_COUNTDOWN_S:g} s",
+                next_step="Leave it out, or give some seconds",
+            )
+
+
+# Measuring a live performer: a countdown, and then a moment of standing still, as soon as there is one.
+
+LISTEN_S = 0.01
+"""Between two looks at the stream while nothing moves."""
+SETTLE_S = 0.3
+"""So long what is smoothed takes to be where a corrected sensor is."""
+MOST_LISTENED = 64
+"""Times that a backlog is listened to at once: a fit takes a while on a busy machine, and one listening is bounded."""
+TRY_S = 0.1
+"""Between two looks at whether the performer stands still by now."""
+
+
+def measure(
+    stream: LiveStream,
+    options: LiveOptions,
+    known: HumanDimensions | None,
+    *,
+    clock: Clock,
+    where: str,
+    tell: Callable[[str], object],
+) -> Calibrated:
+    """Floor, heading, and the size: as `known`, else as the stream's skeleton tells, else from the rest pose.
+
+    Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
+    """
+    pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
+    tell(f"{pose}: {options.countdown:g} s")
+    _listen(stream, clock, options.countdown, measured=False)
+    stream.trust.keep_sides()  # before, whoever wears trackers may have put their names right
+    size = known or _told_size(stream, options, where=where, tell=tell)
+    lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
+    capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose, needed=needed(stream.roles))
+    found = _captured(stream, options, capture, size, clock=clock, where=where, tell=tell)
+    height = f"{found.dimensions.stature:.2f} m tall"
+    tell(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
+    if found.offset.any():
+        stream.roles = stream.roles.shifted(found.offset)
+        off = np.linalg.norm(found.offset, axis=1)
+        told = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
+        tell(f"beside their joints: {', '.join(told)}")
+        _listen(stream, clock, SETTLE_S, measured=True)
+    return found
+
+
+def _listen(stream: LiveStream, clock: Clock, seconds: float, *, measured: bool) -> None:
+    """Nothing else for so long. measured: somebody was, and nobody else takes over the stream."""
+    end = clock.now() + seconds
+    while clock.now() < end:
+        clock.sleep_until(clock.now() + LISTEN_S)
+        stream.listen(clock.now(), moving=measured)
+        stream.read(clock.now())
+
+
+def _told_size(
+    stream: LiveStream, options: LiveOptions, *, where: str, tell: Callable[[str], object]
+) -> HumanDimensions | None:
+    """The size by the skeleton that the sender has told; None where it has none that is a human's."""
+    skeleton = told_skeleton(stream.decoder, stream.roles.names)
+    if skeleton is None:
+        return None
+    try:
+        return dimensions_from_skeleton(skeleton, mass=options.mass, source=where)
+    except InputError as error:
+        tell(f"the stream's skeleton is not used: {error}")
+        return None
+
+
+def _captured(
+    stream: LiveStream,
+    options: LiveOptions,
+    capture: RestCapture,
+    size: HumanDimensions | None,
+    *,
+    clock: Clock,
+    where: str,
+    tell: Callable[[str], object],
+) -> Calibrated:
+    """The first moment of standing still. A stream that falls silent is told at once, and is then why there is none."""
+    trouble = StreamTrouble(stream)
+    end, look = clock.now() + options.patience + CAPTURE_S, 0.0
+    tries, refused = Counter[str](), dict[str, InputError]()  # by what was in the way
+    names = stream.roles.sensors
+    everybody = np.ones(len(names), dtype=bool)
+    while True:
+        clock.sleep_until(clock.now() + LISTEN_S)
+        now = clock.now()
+        _catch_up(stream, now)
+        capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
+        if message := trouble.look(now):
+            tell(message)
+        if now >= end or (capture.done and now >= look):
+            look = now + TRY_S
+            try:
+                found = capture.result(mass=options.mass, size=size)
+            except InputError as error:
+                tries[error.problems[0].what] += 1
+                refused[error.problems[0].what] = error
+                if now >= end and (why := trouble.why(now)):
+                    raise InputError(why, where=f"{where}, calibration") from None
+                if now >= end:
+                    raise refused[tries.most_common(1)[0][0]] from None
+                continue
+            if now < end and any(stream.tells(name) for name in found.missing):  # it may be fresh soon
+                continue
+            return found
+
+
+def _catch_up(stream: LiveStream, now: float) -> None:
+    """Take in all that has arrived. The size may be that of the sender's skeleton: it stays this sender."""
+    for _ in range(MOST_LISTENED):
+        before = stream.arrived
+        stream.listen(now, moving=True)
+        if stream.arrived == before:
+            return
+
+
+# Raise your left arm to the front: the one motion that proves which side is which, that up is up, and that the world
+# is not mirrored: its calibration turns it until left is left, and what was the front is then the back.
+
+RISE_M = 0.3
+"""So far the left wrist rises; a wrist that sinks so far tells an axis that is upside down."""
+FRONT_M = 0.25
+"""So far it comes forward meanwhile: less is an arm to the side, which looks the same in a mirror."""
+BACK_M = 0.15
+"""An arm that has risen is no farther back than this: shoulders do not turn that way."""
+STILL_M = 0.15
+"""The other wrist rises less than this meanwhile."""
+STAYS_M = 0.25
+"""And goes less far on the floor: whoever turns around shows nothing."""
+SURE_S = 0.2
+"""So long it must be so: a single leap proves nothing."""
+WAIT_S = 10.0
+
+SIDES = ("left", "right")
+ASIDE = "left rose aside"
+_SWAP = "Swap the roles of the left and right trackers, or their names in the performer's file"
+
+
+class SideCheck:
+    """Where both wrists went since they hung: `take` it; `passed`, or `refused` with what is wrong."""
+
+    def __init__(self, rest: FloatArray) -> None:
+        """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
+        self.passed = False
+        self.refused: tuple[str, str] | None = None
+        """What is wrong, and what to do."""
+        self.aside = False
+        """Whether the left arm was raised to the side."""
+        self.highest = np.zeros(2)
+        """m above rest, the farthest so far."""
+        self.forward = 0.0
+        """m by which the left wrist was before its rest when it was highest."""
+        self._rest = np.array(rest, dtype=float)
+        self._seen: str = ""
+        self._since = 0.0
+
+    def take(self, time: float, position: FloatArray) -> None:
+        """Both wrists (2, 3) m at `time`, s; NaN where it is not known."""
+        moved = position - self._rest
+        if moved[0, 2] > self.highest[0]:
+            self.forward = float(moved[0, 0])
+        self.highest = np.fmax(self.highest, moved[:, 2])
+        seen = _what_moved(moved)
+        if seen != self._seen:
+            self._seen, self._since = seen, time
+        if not seen or time - self._since < SURE_S:
+            return
+        self.passed = seen == "left rose"
+        self.aside |= seen == ASIDE
+        self.refused = _REFUSALS.get(seen)
+
+
+_REFUSALS = {
+    "right rose": ("the right wrist rose: left and right are exchanged", _SWAP),
+    "left rose behind": (
+        "the left wrist went back: the axes are mirrored",
+        "One level axis of what is sent has the wrong sign, whichever: see that the convention of roles, or the axes "
+        "that the sender names, are the sender's, and that it mirrors nothing",
+    ),
+    "left sank": (
+        "the left wrist went down: up is down",
+        "See that the convention of roles is that of the sender, and reset the trackers",
+    ),
+    "right sank": (
+        "the right wrist went down: left and right are exchanged, and up is down",
+        "See that the convention of roles is that of the sender, and which tracker is worn where",
+    ),
+}
+
+
+def _what_moved(moved: FloatArray) -> str:
+    """One wrist, alone; "" for anything else. moved (2, 3) m, since they hung."""
+    for side, row in zip(SIDES, (0, 1), strict=True):
+        other = moved[1 - row]
+        if not (abs(other[2]) < STILL_M and np.hypot(other[0], other[1]) < STAYS_M):  # nor NaN
+            continue
+        if moved[row, 2] < -RISE_M:
+            return f"{side} sank"
+        if moved[row, 2] > RISE_M:
+            return f"{side} rose{_whereto(moved[row, 0]) if side == 'left' else ''}"
+    return ""
+
+
+def _whereto(forward: float) -> str:
+    if forward < -BACK_M:
+        return " behind"
+    return "" if forward > FRONT_M else " aside"
+
+
+def check_sides(
+    stream: LiveStream, rest: Calibrated, *, clock: Clock, where: str, tell: Callable[[str], object]
+) -> None:
+    """Ask for the left arm to the front, and see it come; once more if it goes to the side.
+
+    rest: where the wrists were when the performer was measured. Raises InputError with what rose instead, and what to
+    do about it.
+    """
+    names = stream.roles.sensors
+    rows = [names.index("l_wrist"), names.index("r_wrist")]
+    everybody = np.ones(len(names), dtype=bool)
+    check, asked_again, trouble = SideCheck(rest.position[rows]), False, StreamTrouble(stream)
+    tell(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
+    end = clock.now() + WAIT_S
+    while not check.passed:
+        clock.sleep_until(clock.now() + LISTEN_S)
+        now = clock.now()
+        stream.listen(now, moving=True)  # who was measured keeps the stream: nobody else has this size
+        heard = believing_still(stream.read(now))
+        sample = live_sample(names, heard, rest.alignment, believed=everybody)
+        check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
+        if message := trouble.look(now):
+            tell(message)
+        if check.refused is not None:
+            what, step = check.refused
+            raise InputError(what, where=f"{where}, raise your left arm", found=_found(check), next_step=step)
+        if check.aside and not asked_again:
+            asked_again, end = True, now + WAIT_S
+            tell(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
+        if now >= end and not check.passed:
+            lost = [names[row] for row in rows if not heard.fresh[row]]
+            raise _not_heard(trouble.why(now), lost, where) or _not_seen(check, where)
+    tell("left is left, up is up, and the front is in front: lower the arm")
+
+
+def _not_heard(why: str, lost: list[str], where: str) -> InputError | None:
+    """What is wrong with the data, where that is why nothing was seen: then the check is not what to leave out. why: of
+    the stream, "" where it is well; lost: wrists that are not fresh."""
+    if why:
+        return InputError(why.rstrip("."), where=f"{where}, raise your left arm")
+    if lost:
+        step = "See that they are worn, switched on and seen, and try again"
+        return InputError(
+            "sensors are lost", where=f"{where}, raise your left arm", found=f"no {', no '.join(lost)}", next_step=step
+        )
+    return None
+
+
+def _not_seen(check: SideCheck, where: str) -> InputError:
+    what, step = (
+        "the left arm was not seen to rise",
+        "See that the trackers of both hands move with them, and try again",
+    )
+    if check.aside:
+        what = "the left arm rose to the side only, which does not tell whether the axes are mirrored"
+        step = "Raise it to the front"
+    return InputError(
+        what,
+        where=f"{where}, raise your left arm",
+        found=_found(check),
+        allowed=f"the left wrist up by more than {RISE_M:g} m and forward by more than {FRONT_M:g} m, the right one "
+        f"up by less than {STILL_M:g} m",
+        next_step=f"{step}; or --no-check-sides",
+    )
+
+
+def _found(check: SideCheck) -> str:
+    left, right = 100 * check.highest
+    forward = 100 * check.forward
+    way = f"forward by {forward:.0f} cm" if forward >= 0.0 else f"back by {-forward:.0f} cm"
+    return f"the left wrist rose by {left:.0f} cm and went {way}, the right wrist rose by {right:.0f} cm"
+
 
 KEPT_S = 600.0
 """So long a run is remembered for its report; a longer one goes on without."""

@@ -6,13 +6,121 @@ within 0.42 ms of asking). The window is short, so that the estimate follows a c
 """
 
 from collections import OrderedDict
+from dataclasses import dataclass
+from enum import StrEnum
 from math import frexp, inf, isfinite, ldexp
 
-from retarget.live.clock_jump import PLENTY, ClockJump, JumpKind, OddRun
-from retarget.live.sliding_minimum import SlidingMinimum
 from retarget.sources.stream_frame import Dropped
 
-__all__ = ["ClockMap"]
+__all__ = ["ClockMap", "JumpKind", "OddRun", "SlidingMinimum"]
+
+
+# A sender's clock that leapt: which way, and how many datagrams must agree before it is believed.
+
+ALIKE_S = 0.020
+"""Datagrams of one leap agree on the new offset to this, jitter included."""
+ENOUGH = 3
+"""So many that agree are believed: one or two may be strays."""
+SPREAD_S = 0.010
+"""They arrive over at least this time: a backlog that arrives at once tells nothing of the clock."""
+PLENTY = 8
+"""So many without any agreement are believed too, when nothing else is usable."""
+
+
+class JumpKind(StrEnum):
+    """What the sender's clock did."""
+
+    RESTARTED = "restarted"
+    FORWARD = "forward"
+    BACK = "back"
+
+
+@dataclass(frozen=True, slots=True)
+class ClockJump:
+    """A leap of the sender's clock, or of the path from it. shift: s by which local minus sender time grew."""
+
+    kind: JumpKind
+    arrival: float
+    shift: float
+
+
+class OddRun:
+    """Consecutive datagrams that do not fit the present estimate. `least`: their least (arrival - stamp), s."""
+
+    def __init__(self) -> None:
+        self.least = inf
+        self._agreed = 0
+        self._count = 0
+        self._since = self._agreed_since = self._gap = self._stamp = 0.0
+
+    def clear(self) -> None:
+        """One that fits came between."""
+        self._agreed = self._count = 0
+        self.least = inf
+
+    def note(self, arrival: float, stamp: float, step: float) -> None:
+        """One more. step: s, of the sender's clock."""
+        gap = arrival - stamp
+        if self._count == 0:
+            self._since = arrival
+        self._count += 1
+        if self._agreed and abs(gap - self._gap) <= ALIKE_S + step and stamp > self._stamp:
+            self._agreed += 1
+            self.least = min(self.least, gap)
+        else:
+            self._agreed, self._agreed_since, self.least = 1, arrival, gap
+        self._gap, self._stamp = gap, stamp
+
+    def is_believed(self, arrival: float, *, patience: float) -> bool:
+        """Whether the clock leapt: enough agree, or nothing else came for `patience` s."""
+        agree = self._agreed >= ENOUGH and arrival - self._agreed_since >= SPREAD_S
+        return agree or (self._count >= PLENTY and arrival - self._since >= patience)
+
+
+# The least value of the last few seconds, in memory that does not grow.
+
+
+class SlidingMinimum:
+    """Minimum over a window of `window` s, kept in `buckets` parts: it forgets a part at a time.
+
+    What is added is remembered for at least (1 - 1/buckets) of the window and at most for the whole of it.
+    """
+
+    def __init__(self, window: float, *, buckets: int = 8) -> None:
+        assert window > 0.0 and buckets > 1
+        self._width = window / buckets
+        self._least = [inf] * buckets
+        self._bucket: int | None = None
+
+    def add(self, now: float, value: float) -> None:
+        """Add a value at a time (s); a time before the last one counts as the last one."""
+        index = self._turn_to(now)
+        if value < self._least[index]:
+            self._least[index] = value
+
+    def at(self, now: float) -> float:
+        """The least value that is remembered at `now`; infinity where there is none."""
+        self._turn_to(now)
+        return min(self._least)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._least[:] = [inf] * len(self._least)
+        self._bucket = None
+
+    def _turn_to(self, now: float) -> int:
+        """Empty the buckets that were entered since; the index of the present one."""
+        count = len(self._least)
+        bucket = int(now // self._width)
+        if bucket == self._bucket:
+            return bucket % count
+        if self._bucket is None:
+            self._bucket = bucket
+        for entered in range(max(self._bucket + 1, bucket - count + 1), bucket + 1):
+            self._least[entered % count] = inf
+        self._bucket = max(self._bucket, bucket)
+        return self._bucket % count
+
 
 WINDOW_S = 2.0
 EARLY_S = 0.005

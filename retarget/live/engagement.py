@@ -1,4 +1,4 @@
-"""When a live performer is followed, and when the robot holds: data must be good, and coming back is slow."""
+"""When a live performer is followed, and when the robot holds: how sensors leave and come back, and debounce."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -6,11 +6,35 @@ from enum import Enum
 import numpy as np
 
 from retarget import rotations
-from retarget.frames import BoolArray, SensorSample
-from retarget.live.lasting import Lasting
-from retarget.rotations import FloatArray
+from retarget.errors import UsageError
+from retarget.frames import SensorSample
+from retarget.live.sensor_validity import StateArray, TrustState
+from retarget.types import BoolArray, FloatArray
 
-__all__ = ["Engaged", "Engagement", "EngagementTimes"]
+__all__ = ["Engaged", "Engagement", "EngagementTimes", "Lasting", "Rejoin", "RejoinTimes", "TurningBack"]
+
+
+# Whether something has been good for long enough to be relied upon again.
+
+
+class Lasting:
+    """From bad on it takes `healthy` s of good. good: whether it is taken to have been good until now."""
+
+    def __init__(self, healthy: float, *, good: bool = False) -> None:
+        self._healthy = healthy
+        self._since = -float("inf") if good else None
+
+    def restart(self) -> None:
+        """It is bad now."""
+        self._since = None
+
+    def step(self, now: float, *, good: bool) -> bool:
+        """Whether it has lasted at `now`, s."""
+        if not good:
+            self._since = None
+        elif self._since is None:
+            self._since = now
+        return self._since is not None and now - self._since >= self._healthy
 
 
 class Engaged(Enum):
@@ -112,3 +136,82 @@ def _blend(held: SensorSample, sample: SensorSample, share: float) -> SensorSamp
     if turned.any():
         orientation[turned] = rotations.slerp(held.orientation[turned], sample.orientation[turned], share)
     return SensorSample(sample.names, position, orientation, sample.valid, sample.weight)
+
+
+# How much each sensor takes part: it leaves smoothly when it is not believed any more, and comes back by a blend.
+
+LONGEST_STEP = 0.02
+"""s; a tick that comes later moves weights no farther than this: they never jump."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RejoinTimes:
+    """s. leave: from full weight to none. healthy: so long a sensor must be believed before it comes back. blend: from
+    none to full weight. Raises UsageError for what is not positive."""
+
+    leave: float = 0.07
+    healthy: float = 0.5
+    blend: float = 0.75
+
+    def __post_init__(self) -> None:
+        if not all(0.0 < value < np.inf for value in (self.leave, self.healthy, self.blend)):
+            raise UsageError("times of coming back make no sense", found=repr(self), allowed="positive seconds")
+
+
+class Rejoin:
+    """`weights` (k,), 0 to 1, of k sensors: none at first. Both ways are smoothsteps; one may turn into the other."""
+
+    def __init__(self, count: int, times: RejoinTimes | None = None) -> None:
+        self._times = times or RejoinTimes()
+        self._share = np.zeros(count)
+        self._fresh_for = np.zeros(count)
+        self.weights: FloatArray = np.zeros(count)
+        self._full = False
+
+    def start(self, states: StateArray) -> None:
+        """Whoever is believed takes part in full, at once: for a body that does not move yet."""
+        self._share = (states == TrustState.FRESH).astype(np.float64)
+        self._fresh_for = self._share * self._times.healthy
+        self.weights = self._share.copy()
+        self._full = False
+
+    def step(self, states: StateArray, dt: float) -> FloatArray:
+        """Weights (k,) `dt` s later, for the states (k,) of now."""
+        if self._full and not np.count_nonzero(states):
+            return self.weights
+        fresh = states == TrustState.FRESH
+        dt = min(max(dt, 0.0), LONGEST_STEP)
+        self._fresh_for = np.where(fresh, self._fresh_for + dt, 0.0)
+        back = self._fresh_for > self._times.healthy
+        # What was doubted goes all the way out before it comes back, unless it is believed for long enough by then.
+        change = np.where(back, dt / self._times.blend, -dt / self._times.leave)
+        self._share = np.clip(self._share + change, 0.0, 1.0)
+        self.weights = self._share * self._share * (3.0 - 2.0 * self._share)
+        self._full = bool((self._share == 1.0).all())
+        return self.weights
+
+
+# How sensors that were lost are turned when they come back: from how they were shown last, by their weight.
+
+
+class TurningBack:
+    """Remembers of `count` sensors how they were turned while they took part in full."""
+
+    def __init__(self, count: int) -> None:
+        self._last: FloatArray = np.full((count, 4), np.nan)
+
+    def step(self, sample: SensorSample) -> SensorSample:
+        """The sample with the orientations of who has not come back yet on the way from the last one known."""
+        if sample.weight is None:
+            return sample
+        whole = sample.valid & (sample.weight >= 1.0)
+        if np.count_nonzero(whole) == len(whole):
+            self._last = sample.orientation
+            return sample
+        self._last = np.where(whole[:, None], sample.orientation, self._last)
+        back = sample.valid & ~whole & np.isfinite(self._last[:, 0]) & np.isfinite(sample.orientation[:, 0])
+        if not back.any():
+            return sample
+        orientation = sample.orientation.copy()
+        orientation[back] = rotations.slerp(self._last[back], orientation[back], sample.weight[back])
+        return SensorSample(sample.names, sample.position, orientation, sample.valid, sample.weight)

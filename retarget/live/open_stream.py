@@ -6,30 +6,46 @@ from dataclasses import dataclass, replace
 from hardware.clock import Clock, VirtualClock
 from retarget.errors import InputError, UsageError
 from retarget.live.address import StreamAddress
-from retarget.live.admission import Admission, admission_for
+from retarget.live.admission import Admission, Receiver, admission_for
 from retarget.live.clock_map import ClockMap
-from retarget.live.datagram import Receiver
-from retarget.live.open_receiver import open_receiver
-from retarget.live.playout import Playout
-from retarget.live.playout_delay import PlayoutDelay
-from retarget.live.pose_filter import PoseFilter
-from retarget.live.raw_tap import RawTap
-from retarget.live.replay import recorded_kind
+from retarget.live.playout import Playout, PlayoutDelay
+from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
+from retarget.live.receivers import NatnetReceiver, TcpReceiver, session_for
 from retarget.live.roles import Roles, roles_of
-from retarget.live.smoothing import LIGHT, pose_filter
+from retarget.live.sensor_validity import Trust
+from retarget.live.smoothing import LIGHT, PoseFilter, WindowFilter, pose_filter
 from retarget.live.stream import LiveStream
-from retarget.live.trust import Trust
-from retarget.live.window_filter import WindowFilter
-from retarget.performer import Performer
+from retarget.live.udp import UdpReceiver
+from retarget.schema.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.stream_frame import StreamDecoder
-from retarget.sources.vmc import VmcDecoder
-from retarget.sources.vmc_body import VmcBodyDecoder
+from retarget.sources.vmc import VmcBodyDecoder, VmcDecoder
 from retarget.sources.vrchat import VrchatDecoder
 
-__all__ = ["StreamKind", "open_stream", "stream_kinds", "stream_of"]
+__all__ = ["StreamKind", "open_receiver", "open_stream", "stream_kinds", "stream_of"]
+
+
+# What listens to an address: a UDP socket, the sockets of NatNet, a TCP port for MVN, or a recording.
+
+
+def open_receiver(address: StreamAddress, *, names_missing: Callable[[], bool] = lambda: False) -> Receiver:
+    """Open it. names_missing: whether Motive's frames have ids of which no name is known; then it is asked for names.
+
+    Arrivals are on the machine's monotonic clock, of a replay on whatever clock it is polled by.
+
+    Raises InputError: port taken or forbidden, no such interface, group not joined, no such recording.
+    """
+    if address.kind == "replay":
+        return open_replay(address)
+    if address.kind == "natnet":
+        session = session_for(address)
+        session.names_missing = names_missing
+        return NatnetReceiver(address, session)
+    return UdpReceiver(address) if address.host is None else TcpReceiver(address)
+
+
 BONES = "unity_bones"
 """The convention whose poses are relative to each other on the wire."""
 
@@ -100,7 +116,7 @@ def stream_of(
     latest: bool = False,
 ) -> LiveStream:
     """A stream of what a receiver of one's own hears. kind: how its datagrams are read; None: as poses in JSON, which
-    is what `retarget.live.own_source.OwnSource` says. The rest as in `open_stream`.
+    is what `retarget.run.own_source.OwnSource` says. The rest as in `open_stream`.
 
     Raises UsageError: sensors that the sender cannot tell.
     """

@@ -1,32 +1,79 @@
 """A live performer as the pipeline plays it: sensors that are trusted, in our world, held and blended where they are
-not."""
+not.
+"""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from hardware.clock import Clock
-from hardware.tick_pace import TickPace
-from retarget.clip import Clip
-from retarget.frames import BoolArray, SensorFrames, SensorSample, mirrored_name
-from retarget.live.account import LiveReport, Tally, live_report
-from retarget.live.alignment import Alignment, facing_of
-from retarget.live.catching_up import CatchingUp
-from retarget.live.engagement import Engagement, EngagementTimes
-from retarget.live.hindrance import Hindered, hindrance_of
-from retarget.live.lasting import Lasting
-from retarget.live.needed import carrying
-from retarget.live.rejoin import Rejoin
-from retarget.live.stream import Heard, LiveStream
-from retarget.live.stream_news import StreamNews
-from retarget.live.stream_trouble import StreamTrouble
-from retarget.live.trust_state import TrustState
-from retarget.live.turning_back import TurningBack
-from retarget.rotations import FloatArray
-from retarget.sensor_grid import on_grid
-from retarget.sensor_intake import IntakeTimes
+from hardware.clock import Clock, TickPace
+from retarget.errors import UsageError
+from retarget.frames import SensorFrames, SensorSample, mirrored_name, on_grid
+from retarget.human.rest_pose import REQUIRED
+from retarget.human.samples import Clip
+from retarget.human.sensor_intake import IntakeTimes
+from retarget.live.engagement import Engagement, EngagementTimes, Lasting, Rejoin, TurningBack
+from retarget.live.rest_capture import Alignment, facing_of
+from retarget.live.roles import NO_WRISTS, Roles
+from retarget.live.sensor_validity import TrustState
+from retarget.live.stream import CatchingUp, Heard, LiveStream
+from retarget.live.stream_report import (
+    Hindered,
+    LiveReport,
+    StreamNews,
+    StreamTrouble,
+    Tally,
+    hindrance_of,
+    live_report,
+)
+from retarget.types import BoolArray, FloatArray
 
-__all__ = ["INTAKE", "LivePerformer", "live_sample"]
+__all__ = ["INTAKE", "LivePerformer", "carrying", "live_sample", "missing_sensors", "needed", "refuse_unmeasurable"]
+
+
+# Without which of a performer's sensors nobody is measured, and without which the robot does not move.
+
+CARRYING = ("pelvis", "l_ankle", "r_ankle")
+"""Without one of these that is worn, the robot does not know how to stand."""
+CARRYING_ALONE = ("head",)
+"""What stands for them where none is worn: all that tells where the body is."""
+
+
+def carrying(names: Iterable[str]) -> tuple[str, ...]:
+    """Of these sensors, those without which the robot holds."""
+    worn = tuple(names)
+    return tuple(name for name in CARRYING if name in worn) or tuple(name for name in CARRYING_ALONE if name in worn)
+
+
+def needed(roles: Roles) -> tuple[str, ...]:
+    """Those of a performer that must be heard to begin: a file that takes what there is needs what measures only."""
+    return tuple(dict.fromkeys((*REQUIRED, *(() if roles.partial else carrying(roles.sensors)))))
+
+
+def missing_sensors(stream: LiveStream, now: float) -> list[str]:
+    """Sensors to be waited for: those needed that are not fresh, and those listed that the stream does not have."""
+    heard, must, roles = stream.read(now), needed(stream.roles), stream.roles
+    known: BoolArray = np.asarray(np.isfinite(heard.position).all(axis=1))
+    missing = []
+    for name, place, fresh, told in zip(roles.sensors, roles.places, heard.fresh, known, strict=True):
+        lacks = not (told or roles.partial or {place.position, place.orientation} & stream.names.keys())
+        if lacks or (name in must and not fresh):
+            missing.append(name)
+    return missing
+
+
+def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
+    """Raise UsageError where the performer's file lacks a sensor without which nobody can be measured."""
+    lacking = [name for name in REQUIRED if name not in roles.sensors]
+    if lacking:
+        vrchat = roles.convention == "slimevr_vrchat"
+        raise UsageError(
+            "the performer cannot be measured without head and both wrists",
+            where=where,
+            found=f"a performer's file without {', '.join(lacking)}",
+            next_step=NO_WRISTS if vrchat else "Add them to the performer's file, or choose another --performer",
+        )
+
 
 INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4)
 """A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s. It comes back by the weight of `Rejoin`, no
@@ -61,7 +108,7 @@ def live_sample(
 
 
 class LivePerformer:
-    """`retarget.samples.Samples` of a stream. `first`: the sample at which the robot arrives.
+    """`retarget.human.samples.Samples` of a stream. `first`: the sample at which the robot arrives.
 
     ticks: at most; kept: samples that are remembered for who looks at the run afterwards. lacking: sensors for which
     the robot never holds. tell: hears what changes, a sentence each.

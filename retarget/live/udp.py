@@ -1,18 +1,157 @@
-"""Datagrams from a UDP socket, with the time at which the kernel got them; bounded, and never waiting."""
+"""Datagrams from a UDP socket: opened and bound, with the time at which the kernel got them; bounded, and never
+waiting.
+"""
 
 import errno
+import itertools
 import socket
 import struct
 from collections.abc import Callable
-from typing import Self
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal, Self
 
 from hardware.clock import wall_to_monotonic
-from retarget.live.address import StreamAddress
-from retarget.live.datagram import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
-from retarget.live.udp_socket import SO_RXQ_OVFL, SO_TIMESTAMPNS, open_socket
+from hardware.realtime import PROCESSES, named_process
+from retarget.errors import InputError
+from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, local_interfaces
+from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
-__all__ = ["UdpReceiver"]
+__all__ = ["RECEIVE_BUFFER", "UdpReceiver", "not_bound", "open_socket", "port_holder"]
+
+
+# Which process holds a port of this machine, as far as this user may see it (Linux).
+
+MOST_PROCESSES = 100_000
+MOST_SOCKETS = 100_000
+"""Bounds of the search."""
+
+
+def port_holder(port: int, processes: Path = PROCESSES, *, protocol: Literal["udp", "tcp"] = "udp") -> str:
+    """Who listens on the `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
+    wanted = {f"socket:[{inode}]" for inode in _inodes(port, processes, protocol)}
+    found: list[str] = []
+    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
+        with suppress(OSError):
+            if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
+                found.append(named_process(process.name, processes))
+    return ", ".join(sorted(found)) or "another process"
+
+
+def _inodes(port: int, processes: Path, protocol: str) -> set[str]:
+    """Inode numbers of the sockets bound to a port: columns `local_address` and `inode` of /proc/net/udp."""
+    inodes = set()
+    for table in (protocol, protocol + "6"):
+        with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
+            for line in itertools.islice(lines, 1, MOST_SOCKETS):
+                words = line.split()
+                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
+                    inodes.add(words[9])
+    return inodes
+
+
+# Opening the socket of a stream: bound, large enough for bursts, in its multicast group; or an error that says how.
+
+RECEIVE_BUFFER = 2**20
+"""Bytes asked of the kernel, which doubles them, within net.core.rmem_max: more than a second of SlimeVR's VMC with
+what the kernel adds to each. No more: behind a flood, what waits there is old before it is read."""
+SO_TIMESTAMPNS = 35
+"""Option and control message: time of arrival on the wall clock, as a timespec (socket(7); asm-generic/socket.h)."""
+SO_RXQ_OVFL = 40
+"""Option and control message: datagrams lost so far because the buffer was full (socket(7))."""
+IP_MULTICAST_ALL = 49
+"""Whether groups that other sockets joined are heard too (ip(7))."""
+NO_INTERFACE = {errno.ENODEV, errno.EADDRNOTAVAIL, errno.ENXIO}
+
+
+def open_socket(address: StreamAddress) -> socket.socket:
+    """A bound, non-blocking UDP socket for `address`. Raises InputError: the port is taken or forbidden, there is no
+    such interface, the group cannot be joined."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        listener.setblocking(False)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL):
+            with suppress(OSError):  # a kernel without them: arrival is then the time of the poll
+                listener.setsockopt(socket.SOL_SOCKET, option, 1)
+        if address.multicast is not None:
+            # Every listener of a group gets its own copy; a unicast port that is shared could be taken over.
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        _bind(listener, address)
+        if address.multicast is not None:
+            _join(listener, address, address.multicast)
+    except BaseException:
+        listener.close()
+        raise
+    return listener
+
+
+def _bind(listener: socket.socket, address: StreamAddress) -> None:
+    try:
+        listener.bind((address.bind, address.port))
+    except OSError as error:
+        raise not_bound(address, error) from error
+
+
+def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
+    """Join on the interface that is named, else on the one towards the server, else on the system's choice."""
+    interface = address.interface
+    if interface == EVERYWHERE and address.host is not None:
+        interface = interface_towards(address.host) or EVERYWHERE
+    with suppress(OSError):  # only keeps out what other programs joined
+        listener.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+    request = socket.inet_aton(group) + socket.inet_aton(interface)
+    try:
+        listener.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+    except OSError as error:
+        raise _not_joined(address, group, interface, error) from error
+
+
+def not_bound(address: StreamAddress, error: OSError, *, protocol: Literal["udp", "tcp"] = "udp") -> InputError:
+    """The error for an address that cannot be listened on: taken, not of this machine, not for this user."""
+    name = f"{protocol.upper()} port {address.port}"
+    if error.errno == errno.EADDRINUSE:
+        step = "Stop it, or send to another port and name that here"
+        holder = port_holder(address.port, protocol=protocol)
+        return InputError(f"{name} is taken", where=address.text, found=holder, next_step=step)
+    if error.errno in NO_INTERFACE:
+        return _no_interface(address, address.bind)
+    if error.errno in {errno.EACCES, errno.EPERM}:
+        step = "Choose a port from 1024 on, here and at the sender"
+        return InputError(f"{name} is not for this user", where=address.text, next_step=step)
+    found = f"{address.bind}:{address.port}: {error.strerror or error}"
+    return InputError("cannot listen there", where=address.text, found=found)
+
+
+def _not_joined(address: StreamAddress, group: str, interface: str, error: OSError) -> InputError:
+    if error.errno in NO_INTERFACE and interface != EVERYWHERE:
+        return _no_interface(address, interface)
+    if error.errno == errno.ENODEV:
+        step = "Connect the network that Motive is on, and add interface=ADDRESS of this machine on it"
+        return InputError(f"no interface leads to the group {group}", where=address.text, next_step=step)
+    return InputError(
+        f"the group {group} cannot be joined",
+        where=address.text,
+        found=f"{error.strerror or error}, on interface {interface}",
+        allowed=f"interfaces: {_interfaces()}",
+        next_step="Add interface=ADDRESS, or let Motive send unicast and leave multicast out",
+    )
+
+
+def _no_interface(address: StreamAddress, wanted: str) -> InputError:
+    return InputError(
+        "this machine has no interface with such an address",
+        where=address.text,
+        found=wanted,
+        allowed=_interfaces(),
+        next_step="Give one of these, and check that its network is connected",
+    )
+
+
+def _interfaces() -> str:
+    return ", ".join(f"{number} ({name})" for name, number in local_interfaces().items()) or "none has an address"
+
 
 REMEASURE_S = 1.0
 """Between two looks at how wall and monotonic clock lie: NTP may slew by 0.5 ms in it, hardly more."""

@@ -1,1 +1,1 @@
-"""A run kept as an MCAP file while it runs, read back, and run again: `retarget run --record`, `retarget replay`."""
+"""A run kept: MCAP and NPZ files, read back, run again, and exported."""

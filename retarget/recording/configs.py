@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
-from retarget.catalogue import Kind, calibration_path, find
 from retarget.errors import InputError, RefusedError, UsageError
-from retarget.options import RunOptions
-from retarget.priority_choice import priority_names
-from retarget.profile import RobotProfile, read_profile
+from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.recording.reading import Recording
 from retarget.recording.session import ConfigFile
-from retarget.robot_body import RobotBody, load_robot, robot_of
-from retarget.servo_calibration import read_calibration
+from retarget.run.options import RunOptions, priority_names
+from retarget.schema.catalogue import Kind, calibration_path, find
+from retarget.schema.profile import RobotProfile, read_profile
+from retarget.schema.servo_calibration import read_calibration
 
 __all__ = ["PROFILE", "Configs", "as_now", "as_then", "scene_as_then"]
 

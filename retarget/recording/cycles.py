@@ -1,5 +1,6 @@
 """What the tick hands to the recorder: arrays with a row per cycle, made before the first and written in place."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
 from typing import Any
@@ -7,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.frames import BoolArray
-from retarget.rotations import FloatArray
+from retarget.types import BoolArray, FloatArray
 
-__all__ = ["READINGS", "Asked", "Cycles", "Done", "Shape"]
+__all__ = ["READINGS", "Asked", "Boundary", "Cursor", "Cycles", "Done", "Shape"]
+
 
 READINGS = 8
 """Readings of the clock that are kept of a cycle: it takes five at most."""
@@ -140,3 +141,107 @@ def _kind(annotation: Any) -> np.dtype[Any]:
     """The dtype of an array type such as NDArray[np.int64]."""
     kind: np.dtype[Any] = np.dtype(annotation.__args__[1].__args__[0])
     return kind
+
+
+# Where one cycle ends and the next begins: the same rule for who records and for who replays.
+
+
+class Boundary:
+    """A cycle holds one look at the servos (of a human alone: one posture). What comes before the next look and is not
+    part of the tick any more belongs to the next cycle. turn: called where one begins."""
+
+    def __init__(self, turn: Callable[[], None]) -> None:
+        self._turn = turn
+        self._looked = False
+
+    def before(self) -> None:
+        """Somebody does what is done between ticks: waits, or is asked for a stop."""
+        if self._looked:
+            self._looked = False
+            self._turn()
+
+    def look(self) -> None:
+        """The servos are read."""
+        self.before()
+        self._looked = True
+
+
+# Which recorded cycle a replayed one corresponds to, also where another version arrives earlier or later.
+
+
+class Cursor:
+    """Goes along recorded cycles, as the replayed run does. row: of the recording, or its last.
+
+    The approach may last longer or shorter than it did: following begins in both with the same cycle. ahead: s by which
+    the recorded clock is then ahead of that of the replayed run, in which a tick of `dt` s follows the other; else 0.
+    """
+
+    def __init__(self, cycles: Cycles, *, has_robot: bool, dt: float) -> None:
+        self.cycles = cycles
+        self.ahead = 0.0
+        self._dt = dt
+        self.cycle = 0
+        """Of the replayed run."""
+        self._boundary = Boundary(self._turn)
+        follows = np.flatnonzero(cycles.sampled != Done.NOT)
+        later = follows[follows > 0] if has_robot else follows
+        self._first = int(cycles.index[later[0]]) if later.size else int(cycles.index[-1]) + 1
+        self._begun: int | None = None if has_robot else 0
+
+    @property
+    def row(self) -> int:
+        """Of the recorded cycle that corresponds, or of the last before it that was written."""
+        return max(int(np.searchsorted(self.cycles.index, self._wanted, side="right")) - 1, 0)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether just this cycle was recorded."""
+        return int(self.cycles.index[self.row]) == self._wanted
+
+    @property
+    def follows(self) -> bool:
+        """Whether the replayed run has begun to follow."""
+        return self._begun is not None
+
+    def before(self) -> None:
+        """Something between ticks, see `Boundary`."""
+        self._boundary.before()
+
+    def look(self) -> None:
+        """The servos are read."""
+        self._boundary.look()
+
+    def follow(self) -> None:
+        """The replayed run begins to follow, in this cycle."""
+        if self._begun is None:
+            row = self.row
+            self._begun = self.cycle
+            if self.row != row:
+                self._go_on(row, 0.0)
+
+    def asked(self, what: Asked) -> bool:
+        """Whether it was answered with yes before this cycle."""
+        return self.recorded and bool(int(self.cycles.asked[self.row]) & what)
+
+    @property
+    def late(self) -> bool:
+        """Whether the replayed run is still on its way where the recorded one had arrived."""
+        return self._begun is None and self.cycle >= self._first
+
+    @property
+    def _wanted(self) -> int:
+        """The number of the recorded cycle."""
+        if self._begun is None:
+            return min(self.cycle, self._first)
+        return self.cycle if self._first == 0 else self._first + self.cycle - self._begun
+
+    def _turn(self) -> None:
+        row = self.row
+        self.cycle += 1
+        if self.cycles.index[self.row] - self.cycles.index[row] != 1:
+            self._go_on(row, self._dt)
+
+    def _go_on(self, row: int, seconds: float) -> None:
+        """What happens now happens so many seconds after what is in a row, whatever the recording says."""
+        clock = self.cycles.clock
+        self.ahead += float(clock[self.row, 0] - clock[row, 0]) - seconds

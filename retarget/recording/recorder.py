@@ -8,24 +8,20 @@ from pathlib import Path
 
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
-from retarget.human_dimensions import POINTS
-from retarget.options import RunOptions
-from retarget.outputs import refuse_existing, remove
-from retarget.pipeline import Watch
-from retarget.prepare import MakeBus, Prepared
-from retarget.reconstruct import Reconstructor
+from retarget.human.reconstruction import Reconstructor
+from retarget.model.human_dimensions import POINTS
+from retarget.model.robot import RobotBody
 from retarget.recording.cycles import Shape
-from retarget.recording.file import OPTION, RecordingFile, check_target
-from retarget.recording.note import Note
-from retarget.recording.ring import Ring
+from retarget.recording.mcap_writer import OPTION, RecordingFile, Ring, WritingThread, check_target
 from retarget.recording.session import config_files, session_of
-from retarget.recording.taps import TappedBus, TappedClock, TappedSamples
+from retarget.recording.taps import Note, TappedBus, TappedClock, TappedSamples
 from retarget.recording.topics import Topic, topics
-from retarget.recording.writing import WritingThread
-from retarget.robot_body import RobotBody
-from retarget.rotations import FloatArray
-from retarget.unfailing import Onlooker
-from retarget.viewer.beside import truth_names
+from retarget.run.loop import Onlooker, Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import MakeBus, Prepared
+from retarget.run.run_result import truth_names
+from retarget.schema.files import refuse_existing, remove
+from retarget.types import FloatArray
 
 __all__ = ["Recorder"]
 

@@ -1,4 +1,4 @@
-"""A recorded run once more: the sensors, servos and clock of then, through the pipeline of now."""
+"""A recorded run once more: the sensors, servos and clock of then through the pipeline of now, and how it differs."""
 
 import platform
 from collections.abc import Callable
@@ -7,27 +7,305 @@ from dataclasses import dataclass
 import numpy as np
 
 import retarget
-from hardware.bus import ServoBus
+from hardware.arrays import TickArray
+from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock
+from hardware.errors import BusError
 from hardware.guard import Guard
 from hardware.guard_state import StopCause
 from retarget.errors import InputError
-from retarget.performer import Performer
-from retarget.pipeline import Watch
-from retarget.prepare import Prepared, prepare_for
-from retarget.record import Record
+from retarget.frames import SensorFrames, SensorSample
+from retarget.human.samples import Clip, Performance
+from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_then
-from retarget.recording.cursor import Cursor
-from retarget.recording.cycles import Asked
-from retarget.recording.difference import Difference, goal_difference, posture_difference
-from retarget.recording.played import Played
+from retarget.recording.cycles import Asked, Cursor, Done
+from retarget.recording.reading import Played
 from retarget.recording.session import Session
-from retarget.recording.stand_ins import ReplayedBus, ReplayedClock, ReplayedSamples
-from retarget.robot_body import RobotBody
-from retarget.run_result import RunResult
-from retarget.samples import Performance
+from retarget.run.loop import Watch
+from retarget.run.prepare import Prepared, prepare_for
+from retarget.run.record import Record
+from retarget.run.run_result import RunResult
+from retarget.schema.performer import Performer
+from retarget.types import FloatArray
 
-__all__ = ["Replayed", "refuse_other_robot", "replay", "what_computes"]
+__all__ = [
+    "Difference",
+    "Replayed",
+    "ReplayedBus",
+    "ReplayedClock",
+    "ReplayedSamples",
+    "goal_difference",
+    "posture_difference",
+    "refuse_other_robot",
+    "replay",
+    "what_computes",
+]
+
+
+# What stands in for clock, servos and performer while a recording is run again: each says what it said then.
+
+
+class ReplayedClock:
+    """A `Clock` that reads as it read in the recorded cycle, one reading after the other."""
+
+    def __init__(self, cursor: Cursor) -> None:
+        self._cursor, self._cycle, self._reading = cursor, -1, 0
+        self._now = float(cursor.cycles.clock[0, 0])
+
+    def now(self) -> float:
+        """The time in s; never decreases."""
+        cursor, row = self._cursor, self._cursor.row
+        if cursor.cycle != self._cycle:
+            self._cycle, self._reading = cursor.cycle, 0
+        if self._reading < cursor.cycles.readings[row]:
+            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]) - cursor.ahead)
+            self._reading += 1
+        return self._now
+
+    def sleep_until(self, deadline: float) -> None:
+        """The next tick is due."""
+        self._cursor.before()
+
+
+class ReplayedBus:
+    """A `ServoBus` whose servos are as far from their goals as they were. sent: rows of the recording and goals (n,).
+
+    Where the same goals are sent, they are where they were, to the tick.
+    """
+
+    def __init__(self, played: Played, cursor: Cursor) -> None:
+        self._texts, self._cursor = played.recording.texts, cursor
+        self.sent: list[tuple[int, TickArray]] = []
+        cycles = cursor.cycles
+        wrote = cycles.written != Done.NOT
+        last = np.maximum.accumulate(np.where(wrote, np.arange(len(cycles)), -1))
+        self._before = np.concatenate([[-1], last[:-1]])  # row of the last goal before each
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def read(self) -> ServoStates:
+        """What the servos said. Raises BusError where the bus failed."""
+        self._cursor.look()
+        cycles, row = self._cursor.cycles, self._cursor.row
+        if cycles.read[row] == Done.FAILED:
+            raise BusError(self._text("bus read", row))
+        position = cycles.position[row].copy()
+        before = int(self._before[row])
+        if self.sent and before >= 0:
+            position += self.sent[-1][1] - cycles.goal[before]
+        return ServoStates(
+            time=float(cycles.bus_time[row]) - self._cursor.ahead,
+            position=position,
+            velocity=cycles.velocity[row].copy(),
+            current=cycles.current[row].copy(),
+            voltage=cycles.voltage[row].copy(),
+            temperature=cycles.temperature[row].copy(),
+            error=cycles.error[row].copy(),
+            alert=cycles.alert[row].copy(),
+            age=cycles.age[row].copy(),
+            valid=cycles.valid[row].copy(),
+            driven=cycles.driven[row].copy(),
+            retries=int(cycles.retries[row]),
+            rough=float(cycles.rough[row]),
+        )
+
+    def write(self, goals: ServoGoals) -> None:
+        """Keep a goal. Raises BusError where the bus failed."""
+        row = self._cursor.row
+        recorded = self._cursor.recorded and not self._cursor.late
+        self.sent.append((row if recorded else -1, goals.ticks.copy()))
+        if recorded and self._cursor.cycles.written[row] == Done.FAILED:
+            raise BusError(self._text("bus write", row))
+
+    def torque(self, on: bool) -> None:
+        """There is none."""
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def _text(self, who: str, row: int) -> str:
+        return self._texts.get((int(self._cursor.cycles.index[row]), who), "as recorded")
+
+
+class ReplayedSamples:
+    """`Samples` that say what was followed then."""
+
+    def __init__(self, played: Played, cursor: Cursor) -> None:
+        session, cycles = played.recording.session, cursor.cycles
+        self.ticks, self.dt, self.motion_dt = session.ticks, session.dt, session.motion_dt
+        self.kept = min(session.ticks, played.last_tick + 1)
+        self._names, self._source, self._cursor = session.sensors, session.source, cursor
+        self._rows = np.full(self.kept, -1)
+        sampled = np.flatnonzero(cycles.sampled != Done.NOT)
+        self._rows[cycles.tick[sampled]] = sampled  # of the first tick, which is asked for twice, the second time
+        self._rows = np.maximum.accumulate(self._rows)  # where a tick is missing, the one before it
+        self._next = self._row = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether it ended here, or ends here."""
+        return self._cursor.asked(Asked.OVER) or (self._next >= self.kept and self._cursor.cycle > 0)
+
+    @property
+    def settled(self) -> float:
+        """As it was."""
+        return float(self._cursor.cycles.settled[self._row])
+
+    @property
+    def hindrance(self) -> str:
+        """As it was, without words."""
+        return "as recorded"
+
+    def may_approach(self) -> bool:
+        """As it was; where this run is later than that one was, it goes on."""
+        return self._cursor.late or self._cursor.asked(Asked.APPROACH)
+
+    def listen(self) -> None:
+        """Nothing comes in."""
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """What was said at a tick."""
+        cursor = self._cursor
+        if cursor.cycle > 0:
+            cursor.follow()
+        if cursor.follows:
+            self._next = max(self._next, tick + 1)
+        self._row = max(int(self._rows[tick]), 0)
+        return self._at(self._row)
+
+    def recorded(self) -> Clip:
+        """What was said at the ticks that were followed."""
+        cycles, rows = self._cursor.cycles, np.maximum.accumulate(np.maximum(self._rows, 0))
+        valid = cycles.sensor_valid[rows]
+        frames = SensorFrames(
+            time=np.arange(len(rows), dtype=np.float64) * self.dt,
+            names=self._names,
+            position=np.where(valid[..., None], cycles.sensor_position[rows], np.nan),
+            orientation=np.where(valid[..., None], cycles.sensor_orientation[rows], np.nan),
+            valid=valid,
+            source=self._source,
+            rate_hz=1.0 / self.dt,
+        )
+        return Clip(frames, len(rows), 1.0 / self.dt, self.motion_dt / self.dt, len(rows))
+
+    def _at(self, row: int) -> SensorSample | None:
+        cycles = self._cursor.cycles
+        if cycles.sampled[row] != Done.WELL:
+            return None
+        weight = cycles.sensor_weight[row].copy() if cycles.weighted[row] else None
+        position, orientation = cycles.sensor_position[row].copy(), cycles.sensor_orientation[row].copy()
+        return SensorSample(self._names, position, orientation, cycles.sensor_valid[row].copy(), weight)
+
+
+# How a run that was replayed differs from what was recorded: in how many goals, from which tick, by how much.
+
+
+@dataclass(frozen=True)
+class Difference:
+    """compared: goals (of a human alone: postures) that were recorded. differ: of those, other ones now. first: cycle
+    of the first, and time_s since the recording began; None: none. most: by how much at most, in `unit`, and where.
+    absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording holds all of its run."""
+
+    compared: int
+    differ: int
+    first: int | None
+    time_s: float | None
+    most: float
+    ticks: int
+    where: str
+    unit: str
+    absent: int = 0
+    extra: int = 0
+    whole: bool = True
+
+    @property
+    def none(self) -> bool:
+        """Whether nothing differs."""
+        return not (self.differ or self.absent or self.extra)
+
+    def told(self) -> list[str]:
+        """For a person, line by line."""
+        what = "goals" if self.unit == "degrees" else "postures"
+        if self.none:
+            all_of_them = f"all {self.compared} {what}{'' if self.whole else ' that it holds'}"
+            return [f"{all_of_them} are as recorded, to the {'tick' if what == 'goals' else 'bit'}"]
+        lines = []
+        if self.differ:
+            at = f"from cycle {self.first}, {self.time_s:.3f} s after the recording began"
+            ticks = f" ({self.ticks} ticks)" if what == "goals" else ""
+            lines.append(f"{self.differ} of {self.compared} {what} differ, {at}")
+            lines.append(f"by {self.most:.3g} {self.unit}{ticks} at most, {self.where}")
+        if self.absent:
+            lines.append(f"{self.absent} {what} were recorded and are not sent now")
+        if self.extra:
+            lines.append(f"{self.extra} {what} are sent now and were not recorded")
+        return lines
+
+
+def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Difference:
+    """Of goals, in ticks. Of a recording without an end, what comes after it is not more than was recorded."""
+    cycles = played.cycles
+    wrote = np.flatnonzero(cycles.written != Done.NOT)
+    now = np.full((len(cycles), cycles.goal.shape[1]), np.iinfo(np.int64).min)
+    extra = 0
+    for row, goal in bus.sent:
+        if row < 0 or cycles.written[row] == Done.NOT or now[row, 0] != np.iinfo(np.int64).min:
+            extra += 1
+        else:
+            now[row] = goal
+    sent = wrote[now[wrote, 0] != np.iinfo(np.int64).min]
+    off = now[sent] - cycles.goal[sent]
+    wrong = np.flatnonzero(off.any(axis=1))
+    absent, extra = len(wrote) - len(sent), extra if played.whole else 0
+    if not wrong.size:
+        return Difference(len(wrote), 0, None, None, 0.0, 0, "", "degrees", absent, extra, played.whole)
+    degrees = np.degrees(np.abs(robot.joint_map.to_radians(now[sent]) - robot.joint_map.to_radians(cycles.goal[sent])))
+    first = int(sent[wrong[0]])
+    at, joint = np.unravel_index(int(degrees.argmax()), degrees.shape)
+    return Difference(
+        compared=len(wrote),
+        differ=len(wrong),
+        first=int(cycles.index[first]),
+        time_s=_time(played, first),
+        most=float(degrees.max()),
+        ticks=int(np.abs(off).max()),
+        where=f"of {robot.joint_map.joints[joint]} in cycle {int(cycles.index[sent[at]])}",
+        unit="degrees",
+        absent=absent,
+        extra=extra,
+        whole=played.whole,
+    )
+
+
+def posture_difference(played: Played, q: FloatArray) -> Difference:
+    """Of a human alone: postures now (T, nq), against those that were recorded, in single precision."""
+    recorded = played.postures
+    both = min(len(recorded), len(q))
+    off = np.abs(q[:both].astype(np.float32).astype(np.float64) - recorded[:both])
+    wrong = np.flatnonzero((off > 0.0).any(axis=1))
+    first = int(wrong[0]) if wrong.size else None
+    row, column = np.unravel_index(int(off.argmax()), off.shape) if off.size else (0, 0)
+    return Difference(
+        compared=len(recorded),
+        differ=len(wrong),
+        first=None if first is None else int(played.posture_cycles[first]),
+        time_s=None if first is None else first * played.recording.session.dt,
+        most=float(off.max(initial=0.0)),
+        ticks=0,
+        where=f"of q[{int(column)}] in cycle {int(row)}",
+        unit="m or rad",
+        absent=len(recorded) - both,
+        extra=0,
+        whole=played.whole,
+    )
+
+
+def _time(played: Played, row: int) -> float:
+    """When a recorded tick began, s after the first one."""
+    clock = played.cycles.clock
+    return float(clock[row, 0] - clock[0, 0])
+
 
 Tell = Callable[[str], object]
 

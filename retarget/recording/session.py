@@ -9,15 +9,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 import retarget
-from retarget.catalogue import Kind, calibration_path, find
-from retarget.human_dimensions import POINTS, HumanDimensions
-from retarget.options import RunOptions
-from retarget.physics_options import PhysicsOptions
-from retarget.prepare import Prepared
-from retarget.priorities import Steps
-from retarget.priority_choice import priority_names
-from retarget.robot_body import RobotBody
-from retarget.sensor_intake import IntakeTimes
+from retarget.human.sensor_intake import IntakeTimes
+from retarget.model.human_dimensions import POINTS, HumanDimensions
+from retarget.model.robot import RobotBody
+from retarget.run.options import PhysicsOptions, RunOptions, priority_names
+from retarget.run.prepare import Prepared
+from retarget.schema.catalogue import Kind, calibration_path, find
+from retarget.schema.priorities import Steps
 
 __all__ = ["FORMAT", "ConfigFile", "Session", "config_files", "session_of"]
 

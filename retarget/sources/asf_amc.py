@@ -5,6 +5,8 @@ The AMC names no frame rate (most CMU trials have 120 Hz) and no unit (CMU: 0.02
 joints as in `canonical`; the ground is where the file has it.
 """
 
+import math
+from dataclasses import dataclass, field
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -14,14 +16,251 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
-from retarget.rotations import FloatArray
-from retarget.sources.asf import AsfSkeleton, read_asf
-from retarget.sources.canonical import canonical_frames
+from retarget.sources.canonical import CMU_METRES, Unit, canonical_frames, named_unit
 from retarget.sources.files import MAX_FRAMES, MAX_VALUE, check_frame_count, check_rate, cut_short, numbers, read_lines
-from retarget.sources.tree import Pose, forward_kinematics
-from retarget.sources.units import CMU_METRES, Unit, named_unit
+from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
+from retarget.types import FloatArray
 
-__all__ = ["DEFAULT_RATE_HZ", "find_skeleton", "pose_of", "read_amc", "read_values"]
+__all__ = ["DEFAULT_RATE_HZ", "MAX_BONES", "find_skeleton", "pose_of", "read_amc", "read_asf", "read_values"]
+
+
+# Acclaim skeleton files (.asf): bones with their lengths, directions, axes and degrees of freedom.
+#
+# Format: the Acclaim ASF/AMC description (sections :units, :root, :bonedata, :hierarchy). A bone turns about the start
+# of
+# itself; its end is where its children start. Limits are read past: recorded data exceeds them.
+
+MAX_BONES = 1000
+"""Skeletons with more bones are refused."""
+
+ROOT = "root"
+_ROOT_DOF = ("tx", "ty", "tz", "rx", "ry", "rz")
+_DOF = ("rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class AsfSkeleton:
+    """A skeleton in the file's axes (y up) and units.
+
+    tree: joint i is the start of bone i, joint 0 the root. dof (n): per bone the channels that its AMC line holds, in
+    order, "rx" "ry" "rz" and for the root "tx" "ty" "tz" too. frames (n, 4): orientation C of each bone's axes, about
+    which it turns. length_unit: the number at `length` in :units. degrees: whether angles are in degrees. path: the
+    file.
+    """
+
+    tree: JointTree
+    dof: tuple[tuple[str, ...], ...]
+    frames: FloatArray
+    length_unit: float
+    degrees: bool
+    path: Path
+
+
+@dataclass
+class _Bone:
+    """A bone as it is read."""
+
+    line: int
+    name: str = ""
+    direction: list[float] | None = None
+    length: float | None = None
+    axis: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    axis_order: str = "xyz"
+    dof: tuple[str, ...] = ()
+
+
+@dataclass
+class _Draft:
+    """The sections of a file as they are read."""
+
+    path: Path
+    length_unit: float = 1.0
+    degrees: bool = True
+    root: _Bone = field(default_factory=lambda: _Bone(0, ROOT, [0.0, 0.0, 0.0], 0.0, dof=_ROOT_DOF))
+    bones: dict[str, _Bone] = field(default_factory=dict)
+    children: dict[str, list[str]] = field(default_factory=dict)
+    placed: set[str] = field(default_factory=lambda: {ROOT})
+    open_bone: _Bone | None = None
+
+    def error(self, what: str, line: int, *, found: str = "", allowed: str = "", next_step: str = "") -> InputError:
+        return InputError(what, where=f"{self.path}:{line}", found=found[:80], allowed=allowed, next_step=next_step)
+
+
+def read_asf(path: Path) -> AsfSkeleton:
+    """Read a skeleton. Raises InputError with file and line for anything that is wrong in it."""
+    draft, section, line_number = _Draft(path), "", 0
+    readers = {"units": _units_line, "root": _root_line, "bonedata": _bone_line, "hierarchy": _hierarchy_line}
+    for line_number, line in enumerate(read_lines(path), start=1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        if words[0].startswith(":"):
+            section = words[0][1:].lower()
+            continue
+        if section in readers:
+            readers[section](draft, words, line_number)
+        elif not section:
+            raise draft.error(
+                "not an ASF file", line_number, found=repr(line.strip()[:40]), allowed="sections such as :bonedata"
+            )
+    if draft.open_bone is not None:
+        raise draft.error("the file ends inside a bone", line_number, next_step="The file is cut short: get it again")
+    if not draft.bones or not draft.children:
+        missing = ":bonedata" if not draft.bones else ":hierarchy"
+        raise draft.error(
+            f"no {missing} section with content", line_number, next_step="The file is cut short: get it again"
+        )
+    return _assemble(draft, line_number)
+
+
+def _units_line(draft: _Draft, words: list[str], line: int) -> None:
+    if len(words) < 2:
+        return
+    if words[0].lower() == "length":
+        draft.length_unit = numbers(words[1:2], f"{draft.path}:{line}")[0]
+    elif words[0].lower() == "angle":
+        draft.degrees = _is_degrees(draft, words[1], line)
+
+
+def _is_degrees(draft: _Draft, word: str, line: int) -> bool:
+    if word.lower()[:3] not in ("deg", "rad"):
+        raise draft.error("unknown angle unit", line, found=repr(word), allowed="deg, rad")
+    return word.lower().startswith("deg")
+
+
+def _root_line(draft: _Draft, words: list[str], line: int) -> None:
+    key, values = words[0].lower(), words[1:]
+    if key == "order":
+        order = tuple(word.lower() for word in values)
+        if sorted(order) != sorted(_ROOT_DOF):
+            raise draft.error(
+                "wrong root order", line, found=" ".join(values), allowed="TX TY TZ RX RY RZ, each once, in any order"
+            )
+        draft.root.dof = order
+    elif key == "axis" and values:
+        draft.root.axis_order = _axis_order(draft, values[0], line)
+    elif key == "orientation":
+        draft.root.axis = _triple(draft, values, line)
+
+
+def _bone_line(draft: _Draft, words: list[str], line: int) -> None:
+    key, values = words[0].lower(), words[1:]
+    bone = draft.open_bone
+    if key == "begin":
+        if bone is not None:
+            raise draft.error(
+                "a bone begins inside another", line, next_step=f"Close the bone of line {bone.line} with 'end'"
+            )
+        draft.open_bone = _Bone(line)
+    elif bone is None:
+        raise draft.error("text outside of a bone", line, found=repr(" ".join(words)[:40]), allowed="begin")
+    elif key == "end":
+        _close_bone(draft, bone, line)
+    elif key == "name" and values:
+        bone.name = values[0]
+    elif key == "direction":
+        bone.direction = _triple(draft, values, line)
+    elif key == "length":
+        bone.length = _single(draft, values, line)
+    elif key == "axis":
+        bone.axis = _triple(draft, values[:3], line)
+        bone.axis_order = _axis_order(draft, values[3] if len(values) > 3 else "XYZ", line)
+    elif key == "dof":
+        bone.dof = _dof(draft, values, line)
+
+
+def _close_bone(draft: _Draft, bone: _Bone, line: int) -> None:
+    lacking = [key for key in ("name", "direction", "length") if getattr(bone, key) in ("", None)]
+    if lacking:
+        raise draft.error(
+            "incomplete bone", bone.line, found=f"no {' and no '.join(lacking)}", allowed="name, direction, length"
+        )
+    if bone.name in draft.bones or bone.name == ROOT:
+        raise draft.error("bone defined twice", bone.line, found=repr(bone.name))
+    if len(draft.bones) >= MAX_BONES:
+        raise draft.error("too many bones", line, allowed=f"up to {MAX_BONES}")
+    draft.bones[bone.name] = bone
+    draft.open_bone = None
+
+
+def _hierarchy_line(draft: _Draft, words: list[str], line: int) -> None:
+    if words[0].lower() in ("begin", "end"):
+        return
+    for name in words:
+        if name not in draft.bones and name != ROOT:
+            known = [ROOT, *draft.bones]
+            raise draft.error("unknown bone in the hierarchy", line, found=repr(name), next_step=suggest(name, known))
+    for child in words[1:]:
+        if child in draft.placed:
+            raise draft.error("a bone with two parents", line, found=repr(child))
+        draft.placed.add(child)
+        draft.children.setdefault(words[0], []).append(child)
+
+
+def _assemble(draft: _Draft, last_line: int) -> AsfSkeleton:
+    """Bones in an order of parents before children, as a tree."""
+    order, parents = [ROOT], {ROOT: -1}
+    for i, name in enumerate(order):  # grows while it is walked: breadth first, no recursion
+        for child in draft.children.get(name, ()):
+            parents[child] = i
+            order.append(child)
+    lost = [name for name in draft.bones if name not in parents]
+    if lost:
+        raise draft.error("bones that the hierarchy does not connect to the root", last_line, found=", ".join(lost[:8]))
+    bones = [draft.root if name == ROOT else draft.bones[name] for name in order]
+    vectors = np.array([bone.direction or [0.0] * 3 for bone in bones]) * np.array(
+        [[bone.length or 0.0] for bone in bones]
+    )
+    starts = np.array([vectors[parents[name]] if parents[name] >= 0 else np.zeros(3) for name in order])
+    tree = JointTree(
+        names=tuple(order),
+        parents=tuple(parents[name] for name in order),
+        offsets=starts,
+        ends=tuple(() if draft.children.get(name) else (vector,) for name, vector in zip(order, vectors, strict=True)),
+    )
+    return AsfSkeleton(
+        tree=tree,
+        dof=tuple(bone.dof for bone in bones),
+        frames=np.stack([_frame(bone, degrees=draft.degrees) for bone in bones]),
+        length_unit=draft.length_unit,
+        degrees=draft.degrees,
+        path=draft.path,
+    )
+
+
+def _frame(bone: _Bone, *, degrees: bool) -> FloatArray:
+    """Orientation C (4,) of a bone's axes: its angles applied in the listed order about fixed axes."""
+    angles = np.radians(bone.axis) if degrees else np.array(bone.axis)
+    return rotations.from_euler(angles[::-1], bone.axis_order[::-1])
+
+
+def _triple(draft: _Draft, values: list[str], line: int) -> list[float]:
+    if len(values) != 3:
+        raise draft.error("three numbers are needed", line, found=repr(" ".join(values)))
+    return numbers(values, f"{draft.path}:{line}")
+
+
+def _single(draft: _Draft, values: list[str], line: int) -> float:
+    value = numbers(values[:1], f"{draft.path}:{line}")[0] if values else math.nan
+    if not value >= 0.0:
+        raise draft.error("a bone's length is needed", line, found=repr(" ".join(values)), allowed="a number from 0")
+    return value
+
+
+def _axis_order(draft: _Draft, word: str, line: int) -> str:
+    if sorted(word.lower()) != ["x", "y", "z"]:
+        raise draft.error("unknown axis order", line, found=repr(word), allowed="XYZ in any order")
+    return word.lower()
+
+
+def _dof(draft: _Draft, values: list[str], line: int) -> tuple[str, ...]:
+    dof = tuple(word.lower() for word in values)
+    if len(set(dof)) != len(dof) or not set(dof) <= set(_DOF):
+        raise draft.error(
+            "unknown or repeated dof", line, found=" ".join(values), allowed="rx ry rz, each at most once"
+        )
+    return dof
+
 
 DEFAULT_RATE_HZ = 120.0
 CMU_LENGTH_UNIT = 0.45

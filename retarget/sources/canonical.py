@@ -5,24 +5,155 @@ lies half way up to it, the head's centre is half way between the head joint and
 where a file has none, is the end of the foot.
 """
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from retarget import rotations
-from retarget.errors import InputError
-from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
-from retarget.rotations import FloatArray
-from retarget.sources.axes import REST_AXES_ERROR, Axes, rest_axes, world_axes
+from retarget.errors import InputError, UsageError, suggest
+from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton, stature
 from retarget.sources.files import frame_times
-from retarget.sources.naming import joints_by_name
-from retarget.sources.topology import joints_by_shape
-from retarget.sources.tree import JointTree, Pose
-from retarget.sources.units import Unit, choose_unit
-from retarget.stature import stature
+from retarget.sources.skeletons import JointTree, Pose, joints_by_name, joints_by_shape
+from retarget.types import FloatArray
 
-__all__ = ["CanonicalJoint", "canonical_frames", "canonical_joints"]
+__all__ = [
+    "UNITS",
+    "Axes",
+    "CanonicalJoint",
+    "Unit",
+    "canonical_frames",
+    "canonical_joints",
+    "choose_unit",
+    "named_unit",
+    "rest_axes",
+    "world_axes",
+]
+
+
+# Which way is up, left and forward in a motion file, from the body itself.
+
+REST_AXES_ERROR = "the rest pose of the skeleton has no up and left"
+
+UPRIGHT = 0.7
+"""Mean share of the line from ankles to head that must lie along an axis before the frames decide what is up."""
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Unit vectors (3,) forward, left and up in the axes of the file, right-handed, each along a file axis."""
+
+    forward: FloatArray
+    left: FloatArray
+    up: FloatArray
+
+    def matrix(self) -> FloatArray:
+        """Rotation (3, 3) from file axes to x forward, y left, z up."""
+        return np.stack([self.forward, self.left, self.up])
+
+    @staticmethod
+    def with_up(up: FloatArray) -> "Axes":
+        """World axes of a file with this up axis: the file's axes in their cyclic order (y up: forward z, left x).
+
+        The heading stays as recorded.
+        """
+        axis = int(np.argmax(np.abs(up)))
+        unit = np.eye(3)
+        first, second = unit[(axis + 1) % 3], unit[(axis + 2) % 3]
+        return Axes(first, second, unit[axis]) if up[axis] > 0 else Axes(second, first, -unit[axis])
+
+
+def rest_axes(rest: dict[str, FloatArray]) -> Axes | None:
+    """Axes of the rest pose: up from hips to head, left from the right hip to the left; None if they coincide."""
+    up = _nearest_axis(rest["head"] - 0.5 * (rest["l_hip"] + rest["r_hip"]))
+    if up is None:
+        return None
+    across = sum((rest[f"l_{part}"] - rest[f"r_{part}"] for part in ("hip", "shoulder")), np.zeros(3))
+    left = _nearest_axis(across * (up == 0.0))
+    return None if left is None else Axes(np.cross(left, up), left, up)
+
+
+def world_axes(body: Axes, tracks: dict[str, FloatArray]) -> tuple[Axes, tuple[str, ...]]:
+    """World axes of a recording, and a note where its frames stand along another axis than its rest pose.
+
+    tracks: canonical joints (T, 3) in file axes. Some exporters write a rest pose with y up and a world with z up:
+    there the body stands upright along z all the time, with its feet near z = 0.
+    """
+    ankles = 0.5 * (tracks["l_ankle"] + tracks["r_ankle"])
+    standing = tracks["head"] - ankles
+    height = np.linalg.norm(standing, axis=1, keepdims=True)
+    direction = np.mean(standing / np.where(height > 0.0, height, 1.0), axis=0)
+    axis = int(np.argmax(np.abs(direction)))
+    near_ground = abs(float(np.min(ankles[:, axis]))) < 0.3 * float(np.median(height))
+    if direction[axis] < UPRIGHT or body.up[axis] > 0.0 or not near_ground:
+        return Axes.with_up(body.up), ()
+    note = (
+        f"the body stands along {'xyz'[axis]} in the frames: taken as the up axis, though the rest pose says otherwise"
+    )
+    return Axes.with_up(np.eye(3)[axis]), (note,)
+
+
+def _nearest_axis(direction: FloatArray) -> FloatArray | None:
+    """The signed coordinate axis nearest to a direction; None for a zero or non-finite one."""
+    if not (np.all(np.isfinite(direction)) and direction.any()):
+        return None
+    axis = int(np.argmax(np.abs(direction)))
+    return np.asarray(np.eye(3)[axis] * np.sign(direction[axis]))
+
+
+# Length units of motion files, given by the user or guessed from the size of the body.
+
+CMU_METRES = 0.0254 / 0.45
+"""One unit of the CMU recordings (ASF `length 0.45`) in metres."""
+
+UNITS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": CMU_METRES}
+"""Metres per unit."""
+
+TYPICAL_HEIGHT_M = 1.7
+USUAL_HEIGHT_M = (1.4, 2.1)
+POSSIBLE_HEIGHT_M = (1.0, 2.5)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A length unit and what to tell the user about it (empty: nothing)."""
+
+    name: str
+    metres: float
+    note: str = ""
+
+
+def named_unit(name: str) -> Unit:
+    """The unit that the user named. Raises UsageError with the nearest names."""
+    key = name.lower()
+    if key not in UNITS:
+        raise UsageError("unknown unit", found=repr(name), allowed=", ".join(UNITS), next_step=suggest(key, UNITS))
+    return Unit(key, UNITS[key])
+
+
+def choose_unit(body_height: float | None, *, where: str) -> Unit:
+    """The unit in which a body of this height (file units) is nearest to a human; a note says so.
+
+    Raises InputError if no unit makes it a human at all.
+    """
+    if body_height is None or not 0.0 < body_height < math.inf:
+        raise InputError("the skeleton has no height", where=where, next_step="Say the unit with --unit")
+    name = min(UNITS, key=lambda unit: abs(math.log(body_height * UNITS[unit] / TYPICAL_HEIGHT_M)))
+    height = body_height * UNITS[name]
+    if not POSSIBLE_HEIGHT_M[0] <= height <= POSSIBLE_HEIGHT_M[1]:
+        raise InputError(
+            "the skeleton fits a human in no known unit",
+            where=where,
+            found=f"a body {body_height:.4g} units high",
+            allowed=f"{POSSIBLE_HEIGHT_M[0]} to {POSSIBLE_HEIGHT_M[1]} m in one of {', '.join(UNITS)}",
+            next_step="Say the unit with --unit",
+        )
+    note = f"unit not stated: taken as {name}, which makes the body {height:.2f} m high (change it with --unit)"
+    if not USUAL_HEIGHT_M[0] <= height <= USUAL_HEIGHT_M[1]:
+        note += "; that is unusual for an adult"
+    return Unit(name, UNITS[name], note)
+
 
 _SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
 """Segments that a file may split (twist joints): the part next to the far joint tells the orientation."""

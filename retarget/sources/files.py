@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.rotations import FloatArray
+from retarget.types import FloatArray
 
 __all__ = [
     "MAX_FILE_BYTES",

@@ -14,9 +14,16 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from retarget.sources.pose_bounds import MAX_COORDINATE, NORM_TOLERANCE
-from retarget.sources.stream_axes import CONVENTIONS, Convention
-from retarget.sources.stream_frame import MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame
+from retarget.sources.stream_frame import (
+    CONVENTIONS,
+    MAX_COORDINATE,
+    MAX_DATAGRAM,
+    MAX_POSES,
+    NORM_TOLERANCE,
+    Convention,
+    Dropped,
+    StreamFrame,
+)
 
 __all__ = ["DEFAULT_PORT", "ORDERS", "JsonPoseDecoder"]
 

@@ -6,34 +6,298 @@ performer's name) and 13 (the T-pose). All else is counted. Names of poses are M
 sender may skip samples, and arrival is off by 15 ms, so samples belong where these say.
 """
 
+import struct
 from collections import Counter
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.frames import BoolArray, Skeleton
-from retarget.rotations import FloatArray, from_euler
-from retarget.sources.mvn_parts import SampleParts
-from retarget.sources.mvn_roles import MVN_JOINTS
-from retarget.sources.mvn_wire import (
-    EULER,
-    HEADER_BYTES,
-    NAMES,
-    QUATERNION,
-    SCALE,
-    SEGMENTS,
-    STRIDES,
-    MvnHeader,
-    read_header,
-    read_name,
-    read_scale,
-)
-from retarget.sources.pose_bounds import unusable
-from retarget.sources.stream_axes import CONVENTIONS
-from retarget.sources.stream_frame import MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame
+from retarget.frames import Skeleton
+from retarget.rotations import from_euler
+from retarget.sources.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, unusable
+from retarget.types import BoolArray, FloatArray
 
-__all__ = ["MvnDecoder", "MvnRest"]
+__all__ = [
+    "HEADER_BYTES",
+    "MOST_SKIPS",
+    "MVN_JOINTS",
+    "MVN_SENSORS",
+    "QUATERNION",
+    "SEGMENTS",
+    "MvnDecoder",
+    "MvnHeader",
+    "MvnRest",
+    "MvnStream",
+    "SampleParts",
+    "SegmentRole",
+    "read_header",
+    "read_name",
+    "read_scale",
+]
+
+
+# Bytes of the Xsens MVN network streamer: the header of every datagram, and the small texts beside the poses.
+#
+# Big-endian. Source: MVN real-time network streaming protocol specification, revision N (2018).
+
+SEGMENTS: tuple[str, ...] = (
+    *("Pelvis", "L5", "L3", "T12", "T8", "Neck", "Head"),
+    *("RightShoulder", "RightUpperArm", "RightForeArm", "RightHand"),
+    *("LeftShoulder", "LeftUpperArm", "LeftForeArm", "LeftHand"),
+    *("RightUpperLeg", "RightLowerLeg", "RightFoot", "RightToe"),
+    *("LeftUpperLeg", "LeftLowerLeg", "LeftFoot", "LeftToe"),
+)
+"""Body segments in the order of their ids, which begin at 1. Higher ids are props, then fingers."""
+
+EULER, QUATERNION, UNITY, NAMES, SCALE = 1, 2, 5, 12, 13
+STRIDES = {EULER: 28, QUATERNION: 32, UNITY: 32}
+"""Bytes of one item, by type of datagram, where all items are alike."""
+
+MAX_NAME = 64
+"""Bytes of the longest name that is looked at."""
+MAX_SEGMENTS = 255
+"""A header counts segments in one byte."""
+
+_HEADER = struct.Struct(">4s2sIBBIBBBB2sH")
+_COUNT = struct.Struct(">I")
+_ORIGIN = struct.Struct(">3f")
+HEADER_BYTES = _HEADER.size
+
+
+@dataclass(frozen=True, slots=True)
+class MvnHeader:
+    """kind: type of the datagram, 0 to 99. sample: counts captured samples, u32. part, last: of a sample that is split
+    over several datagrams. items: of the payload. time_ms: since the recording began, u32. character: id. size: bytes
+    of the payload."""
+
+    kind: int
+    sample: int
+    part: int
+    last: bool
+    items: int
+    time_ms: int
+    character: int
+    size: int
+
+
+def read_header(data: bytes | bytearray, offset: int = 0) -> MvnHeader | None:
+    """The header at `offset`, or None if there is none."""
+    if len(data) - offset < HEADER_BYTES:
+        return None
+    magic, digits, sample, counter, items, time_ms, character, _, _, _, _, size = _HEADER.unpack_from(data, offset)
+    if magic != b"MXTP" or not digits.isdigit():
+        return None
+    return MvnHeader(int(digits), sample, counter & 0x7F, counter >= 0x80, items, time_ms, character, size)
+
+
+def read_name(payload: bytes) -> str | None:
+    """The performer's name in a type 12 payload: one counted text of lines `key:value`; None if there is none."""
+    text = _text(payload, 0, limit=len(payload))
+    if text is None:
+        return None
+    for line in text[0].split("\n"):
+        key, colon, value = line.partition(":")
+        if colon and key == "name" and value.isprintable():
+            return value[:MAX_NAME]
+    return None
+
+
+def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:
+    """Segment names (k) and their origins (k, 3) in the T-pose, sender's unit, of one type 13 payload.
+
+    A payload is u32 count of segments, then for each its counted name and 3 floats; what follows are points on the
+    skin, which a sender also puts alone into further datagrams (count 0). None if the payload is damaged.
+    """
+    if len(payload) < _COUNT.size:
+        return None
+    (count,) = _COUNT.unpack_from(payload)
+    if count > MAX_SEGMENTS:
+        return None
+    at, names, origins = _COUNT.size, [], []
+    for _ in range(count):
+        named = _text(payload, at, limit=MAX_NAME)
+        if named is None or len(payload) - named[1] < _ORIGIN.size:
+            return None
+        name, at = named
+        names.append(name)
+        origins.append(_ORIGIN.unpack_from(payload, at))
+        at += _ORIGIN.size
+    return tuple(names), np.array(origins, float).reshape(count, 3)
+
+
+def _text(payload: bytes, at: int, *, limit: int) -> tuple[str, int] | None:
+    """A text that its u32 length precedes, and where it ends; None if it is longer than the limit or the payload."""
+    if len(payload) - at < _COUNT.size:
+        return None
+    (length,) = _COUNT.unpack_from(payload, at)
+    begin, end = at + _COUNT.size, at + _COUNT.size + length
+    if length > limit or end > len(payload):
+        return None
+    try:
+        return payload[begin:end].decode("utf-8").rstrip("\0"), end
+    except UnicodeDecodeError:
+        return None
+
+
+# Putting a sample together that the MVN streamer split over several datagrams (fingers make it do so).
+
+
+class SampleParts:
+    """The parts of the latest sample of one type. A part of another sample gives the present one up.
+
+    It holds at most MAX_DATAGRAM bytes in at most 128 parts.
+    """
+
+    def __init__(self, dropped: Dropped) -> None:
+        self._dropped = dropped
+        self._sample: int | None = None
+        self._parts: dict[int, bytes] = {}
+        self._count: int | None = None
+
+    def add(self, header: MvnHeader, payload: bytes) -> bytes | None:
+        """The whole payload, in the order of the parts, when this was the part that was missing; else None."""
+        if header.sample != self._sample:
+            if self._parts:
+                self._dropped.note("sample with a part missing")
+            self._clear()
+            self._sample = header.sample
+        if header.part in self._parts:
+            self._dropped.note("part sent twice")
+            return None
+        self._parts[header.part] = payload
+        if header.last:
+            self._count = header.part + 1
+        if sum(map(len, self._parts.values())) > MAX_DATAGRAM or max(self._parts) >= (self._count or 128):
+            self._dropped.note("parts that make no sample")
+            self._clear()
+            return None
+        if len(self._parts) != self._count:
+            return None
+        whole = b"".join(self._parts[part] for part in sorted(self._parts))
+        self._clear()
+        return whole
+
+    def _clear(self) -> None:
+        self._sample, self._count = None, None
+        self._parts.clear()
+
+
+# Cutting the MVN streamer's TCP bytes into datagrams: it puts them end to end, and only headers tell their sizes.
+
+MAGIC = b"MXTP"
+MOST_SKIPS = 256
+"""Headers in one chunk that are none; then all of the chunk is thrown away, for looking at each costs a microsecond."""
+MAX_PAYLOAD = MAX_DATAGRAM - HEADER_BYTES
+
+
+class MvnStream:
+    """Bytes in, whole datagrams out. What is no datagram is skipped up to the next "MXTP" and counted once.
+
+    Between calls it holds less than one datagram.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = Dropped()
+        self._buffer = bytearray()
+        self._lost = False
+
+    @property
+    def held(self) -> int:
+        """Bytes of the datagram that has not come whole yet."""
+        return len(self._buffer)
+
+    def feed(self, chunk: bytes) -> list[bytes]:
+        """The datagrams that these bytes complete, in order."""
+        buffer = self._buffer
+        buffer += chunk
+        at, skips, datagrams = 0, 0, []
+        while len(buffer) - at >= HEADER_BYTES:
+            header = read_header(buffer, at)
+            if header is None or not _plausible(header):
+                at, skips = self._skip(at), skips + 1
+                if skips > MOST_SKIPS:
+                    at = max(at, len(buffer) - len(MAGIC) + 1)
+                continue
+            self._lost = False
+            end = at + HEADER_BYTES + header.size
+            if end > len(buffer):
+                break
+            datagrams.append(bytes(buffer[at:end]))
+            at = end
+        del buffer[:at]
+        return datagrams
+
+    def _skip(self, at: int) -> int:
+        """Where the next header may begin: the next whole "MXTP", or the last bytes, which may begin one."""
+        if not self._lost:
+            self.dropped.note("bytes that are no datagram")
+        self._lost = True
+        found = self._buffer.find(MAGIC, at + 1)
+        return found if found >= 0 else len(self._buffer) - len(MAGIC) + 1
+
+
+def _plausible(header: MvnHeader) -> bool:
+    """Whether the size can be true: "MXTP" inside of a damaged datagram must not swallow what follows it."""
+    stride = STRIDES.get(header.kind)
+    return header.size <= MAX_PAYLOAD and (stride is None or header.items * stride == header.size)
+
+
+# Which MVN segment tells the place and which the orientation of each canonical sensor, and of each canonical joint.
+#
+# The origin of a segment is the joint at its start (RightForeArm: the elbow; T8: where neck and arms part; Head: the
+# joint below the skull; RightToe: the ball of the foot). Every orientation is the identity in the T-pose, standing
+# upright and facing the calibrated x, which is the rest pose that canonical sensors are told in.
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentRole:
+    """Names of segments: `position`, whose origin is the place of a sensor, and `orientation`, which turns with it."""
+
+    position: str
+    orientation: str
+
+
+_SIDES = (("l_", "Left"), ("r_", "Right"))
+
+_SIDED = {
+    "wrist": ("Hand", "Hand"),
+    "ankle": ("Foot", "Foot"),
+    "knee": ("LowerLeg", "LowerLeg"),
+    "elbow": ("ForeArm", "ForeArm"),
+    "shoulder": ("UpperArm", "UpperArm"),
+    "hip": ("UpperLeg", "UpperLeg"),
+    "toe": ("Toe", "Foot"),
+}
+
+MVN_SENSORS = MappingProxyType(
+    {
+        "head": SegmentRole("Head", "Head"),
+        "pelvis": SegmentRole("Pelvis", "Pelvis"),
+        "chest": SegmentRole("T8", "T8"),
+        **{
+            short + part: SegmentRole(side + position, side + orientation)
+            for part, (position, orientation) in _SIDED.items()
+            for short, side in _SIDES
+        },
+    }
+)
+"""Canonical sensor -> segments."""
+
+MVN_JOINTS = MappingProxyType(
+    {
+        "pelvis": "Pelvis",
+        "spine": "L3",
+        "chest": "T8",
+        "neck": "Neck",
+        "head": "Head",
+        **{f"{short}collar": f"{side}Shoulder" for short, side in _SIDES},
+        **{short + part: side + position for part, (position, _) in _SIDED.items() for short, side in _SIDES},
+    }
+)
+"""Canonical joint -> the segment whose origin it is. MVN has no joint inside of the hand."""
+
 
 TALL = 10.0
 """A pelvis higher than this, or a T-pose taller, is in centimetres."""

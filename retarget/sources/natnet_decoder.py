@@ -1,5 +1,7 @@
 """NatNet datagrams in, frames of named poses out."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
@@ -7,19 +9,271 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import UsageError
-from retarget.frames import BoolArray, Skeleton
-from retarget.rotations import FloatArray
-from retarget.sources.natnet_frame import BODY, SIZED_SINCE, FrameOfData, PoseGroup, read_frame
-from retarget.sources.natnet_models import Definitions, read_definitions
-from retarget.sources.natnet_names import NameTable
-from retarget.sources.natnet_plan import PosePlan, compose_bones, plan_poses
-from retarget.sources.natnet_skeleton import rest_skeleton
+from retarget.frames import Skeleton
+from retarget.rotations import plus, product, rotated
+from retarget.sources.natnet_frame import (
+    BODY,
+    SIZED_SINCE,
+    BodyDefinition,
+    Definitions,
+    FrameOfData,
+    GroupDefinition,
+    Owner,
+    PoseGroup,
+    read_definitions,
+    read_frame,
+)
 from retarget.sources.natnet_wire import MessageId, Version, read_server_info, split
-from retarget.sources.pose_bounds import unusable
-from retarget.sources.stream_axes import CONVENTIONS
-from retarget.sources.stream_frame import MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame
+from retarget.sources.skeletons import joints_by_name
+from retarget.sources.stream_frame import (
+    CONVENTIONS,
+    MAX_DATAGRAM,
+    MAX_POSES,
+    Convention,
+    Dropped,
+    StreamFrame,
+    unusable,
+)
+from retarget.types import BoolArray, FloatArray
 
-__all__ = ["NatnetDecoder"]
+__all__ = [
+    "PARENTLESS",
+    "ROOT",
+    "UNKNOWN",
+    "NameTable",
+    "NatnetDecoder",
+    "PoseName",
+    "PosePlan",
+    "compose_bones",
+    "plan_poses",
+    "pose_names",
+]
+
+
+# Names of the poses of a NatNet frame: from the model definitions where they are known, else by number.
+
+PARENTLESS = None
+"""Parent of a bone that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseName:
+    """Of one pose. defined: the definitions know it. parent: number of the parent bone, None at the root.
+
+    number: id within its owner (of a bone: without the skeleton's id, which the wire keeps in the upper 16 bits).
+    """
+
+    text: str
+    number: int
+    defined: bool
+    parent: int | None = PARENTLESS
+
+
+class NameTable:
+    """Looks names up. Two things of one name are told apart by their numbers."""
+
+    def __init__(self, definitions: Definitions | None = None) -> None:
+        known = definitions or Definitions()
+        self._bodies = _by_number(known.rigid_bodies)
+        self._groups = {
+            Owner.SKELETON: _groups_by_number(known.skeletons),
+            Owner.ASSET: _groups_by_number(known.assets),
+        }
+
+    def of(self, group: PoseGroup, number: int) -> PoseName:
+        """`rigid://NAME`, `bone://SKELETON/BONE` or `asset://ASSET/BODY`; `#NUMBER` where a name is not known."""
+        scheme = f"{group.owner.value}://"
+        if group.owner is Owner.RIGID_BODIES:
+            body = self._bodies.get(number)
+            return PoseName(scheme + _text(body.name if body else "", number), number, body is not None)
+        # The wire writes owner << 16 | bone; the definitions only the bone.
+        bone = number & 0xFFFF
+        owner = self._groups[group.owner].get(group.number)
+        known = owner.bones.get(bone) if owner else None
+        text = f"{scheme}{_text(owner.name if owner else '', group.number)}/{_text(known.name if known else '', bone)}"
+        if owner is None or known is None:
+            return PoseName(text, bone, False)
+        parent = known.parent & 0xFFFF
+        return PoseName(text, bone, True, parent if parent in owner.bones and parent != bone else PARENTLESS)
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    name: str
+    bones: dict[int, BodyDefinition]
+
+
+def _by_number(bodies: Sequence[BodyDefinition]) -> dict[int, BodyDefinition]:
+    """The first of each number; a name that was there before is left out."""
+    found: dict[int, BodyDefinition] = {}
+    names: set[str] = set()
+    for body in bodies:
+        name = "" if body.name in names else body.name
+        names.add(body.name)
+        found.setdefault(body.number, BodyDefinition(name, body.number, body.parent, body.offset))
+    return found
+
+
+def _groups_by_number(groups: Sequence[GroupDefinition]) -> dict[int, _Group]:
+    found: dict[int, _Group] = {}
+    names: set[str] = set()
+    for group in groups:
+        name = "" if group.name in names else group.name
+        names.add(group.name)
+        bones = {number & 0xFFFF: bone for number, bone in _by_number(group.bones).items()}
+        found.setdefault(group.number, _Group(name, bones))
+    return found
+
+
+def _text(name: str, number: int) -> str:
+    return name or f"#{number}"
+
+
+def pose_names(table: NameTable, groups: Sequence[PoseGroup], numbers: Sequence[int]) -> list[PoseName]:
+    """Names of all poses of a frame in their order. numbers: as the wire has them, group after group."""
+    names: list[PoseName] = []
+    at = 0
+    for group in groups:
+        names += [table.of(group, number) for number in numbers[at : at + group.count]]
+        at += group.count
+    return names
+
+
+# What is worked out once for a set of NatNet ids and not again in every frame: names, rows kept, parents of bones.
+
+ROOT = -1
+"""Parent row of a pose that is already in the world."""
+UNKNOWN = -2
+"""Parent row of a bone whose chain to the root is not known: it has no pose in the world."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosePlan:
+    """Of k poses kept. rows (k,) of the frame, None if all. doubled, surplus: rows left out, by reason.
+
+    bones: (row, parent row) of the bones that are not roots, parents first; lost: rows of bones whose parents are not
+    known. Both index the rows kept.
+    """
+
+    names: tuple[str, ...]
+    rows: NDArray[np.intp] | None
+    doubled: int
+    surplus: int
+    all_defined: bool
+    bones: tuple[tuple[int, int], ...]
+    lost: tuple[int, ...]
+
+
+def plan_poses(table: NameTable, groups: Sequence[PoseGroup], numbers: Sequence[int], *, limit: int) -> PosePlan:
+    """The plan for these groups and wire numbers: each name once, at most `limit` of them."""
+    found = pose_names(table, groups, numbers)
+    first: dict[str, int] = {}
+    for row, name in enumerate(found):
+        first.setdefault(name.text, row)
+    kept = list(first.values())[:limit]
+    parents = _parents(groups, found, kept)
+    depth_first = sorted((row for row in range(len(kept)) if parents[row] >= 0), key=lambda row: _depth(parents, row))
+    return PosePlan(
+        names=tuple(found[row].text for row in kept),
+        rows=None if len(kept) == len(found) else np.array(kept, np.intp),
+        doubled=len(found) - len(first),
+        surplus=len(first) - len(kept),
+        all_defined=all(found[row].defined for row in kept),
+        bones=tuple((row, parents[row]) for row in depth_first),
+        lost=tuple(row for row in range(len(kept)) if parents[row] == UNKNOWN),
+    )
+
+
+def _parents(groups: Sequence[PoseGroup], found: Sequence[PoseName], kept: Sequence[int]) -> list[int]:
+    """Parent row of each row kept. Only skeletons have parents: rigid bodies and assets are in the world."""
+    owners = [group for group in groups for _ in range(group.count)]
+    places = {(owners[row].owner, owners[row].number, found[row].number): place for place, row in enumerate(kept)}
+    parents = []
+    for row in kept:
+        name, group = found[row], owners[row]
+        if group.owner is not Owner.SKELETON:
+            parents.append(ROOT)
+        elif not name.defined:
+            parents.append(UNKNOWN)
+        elif name.parent is None:
+            parents.append(ROOT)
+        else:
+            parents.append(places.get((group.owner, group.number, name.parent), UNKNOWN))
+    return [UNKNOWN if _depth(parents, row) < 0 else parent for row, parent in enumerate(parents)]
+
+
+def _depth(parents: Sequence[int], row: int) -> int:
+    """Steps to the root; -1 where the chain is not known or goes round."""
+    for steps in range(len(parents) + 1):
+        row = parents[row]
+        if row == ROOT:
+            return steps
+        if row == UNKNOWN:
+            return -1
+    return -1
+
+
+def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
+    """Turns parent-relative poses of bones into the world, in place: T_world_bone = T_world_parent T_parent_bone.
+
+    A bone is vouched for only if its parents are. Bones whose parents are not known become NaN and are not.
+    """
+    points = [(p[0], p[1], p[2]) for p in position.tolist()]
+    turns = [(q[0], q[1], q[2], q[3]) for q in orientation.tolist()]
+    for row, parent in plan.bones:
+        points[row] = plus(points[parent], rotated(turns[parent], points[row]))
+        turns[row] = product(turns[parent], turns[row])
+        tracked[row] &= tracked[parent]
+    position[:] = points
+    orientation[:] = turns
+    for row in plan.lost:
+        position[row] = np.nan
+        orientation[row] = np.nan
+        tracked[row] = False
+
+
+# The rest pose of a NatNet skeleton: the offsets of its definition, added up from bone to bone.
+
+
+def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
+    """The canonical joints of a skeleton in its T-pose, facing x; None where names or parents make no human.
+
+    In that pose no bone is turned, so each offset, which is told in its parent's frame, adds to the parent's place.
+    Which way a T-pose faces in the lab is not told: from the right hip to the left one is left.
+    """
+    bones = {bone.number & 0xFFFF: bone for bone in group.bones}
+    prefix = f"{group.name}_"
+    joints = joints_by_name(tuple(bone.name.removeprefix(prefix) for bone in bones.values()))
+    places = [_place(bone, bones) for bone in bones.values()]
+    if joints is None:
+        return None
+    found = {joint: places[at] for joint, at in joints.items()}
+    told = {joint: place for joint, place in found.items() if place is not None}
+    if not {"pelvis", "l_hip", "r_hip"} <= set(told):
+        return None
+    position = axes.positions(np.array(list(told.values())))
+    names = tuple(told)
+    position -= position[names.index("pelvis")]
+    left = position[names.index("l_hip")] - position[names.index("r_hip")]
+    return Skeleton(names, position @ _turned_to_y(left))
+
+
+def _place(bone: BodyDefinition, bones: dict[int, BodyDefinition]) -> FloatArray | None:
+    """From the skeleton's root (3,), m, in the server's axes; None where its parents go round in a circle."""
+    place, steps = np.array(bone.offset), 0
+    while (parent := bones.get(bone.parent & 0xFFFF)) is not None and parent is not bone:
+        bone, steps = parent, steps + 1
+        place = place + bone.offset
+        if steps > len(bones):
+            return None
+    return place
+
+
+def _turned_to_y(left: FloatArray) -> FloatArray:
+    """The matrix (3, 3), for rows, that turns a direction about the vertical until it lies in y and z."""
+    x, y = left[:2] / max(float(np.hypot(*left[:2])), 1e-9)
+    return np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]])
+
 
 TOO_LONG = "datagram longer than 64 KiB"
 CUT_SHORT = "shorter than its header says"

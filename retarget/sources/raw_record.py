@@ -20,7 +20,7 @@ from threading import Lock
 from typing import IO, cast
 
 from retarget.errors import InputError, UsageError
-from retarget.outputs import refuse_existing
+from retarget.schema.files import refuse_existing
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
 __all__ = ["MAX_UNWRITTEN", "Datagram", "RawReader", "RawWriter", "is_recording"]

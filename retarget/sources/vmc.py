@@ -8,22 +8,262 @@ tracker; `local://SERIAL` for its raw pose (address with `/Local`); `bone://Left
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from retarget.frames import BoolArray
-from retarget.rotations import FloatArray
-from retarget.sources.osc import OscMessage, OscPacket
-from retarget.sources.osc_layout import OscLayouts
-from retarget.sources.pose_bounds import unusable
-from retarget.sources.stream_frame import MAX_POSES, Dropped, StreamFrame
-from retarget.sources.unity import poses_from_unity
-from retarget.sources.vmc_names import bone_name, device_name
+from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
+from retarget.rotations import IDENTITY, from_axis_angle, multiply, rotate
+from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
+from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
+from retarget.types import BoolArray, FloatArray
 
-__all__ = ["VmcDecoder"]
+__all__ = [
+    "BODY_BONES",
+    "BONES",
+    "OPTIONAL",
+    "LocalBones",
+    "VmcBodyDecoder",
+    "VmcDecoder",
+    "bone_name",
+    "device_name",
+    "euler_from_unity",
+    "local_bones",
+    "merged",
+    "poses_from_unity",
+    "position_from_unity",
+    "t_pose_offsets",
+    "world_positions",
+    "world_rotations",
+]
+
+
+# Names of the poses of VMC: the bones of Unity's humanoid, and which serials of devices are taken.
+
+MAX_SERIAL = 128
+"""Letters of the longest serial that is taken."""
+
+_FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
+
+BODY_BONES: tuple[str, ...] = (
+    *("Hips", "Spine", "LeftUpperLeg", "RightUpperLeg", "Chest", "LeftLowerLeg", "RightLowerLeg"),
+    *("UpperChest", "LeftFoot", "RightFoot", "Neck", "LeftShoulder", "RightShoulder", "LeftToes", "RightToes"),
+    *("Head", "LeftUpperArm", "RightUpperArm", "LeftLowerArm", "RightLowerArm", "LeftHand", "RightHand"),
+)
+"""Bones of trunk, head and limbs, parents first."""
+
+BONES: tuple[str, ...] = (
+    *BODY_BONES,
+    *("LeftEye", "RightEye", "Jaw"),
+    *(
+        f"{side}{finger}{part}"
+        for side in ("Left", "Right")
+        for finger in _FINGERS
+        for part in ("Proximal", "Intermediate", "Distal")
+    ),
+)
+"""All bones of Unity's HumanBodyBones, by their canonical spelling."""
+
+_BY_LOWER_CASE = {name.lower(): f"bone://{name}" for name in BONES}
+_RESERVED = ("bone://", "root://", "local://")
+
+
+def bone_name(told: str) -> str | None:
+    """`bone://LeftUpperArm` of a bone told in any case; None for a name that Unity does not have."""
+    return _BY_LOWER_CASE.get(told.lower())
+
+
+def device_name(serial: str) -> str | None:
+    """The serial itself; None if it is empty, too long, not printable, or could be taken for a bone or the root."""
+    if not 0 < len(serial) <= MAX_SERIAL or not serial.isprintable() or serial.lower().startswith(_RESERVED):
+        return None
+    return serial
+
+
+# Forward kinematics over the bones of Unity's humanoid: from parent-relative poses to the world's.
+#
+# For senders that tell bones only (VirtualMotionCapture, VSeeFace), and to check those that tell both. Rows are those
+# of
+# `BODY_BONES`. The reference is the T-pose: there every rotation is the identity.
+
+OPTIONAL: tuple[str, ...] = (
+    *("Chest", "UpperChest", "Neck"),
+    *(f"{side}{part}" for part in ("Shoulder", "Toes") for side in ("Left", "Right")),
+)
+"""Bones that an avatar may lack (docs.unity3d.com, HumanTrait.RequiredBone); their children hang from their parents."""
+
+_TRUNK = ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
+_ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
+_LEG = ("UpperLeg", "LowerLeg", "Foot", "Toes")
+_CHAINS = (
+    _TRUNK,
+    *(("UpperChest", *(side + part for part in _ARM)) for side in ("Left", "Right")),
+    *(("Hips", *(side + part for part in _LEG)) for side in ("Left", "Right")),
+)
+_PARENT = {bone: parent for chain in _CHAINS for parent, bone in pairwise(chain)}
+_ROW = {bone: row for row, bone in enumerate(BODY_BONES)}
+_COLUMN = {f"bone://{bone}": row for row, bone in enumerate(BODY_BONES)}
+_IS_OPTIONAL = np.array([bone in OPTIONAL for bone in BODY_BONES])
+
+
+def _depth(bone: str) -> int:
+    return 1 + _depth(_PARENT[bone]) if bone in _PARENT else 0
+
+
+_LEVELS = tuple(
+    (
+        np.array([_ROW[bone] for bone in BODY_BONES if _depth(bone) == depth]),
+        np.array([_ROW[_PARENT[bone]] for bone in BODY_BONES if _depth(bone) == depth]),
+    )
+    for depth in range(1, 1 + max(map(_depth, BODY_BONES)))
+)
+"""Rows of the bones of each depth, and of their parents: all bones of one depth are turned at once."""
+
+_ARM_POINTS = ("collar", "shoulder", "elbow", "wrist")
+_LEG_POINTS = ("hip", "knee", "ankle", "toe")
+_PARENT_ROWS = np.array([_ROW[_PARENT[bone]] for bone in BODY_BONES[1:]])
+_PRODUCTS = np.array([[multiply(a, b) for b in np.eye(4)] for a in np.eye(4)]).reshape(4, 16)
+"""A quaternion a (4,) times this, as (4, 4), is the matrix by which a row b becomes the product a b: fewer and larger
+steps than `multiply`, eight times a frame."""
+
+_POINTS = {
+    **dict(zip(_TRUNK, ("pelvis", "spine", "chest", "", "neck", "head"), strict=True)),
+    **{
+        side + bone: short + point
+        for side, short in (("Left", "l_"), ("Right", "r_"))
+        for bone, point in zip(_ARM + _LEG, _ARM_POINTS + _LEG_POINTS, strict=True)
+    },
+}
+"""The point of our human where a bone begins; the upper chest begins where the chest does."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalBones:
+    """Bones relative to their parents, in the world's axes; NaN where not told.
+
+    rotation (22, 4) wxyz and position (22, 3) m by `BODY_BONES`; root_rotation (4,), root_position (3,) of the avatar.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+    root_rotation: FloatArray
+    root_position: FloatArray
+
+
+def local_bones(frame: StreamFrame) -> LocalBones:
+    """The bones of one frame that its sender vouches for."""
+    poses = np.full((len(BODY_BONES) + 1, 7), np.nan)
+    for index, name in enumerate(frame.names):
+        row = len(BODY_BONES) if name == "root://root" else _COLUMN.get(name)
+        if row is not None and frame.tracked[index]:
+            poses[row, :3] = frame.position[index]
+            poses[row, 3:] = frame.orientation[index]
+    return LocalBones(poses[:-1, 3:], poses[:-1, :3], poses[-1, 3:], poses[-1, :3])
+
+
+def merged(later: LocalBones, earlier: LocalBones) -> LocalBones:
+    """What `later` tells, and for the rest what `earlier` did: for senders that split an avatar over datagrams."""
+    return LocalBones(
+        np.where(np.isnan(later.rotation), earlier.rotation, later.rotation),
+        np.where(np.isnan(later.position), earlier.position, later.position),
+        np.where(np.isnan(later.root_rotation), earlier.root_rotation, later.root_rotation),
+        np.where(np.isnan(later.root_position), earlier.root_position, later.root_position),
+    )
+
+
+def world_rotations(bones: LocalBones) -> FloatArray:
+    """World orientation (22, 4) wxyz of each bone's segment.
+
+    A root that is not told is the identity, and so is an optional bone. A required bone that is not told is NaN, and
+    all that hangs from it.
+    """
+    world = np.where(_IS_OPTIONAL[:, None] & np.isnan(bones.rotation), IDENTITY, bones.rotation)
+    root = np.where(np.isnan(bones.root_rotation), IDENTITY, bones.root_rotation)
+    world[0] = multiply(root, world[0])
+    for rows, parents in _LEVELS:
+        factors = (world[parents] @ _PRODUCTS).reshape(-1, 4, 4)
+        world[rows] = (world[rows, None] @ factors)[:, 0]
+    return world
+
+
+def world_positions(bones: LocalBones, rotations: FloatArray, offsets: FloatArray | None = None) -> FloatArray:
+    """World position (22, 3) m of the joint where each bone begins.
+
+    rotations (22, 4): of `world_rotations`. offsets (22, 3) m, see `t_pose_offsets`: from parent to bone in the T-pose,
+    used where the sender tells no position. An optional bone of which nothing is known begins where its parent does;
+    any other is NaN, and all that hangs from it.
+    """
+    step = bones.position if offsets is None else np.where(np.isnan(bones.position), offsets, bones.position)
+    absent = _IS_OPTIONAL & np.isnan(bones.rotation[:, 0]) & np.isnan(step[:, 0])
+    step = np.where(absent[:, None], 0.0, step)
+    world = np.empty_like(step)
+    world[1:] = rotate(rotations[_PARENT_ROWS], step[1:])
+    root = np.where(np.isnan(bones.root_rotation), IDENTITY, bones.root_rotation)
+    world[0] = rotate(root, step[0]) + np.where(np.isnan(bones.root_position), 0.0, bones.root_position)
+    for rows, parents in _LEVELS:
+        world[rows] += world[parents]
+    return world
+
+
+def t_pose_offsets(person: HumanDimensions) -> FloatArray:
+    """Offset (22, 3) m of each bone from its parent for a person's size, in the T-pose; the hips lie in the root."""
+    offsets = np.zeros((len(BODY_BONES), 3))
+    for bone, point in _POINTS.items():
+        if point:
+            offsets[_ROW[bone]] = person.offset[POINTS.index(point)]
+    for side, quarter in (("Left", 0.5 * np.pi), ("Right", -0.5 * np.pi)):
+        # The person's arms hang; in the T-pose they point sideward.
+        rows = [_ROW[f"{side}LowerArm"], _ROW[f"{side}Hand"]]
+        offsets[rows] = rotate(from_axis_angle((1.0, 0.0, 0.0), quarter), offsets[rows])
+    return offsets
+
+
+# Poses as Unity's wire formats have them (VMC, VRChat OSC) into the world's axes.
+#
+# Which axes those are stands in `stream_axes`; here are the order of the numbers and Unity's Euler angles.
+
+_UNITY = CONVENTIONS["unity"]
+_WXYZ = np.array([3, 0, 1, 2])
+_POSE = np.zeros((7, 7))
+_POSE[:3, :3] = _UNITY.positions(np.eye(3))
+_POSE[3:, 3:] = _UNITY.orientations(np.eye(4)[:, _WXYZ])
+"""A row of seven numbers times this is the pose; every entry is 0, 1 or -1, so that nothing is rounded."""
+_HALF_DEGREE = np.pi / 360.0
+
+
+def position_from_unity(position: ArrayLike) -> FloatArray:
+    """Positions (..., 3) m of Unity, in the world's axes."""
+    return _UNITY.positions(position)
+
+
+def poses_from_unity(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Position (..., 3) and quaternion wxyz (..., 4) of Unity's x, y, z, qx, qy, qz, qw (..., 7), in one go.
+
+    A pose with one number that is not finite is NaN throughout.
+    """
+    turned = poses @ _POSE
+    return turned[..., :3], turned[..., 3:]
+
+
+def euler_from_unity(degrees: ArrayLike) -> FloatArray:
+    """Quaternions wxyz (..., 4), world's axes, of Unity's Euler angles x, y, z (..., 3) in degrees.
+
+    Unity turns by z, then x, then y, about fixed axes: q = q_y q_x q_z (docs.unity3d.com, Quaternion.Euler).
+    """
+    half = np.asarray(degrees, float) * _HALF_DEGREE
+    c, s = np.cos(half), np.sin(half)
+    cx, cy, cz = c[..., 0], c[..., 1], c[..., 2]
+    sx, sy, sz = s[..., 0], s[..., 1], s[..., 2]
+    out = np.empty((*half.shape[:-1], 4))
+    out[..., 0] = cy * cx * cz + sy * sx * sz
+    out[..., 1] = cy * sx * cz + sy * cx * sz
+    out[..., 2] = sy * cx * cz - cy * sx * sz
+    out[..., 3] = cy * cx * sz - sy * sx * cz
+    return _UNITY.orientations(out)
+
 
 UNKNOWN_ADDRESS = "OSC address that is not used"
 WRONG_ARGUMENTS = "VMC message with too few arguments or of the wrong types"
@@ -211,3 +451,56 @@ def _state(message: OscMessage) -> _State:
         at[2] if calibrated else None,
         at[3] if message.tags.startswith("iiii") else None,
     )
+
+
+# VMC senders that tell bones only: the avatar's bones as poses in the world.
+
+STATURE_M = 1.70
+"""Of a person whose size nobody has told, m: calibration measures the rest."""
+PARTS = 8
+"""A bone counts for so many datagrams with bones after it was told: some senders split an avatar."""
+_NAMES = tuple(f"bone://{bone}" for bone in BODY_BONES)
+_FEET = [BODY_BONES.index("LeftFoot"), BODY_BONES.index("RightFoot")]
+_HIPS = BODY_BONES.index("Hips")
+
+
+class VmcBodyDecoder:
+    """A `StreamDecoder`: the 22 bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
+
+    Bone lengths that the sender does not tell are those of `person`. Where it does not tell where the hips are, the
+    lower foot stands on the ground.
+    """
+
+    def __init__(self, person: HumanDimensions | None = None) -> None:
+        self._decoder = VmcDecoder()
+        self.dropped: Dropped = self._decoder.dropped
+        self._offsets = t_pose_offsets(person or proportional_dimensions(STATURE_M))
+        self._ankle = FRACTIONS.ankle_height * (STATURE_M if person is None else person.stature)
+        self._before: list[LocalBones] = []
+
+    @property
+    def work(self) -> float:
+        """Microseconds, about, that datagrams have cost beyond their length."""
+        return self._decoder.work
+
+    def decode(self, datagram: bytes) -> list[StreamFrame]:
+        """The body of one datagram; none when it tells no bone."""
+        return [body for frame in self._decoder.decode(datagram) if (body := self._body(frame)) is not None]
+
+    def _body(self, frame: StreamFrame) -> StreamFrame | None:
+        told = local_bones(frame)
+        if np.isnan(told.rotation).all():
+            return None
+        self._before = [told, *self._before[: PARTS - 1]]
+        bones = told
+        for earlier in self._before[1:]:
+            if not np.isnan(bones.rotation).any():
+                break
+            bones = merged(bones, earlier)
+        rotations = world_rotations(bones)
+        positions = world_positions(bones, rotations, self._offsets)
+        if np.isnan(bones.position[_HIPS, 0]):
+            lowest = np.nanmin(positions[_FEET, 2]) if np.isfinite(positions[_FEET, 2]).any() else self._ankle
+            positions[:, 2] += self._ankle - lowest
+        known: BoolArray = np.asarray(np.isfinite(np.hstack((rotations, positions))).all(axis=1))
+        return StreamFrame(_NAMES, positions, rotations, known, frame.stamp, frame.number)

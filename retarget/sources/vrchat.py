@@ -11,13 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.frames import BoolArray
-from retarget.rotations import FloatArray
-from retarget.sources.osc import OscMessage, OscPacket
-from retarget.sources.osc_layout import OscLayouts
-from retarget.sources.pose_bounds import MAX_COORDINATE
-from retarget.sources.stream_frame import Dropped, StreamFrame
-from retarget.sources.unity import euler_from_unity, position_from_unity
+from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
+from retarget.sources.stream_frame import MAX_COORDINATE, Dropped, StreamFrame
+from retarget.sources.vmc import euler_from_unity, position_from_unity
+from retarget.types import BoolArray, FloatArray
 
 __all__ = ["VrchatDecoder"]
 

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from retarget.rotations import FloatArray, rotate
-from retarget.viewer.figure import HERE, Figure, Movable, Place
+from retarget.rotations import rotate
+from retarget.types import FloatArray
+from retarget.viewer.colours import ASKED, GOAL, HUMAN, REACHED, ROBOT, SENSOR, Colour, LimbColours, Scale
+from retarget.viewer.figures import HERE, Around, Figure, Movable, Observing, Place
 from retarget.viewer.ground import Balance, Pressure, Soles
-from retarget.viewer.limb_colours import LimbColours, Scale
-from retarget.viewer.moment import Actor, Cast, Moment
-from retarget.viewer.overlays import Around, Observing
-from retarget.viewer.palette import ASKED, GOAL, HUMAN, REACHED, ROBOT, SENSOR, Colour
+from retarget.viewer.snapshot import Actor, Cast, Moment
 
 if TYPE_CHECKING:
     import viser

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from retarget.rotations import FloatArray
-from retarget.viewer.moment import Cast, Tracks
-from retarget.viewer.palette import GOAL, ROBOT, web
+from retarget.types import FloatArray
+from retarget.viewer.colours import GOAL, ROBOT, web
+from retarget.viewer.snapshot import Cast, Tracks
 
 if TYPE_CHECKING:
     import viser

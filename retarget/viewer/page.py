@@ -1,18 +1,136 @@
 """The page of a recorded run: timeline, scene and plot."""
 
+from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hardware.clock import Clock
+from retarget.types import FloatArray
+from retarget.viewer.colours import LEGEND, legend
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.joint_plot import JointPlot
-from retarget.viewer.moment import Viewed
-from retarget.viewer.panel import add_parts, headline
-from retarget.viewer.timeline import Timeline
+from retarget.viewer.snapshot import Moment, Viewed
 
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["RecordedPage"]
+__all__ = ["WAITING", "RecordedPage", "Timeline", "add_parts", "headline"]
+
+
+# What both pages have in their panel: what the robot does in large letters, and what of the scene is shown.
+
+COLOURS = {"following": "#1b7f4b", "stopping": "#b3261e", "stopped": "#b3261e", "ended": "#5f6368"}
+OTHERWISE = "#b26a00"
+LARGE = "font-size:2em;font-weight:700;line-height:1.1;overflow-wrap:anywhere"
+BOX = "padding:0.3em 0.8em"
+WAITING = f'<div style="{BOX}"><div style="{LARGE};color:{OTHERWISE}">WAITING</div>nothing has moved yet</div>'
+
+
+def headline(moment: Moment, note: str = "") -> str:
+    """What the robot does, in letters that are read from across a room. note: a line below."""
+    colour = COLOURS.get(moment.state, OTHERWISE)
+    lines = [f'<span style="font-variant-numeric:tabular-nums">{moment.time:.2f} s</span>']
+    if not np.isnan(moment.off):
+        lines.append(f"servos at most {np.degrees(moment.off):.1f} degrees off their goals")
+    lines += [escape(note)] if note else []
+    return (
+        f'<div style="{BOX}"><div style="{LARGE};color:{colour}">{escape(moment.state.upper())}</div>'
+        f"<div>{escape(moment.why)}</div>"
+        + "".join(f'<div style="opacity:0.75">{line}</div>' for line in lines)
+        + "</div>"
+    )
+
+
+def add_parts(server: "viser.ViserServer", drawing: Drawing) -> None:
+    """A box for everything that can be hidden, what limbs are coloured by, and what the colours mean."""
+    gui, parts = server.gui, drawing.parts
+    with gui.add_folder("what is shown"):
+        boxes = {part: gui.add_checkbox(LEGEND[part].box, LEGEND[part].at_first) for part in parts}
+        choices = drawing.colourings
+        chosen = gui.add_dropdown("limbs coloured by", choices, initial_value=choices[0]) if choices else None
+        clear = gui.add_checkbox("see through bodies", False)
+    with gui.add_folder("what it means"):
+        meaning = gui.add_html("")
+
+    def explain() -> None:
+        meaning.content = legend((part for part, box in boxes.items() if box.value), drawing.scale)
+
+    def see(part: str) -> None:
+        drawing.see(part, visible=bool(boxes[part].value))
+        explain()
+
+    for part, box in boxes.items():
+        see(part)
+        box.on_update(lambda _, part=part: see(part))  # type: ignore[misc]
+    clear.on_update(lambda _: drawing.see_through(bodies=bool(clear.value)))
+    if chosen is not None:
+        picked = chosen
+
+        def colour(_: object) -> None:
+            drawing.colour_by(picked.value)
+            explain()
+
+        picked.on_update(colour)
+
+
+# Which row of a recording is shown now: playing, standing, stepping, at any speed, over and over or once.
+
+
+class Timeline:
+    """times (T,): of the rows, s, rising. Plays by the clock of whoever calls `at`."""
+
+    def __init__(self, times: FloatArray) -> None:
+        assert times.size > 0
+        self._times = times
+        self._here = float(times[0])
+        self._last: float | None = None  # s of the clock, while it plays
+        self.speed, self.loops = 1.0, True
+
+    @property
+    def playing(self) -> bool:
+        """Whether time goes by."""
+        return self._last is not None
+
+    @property
+    def row(self) -> int:
+        """The row that is shown."""
+        return max(int(np.searchsorted(self._times, self._here, side="right")) - 1, 0)
+
+    def play(self, now: float) -> None:
+        """Go on, at `now` s; from the beginning where it ended."""
+        if self._here >= self._times[-1]:
+            self._here = float(self._times[0])
+        self._last = now
+
+    def pause(self) -> None:
+        """Stand."""
+        self._last = None
+
+    def go_to(self, row: int) -> None:
+        """Show a row, the nearest that there is; go on from there if it plays."""
+        self._here = float(self._times[min(max(row, 0), len(self._times) - 1)])
+
+    def step(self, rows: int) -> None:
+        """Stand, so many rows on (or back)."""
+        self.pause()
+        self.go_to(self.row + rows)
+
+    def at(self, now: float) -> int:
+        """The row for `now`, s."""
+        if self._last is None:
+            return self.row
+        self._here += self.speed * max(now - self._last, 0.0)
+        self._last = now
+        first, last = float(self._times[0]), float(self._times[-1])
+        if self._here > last:
+            if self.loops and last > first:
+                self._here = first + (self._here - first) % (last - first)
+            else:
+                self._here = last
+                self.pause()
+        return self.row
+
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
 PLAY = "play / pause"

@@ -9,8 +9,8 @@ from math import inf
 from hardware.dynamixel.control_table import ControlTable, Register
 from hardware.dynamixel.packets import Error2, Instruction
 from sim.emulator.device import Answer, Faulty
+from sim.emulator.memory import Memory
 from sim.emulator.power import BROWN_OUT, Supply
-from sim.emulator.registers import Memory
 
 ID = 200
 NUMBER = 0x7400

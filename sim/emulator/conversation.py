@@ -3,28 +3,129 @@
 import random
 from collections.abc import Collection, Sequence
 from enum import Enum
+from functools import lru_cache
+from struct import iter_unpack
 from typing import NamedTuple
 
 from fastcrc.crc16 import umts
 
 from hardware.dynamixel import protocol1, protocol2
-from hardware.dynamixel.fast_status import fast_length
-from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Instruction
-from sim.emulator.damage import complaint
+from hardware.dynamixel.packets import BROADCAST, STATUS, Error1, Error2, Frame, Instruction
+from hardware.dynamixel.protocol2 import fast_length
 from sim.emulator.device import Answer, Device
-from sim.emulator.group_request import (
-    FAST_READS,
-    GROUP_READS1,
-    GROUP_READS2,
-    GROUP_WRITES,
-    ReadItem,
-    WriteItem,
-    reads1,
-    reads2,
-    writes1,
-    writes2,
+from sim.emulator.servo2_registers import FedBy
+
+# What a group instruction asks of each device, read from its parameters; what is cut short asks of nobody.
+
+
+class ReadItem(NamedTuple):
+    """One device's part of a group read."""
+
+    id: int
+    address: int
+    length: int
+
+
+class WriteItem(NamedTuple):
+    """One device's part of a group write."""
+
+    id: int
+    address: int
+    data: bytes
+
+
+GROUP_READS2 = frozenset(
+    (Instruction.SYNC_READ, Instruction.BULK_READ, Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
 )
-from sim.emulator.watchdog import FedBy
+"""Instructions of protocol 2.0 that many answer in turn."""
+FAST_READS = frozenset((Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ))
+"""Those of them that are answered by one frame."""
+GROUP_READS1 = frozenset((Instruction.BULK_READ,))
+"""As GROUP_READS2, of protocol 1.0."""
+GROUP_WRITES = frozenset((Instruction.SYNC_WRITE, Instruction.BULK_WRITE))
+"""Instructions that many obey and nobody answers (bulk write: 2.0 only)."""
+REQUESTS = 64
+"""Different read requests that are remembered: a host repeats a few."""
+
+
+@lru_cache(REQUESTS)
+def reads2(code: int, params: bytes) -> tuple[ReadItem, ...]:
+    """Parts of a group read of protocol 2.0, in the order of the frame."""
+    if code in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
+        address, length = _word(params, 0), _word(params, 2)
+        return tuple(ReadItem(device, address, length) for device in params[4:])
+    ends = range(0, len(params) - 4, 5)
+    return tuple(ReadItem(params[at], _word(params, at + 1), _word(params, at + 3)) for at in ends)
+
+
+@lru_cache(REQUESTS)
+def reads1(params: bytes) -> tuple[ReadItem, ...]:
+    """Parts of a bulk read of protocol 1.0 (00, then length, id, address), in the order of the frame."""
+    return tuple(ReadItem(params[at + 1], params[at + 2], params[at]) for at in range(1, len(params) - 2, 3))
+
+
+def writes2(code: int, params: bytes) -> list[WriteItem]:
+    """Parts of a group write of protocol 2.0."""
+    if len(params) < 4:
+        return []
+    if code == Instruction.SYNC_WRITE:
+        return _same_registers(params[4:], _word(params, 0), _word(params, 2))
+    items, at = [], 0
+    while at + 5 <= len(params):
+        begin = at + 5
+        end = begin + _word(params, at + 3)
+        if end > len(params):
+            break
+        items.append(WriteItem(params[at], _word(params, at + 1), params[begin:end]))
+        at = end
+    return items
+
+
+def writes1(params: bytes) -> list[WriteItem]:
+    """Parts of a sync write of protocol 1.0."""
+    return _same_registers(params[2:], params[0], params[1]) if len(params) >= 2 else []
+
+
+def _same_registers(rest: bytes, address: int, length: int) -> list[WriteItem]:
+    whole = rest[: len(rest) - len(rest) % (length + 1)]
+    return [WriteItem(device, address, data) for device, data in iter_unpack(f"B{length}s", whole)]
+
+
+def _word(params: bytes, at: int) -> int:
+    return int.from_bytes(params[at : at + 2], "little")
+
+
+# Damaged instructions: what a parser drops without a word, though header and length were sound.
+
+
+def damaged_address(protocol: int, heard: bytes) -> int | None:
+    """Return the id that a frame was for which ends `heard` whole, but with a wrong CRC (2.0) or checksum (1.0)."""
+    return _address2(heard) if protocol == 2 else _address1(heard)
+
+
+def complaint(device: Device, now: float) -> Answer | None:
+    """Return what a device says of a damaged instruction: the error, beside those that stand in all it says (as in its
+    answer to a ping). None at status return level 0, where it answers pings alone."""
+    answer = device.execute(Instruction.PING, b"", now, broadcast=False)
+    if answer is None or not device.answers_reads:
+        return None
+    return Answer(answer.error | (Error2.CRC if device.protocol == 2 else Error1.CHECKSUM), b"")
+
+
+def _address2(heard: bytes) -> int | None:
+    at = heard.rfind(protocol2.HEADER)  # stuffing keeps headers out of frames: the last one begins the last frame
+    frame = heard[at:] if at >= 0 else b""
+    if len(frame) < protocol2.OVERHEAD + 3 or len(frame) != protocol2.OVERHEAD + int.from_bytes(frame[5:7], "little"):
+        return None
+    return frame[4] if umts(frame[:-2], 0) != int.from_bytes(frame[-2:], "little") else None
+
+
+def _address1(heard: bytes) -> int | None:
+    at = heard.find(protocol1.HEADER)
+    frame = heard[at:] if at >= 0 else b""
+    if len(frame) < protocol1.OVERHEAD + 2 or len(frame) != protocol1.OVERHEAD + frame[3]:
+        return None
+    return frame[2] if protocol1.checksum(frame[2:-1]) != frame[-1] else None
 
 
 class Gaps(Enum):

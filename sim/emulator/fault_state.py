@@ -2,13 +2,30 @@
 
 import math
 import random
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import Protocol, cast
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal, Protocol, cast
 
+from pydantic import Field, ValidationError
+
+from retarget.errors import ConfigError, Problem, UsageError, suggest
+from retarget.schema.strict_models import (
+    Integer,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Schema,
+    Share,
+    in_our_words,
+    listed,
+    read_model,
+    unknown_name,
+)
+from retarget.schema.strict_yaml import Document, KeyPath, Node, scan
 from sim.emulator.device import Device, Faulty
-from sim.emulator.faults import BYTE_KINDS, Direction, Fault, FaultKind
-from sim.emulator.mangle import Part, mangled
+from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, Direction, Fault, FaultKind, Part, Unit, mangled
 
 MAX_FAULTS = 1000
 """Most faults that a line keeps; further ones are refused."""
@@ -167,3 +184,249 @@ def _handle(device: FaultyDevice, kind: FaultKind, value: float | None, now: flo
         device.supply(value, now)
     else:
         device.jam(value is not None, now)
+
+
+# A fault file: what goes wrong on an emulated bus, and when. Strict YAML.
+#
+# seed: 1
+# faults:
+#   - {fault: flip, rate: 0.01}                          # corrupt 1 % of all packets
+#   - {fault: missing, ids: [5], start: 2, end: 3}       # s since the emulator began
+#   - {fault: crc_storm, from_cycle: 100, to_cycle: 110} # group reads, from 0
+
+Cycle = Annotated[Integer, Field(ge=0)]
+Kinds = Literal[
+    "drop",
+    "flip",
+    "duplicate",
+    "late",
+    "noise",
+    "crc_storm",
+    "missing",
+    "silent_tail",
+    "id_clash",
+    "short",
+    "echo",
+    "over_temperature",
+    "under_voltage",
+    "overload",
+    "unplug",
+]
+Buses = Mapping[str, Collection[int]]
+"""The ids on each bus, by the bus's name."""
+
+
+class FaultEntry(Schema):
+    """One fault, as `sim.emulator.faults.Fault`."""
+
+    fault: Kinds
+    ids: Annotated[tuple[Annotated[Integer, Field(ge=0, le=253)], ...], Field(min_length=1, max_length=253)] | None = (
+        None
+    )
+    start: NotNegative = 0.0
+    end: Positive | None = None
+    from_cycle: Cycle = 0
+    to_cycle: Cycle | None = None
+    rate: Share = 1.0
+    of: Literal["packets", "bytes"] = "packets"
+    direction: Literal["to_servos", "to_host", "both"] = "both"
+    value: Number | None = None
+    bus: Name | None = None
+
+    def to_fault(self) -> Fault:
+        """The same as the emulator knows it."""
+        return Fault(
+            FaultKind(self.fault),
+            ids=self.ids or (),
+            start=self.start,
+            end=math.inf if self.end is None else self.end,
+            from_cycle=self.from_cycle,
+            to_cycle=self.to_cycle,
+            rate=self.rate,
+            unit=Unit(self.of),
+            direction=Direction(self.direction),
+            value=self.value,
+            bus=self.bus,
+        )
+
+
+class FaultFile(Schema):
+    """Faults, and the seed of all chance in them."""
+
+    seed: Annotated[Integer, Field(ge=0)] = 0
+    faults: Annotated[tuple[FaultEntry, ...], Field(max_length=MAX_FAULTS)]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultPlan:
+    """Faults of a whole robot, and the seed of all chance in them."""
+
+    faults: tuple[Fault, ...] = ()
+    seed: int = 0
+
+    def of_bus(self, name: str) -> tuple[Fault, ...]:
+        """Those of one bus."""
+        return tuple(fault for fault in self.faults if fault.bus in (None, name))
+
+
+def load_fault_plan(path: Path, buses: Buses) -> FaultPlan:
+    """Read a fault file for a robot with these buses. Raises ConfigError with all its problems."""
+    model, _ = read_model(FaultFile, path, check=lambda _, document: _problems(document, buses))
+    return FaultPlan(tuple(entry.to_fault() for entry in model.faults), model.seed)
+
+
+def read_fault(document: Document, buses: Buses) -> Fault:
+    """The only fault of a document whose top level is one entry. Raises ConfigError with all its problems."""
+    try:
+        entry = FaultEntry.model_validate(document.data)
+    except ValidationError as error:
+        raise ConfigError.from_problems(in_our_words(FaultEntry, error, document)) from None
+    problems = _entry_problems(entry, document, (), buses)
+    if problems:
+        raise ConfigError.from_problems(problems)
+    return entry.to_fault()
+
+
+def _problems(document: Document, buses: Buses) -> list[Problem]:
+    """Cross checks of every entry that is sound by itself."""
+    entries = document.data.get("faults")
+    problems: list[Problem] = []
+    for index, data in enumerate(entries if isinstance(entries, list) else []):
+        try:
+            entry = FaultEntry.model_validate(data)
+        except ValidationError:
+            continue
+        problems += _entry_problems(entry, document, ("faults", index), buses)
+    return problems
+
+
+def _entry_problems(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) -> list[Problem]:
+    kind = FaultKind(entry.fault)
+    problems = [
+        document.problem(
+            (*at, key),
+            f"{kind.value} has no such key",
+            found=key,
+            allowed=", ".join(sorted(KEYS[kind])),
+            next_step="Remove the key",
+        )
+        for key in sorted(entry.model_fields_set - KEYS[kind] - {"fault"})
+    ]
+    if entry.end is not None and entry.end <= entry.start:
+        problems.append(
+            document.problem(
+                (*at, "end"), "a fault ends before it begins", found=f"{entry.end:g}", allowed=f"above {entry.start:g}"
+            )
+        )
+    if entry.to_cycle is not None and entry.to_cycle <= entry.from_cycle:
+        allowed = f"above {entry.from_cycle}"
+        found = f"{entry.to_cycle}"
+        problems.append(
+            document.problem((*at, "to_cycle"), "a fault ends before it begins", found=found, allowed=allowed)
+        )
+    if entry.value is not None and kind in VALUES:
+        _, low, high = VALUES[kind]
+        if not low <= entry.value <= high:
+            allowed = f"{low:g} to {high:g}"
+            problems.append(
+                document.problem((*at, "value"), "a value out of range", found=f"{entry.value:g}", allowed=allowed)
+            )
+    return problems + _places(entry, document, at, buses)
+
+
+def _places(entry: FaultEntry, document: Document, at: KeyPath, buses: Buses) -> list[Problem]:
+    """A bus and ids that do not exist."""
+    if entry.bus is not None and entry.bus not in buses:
+        return [unknown_name(document, (*at, "bus"), "bus", entry.bus, buses)]
+    known = {device for name, ids in buses.items() if entry.bus in (None, name) for device in ids}
+    return [
+        document.problem((*at, "ids"), "no such device", found=str(device), allowed=listed(map(str, sorted(known))))
+        for device in entry.ids or ()
+        if device not in known
+    ]
+
+
+# Faults from a keyboard: one line of words, one change.
+
+HELP = (
+    "NAME [ID ...] [KEY=VALUE ...] begins a fault (missing 5; flip rate=0.01; unplug end=2), times counted from now; "
+    "clear [NAME] ends them; list shows them. Names: " + ", ".join(kind.value for kind in FaultKind)
+)
+MAX_LINE = 1000
+"""Longest line that is read, characters."""
+
+_KEYS = tuple(name for name in FaultEntry.model_fields if name not in ("fault", "ids"))
+
+
+def obey(line: str, states: dict[str, FaultState], buses: Buses, now: Callable[[], float]) -> str:
+    """Carry out one line on the faults of all buses (by name); returns what to say. Never raises for bad words."""
+    words = line[:MAX_LINE].split()
+    if not words:
+        return ""
+    try:
+        match words:
+            case ["help" | "?"]:
+                return HELP
+            case ["list"]:
+                return _shown(states)
+            case ["clear", *rest]:
+                return _clear(rest, states, now())
+        return _begin(words, states, buses, now())
+    except (ConfigError, UsageError) as error:
+        return f"{error} Type help for help."
+
+
+def _clear(words: Sequence[str], states: dict[str, FaultState], now: float) -> str:
+    kinds: list[FaultKind | None] = [_kind(word) for word in words]
+    for state in states.values():
+        for kind in kinds or [None]:
+            state.clear(now, kind)
+    return f"cleared {' '.join(words) or 'all faults'}"
+
+
+def _begin(words: Sequence[str], states: dict[str, FaultState], buses: Buses, now: float) -> str:
+    kind = _kind(words[0])
+    data: dict[str, Node] = {"fault": kind.value}
+    ids: list[Node] = []
+    for word in words[1:]:
+        key, equals, text = word.partition("=")
+        if equals:
+            if key not in _KEYS:
+                raise UsageError(
+                    "unknown key", found=repr(key), allowed=", ".join(_KEYS), next_step=suggest(key, _KEYS)
+                )
+            data[key] = _scalar(text)
+        else:
+            ids.append(_scalar(word))
+    if ids:
+        data["ids"] = ids
+    fault = read_fault(Document(Path("faults"), data, {}), buses)
+    for name, state in states.items():
+        if (
+            fault.bus in (None, name)
+            and (not fault.ids or set(fault.ids) & set(buses[name]))
+            and not state.add(fault, now)
+        ):
+            return "too many faults; type clear first"
+    return f"{' '.join(words)}: begun"
+
+
+def _kind(word: str) -> FaultKind:
+    names = [kind.value for kind in FaultKind]
+    if word not in names:
+        raise UsageError("unknown fault", found=repr(word), allowed=", ".join(names), next_step=suggest(word, names))
+    return FaultKind(word)
+
+
+def _scalar(text: str) -> Node:
+    """A word as the strict reader of files understands it."""
+    return scan(f"value: {text}", Path("faults")).data["value"] if text.isascii() else text
+
+
+def _shown(states: dict[str, FaultState]) -> str:
+    lines = [
+        f"{name}: {fault.kind.value}" + "".join(f" {device}" for device in fault.ids)
+        for name, state in states.items()
+        for fault in state.active
+    ]
+    return "\n".join(lines) or "no fault"

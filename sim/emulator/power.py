@@ -1,8 +1,8 @@
-"""Supply, current and heat of emulated servos: the model of `sim.servo_load`, one servo at a time, with overload."""
+"""Supply, current and heat of emulated servos: the model of `sim.servo_model`, one servo at a time, with overload."""
 
 from math import expm1
 
-from sim.servo_load import (
+from sim.servo_model import (
     AMBIENT,
     FRICTION_CURRENT,
     HEAT_PER_AMPERE2,

@@ -1,18 +1,105 @@
 """The emulated buses of a robot: the servos of its profile, and what else it expects on them."""
 
-from collections.abc import Sequence
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from hardware.arrays import TickArray
-from hardware.bus_spec import BusSpec
-from hardware.servo import ServoSpec
-from sim.emulator.conduct import Conduct
+from hardware.bus import BusSpec
+from hardware.dynamixel.control_table import ControlTable, code_of, find_table
+from hardware.dynamixel.settings import MODES
+from hardware.errors import HardwareError, describe
+from hardware.servo import ServoModel, ServoSpec
 from sim.emulator.controller import EmulatedController
+from sim.emulator.conversation import Gaps
 from sim.emulator.device import Device
-from sim.emulator.fault_file import FaultPlan
-from sim.emulator.fault_state import FaultState
-from sim.emulator.line import Line
-from sim.emulator.wire import Timing
-from sim.emulator.workshop import devices_of
+from sim.emulator.fault_state import FaultPlan, FaultState
+from sim.emulator.line import Line, Timing
+from sim.emulator.power import Supply
+from sim.emulator.servo1 import EmulatedServo1
+from sim.emulator.servo2 import EmulatedServo
+from sim.emulator.servo2_registers import FedBy
+from sim.emulator.servo_body import BOOT_TIME, ServoBuild
+from sim.servo_model import AMBIENT
+
+# How emulated servos behave where the e-Manual is silent: a host can try what no hardware has confirmed.
+
+
+@dataclass(frozen=True, slots=True)
+class Conduct:
+    """Of all servos on the lines of a robot.
+
+    gaps: what a missing servo does to those behind it in a group read. fed_by: which packets feed a bus watchdog (2.0).
+    answers_damage: whether a servo says that an instruction to its id came damaged (2.0: error 3, 1.0: 0x10).
+    boot_time: s of a start. torque_by_goal: whether a goal position or moving speed switches torque on (1.0).
+    """
+
+    gaps: Gaps = Gaps.SILENCE
+    fed_by: FedBy = FedBy.ANY
+    answers_damage: bool = False
+    boot_time: float = BOOT_TIME
+    torque_by_goal: bool = True
+
+
+# Builds the emulated servos of a robot's profile.
+
+WARMER = 3.0  # [degrees Celsius] most by which a servo is above the room at first
+
+
+def devices_of(
+    specs: Sequence[ServoSpec],
+    *,
+    protocols: Mapping[str, int],
+    bauds: Mapping[str, int] | None = None,
+    return_delays: Mapping[str, int] | None = None,
+    start: TickArray | Sequence[int] | None = None,
+    seed: int = 0,
+    now: float = 0.0,
+    conduct: Conduct | None = None,
+    supply: Supply | None = None,
+) -> tuple[EmulatedServo | EmulatedServo1, ...]:
+    """Return one device per servo, in order, with id, mode and homing offset of the profile, all else as delivered.
+
+    By bus: `protocols` 1 or 2, `bauds` bits/s and `return_delays` register value, where given. start: ticks (n,), None:
+    zero ticks. conduct: None: the usual. All share one supply. Raises HardwareError for a model without a table and a
+    baud that it lacks.
+    """
+    chance = random.Random(seed)
+    shared, ways = supply or Supply(), conduct or Conduct()
+    devices: list[EmulatedServo | EmulatedServo1] = []
+    for index, spec in enumerate(specs):
+        table = find_table(spec.model.name, protocols[spec.bus])
+        position = float(spec.zero_tick if start is None else start[index])
+        warmth = AMBIENT + WARMER * chance.random()
+        build = ServoBuild(position, now=now, supply=shared, boot_time=ways.boot_time, warmth=warmth)
+        device = _built(table, spec.model, build, ways)
+        device.memory.put("id", spec.id)
+        if bauds is not None and spec.bus in bauds:
+            device.memory.put("baud_rate", _code(table, bauds[spec.bus], spec))
+        if return_delays is not None and spec.bus in return_delays:
+            device.memory.put("return_delay_time", return_delays[spec.bus])
+        if table.protocol == 2:
+            device.memory.put("operating_mode", MODES[spec.mode])
+            device.memory.put("homing_offset", spec.homing_offset)
+        device.place(position)
+        devices.append(device)
+    return tuple(devices)
+
+
+def _built(table: ControlTable, model: ServoModel, build: ServoBuild, ways: Conduct) -> EmulatedServo | EmulatedServo1:
+    if table.protocol == 2:
+        return EmulatedServo(table, model, build)
+    return EmulatedServo1(table, model, build, torque_by_goal=ways.torque_by_goal)
+
+
+def _code(table: ControlTable, baud: int, spec: ServoSpec) -> int:
+    """The register value of a rate in bits/s."""
+    code = code_of(table, baud)
+    if code is None:
+        raise HardwareError(
+            describe(what="the servo does not have this baud rate", where=f"{spec.joint} ({table.model})", found=baud)
+        )
+    return code
 
 
 def robot_lines(

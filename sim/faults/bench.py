@@ -1,43 +1,158 @@
 """One live run of OP3 that is hurt: sender, whole pipeline, the driver's bytes, emulated servos; on virtual time."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from ipaddress import IPv4Network
 
 import numpy as np
 
-from hardware.bus import ServoBus, ServoStates
-from hardware.bus_spec import BusSpec
+from hardware.bus import BusSpec, ServoBus, ServoStates
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
+from hardware.errors import BusError
 from hardware.guard import Guard, Halt, Think
-from hardware.guard_state import GuardState
+from hardware.guard_state import GuardState, Stop
 from retarget.frames import SensorSample
+from retarget.human.samples import Performance
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
 from retarget.live.performer import LivePerformer
-from retarget.live.playout import Playout
-from retarget.live.playout_delay import PlayoutDelay
+from retarget.live.playout import Playout, PlayoutDelay
 from retarget.live.roles import roles_of
+from retarget.live.sensor_validity import Trust
 from retarget.live.smoothing import LIGHT, pose_filter
 from retarget.live.stream import LiveStream
-from retarget.live.trust import Trust
-from retarget.options import RunOptions
-from retarget.performer import Performer
-from retarget.pipeline import Watch
-from retarget.prepare import Prepared, prepare_for
-from retarget.record import Phase
-from retarget.robot_body import RobotBody
-from retarget.robot_side import RobotSide
-from retarget.rotations import FloatArray
-from retarget.samples import Performance
+from retarget.model.robot import RobotBody
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared, prepare_for
+from retarget.run.record import Phase
+from retarget.run.robot_side import RobotSide
+from retarget.schema.performer import Performer
 from retarget.sources.json_pose import JsonPoseDecoder
+from retarget.types import FloatArray
 from sim.emulator.line import Line
+from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
-from sim.emulator.servo import EmulatedServo
+from sim.emulator.servo2 import EmulatedServo
 from sim.faults.sender import FakeSender
-from sim.faults.tapped_port import Killed, TappedPort
-from sim.faults.trace import Tick, Trace
+from sim.faults.wire_checker import READS, Sent, packets
+
+# What was seen of a live run that was hurt.
+
+HOLDS = (GuardState.HOLDING,)
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The end of a tick of the guard, at `time`, s. latched: a stop is; slow: share of its speed that the robot is
+    left."""
+
+    time: float
+    state: GuardState
+    latched: bool
+    slow: float
+
+
+@dataclass
+class Trace:
+    """All times in s of the run's clock. out: when which sensors took no part; steps: how far (m) the sensor that went
+    farthest went from one followed sample to the next; sent: every packet of the host; let_go:
+    when which servo (id) stopped driving by itself or was told to: its torque went, or its watchdog stopped it.
+
+    began: when following began. arrived: when the robot was where it follows from. gone: when the host was killed.
+    acted: when faults that wait for their cue had it, each once. rebased: when a leap of the sender's clock was
+    understood. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all servos in the end.
+    mute: the host could not write any more. left: nobody looked at how it ended. endless: it did not end.
+    """
+
+    ticks: list[Tick] = field(default_factory=list)
+    out: list[tuple[float, frozenset[str]]] = field(default_factory=list)
+    steps: list[tuple[float, float]] = field(default_factory=list)
+    sent: list[Sent] = field(default_factory=list)
+    let_go: list[tuple[float, int]] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    asked: list[tuple[float, FloatArray]] = field(default_factory=list)
+    acted: list[float] = field(default_factory=list)
+    stop: Stop | None = None
+    began: float | None = None
+    arrived: float | None = None
+    gone: float | None = None
+    rebased: float | None = None
+    ended: float = 0.0
+    mute: bool = False
+    left: bool = False
+    endless: bool = False
+    error: str = ""
+    torque: list[int] = field(default_factory=list)
+
+    def first(self, state: GuardState, since: float) -> float | None:
+        """When a state was first seen from a time on, s."""
+        return next((tick.time for tick in self.ticks if tick.time >= since and tick.state is state), None)
+
+    @property
+    def armed(self) -> float | None:
+        """When the first tick with torque ended, s."""
+        return self.ticks[0].time if self.ticks else None
+
+    @property
+    def latched(self) -> float | None:
+        """When a stop was latched, s: at the end of the tick that did it."""
+        return next((tick.time for tick in self.ticks if tick.latched), None)
+
+    @property
+    def holds(self) -> list[tuple[float, float]]:
+        """When the robot held, from and to, s."""
+        found: list[tuple[float, float]] = []
+        since: float | None = None
+        for tick in self.ticks:
+            if tick.state in HOLDS:
+                since = tick.time if since is None else since
+            elif since is not None:
+                found.append((since, tick.time))
+                since = None
+        return found if since is None else [*found, (since, self.ticks[-1].time)]
+
+
+# A port of the emulator whose host can be killed, or can no longer write; what the host sends is kept.
+
+
+class Killed(BaseException):
+    """The host is gone, as by SIGKILL: nothing of it may do anything any more."""
+
+
+class TappedPort(EmulatedPort):
+    """Keeps what the host sends, with the time. mute: writes raise, and what only asks passes; dead: nothing does."""
+
+    def __init__(self, line: Line, clock: Clock, *, name: str, sent: list[Sent]) -> None:
+        super().__init__(line, clock, name=name)
+        self.mute = self.dead = False
+        self._sent = sent
+
+    def write(self, data: bytes) -> None:
+        """Send, and keep."""
+        self._alive()
+        one = Sent(self.now(), data)
+        if self.mute and any(packet.instruction not in READS for packet in packets([one])):
+            raise BusError("the adapter does not take what is written")
+        self._sent.append(one)
+        super().write(data)
+
+    def read(self) -> bytes:
+        """What has arrived by now."""
+        self._alive()
+        return super().read()
+
+    def wait(self, deadline: float) -> bool:
+        """Sleep until something has arrived (True) or until `deadline`."""
+        self._alive()
+        return super().wait(deadline)
+
+    def _alive(self) -> None:
+        if self.dead:
+            raise Killed
+
 
 ROBOT = "op3"
 LISTED = IPv4Network("127.0.0.0/8")

@@ -1,19 +1,100 @@
 """Holds a run against its row: the reaction in time, and what may never be, whatever happens."""
 
+import tempfile
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from pathlib import Path
 
+from hardware.bus import ServoBus
+from hardware.clock import Clock, VirtualClock
+from hardware.errors import RetargetError, TorqueError
 from hardware.guard_state import GuardState
-from sim.faults.always import violations
-from sim.faults.bench import Bench
-from sim.faults.judge_idle import idle_wrong
-from sim.faults.reaction import Reaction, Row
-from sim.faults.reactions import HELD_S, Seen, late, reacted
+from retarget.human.samples import Performance
+from retarget.model.robot import RobotBody
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare_for
+from retarget.schema.catalogue import Kind, find
+from retarget.schema.performer import Performer
+from sim.faults.bench import ROBOT, Bench, Trace
+from sim.faults.malformed_files import Malformed
+from sim.faults.reactions import HALF, HELD_S, Idle, Reaction, Row, Seen, late, reacted, violations
 from sim.faults.sender import FakeSender
-from sim.faults.trace import Trace
+from sim.faults.wire_checker import not_reads, packets
 
-__all__ = ["ENGAGING_S", "IDLE_S", "ONSET", "STOP_BEFORE", "Verdict", "When", "hurt_run", "judged", "verdict_of"]
+__all__ = [
+    "ENGAGING_S",
+    "HIDDEN",
+    "ONSET",
+    "Struck",
+    "Verdict",
+    "When",
+    "hurt_run",
+    "judged",
+    "judged_file",
+    "judged_pair",
+    "missing",
+    "need_of",
+    "outdone",
+    "reached",
+    "verdict_of",
+]
+
+
+# Judges what a run makes of a malformed robot file: refused before the performer is heard and a bus is made.
+
+BEGUN = "the run went on"
+
+
+class _BegunError(Exception):
+    """The run asked for the performer or the bus."""
+
+
+def judged_file(file: Malformed) -> tuple[str, ...]:
+    """What was not as it has to be, a line each."""
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        raise _BegunError
+
+    def bus(robot: RobotBody, clock: Clock) -> ServoBus:
+        raise _BegunError
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = file.write(find(Kind.ROBOT, ROBOT), Path(folder))
+        try:
+            with prepare_for(perform, RunOptions(robot=str(path)), clock=VirtualClock(), make_bus=bus, parks=True):
+                return (BEGUN,)
+        except _BegunError:
+            return (BEGUN,)
+        except TorqueError as error:
+            return (f"not refused as a file: {error}",)
+        except RetargetError as error:  # exit code 2, see `retarget.cli.exit`
+            return () if file.told in str(error) else (f"the refusal does not name {file.told!r}: {error}",)
+        except Exception as error:  # noqa: BLE001 - a traceback is what must not be
+            return (f"it was not foreseen: {type(error).__name__}: {error}",)
+
+
+# Judges a run that was hurt before its bus was opened.
+
+CONTROLLERS = frozenset((200,))
+"""Ids of what is no servo: the OpenCR, whose power switch is written."""
+
+
+def idle_wrong(row: Row, trace: Trace) -> list[str]:
+    """What was not as the row says, a line each."""
+    match row.idle:
+        case Idle.GOES_ON:
+            return [f"it did not begin: {trace.error}"] if trace.error or not trace.ticks else []
+        case Idle.ANY:
+            return []
+    wrong = [] if trace.error or (trace.gone is not None and not trace.left) else ["it began"]
+    wrong += ["torque is on"] if any(trace.torque) else []
+    wrong += [f"the refusal does not name {text!r}" for text in row.refusal if text not in trace.error]
+    if row.idle is Idle.ONLY_READS:
+        wrong += not_reads(list(packets(trace.sent)), but=CONTROLLERS)
+    return wrong
+
 
 ONSET = 0.4
 """s of following before the fault."""
@@ -135,3 +216,190 @@ def _stopping(row: Row, trace: Trace) -> list[str]:
     if row.reaction is Reaction.CUT:
         return late("torque off", Seen.cut(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
     return []
+
+
+# What a robot has at least to do after one fault, or after two that come one upon the other; and whether it did.
+
+SOON_S = 2.0
+"""A stop that has more time than this is preceded by a hold."""
+
+
+@dataclass(frozen=True)
+class Need:
+    """reaction: at least; limit: s from the onset; name: of the row that asks for it; words: what must be seen. sensor:
+    who has to be left out. watchdog: s until every servo stands by itself."""
+
+    name: str
+    reaction: Reaction
+    limit: float
+    words: str = ""
+    sensor: str = ""
+    watchdog: float | None = None
+
+
+STRENGTH = {
+    Reaction.NONE: 0,
+    Reaction.MAY_HOLD: 0,
+    Reaction.GATED: 0,
+    Reaction.OUT: 1,
+    Reaction.SLOW: 2,
+    Reaction.REBASE: 3,
+    Reaction.HOLD: 4,
+    Reaction.STOP: 5,
+    Reaction.CUT: 6,
+    Reaction.GONE: 7,
+}
+"""Who does the stronger thing has done the weaker."""
+WORDS = {
+    Reaction.OUT: "left out",
+    Reaction.SLOW: "slow",
+    Reaction.REBASE: "understood",
+    Reaction.HOLD: "held",
+    Reaction.STOP: "stopped",
+    Reaction.CUT: "torque off",
+    Reaction.GONE: "stood by watchdogs",
+}
+HIDDEN = {("servo too hot", "servo warm"): "servo too hot"}
+"""Of two rows, one after the other, the one whose fault is not to be seen, or no more: the servo cools down."""
+BY_CHANCE, LUCK = ("30 % of packets damaged", "30 % of answers damaged"), 2.0
+"""Rows that are known by what share of the cycles of late was hurt, and by how much later that may be by chance: of 8
+seeds one needs 0.142 s instead of 0.1 s."""
+SLEEPS = "stopped for a second"
+"""Its host does nothing in the meantime."""
+DAWDLES, DAWDLING = "deadline missed", 2.2
+"""Its ticks last so many times as long, and what is counted in ticks takes as much longer: the robot holds by then."""
+
+
+def need_of(row: Row) -> Need:
+    """What one fault asks for."""
+    reaction, limit = row.reaction, row.limit
+    if reaction in (Reaction.RESUME, Reaction.STAND) or (reaction is Reaction.STOP and limit > SOON_S):
+        reaction, limit = Reaction.HOLD, limit if reaction is Reaction.STAND else HELD_S
+    if row.name in BY_CHANCE:
+        limit *= LUCK
+    words = WORDS.get(reaction, "")
+    return Need(row.name, reaction, limit, words, sensor=row.sensor, watchdog=row.watchdog)
+
+
+def outdone(first: Row, second: Row, *, apart: float) -> Need:
+    """What two faults ask for that are `apart`, s, from the later one on: the stronger of the two."""
+    one, other = need_of(first), need_of(second)
+    hidden = HIDDEN.get((first.name, second.name))
+    one, other = (Need(need.name, Reaction.NONE, 0.0) if need.name == hidden else need for need in (one, other))
+    strongest = stronger(one, other)
+    if SLEEPS in (first.name, second.name) and apart < first.limit:
+        strongest = replace(strongest, limit=strongest.limit + max(first.limit, second.limit))
+    if DAWDLES in (first.name, second.name) and strongest.name != DAWDLES:
+        strongest = replace(strongest, limit=DAWDLING * strongest.limit)
+    return strongest
+
+
+def stronger(one: Need, other: Need) -> Need:
+    """Which of two asks for more; of the same, the one that has longer."""
+    return max(one, other, key=lambda need: (STRENGTH[need.reaction], need.limit))
+
+
+def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
+    """Whether the robot did between two times, s, what was needed, or more."""
+    strength = STRENGTH[need.reaction]
+    ticks = [tick for tick in trace.ticks if tick.time <= last + 1e-9]
+    if strength == 0 or (trace.gone is not None and trace.gone <= last and need.reaction is not Reaction.GONE):
+        return True
+    cut = Seen.cut(trace, first)
+    if strength >= STRENGTH[Reaction.CUT]:
+        stopped = any(tick.state is GuardState.STOPPED for tick in ticks)
+        off = stopped or (cut is not None and cut <= last)
+        return off or (need.reaction is Reaction.GONE and not _driving(trace, last))
+    if any(tick.latched for tick in ticks) or trace.error:
+        return True
+    since = [tick for tick in ticks if tick.time >= first]
+    if strength <= STRENGTH[Reaction.HOLD] and any(tick.state is GuardState.HOLDING for tick in since):
+        return True
+    if need.reaction is Reaction.REBASE:
+        return trace.rebased is not None and trace.rebased <= last
+    if need.reaction is Reaction.SLOW:
+        return any(tick.slow <= HALF for tick in ticks)
+    if need.reaction is Reaction.OUT:
+        return any(need.sensor in gone for time, gone in trace.out if time <= last)
+    return False
+
+
+def _driving(trace: Trace, last: float) -> int:
+    """Servos that nothing has let go of by a time, s."""
+    return len(trace.torque) - len({device for time, device in trace.let_go if time <= last})
+
+
+# Judges two faults in one run: the reaction to the first, and after both the stronger of the two, each in time.
+
+LONGER_S = 0.7
+"""Following after the second fault, s, at least."""
+CUED_S = 0.05
+"""A fault that waits for its cue has it within this, s."""
+
+
+@dataclass(frozen=True)
+class Struck:
+    """A row, and when its fault was to be done, s after following began."""
+
+    row: Row
+    at: float
+
+
+def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck] = ()) -> list[str]:
+    """Which reaction to two faults did not come in time, in words. The first is judged by itself where its time is over
+    before the second; else, as the second by itself, the stronger one counts from the second on. others: beside which
+    a fault may not be seen (a stream is silent); where they overlap, the stronger one counts from the later on."""
+    one, other = (_onset_of(trace, struck.at) for struck in (first, second))
+    if one is None:
+        return []  # it was over before
+    needs: list[tuple[Need, float]] = []  # and from when on
+    alone = need_of(first.row)
+    if other is None or other > one + alone.limit:
+        needs.append((alone, one))
+    if other is not None:
+        both = outdone(first.row, second.row, apart=other - one)
+        if not (needs and both is alone):
+            needs.append((both, other))
+    for beside in others:
+        at = _onset_of(trace, beside.at)
+        needs = [need if at is None else _beside(*need, need_of(beside.row), at) for need in needs]
+    left = [need for need, since in needs if not reached(trace, need, one, since + need.limit)]
+    return [f"{need.name}: not {need.words} in time" for need in left]
+
+
+def _beside(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
+    """What is needed, and from when on (s), where another fault comes at another time (s)."""
+    if at - need.limit < since < at + other.limit and stronger(need, other) is other:
+        return other, max(since, at)
+    return need, since
+
+
+def _onset_of(trace: Trace, at: float) -> float | None:
+    """When a fault was done, s: at the end of a tick, or on its cue."""
+    if trace.began is None:
+        return None
+    done = next((tick.time for tick in trace.ticks if tick.time >= (trace.began or 0.0) + at), None)
+    if done is None:
+        return None
+    return next((cued for cued in trace.acted if done <= cued < done + CUED_S), done)
+
+
+def judged_pair(
+    first: Row, second: Row, *, at: float, gap: float, seed: int, when: When = When.MOVING, longer: float = LONGER_S
+) -> Verdict:
+    """Two faults, `gap` s apart, the first at `at` s of following: what may never be is judged, that it ends, and of a
+    robot that moves that it reacts."""
+    idle, moving = when is When.IDLE, when is When.MOVING
+    after = max(longer, *(need_of(row).limit + 0.1 for row in (first, second))) if moving else longer
+    duration = IDLE_S if idle else ENGAGING_S + at + gap + after
+    six = "six" in (first.performer, second.performer)
+    bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six" if six else "five")
+    if when is When.STOPPING:
+        bench.at(at - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
+    first.hurt(bench, -1.0 if idle else at)
+    second.hurt(bench, -1.0 if idle else at + gap)
+    trace = bench.run()
+    wrong = violations(bench, trace)
+    if moving:
+        wrong += missing(trace, Struck(first, at), Struck(second, at + gap))
+    return Verdict(f"{first.name} + {second.name}", tuple(wrong), None)

@@ -1,18 +1,191 @@
 """How long the reaction to a fault of a moving robot took, and what is wrong with it."""
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 
 import numpy as np
 
-from hardware.guard_state import GuardState
-from sim.faults.always import REST_S
-from sim.faults.bench import Bench
-from sim.faults.reaction import Reaction, Row
-from sim.faults.trace import Trace
-from sim.faults.wire_checker import Track, hasty, once, restless, stood, tracks
-from sim.faults.wire_clearance import clearance_of
-from sim.faults.wire_packets import goal_writes, torque_off, written
+from hardware.guard_state import GuardState, StopCause
+from sim.faults.bench import Bench, Trace
+from sim.faults.wire_checker import (
+    Track,
+    Written,
+    after_latch,
+    beyond_limits,
+    clearance_of,
+    collisions,
+    goal_writes,
+    hasty,
+    once,
+    restless,
+    stood,
+    torque_off,
+    tracks,
+    wavering,
+    woken,
+    written,
+)
+
+__all__ = ["EVER", "HALF", "HELD_S", "Idle", "Reaction", "Row", "Seen", "late", "reacted", "violations"]
+
+
+# What a row of the fault table says: what is done to a run, and what the robot has to do about it.
+
+EVER = math.inf
+
+
+class Reaction(Enum):
+    """What a robot that moves has to do."""
+
+    NONE = "goes on"
+    MAY_HOLD = "goes on, or holds"
+    OUT = "the sensor takes no part"
+    HOLD = "holds: brakes and stands, torque on"
+    RESUME = "holds, and goes on by itself"
+    REBASE = "understands the clock anew"
+    STAND = "brakes and stands, torque on"
+    SLOW = "goes on at half its speed"
+    STOP = "stops: brakes, is parked, torque off, latched"
+    CUT = "torque off at once, latched"
+    GONE = "the servos stop by themselves"
+    GATED = "what is asked is not sent"
+
+
+class Idle(Enum):
+    """What a run has to do that is hurt before its bus is opened."""
+
+    GOES_ON = "begins"
+    REFUSES = "does not begin, torque off"
+    ONLY_READS = "does not begin, nothing written"
+    ANY = "begins or not, torque off in the end"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One fault. hurt: does it to a bench at a time (s after following began; below 0: before the bus is opened).
+
+    limit: s from its onset to the reaction. sensor: whose place is judged for OUT. said: what a person has to be told.
+    watchdog: s from the onset until every servo stands by itself; None: not asked. refusal: what the refusal of an idle
+    run must name, all of it. back: s after the onset data are good again, so that before back + 0.5 nothing goes on.
+    counted: by which reason what comes has to be counted as not used.
+    after: s of following after the onset. ends: s from the onset until the run has ended. performer: who wears what.
+    """
+
+    name: str
+    reaction: Reaction
+    limit: float
+    hurt: "Callable[[Bench, float], object]"
+    idle: Idle = Idle.GOES_ON
+    sensor: str = ""
+    said: str = ""
+    counted: str = ""
+    watchdog: float | None = None
+    refusal: tuple[str, ...] = ()
+    back: float | None = None
+    after: float = 0.55
+    ends: float | None = None
+    performer: str = "five"
+
+
+# What has to be true of every run, whatever was done to it.
+
+REST_S = 0.35
+"""From the beginning of a hold until goals stand still; of a stop, until they are no faster than on the way home."""
+OFF_S = 3.0
+"""From the beginning of a stop until torque is off."""
+HOME_SHARE = 0.45
+"""Of the greatest speeds: the longest way home of a joint, 2.4 rad, takes as much to be gone in 2.5 s."""
+AGAIN_SHARE, AGAIN_S = 0.25, 0.75
+"""Of the greatest speeds, for so long after somebody is followed (again)."""
+STILL_WITHIN_S = 0.3
+"""A hold that is shorter is none after which the way back has to be slow: it is one of single ticks."""
+SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
+UNHURT = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+"""Stops of a robot with which nothing is wrong: it is parked before its torque goes."""
+PARKED_RAD = 0.01
+"""Goals this near to the rest posture are there, rad."""
+
+
+def violations(bench: Bench, trace: Trace) -> list[str]:
+    """Everything that may never be, a line each."""
+    if not hasattr(bench, "robot"):
+        return []
+    robot, writes = bench.robot, written(trace.sent)
+    dt = 1.0 / robot.profile.safety.rate_hz
+    ways = tracks(once(goal_writes(writes), within=0.5 * dt), robot.joint_map.servos)
+    wrong = beyond_limits(ways, dt) + collisions(robot, ways)
+    for first, last in trace.holds:
+        wrong += [f"in a hold {text}" for text in restless(ways, first + REST_S, last - dt)]
+    wrong += _haste(bench, trace, ways, dt) + _stop_violations(bench, trace, ways, writes, dt)
+    if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
+        wrong.append("nothing was done, and nobody was told why")
+    if trace.endless:
+        wrong.append("the run did not end")
+    return wrong + _torque(bench, trace)
+
+
+def _haste(bench: Bench, trace: Trace, ways: list[Track], dt: float) -> list[str]:
+    """Who hurries on the way to where following begins, or when somebody is followed again."""
+    if trace.armed is None:
+        return []
+    over = trace.ended if trace.latched is None else trace.latched
+    arrived = over if trace.arrived is None else trace.arrived
+    share = bench.robot.profile.safety.speed_caps.approach
+    wrong = [
+        f"on its approach {text}" for text in hasty(ways, trace.armed - dt, min(arrived, over), share=share, dt=dt)
+    ]
+    for first, last in trace.holds:
+        if last - first > STILL_WITHIN_S:
+            again = hasty(ways, last, min(last + AGAIN_S, over), share=AGAIN_SHARE, dt=dt)
+            wrong += [f"after a hold {text}" for text in again]
+    return wrong[:8]
+
+
+def _stop_violations(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], dt: float) -> list[str]:
+    """A stop goes on to its end, and nothing else."""
+    begun = trace.latched
+    if begun is None:
+        return []
+    since = trace.ticks[next(row for row, tick in enumerate(trace.ticks) if tick.latched) :]  # two may end at one time
+    wrong = [f"{tick.state.value} after a stop" for tick in since if tick.state not in SETTLED]
+    before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
+    wrong += woken(writes, before)
+    off = torque_off(writes, before)
+    if off is None:
+        if trace.gone is None and not trace.mute:
+            wrong.append("torque was never told to go off")
+    elif off - begun > OFF_S:
+        wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
+    ended = trace.first(GuardState.STOPPED, begun)
+    if ended is not None:
+        wrong += after_latch(writes, ended)
+    wrong += hasty(ways, begun + REST_S, trace.ended, share=HOME_SHARE, dt=dt)
+    if ended is not None and trace.stop is not None and trace.stop.cause in UNHURT and trace.stop.then is None:
+        wrong += _astray(bench, ways)
+    return wrong[:8] + wavering(ways, begun + REST_S, trace.ended)
+
+
+def _astray(bench: Bench, ways: list[Track]) -> list[str]:
+    """Who was not sent where the robot is parked in the end."""
+    robot = bench.robot
+    rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    parked = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
+    off = {track.servo.label: float(track.angle[-1]) - parked[track.servo.joint] for track in ways}
+    return [f"{label} is not parked, {by:.3f} rad off" for label, by in off.items() if abs(by) > PARKED_RAD]
+
+
+def _torque(bench: Bench, trace: Trace) -> list[str]:
+    """In the end nobody has torque, or a person knows; those of a host that is gone stand by their watchdogs."""
+    if not any(trace.torque):
+        return []
+    if trace.gone is not None:
+        return [] if all(servo.tripped or not servo.shaft.torque for servo in bench.servos) else ["servos still drive"]
+    told = trace.error or (trace.stop is not None and trace.stop.powered)
+    return [] if told else ["torque is on in the end, and nobody was told"]
+
 
 HEALTHY_S = 0.5
 """So long data must be good before a hold ends."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from retarget.frames import SensorFrames
-from retarget.live.datagram import MOST_PER_POLL, Datagram, Source
-from retarget.rotations import FloatArray
+from retarget.live.admission import MOST_PER_POLL, Datagram, Source
 from retarget.sources.stream_frame import Dropped
+from retarget.types import FloatArray
 from sim.performer import synthetic_performer
 
 STILL_S = 2.0
@@ -28,7 +28,7 @@ Garble = Callable[[float, bytes], list[bytes]]
 
 @dataclass
 class FakeSender:
-    """A `retarget.live.datagram.Receiver` that hears a performer, on the clock that it is polled by.
+    """A `retarget.live.admission.Receiver` that hears a performer, on the clock that it is polled by.
 
     faults: of what is sent; garbles: of datagrams; stamp: the sender's clock; others: what else arrives at a time, from
     anywhere.

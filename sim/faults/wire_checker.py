@@ -4,14 +4,103 @@ be, none after a latch.
 Shares nothing with the code that it judges.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from hardware.servo import ServoSpec
-from retarget.rotations import FloatArray
-from sim.faults.wire_packets import READS, TORQUE_ENABLE, WATCHDOG, Packet, Written
+from retarget.model.body_file import compile_body
+from retarget.model.robot import RobotBody
+from retarget.report.clearance import Clearance, PlacedBody
+from retarget.report.distances import moving_geoms
+from retarget.types import FloatArray
+
+# What a host put on the wires, taken apart once more: frames of protocol 2.0, and what they write.
+#
+# Shares nothing with the driver that it judges.
+
+HEADER = b"\xff\xff\xfd\x00"
+READS = frozenset((0x01, 0x02, 0x82, 0x8A, 0x92, 0x9A))
+"""Ping, read, (fast) sync read, (fast) bulk read: whoever hears them stays as he is."""
+WRITE, REG_WRITE, SYNC_WRITE = 0x03, 0x04, 0x83
+GOAL_POSITION, TORQUE_ENABLE, WATCHDOG = 116, 64, 98
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What the host handed to its port. time: s."""
+
+    time: float
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """An instruction. time: s; id: whom it is for; params: what follows the instruction, without stuffing."""
+
+    time: float
+    id: int
+    instruction: int
+    params: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A write that every servo takes at once: little-endian signed values by id, at an address."""
+
+    time: float
+    address: int
+    values: dict[int, int]
+
+
+def packets(sent: Sequence[Sent]) -> Iterator[Packet]:
+    """Every instruction, in order."""
+    for one in sent:
+        data = one.data
+        at = data.find(HEADER)
+        while at >= 0:
+            length = int.from_bytes(data[at + 5 : at + 7], "little")
+            body = data[at + 7 : at + 7 + length - 2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+            if body:
+                yield Packet(one.time, data[at + 4], body[0], body[1:])
+            at = data.find(HEADER, at + 7)
+
+
+def written(sent: Sequence[Sent]) -> list[Written]:
+    """Every write to a single servo or to several."""
+    found = []
+    for packet in packets(sent):
+        params = packet.params
+        if packet.instruction == SYNC_WRITE and len(params) > 4:
+            address, size = (int.from_bytes(params[k : k + 2], "little") for k in (0, 2))
+            items = range(4, len(params) - size, size + 1)
+            values = {params[k]: int.from_bytes(params[k + 1 : k + 1 + size], "little", signed=True) for k in items}
+            found.append(Written(packet.time, address, values))
+        elif packet.instruction in (WRITE, REG_WRITE) and len(params) > 2:
+            value = int.from_bytes(params[2:], "little", signed=True)
+            found.append(Written(packet.time, int.from_bytes(params[:2], "little"), {packet.id: value}))
+    return found
+
+
+def goal_writes(writes: Sequence[Written]) -> list[tuple[float, dict[int, int]]]:
+    """Times (s) and goals (ticks by id) of every write of goal positions."""
+    return [(one.time, one.values) for one in writes if one.address == GOAL_POSITION]
+
+
+def torque_off(writes: Sequence[Written], since: float) -> float | None:
+    """When torque was first told to go off from a time on, s."""
+    return next(
+        (
+            one.time
+            for one in writes
+            if one.time >= since and one.address == TORQUE_ENABLE and not any(one.values.values())
+        ),
+        None,
+    )
+
 
 ROUNDED_TICKS, ROUNDED_INWARDS_TICKS = 0.5, 1.0
 """Ticks by which rounding may change a goal; and one in the last tick inside a limit, beyond which nobody rounds."""
@@ -160,3 +249,45 @@ def not_reads(packets: Sequence[Packet], *, but: frozenset[int]) -> list[str]:
         for one in packets
         if one.instruction not in READS and one.id not in but
     ][:3]
+
+
+# Whether goals on the wires keep a robot clear of itself: its body file in MuJoCo, nothing of what the gate asks.
+
+DEEPEST_M = 2e-4
+"""As deep, m, as goals rounded to ticks may be in a touch: a tick of 1.5 mrad at an arm of 0.2 m moves it 0.3 mm."""
+
+
+@cache
+def _model(path: str, root: str) -> Any:
+    from pathlib import Path
+
+    return compile_body(Path(path), root=root).model  # type: ignore[arg-type]
+
+
+def postures_of(robot: RobotBody, ways: Sequence[Track]) -> FloatArray:
+    """Postures (T, nq) of all goals, at the times of the first servo; the root as in the body file."""
+    if not ways:
+        return np.zeros((0, robot.body.nq))
+    times = ways[0].times
+    found = np.tile(robot.body.qpos0, (len(times), 1))
+    columns = dict(zip(robot.joint_map.joints, robot.servo_columns, strict=True))
+    for track in ways:
+        rows = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, None)
+        found[:, columns[track.servo.joint]] = track.angle[rows]
+    return found
+
+
+def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
+    """Of the body to itself in postures (T, nq)."""
+    model = _model(str(robot.profile.body_path), robot.profile.root)
+    placed = PlacedBody(model, moving_geoms(model, postures), np.arange(len(postures)))
+    neutral = robot.posture(robot.profile.postures.neutral)
+    return placed.to_itself(neutral=neutral, ignored=[entry.pair for entry in robot.profile.ignore_pairs])
+
+
+def collisions(robot: RobotBody, ways: Sequence[Track]) -> list[str]:
+    """The deepest collision of goals, in words, if there is one."""
+    found = clearance_of(robot, postures_of(robot, ways))
+    if found.smallest is None or found.smallest > -DEEPEST_M or found.pair is None:
+        return []
+    return [f"{' and '.join(found.pair)} are {1e3 * found.deepest:.1f} mm in each other"]

@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 
 from retarget import rotations
-from retarget.body_file import engine
-from retarget.robot_body import RobotBody
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
-from retarget.scene_motion import SceneState
-from retarget.scene_paths import Rest, motion_of
-from retarget.scene_poses import Pose
-from retarget.scene_shapes import ShapeKind
+from retarget.model.body_file import engine
+from retarget.model.robot import RobotBody
+from retarget.model.scene_shapes import ShapeKind
+from retarget.model.scene_state import Rest, SceneState, motion_of
+from retarget.schema.scene import Pose, Scene
+from retarget.types import FloatArray
 
 __all__ = ["FIXTURE", "FLOOR", "SOLE", "add_fixtures", "add_floor", "add_soles", "sole_corners", "sort_shapes"]
 

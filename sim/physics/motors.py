@@ -14,14 +14,181 @@ from typing import Any
 
 import numpy as np
 
-from hardware.arrays import BoolArray, FloatArray
-from hardware.coupling import Coupling
-from hardware.servo import ServoSpec
-from retarget.body_file import engine
-from sim.physics.drive_numbers import DriveNumbers
-from sim.physics.position_loop import PositionLoop
+from hardware.arrays import BoolArray, ByteArray, FloatArray
+from hardware.bus import ServoAlert
+from hardware.dynamixel.control_table import find_table
+from hardware.servo import DEFAULT_P_GAIN, FULL_PWM, GAIN_UNIT, Coupling, ServoModel, ServoSpec, full_drive_error
+from retarget.model.body_file import engine
+from sim.emulator.power import OVERLOAD_EFFORT, OVERLOAD_TIME
+from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
-__all__ = ["Drive", "Motors", "add_motors"]
+__all__ = [
+    "HEAT_PER_WATT",
+    "Drive",
+    "Electrics",
+    "Motors",
+    "add_motors",
+    "drive_numbers",
+    "lacks_gain",
+    "position_loop",
+]
+
+
+# From the gain registers of a servo to its position loop: drive (share of full voltage) per error, speed and time.
+#
+#     drive = P e + I sum(e) - D w,    |drive| <= 1,    voltage = drive x supply
+#
+# Source: e-Manual, Position PID Gain (80, 82, 84: units 1/16, 1/65536, 1/128 of a PWM count per tick) and Goal PWM
+# (100,
+# full at 885); the units of time that it leaves open are those of `sim.emulator.servo2_registers`, as is the rule that
+# the
+# default
+# D gain belongs to the loop that P alone describes. Protocol 1.0 (28: P, 32 the default): `sim.emulator.servo1`.
+
+_GAIN_OF_1 = 32.0
+"""P gain register, or compliance slope, of Protocol 1.0 that is as stiff as DEFAULT_P_GAIN of 2.0."""
+
+
+@dataclass(frozen=True)
+class PositionLoop:
+    """proportional 1/rad, derivative s/rad: drive per error and per speed of the shaft. integral: I over P gain,
+    1/s."""
+
+    proportional: float
+    derivative: float
+    integral: float
+
+
+def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
+    """The loop of a servo with the profile's gains. A model without a P gain (AX-12A) has its default slope."""
+    gains, model = servo.gains, servo.model
+    register = gains.position_p
+    if protocol == 1:
+        gain = DEFAULT_P_GAIN * (register or _GAIN_OF_1) / _GAIN_OF_1
+        integral = (gains.position_i or 0) * 1000.0 / 2048.0 / (gain / DEFAULT_P_GAIN * _GAIN_OF_1 / 8.0)
+        return PositionLoop(1.0 / full_drive_error(model, gain), 0.0, integral)
+    if not register:
+        return PositionLoop(0.0, 0.0, 0.0)
+    per_tick = register / GAIN_UNIT  # [PWM counts]
+    usual = find_table(model.name, 2)["position_d_gain"].initial or 0
+    damping = max((gains.position_d or 0) - usual, 0) / 16.0  # [PWM counts per tick/ms]
+    return PositionLoop(
+        proportional=1.0 / full_drive_error(model, float(register)),
+        derivative=1e-3 * damping / FULL_PWM / model.tick_rad,
+        integral=1e3 * (gains.position_i or 0) / 65536.0 / per_tick,
+    )
+
+
+def lacks_gain(servo: ServoSpec, *, protocol: int) -> bool:
+    """Whether the profile does not say how stiff this servo is."""
+    return servo.gains.position_p is None and find_table(servo.model.name, protocol).has(_P_GAIN[protocol])
+
+
+_P_GAIN = {1: "p_gain", 2: "position_p_gain"}
+
+
+# What a servo's motor and gears are by measurement, one row per model; what nobody has measured is derived, and says
+# so.
+#
+# All at the output shaft, N m, rad, A, V. The motor is the usual one: u = R i + kt w, torque = kt i, so that at supply
+# V
+# it stalls at kt V / R and turns no faster than V / kt.
+
+ARC_MINUTE = 2.908882e-4  # [rad]
+BACKLASH = 15.0 * ARC_MINUTE
+"""Play between the output shaft and its gears, e-Manual of the X540 series; taken for every model that says none."""
+
+FRICTION_SHARE, ARMATURE_SHARE = 0.025, 0.003
+"""Of the stall torque (the latter in s^2): the middle of what was identified, for models that nobody has identified."""
+
+
+@dataclass(frozen=True)
+class DriveNumbers:
+    """torque_constant kt N m/A (V s/rad), resistance ohm, armature kg m^2, friction (Coulomb) N m, viscous N m s/rad,
+    backlash rad, most_torque N m that the motor gives at any speed, temperature_limit degrees Celsius at which it
+    switches itself off. source: where each comes from."""
+
+    torque_constant: float
+    resistance: float
+    armature: float
+    friction: float
+    viscous: float
+    backlash: float
+    most_torque: float
+    temperature_limit: float
+    source: str
+
+    def stall_torque(self, voltage: float) -> float:
+        """At full drive and `voltage` V, N m."""
+        return self.torque_constant * voltage / self.resistance
+
+    @property
+    def back_emf(self) -> float:
+        """Torque lost per speed to the voltage that the motor generates, N m s/rad."""
+        return self.torque_constant**2 / self.resistance
+
+
+@dataclass(frozen=True)
+class _Identified:
+    """armature kg m^2, friction N m, viscous N m s/rad; most_torque N m, motor (kt, R), None: the maker's numbers."""
+
+    armature: float
+    friction: float
+    viscous: float
+    source: str
+    most_torque: float | None = None
+    motor: tuple[float, float] | None = None
+
+
+_BAM = "Rhoban bam, model m1"
+_TODDLERBOT = "ToddlerBot 2.0 identification; kt and R of the maker's stall torque and no-load speed"
+_OP3 = "friction and torque: ToddlerBot 2.0; armature: public OP3 model, the larger; kt, R: the maker's numbers"
+_WOLFGANG = "Wolfgang model (as MX-106); kt and R of the maker's stall torque and no-load speed"
+
+_IDENTIFIED = {
+    "MX-64": _Identified(0.01195, 0.0904, 0.01169, _BAM, motor=(1.6225, 3.949)),
+    "MX-106": _Identified(0.02661, 0.1035, 0.0352, _BAM, motor=(2.1914, 2.965)),
+    "XL330-M288": _Identified(0.00181, 0.01283, 0.00366, _BAM, motor=(0.3867, 4.017)),
+    "XH540-W270": _Identified(0.025, 0.1, 0.0352, _WOLFGANG),
+    "XM430-W350": _Identified(0.045, 0.105, 0.0133, _OP3, most_torque=2.95),
+    "XM430-W210": _Identified(0.0022, 0.038, 0.0064, _TODDLERBOT, most_torque=1.94),
+    "XC430-W240": _Identified(0.0044, 0.014, 0.0072, _TODDLERBOT, most_torque=1.47),
+    "2XC430-W250": _Identified(0.0044, 0.06, 0.0028, _TODDLERBOT, most_torque=1.09),
+    "2XL430-W250": _Identified(0.0083, 0.069, 0.0013, _TODDLERBOT, most_torque=0.93),
+    "XC330-T288": _Identified(0.0048, 0.006, 0.001, _TODDLERBOT, most_torque=0.68),
+}
+"""XC330 and XC430 stand without a suffix in ToddlerBot's files; the types are those of the robot."""
+
+
+def drive_numbers(model: ServoModel) -> DriveNumbers:
+    """The numbers of a model, by identification where there is one."""
+    known = _IDENTIFIED.get(model.name)
+    if known is None:
+        share = model.stall_torque
+        known = _Identified(ARMATURE_SHARE * share, FRICTION_SHARE * share, 0.0, "derived from stall torque and speed")
+    kt, resistance = known.motor or _motor_by_maker(model, known)
+    return DriveNumbers(
+        torque_constant=kt,
+        resistance=resistance,
+        armature=known.armature,
+        friction=known.friction,
+        viscous=known.viscous,
+        backlash=BACKLASH,
+        most_torque=known.most_torque or kt * model.voltage / resistance,
+        temperature_limit=float(find_table(model.name, max(model.protocols))["temperature_limit"].initial or 80),
+        source=known.source,
+    )
+
+
+def _motor_by_maker(model: ServoModel, known: _Identified) -> tuple[float, float]:
+    """kt and R with which it stalls at the maker's torque and, against its friction, turns at the maker's speed.
+
+    kt V / R = stall torque, and (kt^2 / R + viscous) x no-load speed = stall torque - friction.
+    """
+    back_emf = (model.stall_torque - known.friction) / model.no_load_speed - known.viscous
+    kt = model.voltage * back_emf / model.stall_torque
+    return kt, kt * model.voltage / model.stall_torque
+
 
 MOTOR, BACK_EMF, SHAFT = "physics_motor_", "physics_emf_", "physics_shaft_"
 STRAIN_SHARE = 0.25
@@ -214,3 +381,58 @@ def _set_viscous(model: Any, drives: Sequence[Drive]) -> None:
         model.dof_damping[dof] = 0.0 if coupled else drive.turns**2 * viscous
         if coupled:
             model.tendon_damping[model.tendon(SHAFT + drive.servo.joint).id] = viscous
+
+
+# Current, supply and heat of simulated servos: a stated model that nobody has calibrated on hardware.
+#
+# Current is torque / kt. The supply is the nominal voltage of each model less what all servos together lose in battery
+# and wires. A servo warms as a first-order lag: its final rise is HEAT_PER_WATT times the loss R i^2 in its windings
+# (the thermal resistance of `sim.servo_model`, whose servo has 12 V / 2.3 A = 5.2 ohm), reached with HEAT_TIME.
+
+HEAT_PER_WATT = HEAT_PER_AMPERE2 / (12.0 / LARGEST_CURRENT)
+"""Final rise of temperature per loss, K/W."""
+_OVERLOAD, _OVERHEATING = np.uint8(ServoAlert.OVERLOAD), np.uint8(ServoAlert.OVERHEATING)
+NOTICED_V = 0.05
+"""By so much the supply changes before the motors are told, V."""
+
+
+class Electrics:
+    """Of n servos, arrays (n,): voltage V, temperature degrees Celsius, alert bits."""
+
+    def __init__(self, drives: Sequence[Drive]) -> None:
+        numbers = [drive.numbers for drive in drives]
+        self._nominal = np.array([drive.servo.model.voltage for drive in drives])
+        self._constant = np.array([one.torque_constant for one in numbers])
+        self._resistance = np.array([one.resistance for one in numbers])
+        self._hottest = np.array([one.temperature_limit for one in numbers])
+        self._strain = OVERLOAD_EFFORT * np.array([drive.most_torque for drive in drives])
+        self._strained = np.zeros(len(drives))  # [s]
+        self.voltage: FloatArray = self._nominal.copy()
+        self.temperature: FloatArray = np.full(len(drives), AMBIENT)
+        self.alert: ByteArray = np.zeros(len(drives), dtype=np.uint8)
+        self.trips = True
+        """Whether what is wrong becomes an alert."""
+
+    def current(self, torque: FloatArray, driven: BoolArray) -> FloatArray:
+        """Of motors (n,) that give `torque` N m, A."""
+        return np.asarray(driven * torque / self._constant)
+
+    def advance(self, torque: FloatArray, driven: BoolArray, elapsed: float) -> bool:
+        """Go on by `elapsed` s in which the motors gave `torque` (n,) N m. Returns whether the supply has changed so
+        much, or an alert is new, that the motors should know."""
+        size = self.current(torque, driven)
+        loss = self._resistance * size * size  # [W]
+        final = AMBIENT + HEAT_PER_WATT * loss
+        self.temperature = self.temperature - (final - self.temperature) * np.expm1(-elapsed / HEAT_TIME)
+        strained = driven & (np.abs(torque) > self._strain)
+        self._strained = (self._strained + elapsed) * strained
+        overloaded, hot = self._strained >= OVERLOAD_TIME, self.temperature > self._hottest
+        alert = self.alert | _OVERLOAD * overloaded | _OVERHEATING * hot
+        fresh = self.trips and bool((alert != self.alert).any())
+        if fresh:
+            self.alert = alert
+        voltage = self._nominal - SUPPLY_RESISTANCE * (IDLE_CURRENT * size.size + float(loss.sum()) / self._nominal[0])
+        changed = abs(float(voltage[0] - self.voltage[0])) > NOTICED_V
+        if changed:
+            self.voltage = voltage
+        return changed or fresh

@@ -2,12 +2,33 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from math import isnan
+from typing import Any
+
+import numpy as np
 
 from retarget.errors import ConfigError
-from retarget.robot_body import RobotBody
-from retarget.stance import plant
+from retarget.ik.support_polygon import plant
+from retarget.model.body import Frame
+from retarget.model.body_file import body_spec, engine
+from retarget.model.robot import RobotBody
+from retarget.types import FloatArray
+from sim.physics.motors import lacks_gain
 
-__all__ = ["Mount", "Support", "check_mount", "mount_of"]
+__all__ = [
+    "RELEASE_S",
+    "Hand",
+    "Mount",
+    "Support",
+    "add_hand",
+    "add_rope",
+    "check_gains",
+    "check_masses",
+    "check_mount",
+    "damp_swinging",
+    "lacking",
+    "mount_of",
+]
 
 
 class Support(StrEnum):
@@ -69,3 +90,159 @@ def check_mount(robot: RobotBody, mount: Mount) -> None:
             allowed="above 0",
             next_step="Take a point higher on the torso",
         )
+
+
+# The person who holds a robot while its servos have no torque, as one does with a real robot that cannot stand.
+#
+# Until torque first goes on, the hand holds the whole robot still in its first posture: no time passes for its
+# mechanics.
+# From then on it holds the root link where it is, ever more softly, and after RELEASE_S it has let go. It never comes
+# back: a robot whose torque goes off later is on its own.
+
+RELEASE_S = 0.6
+"""From the first torque to the end of the hold, s."""
+HAND = "physics_hand"
+FIRM, LOOSE = 0.9, 0.001
+"""Impedance of the hold (MuJoCo, solimp) at the beginning and at the end."""
+SOLREF = (0.03, 1.0)
+"""Time constant s and damping ratio of the hold: a soft grip."""
+
+
+def add_hand(spec: Any, root: str) -> None:
+    """Put a hand on the root link of a body."""
+    mujoco = engine()
+    spec.worldbody.add_body(name=HAND, mocap=True)
+    hold = spec.add_equality(name=HAND, type=mujoco.mjtEq.mjEQ_WELD, name1=root, name2=HAND)
+    hold.objtype = mujoco.mjtObj.mjOBJ_BODY
+    hold.solref = SOLREF
+    hold.solimp = [FIRM, FIRM, 0.001, 0.5, 2.0]
+
+
+class Hand:
+    """Holds the root link of a compiled model, and lets go. holding: whether it still does."""
+
+    def __init__(self, model: Any, data: Any, root: int) -> None:
+        self._model, self._data = model, data
+        self._hold = model.equality(HAND).id
+        self._released: float | None = None
+        self.holding = True
+        model.eq_data[self._hold] = 0.0
+        model.eq_data[self._hold, 6] = 1.0  # relative orientation: none
+        model.eq_data[self._hold, 10] = 1.0  # turns are held as firmly as places
+        mocap = model.body(HAND).mocapid[0]
+        data.mocap_pos[mocap] = data.qpos[:3]
+        data.mocap_quat[mocap] = data.qpos[3:7]
+
+    def let_go(self, now: float) -> None:
+        """Begin to release at `now`, s of the engine; only the first time counts."""
+        if self._released is None:
+            self._released = now
+
+    def ease(self, now: float) -> None:
+        """Hold as firmly as is due at `now`, s of the engine."""
+        if not self.holding or self._released is None:
+            return
+        share = (now - self._released) / RELEASE_S
+        if share >= 1.0:
+            self.holding = False
+            self._data.eq_active[self._hold] = 0
+            return
+        firm = LOOSE + (FIRM - LOOSE) * 0.5 * (1.0 + float(np.cos(np.pi * share)))
+        self._model.eq_solimp[self._hold, :2] = firm
+
+
+# The gantry: a rope from a point straight above the robot's hook, which pulls and never pushes, and straps that damp
+# its swinging.
+
+ROPE, HOOK, TOP = "physics_rope", "physics_hook", "physics_rope_top"
+SWING_DAMPING = 0.5
+"""Of the straps, N s/m per kg of robot."""
+TURN_DAMPING = 0.01
+"""The same for turns, N m s/rad per kg."""
+GRAVITY = 9.81  # [m/s^2]
+
+
+def add_rope(spec: Any, link: str, frame: Frame, *, at: FloatArray, length: float) -> None:
+    """Hang a body by the hook `frame` on `link`, which begins `at` (3,) m, world, from a rope of `length` m."""
+    spec.body(link).add_site(name=HOOK, pos=frame.position)
+    spec.worldbody.add_site(name=TOP, pos=at + np.array([0.0, 0.0, length]))
+    rope = spec.add_tendon(name=ROPE)
+    rope.limited, rope.range = True, [0.0, length]
+    rope.solref_limit = [0.02, 1.0]
+    rope.wrap_site(TOP)
+    rope.wrap_site(HOOK)
+
+
+def damp_swinging(model: Any, weight: float) -> None:
+    """Let the straps take energy from a hanging robot of `weight` N, whose free joint is the first."""
+    mass = weight / GRAVITY
+    model.dof_damping[:3] = SWING_DAMPING * mass
+    model.dof_damping[3:6] = TURN_DAMPING * mass
+
+
+# What physics needs of a robot's files, beyond what following needs.
+
+DEFAULT_DENSITY = 1000.0
+"""Of a shape whose file says none: then its mass is a guess from its volume."""
+LEAST_MASS = 1e-5
+"""What a servo moves weighs more, kg."""
+MAX_NAMED = 5
+
+
+def lacking(robot: RobotBody) -> ConfigError | None:
+    """Why a robot, as its profile says that it stands or hangs, cannot be simulated; None: it can."""
+    try:
+        check_mount(robot, mount_of(robot))
+        check_gains(robot)
+        check_masses(robot, body_spec(robot.profile.body_path, root=robot.profile.root))
+    except ConfigError as error:
+        return error
+    return None
+
+
+def check_masses(robot: RobotBody, spec: Any) -> None:
+    """Raise ConfigError for links that nobody has weighed. spec: of the body, as it was read."""
+    body = robot.body
+    below = body.mass.copy()
+    for link in range(len(below) - 1, 0, -1):
+        below[body.parent[link]] += below[link]
+    light = [body.body_names[link] for link in body.joint_body.tolist() if below[link] < LEAST_MASS]
+    guessed = [link.name for link in spec.bodies if not link.explicitinertial and any(map(_guessed, link.geoms))]
+    for links, what in (
+        (light, "without a mass"),
+        (guessed, "with a mass that is only guessed from its shape"),
+    ):
+        if links:
+            raise ConfigError(
+                f"{_counted(links, 'link')} {what}",
+                where=body.source,
+                found=_some(links),
+                allowed="an <inertial> with mass, centre of mass and inertia for every link that moves",
+                next_step="Take them from the robot's CAD model; without them there is no physics",
+            )
+
+
+def check_gains(robot: RobotBody) -> None:
+    """Raise ConfigError for servos whose stiffness the profile does not say."""
+    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
+    unknown = [s.joint for s in robot.joint_map.servos if lacks_gain(s, protocol=protocols[s.bus])]
+    if unknown:
+        raise ConfigError(
+            f"{_counted(unknown, 'servo')} without a P gain",
+            where=f"{robot.profile.path}: servos",
+            found=_some(unknown),
+            allowed="gains: {p: ...} for every servo",
+            next_step="Write the gains that its servos run with into the profile",
+        )
+
+
+def _guessed(geom: Any) -> bool:
+    return isnan(geom.mass) and geom.density == DEFAULT_DENSITY
+
+
+def _counted(names: list[str], what: str) -> str:
+    return f"{len(names)} {what}{'s' if len(names) > 1 else ''}"
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:MAX_NAMED]) + (", ..." if len(names) > MAX_NAMED else "")

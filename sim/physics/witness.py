@@ -1,13 +1,21 @@
 """Who watches a simulated robot through a run: its present state, its log, and whether it fell."""
 
-from hardware.arrays import BoolArray
-from sim.physics.fall import Fall, FallWatch
-from sim.physics.log import PhysicsLog
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hardware.arrays import BoolArray, FloatArray
+from hardware.bus import ServoBus, ServoGoals, ServoStates
+from retarget.ik.support_polygon import sole_outline, support_distance, support_edges
+from retarget.model.robot import RobotBody
+from retarget.run.run_result import Fallen, PhysicsRun
+from sim.physics.log import Fall, FallWatch, PhysicsLog
 from sim.physics.mount import Support
 from sim.physics.simulation import Simulation
-from sim.physics.state import PhysicsState, StateReader
+from sim.physics.state import LOADED_SHARE, PhysicsState, StateReader
 
-__all__ = ["AFTERMATH_S", "Witness"]
+__all__ = ["AFTERMATH_S", "PhysicsSummary", "Witness", "WitnessedBus", "physics_run", "physics_summary", "zmp_margins"]
+
 
 AFTERMATH_S = 1.5
 """How long a robot is watched after its torque went off for good, s: whether it goes down."""
@@ -86,3 +94,136 @@ class Witness:
         watch = self._sitting if self.parked and not self._powered else self._watch
         if watch is not None:
             watch.look(state, powered=self._powered)
+
+
+# Any bus above a simulated robot, with somebody who watches the robot at each read.
+
+
+class WitnessedBus:
+    """A `hardware.bus.ServoBus` that hands everything on to another. `witness`: has what the report needs."""
+
+    def __init__(self, bus: ServoBus, witness: Witness) -> None:
+        self._bus = bus
+        self._seen_out = False
+        self.witness = witness
+
+    def open(self) -> None:
+        """Open the other bus. Raises BusError as it does."""
+        self._bus.open()
+
+    def read(self) -> ServoStates:
+        """Read it, look at the robot, and feel its soles. Raises BusError as it does."""
+        states = self._bus.read()
+        self.witness.look()
+        return replace(states, soles=self.witness.soles)
+
+    def write(self, goals: ServoGoals) -> None:
+        """Write to it. Raises BusError as it does."""
+        self._bus.write(goals)
+
+    def torque(self, on: bool) -> None:
+        """Switch its torque. Raises BusError as it does."""
+        try:
+            self._bus.torque(on)
+        finally:
+            self.witness.switched(on)
+
+    def close(self) -> None:
+        """Close it; then the robot is watched for a while, whether it falls. Raises BusError as it does."""
+        try:
+            self._bus.close()
+        finally:
+            if not self._seen_out:
+                self._seen_out = True
+                self.witness.switched(False)
+                self.witness.see_it_out()
+
+
+# What a report says of a run with physics.
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicsSummary:
+    """fall: the first, None while it stands. slip_m: horizontal way of all soles while they carried, together; tilt:
+    worst of a sole that carried, rad. zmp_margin: least distance of the centre of pressure to the edge of the soles
+    that carried, m, NaN where none did. torque (n,) N m, temperature (n,) degrees Celsius: most of each servo, in servo
+    order; heat is of a stated model that nobody has calibrated. self_contacts, fixture_contacts: ticks with any."""
+
+    fall: Fall | None
+    slip_m: float
+    tilt: float
+    zmp_margin: float
+    torque: FloatArray
+    temperature: FloatArray
+    self_contacts: int
+    fixture_contacts: int
+
+
+def physics_summary(witness: Witness) -> PhysicsSummary:
+    """The numbers of a run up to now."""
+    log, world = witness.log, witness.simulation.world
+    margins = zmp_margins(world.robot, log, least_load=LOADED_SHARE * world.weight)
+    known = margins[np.isfinite(margins)]
+    return PhysicsSummary(
+        fall=witness.fall,
+        slip_m=float(log.slip_m.sum()),
+        tilt=log.worst_tilt,
+        zmp_margin=float(known.min()) if known.size else float("nan"),
+        torque=log.most_torque.copy(),
+        temperature=log.hottest.copy(),
+        self_contacts=log.self_contact_ticks,
+        fixture_contacts=log.fixture_contact_ticks,
+    )
+
+
+def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> FloatArray:
+    """How far (rows,) m the centre of pressure was inside the hull of the soles that carried `least_load` N or more;
+    NaN where none did, and while a hand held the robot."""
+    margins = np.full(log.rows, np.nan)
+    feet = list(robot.profile.feet.values())
+    if not feet or not log.rows or robot.body.root != "free":
+        return margins
+    turns = robot.orientations(log.column("q"), tuple(foot.frame for foot in feet))  # (rows, k, 4)
+    polygons = [np.array(foot.polygon) for foot in feet]
+    soles, loads, zmp = log.column("sole"), log.column("load"), log.column("zmp")
+    for row in np.flatnonzero(np.isfinite(zmp[:, 0]) & (loads >= least_load).any(axis=1)).tolist():
+        outlines = [
+            sole_outline(soles[row, sole], turns[row, sole], polygon)
+            for sole, polygon in enumerate(polygons)
+            if loads[row, sole] >= least_load
+        ]
+        margins[row] = support_distance(zmp[row], support_edges(outlines))
+    return margins
+
+
+# From who watched a simulated robot to what a report takes from it.
+
+
+def physics_run(witness: Witness, *, begun: float = 0.0, seed: int = 0, trouble: tuple[str, ...] = ()) -> PhysicsRun:
+    """What was seen up to now. begun: the run's time, s, at the first look after torque went on."""
+    log, world = witness.log, witness.simulation.world
+    time = log.column("time")
+    later = begun - float(time[0]) if log.rows else 0.0
+    return PhysicsRun(
+        mount=world.mount.support.value,
+        seed=seed,
+        trouble=trouble,
+        fall=_fallen(witness.fall, later),
+        toppled=_fallen(witness.toppled, later),
+        time=time + later,
+        com=log.column("com"),
+        pressure=log.column("zmp"),
+        margin=zmp_margins(world.robot, log, least_load=LOADED_SHARE * world.weight),
+        slip=log.slip_m.copy(),
+        tilt=log.worst_tilt,
+        torque=log.column("torque"),
+        hottest=np.where(np.isfinite(log.hottest), log.hottest, np.nan),
+        self_contacts=log.self_contact_ticks,
+        fixture_contacts=log.fixture_contact_ticks,
+    )
+
+
+def _fallen(fall: Fall | None, later: float) -> Fallen | None:
+    if fall is None:
+        return None
+    return Fallen(fall.time + later, fall.how if fall.powered else f"{fall.how}, without torque")

@@ -8,23 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.body import Frame
-from retarget.body_file import body_spec, engine
 from retarget.errors import ConfigError
-from retarget.robot_body import RobotBody
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
-from retarget.scene_poses import HERE, Pose
-from retarget.stance import Stance, plant
-from sim.physics.drive_numbers import drive_numbers
+from retarget.ik.support_polygon import Stance, plant
+from retarget.model.body import Frame
+from retarget.model.body_file import body_spec, engine
+from retarget.model.robot import RobotBody
+from retarget.schema.scene import HERE, Pose, Scene
+from retarget.types import FloatArray
 from sim.physics.ground import FIXTURE, FLOOR, add_fixtures, add_floor, add_soles, sort_shapes
-from sim.physics.hand import add_hand
-from sim.physics.motors import Drive, add_motors
-from sim.physics.mount import Mount, Support, check_mount
+from sim.physics.motors import Drive, add_motors, drive_numbers, position_loop
+from sim.physics.mount import Mount, Support, add_hand, add_rope, check_gains, check_masses, check_mount
 from sim.physics.perturbation import Perturbation
-from sim.physics.position_loop import position_loop
-from sim.physics.requirements import check_gains, check_masses
-from sim.physics.rope import add_rope
 
 __all__ = ["STEP_S", "World", "build_world"]
 

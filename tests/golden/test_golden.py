@@ -27,7 +27,7 @@ from benchmarks.golden.old_names import Names
 from benchmarks.golden.play import Arrays, Outcome
 from benchmarks.golden.stored import STORED, fingerprint, hashes, hashes_of_runs
 from benchmarks.golden.tree import TreeError, resolved, this_tree
-from support.messages import refuses
+from messages import refuses
 
 
 def outcome(**arrays: Any) -> Outcome:
@@ -187,7 +187,7 @@ def test_without_recorded_data_sources_are_made_and_it_says_so(
 
 
 def test_the_emulated_port_is_found_by_its_shape() -> None:
-    from sim.emulator.loopback import EmulatedPort
+    from sim.emulator.ports import EmulatedPort
 
     assert wire_tap.emulated_port() is EmulatedPort
 

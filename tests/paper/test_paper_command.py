@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.paper.__main__ import main
-from retarget.cli.boundary import DONE, REFUSED
-from support.messages import shows
+from messages import shows
+from retarget.cli.exit import DONE, REFUSED
 
 
 def paper(*words: str | Path) -> int:

@@ -13,12 +13,12 @@ from benchmarks.paper.replay import replay
 from benchmarks.paper.table import as_data, as_table
 from benchmarks.paper.trials import CROUCH, read_trial
 from hardware.clock import MonotonicClock
+from messages import refuses
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
-from retarget.human_observers import human_observers
-from retarget.priorities import ObserverSettings, load_priorities
+from retarget.model.observers import human_observers
+from retarget.schema.priorities import ObserverSettings, load_priorities
 from sim.performer import synthetic_performer
-from support.messages import refuses
 
 Outcomes = dict[tuple[int, str], Outcome]
 

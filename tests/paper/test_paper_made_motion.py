@@ -7,7 +7,7 @@ from benchmarks.paper.made_motion import made_jog, made_jump
 from benchmarks.paper.replay import replay
 from hardware.clock import VirtualClock
 from retarget.frames import SensorFrames
-from retarget.priorities import load_priorities
+from retarget.schema.priorities import load_priorities
 
 
 @pytest.mark.parametrize("frames", [made_jog(), made_jump()], ids=["jog", "jump"])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.paper.outlines import scene_outlines
-from retarget.rotations import FloatArray
-from retarget.scene import Scene
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
 
 
 def scene(shape: dict[str, object]) -> Scene:

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from benchmarks.paper.trials import CROUCH, find_trial, read_trial
+from messages import refuses
 from retarget.errors import UsageError
-from support.messages import refuses
 
 
 def test_an_amc_comes_before_a_bvh(tmp_path: Path) -> None:

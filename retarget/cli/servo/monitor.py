@@ -11,12 +11,11 @@ from rich.text import Text
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock
+from hardware.dynamixel.bus import Watch
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.watch import Watch
 from hardware.servo import ServoSpec
-from retarget.cli.interrupt import stop_on_signals
-from retarget.cli.servo.looks import look_at
-from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, opened
+from retarget.cli.exit import stop_on_signals
+from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, look_at, opened
 from retarget.errors import UsageError
 
 FIRST = 5

@@ -6,14 +6,24 @@ from typing import Annotated
 import typer
 
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.looking import Look
+from hardware.dynamixel.found_servos import Look
 from hardware.dynamixel.packets import MAX_ID
-from hardware.dynamixel.restarting import restart
+from hardware.dynamixel.torque import restart
 from hardware.errors import BusError, describe
-from retarget.cli.interrupt import stop_on_signals
-from retarget.cli.servo.looks import look_at, names
-from retarget.cli.servo.places import Baud, DryRun, Faults, Port, Protocol, Robot, find_places, opened
-from retarget.cli.servo.question import agreed
+from retarget.cli.exit import stop_on_signals
+from retarget.cli.servo.places import (
+    Baud,
+    DryRun,
+    Faults,
+    Port,
+    Protocol,
+    Robot,
+    agreed,
+    find_places,
+    look_at,
+    names,
+    opened,
+)
 from retarget.cli.servo.scan import ids_of
 from retarget.errors import UsageError
 

@@ -5,13 +5,10 @@ from contextlib import suppress
 
 import typer
 
-from hardware.dynamixel.broadcast_off import tell_everybody_off
-from hardware.dynamixel.looking import Look
+from hardware.dynamixel.found_servos import Look, not_limp, tell_everybody_off, tell_off
 from hardware.dynamixel.torque import off_everywhere
-from hardware.dynamixel.unread import not_limp, tell_off
 from hardware.errors import BusError, TorqueError, describe
-from retarget.cli.interrupt import stop_on_signals
-from retarget.cli.servo.looks import check_search, look_at, names
+from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
     Baud,
     DryRun,
@@ -21,11 +18,14 @@ from retarget.cli.servo.places import (
     Protocol,
     Robot,
     Yes,
+    agreed,
+    check_search,
     chosen_speeds,
     find_places,
+    look_at,
+    names,
     opened,
 )
-from retarget.cli.servo.question import agreed
 
 TOLD = "Torque off was told to everybody, and nobody confirmed it: run it again, or cut the power by hand."
 

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from hardware.dynamixel.echo import ECHOES
 from hardware.dynamixel.line_scan import LineScan, Sighting, Speed, scan_line
+from hardware.dynamixel.serial_port import ECHOES
 from hardware.errors import BusError, describe
-from retarget.cli.progress import progress_bar
+from retarget.cli.application import progress_bar
 from retarget.cli.servo.places import (
     Baud,
     DryRun,

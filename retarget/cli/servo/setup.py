@@ -1,27 +1,269 @@
 """`retarget servo setup`: one servo gets its id, its speed and other settings that it keeps."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from hardware.dynamixel.control_table import ControlTable
-from hardware.dynamixel.in_units import in_units
-from hardware.dynamixel.line_scan import Sighting, Speed, scan_line
-from hardware.dynamixel.muted import LEVEL, PINGS_ONLY, answers_pings_only, unmute
-from hardware.dynamixel.one_off import OneOff
-from hardware.dynamixel.servo_image import ServoImage, read_image
-from hardware.dynamixel.settings import ANSWER_ALL, Setting
-from hardware.dynamixel.setup_plan import plan
-from hardware.dynamixel.setup_write import write_setting
-from hardware.errors import BusError, describe
-from retarget.cli.interrupt import stop_on_signals
-from retarget.cli.progress import progress_bar
-from retarget.cli.servo.places import Faults, Place, Port, Protocol, Robot, Yes, chosen_speeds, opened
-from retarget.cli.servo.question import agreed
-from retarget.cli.servo.setup_options import Asked, check_asked, check_device, registers_of
-from retarget.cli.servo.setup_wanted import wanted_of
-from retarget.cli.servo.target import Target, find_target
-from retarget.errors import UsageError
+from hardware.bus import BusSpec
+from hardware.dynamixel.checks import Span, needed_ticks, wishes
+from hardware.dynamixel.control_table import ControlTable, Register, code_of, tables
+from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, unmute
+from hardware.dynamixel.line_scan import Sighting, Speed, scan_line, write_setting
+from hardware.dynamixel.settings import (
+    ANSWER_ALL,
+    DELAYS,
+    HIGHEST_ID,
+    OWN_OPTION,
+    SILENCING,
+    ServoImage,
+    Setting,
+    in_units,
+    plan,
+    possible_delay,
+    rates_of,
+    read_image,
+    setting_of,
+)
+from hardware.dynamixel.single_requests import OneOff
+from hardware.errors import BusError, HardwareError, RetargetError, describe
+from hardware.servo import ServoSpec
+from retarget.cli.application import progress_bar
+from retarget.cli.exit import stop_on_signals
+from retarget.cli.servo.places import (
+    Faults,
+    Place,
+    Port,
+    Protocol,
+    Robot,
+    Yes,
+    agreed,
+    check_speed,
+    chosen_speeds,
+    find_places,
+    opened,
+)
+from retarget.errors import UsageError, suggest
+from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
+
+# What a person asks of a servo's EEPROM: all that no servo can hold is refused before a port is opened.
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Options as they were typed; None: not. baud: bits/s; return_delay: us; registers: counts by name."""
+
+    new_id: int | None = None
+    baud: int | None = None
+    return_delay: float | None = None
+    drive_mode: int | None = None
+    registers: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def anything(self) -> bool:
+        """Whether anything is asked."""
+        return bool(self.registers) or any(
+            one is not None for one in (self.new_id, self.baud, self.return_delay, self.drive_mode)
+        )
+
+    @property
+    def all_registers(self) -> dict[str, int]:
+        """With the drive mode."""
+        return dict(self.registers) | ({} if self.drive_mode is None else {"drive_mode": self.drive_mode})
+
+
+def registers_of(words: Sequence[str]) -> dict[str, int]:
+    """What NAME=VALUE means. Raises UsageError."""
+    found = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            found[name.strip()] = int(value, 0)
+        except ValueError:
+            raise UsageError(
+                "this is no setting", where="--register", found=repr(word[:80]), allowed="NAME=VALUE"
+            ) from None
+    return found
+
+
+def check_device(device: int, protocol: int | None) -> None:
+    """Raise UsageError for an id that no servo has."""
+    highest = HIGHEST_ID + (protocol == 1)
+    if not 0 <= device <= highest:
+        raise UsageError(
+            "no servo has this id", where="--id", found=device, allowed=f"0 to {highest}: 254 is everybody"
+        )
+
+
+def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
+    """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
+    if asked.new_id is not None and not 0 <= asked.new_id <= HIGHEST_ID:
+        allowed = f"0 to {HIGHEST_ID}: 254 is everybody"
+        raise UsageError("no servo has this id", where="--new-id", found=asked.new_id, allowed=allowed)
+    if asked.return_delay is not None and not possible_delay(1e-6 * asked.return_delay):
+        found = f"{asked.return_delay:g} us"
+        raise UsageError("no servo has this pause", where="--return-delay", found=found, allowed=DELAYS)
+    check_speed(protocol, asked.baud)
+    possible = [one for one in tables() if protocol in (None, one.protocol) and model in (None, one.model)]
+    if not possible:
+        return
+    if asked.baud is not None and not any(code_of(one, asked.baud) is not None for one in possible):
+        rates = rates_of(possible[0])
+        raise UsageError(f"no such baud rate for {model}", where="--baud", found=asked.baud, allowed=rates)
+    for name, value in asked.all_registers.items():
+        own = name == "drive_mode" and name not in asked.registers
+        _check_register(possible, name, value, "--drive-mode" if own else "--register")
+
+
+def _check_register(possible: Sequence[ControlTable], name: str, value: int, option: str) -> None:
+    if (name, value) == (LEVEL[2].name, ANSWER_ALL) or any(_holds(one, name, value) for one in possible):
+        return
+    if name in OWN_OPTION:
+        raise UsageError("this register has its own option", where=option, found=name, allowed=OWN_OPTION[name])
+    having = [table[name] for table in possible if name in _eeprom(table)]
+    if having:
+        low, high = min(map(_lowest, having)), max(map(_highest, having))
+        raise UsageError(f"no such {name}", where=option, found=value, allowed=f"{low} to {high}")
+    names = dict.fromkeys(name for table in possible for name in _eeprom(table))
+    raise UsageError("no such register", where=option, found=repr(name[:80]), allowed=", ".join(names))
+
+
+def _holds(table: ControlTable, name: str, value: int) -> bool:
+    try:
+        setting_of(table, name, value)
+    except HardwareError:
+        return False
+    return True
+
+
+def _eeprom(table: ControlTable) -> list[str]:
+    """Registers that may be written by name."""
+    found = [one.name for one in table.registers if one.writable and one.address < table.eeprom_end]
+    return [name for name in found if name not in OWN_OPTION and name != SILENCING]
+
+
+def _lowest(register: Register) -> int:
+    return register.narrowest if register.lowest is None else register.lowest
+
+
+def _highest(register: Register) -> int:
+    return register.widest if register.highest is None else register.highest
+
+
+# Which servo is meant: by its id on a port, or by its joint in a robot's profile, which tells the bus.
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """One servo. device: its id as it is; servo, needed: what the profile says of it, None without."""
+
+    place: Place
+    device: int
+    servo: ServoSpec | None = None
+    needed: Span | None = None
+
+
+def find_target(
+    robot: str | None, port: str | None, joint: str | None, device: int | None, faults: Path | None
+) -> Target:
+    """The servo that is meant; its port is not open. device: its id as it is, None: that of the profile.
+
+    Raises UsageError where that names none, or several.
+    """
+    if robot is None:
+        if joint is not None:
+            raise UsageError("a joint of which robot", where="--joint", found=joint, allowed="--robot NAME beside it")
+        if device is None:
+            raise UsageError("which servo", where="servo setup", allowed="--id N, or --robot NAME --joint NAME")
+        return Target(find_places(None, port, faults=faults)[0], device)
+    body = load_uncalibrated(robot)
+    servo = _servo(body, port, joint, device)
+    places = find_places(robot, port, faults=faults, bus=None if servo is None else servo.bus)
+    if len(places) != 1:
+        names = ", ".join(place.where for place in places)
+        raise UsageError("which bus", where="--robot", found=names, allowed="--joint NAME, or --port PATH of one")
+    if servo is None:
+        assert device is not None
+        return Target(places[0], device)
+    needed = needed_ticks(_calibrated(robot, body).joint_map.servos).get(servo.joint)
+    return Target(places[0], servo.id if device is None else device, servo, needed)
+
+
+def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | None) -> ServoSpec | None:
+    """The servo of the profile; None where only an id is named that the profile does not have."""
+    servos = body.joint_map.servos
+    if joint is not None:
+        found = [one for one in servos if one.joint == joint]
+        if not found:
+            known = [one.joint for one in servos]
+            step = suggest(joint, known)
+            raise UsageError(
+                "no such joint", where="--joint", found=repr(joint), allowed=", ".join(known), next_step=step
+            )
+        return found[0]
+    if device is None:
+        raise UsageError("which servo", where="servo setup", allowed="--joint NAME, or --id N of the profile")
+    there = {bus.name for bus in _buses_at(body, port)}
+    found = [one for one in servos if one.id == device and one.bus in there]
+    if len(found) > 1:
+        joints = ", ".join(f"{one.joint} (bus {one.bus})" for one in found)
+        raise UsageError(
+            "several servos have this id", where="--id", found=f"{device}: {joints}", allowed="--joint NAME"
+        )
+    return found[0] if found else None
+
+
+def _buses_at(body: RobotBody, port: str | None) -> list[BusSpec]:
+    """The buses of a port; all, where it is none of theirs."""
+    buses = list(body.profile.bus_specs())
+    return [bus for bus in buses if bus.port == port] or buses
+
+
+def _calibrated(robot: str, body: RobotBody) -> RobotBody:
+    """With the zero ticks of this specimen, where it has sound ones: what a joint needs depends on them."""
+    try:
+        return load_robot(robot)
+    except RetargetError:
+        return body
+
+
+# What a servo is to hold: what was asked for, and all else as its profile says.
+
+
+def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
+    """Options filled up by the profile, which comes second; the drive mode is among the registers.
+
+    Status Return Level is in RAM with protocol 2.0, and is left out: whoever is mute was told before, and every run
+    sets it. Raises BusError for a servo that is not of the profile's model and protocol.
+    """
+    level = LEVEL[2].name
+    registers = {
+        name: value for name, value in asked.all_registers.items() if name != level or image.table.protocol == 1
+    }
+    servo, bus = target.servo, target.place.spec
+    if servo is None or bus is None:
+        return Asked(asked.new_id, asked.baud, asked.return_delay, None, registers)
+    own = Speed(bus.protocol, seen.speed.baud)
+    if seen.model != servo.model.name or seen.speed != own:
+        raise BusError(
+            describe(
+                what=f"id {target.device} is not the servo of {servo.joint} by its model or protocol",
+                where=target.place.where,
+                found=f"{seen.model}, protocol {seen.speed.protocol}.0",
+                allowed=f"{servo.model.name}, protocol {bus.protocol}.0",
+                then="Check which servo it is, or correct the profile",
+            )
+        )
+    wished = wishes(servo, bus, image, target.needed)
+    return Asked(
+        servo.id if asked.new_id is None else asked.new_id,
+        bus.baud if asked.baud is None else asked.baud,
+        1e6 * bus.return_delay if asked.return_delay is None else asked.return_delay,
+        None,
+        wished | registers,
+    )
 
 
 def setup(

@@ -1,0 +1,245 @@
+"""Servos as they were found, whatever is wrong with them: read, silenced ones included, and their torque off."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from hardware.bus import BusSpec
+from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.control_table import Register
+from hardware.dynamixel.exchange import Found
+from hardware.dynamixel.line_scan import Sighting, Speed, is_gone
+from hardware.dynamixel.packets import BROADCAST
+from hardware.dynamixel.serial_port import BytePort
+from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
+from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
+from hardware.errors import BusError, describe
+from hardware.servo import ServoSpec, find_model
+
+# Servos whose Status Return Level is 0: they answer pings, obey in silence, and say nothing else.
+
+LEVEL = {
+    1: Register("status_return_level", 16, 1, False, True, None, None, 0, 2, ANSWER_ALL),
+    2: Register("status_return_level", 68, 1, False, True, None, None, 0, 2, ANSWER_ALL),
+}
+"""By protocol: every model has it there."""
+PINGS_ONLY = "answers pings only (status return level 0)"
+
+
+def answers_pings_only(client: OneOff, device: int) -> bool:
+    """Whether it is there, and gives no answer to a read. Raises BusError when the port is gone."""
+    try:
+        client.read(device, LEVEL[client.protocol])
+    except NoAnswer as silence:
+        found = client.ping(device)
+        return not silence.damaged and found is not None and not found.clash
+    return False
+
+
+def muted_text(bus: BusSpec, device: int) -> str:
+    """What is wrong with it, and what a person types."""
+    return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
+
+
+def unmute(client: OneOff, device: int) -> None:
+    """Have it answer everything, and see that it does. Raises BusError (NoAnswer, ServoError) when it does not."""
+    client.write(device, LEVEL[client.protocol], ANSWER_ALL, verify=True)
+
+
+# Torque of servos whose registers could not be read, or whose model has no table here: all have it at one place.
+
+TORQUE_ENABLE = {
+    1: Register("torque_enable", 24, 1, False, True, None, None, 0, 1, 0),
+    2: Register("torque_enable", 64, 1, False, True, None, None, 0, 1, 0),
+}
+"""By protocol (AX, MX; X)."""
+CONTROLLERS = frozenset((0x7400,))
+"""Model numbers of devices that are no servos: OpenCR."""
+
+
+def is_controller(found: Found) -> bool:
+    """Whether it has no torque to switch."""
+    return found.model in CONTROLLERS
+
+
+def tell_off(line: BusLine, ids: Iterable[int]) -> None:
+    """Tell servos to switch their torque off; nobody answers. Raises BusError when the port is gone."""
+    line.write_all(TORQUE_ENABLE[line.spec.protocol], [(device, 0) for device in ids])
+
+
+def not_limp(line: BusLine, ids: Sequence[int]) -> list[int]:
+    """Those with torque, and those that do not say. Raises BusError when the port is gone."""
+    return [device for device in ids if _torque(line, device) != 0]
+
+
+def _torque(line: BusLine, device: int) -> int | None:
+    try:
+        return line.client.read(device, TORQUE_ENABLE[line.spec.protocol])
+    except (NoAnswer, ServoError):
+        return None
+
+
+Placed = tuple[int, ServoSpec]
+"""A servo and its place in the robot's order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What was found. line: every servo that is expected; its `images` are of those that answered.
+
+    missing: ids that did not answer, or not enough; strange: servos that the line does not have, or whose model is not
+    known here; clashing: ids that two servos have; notes: what else is worth one, a line each.
+    """
+
+    line: BusLine
+    missing: tuple[int, ...]
+    strange: tuple[Sighting, ...]
+    clashing: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Sequence[Sighting]) -> Look:
+    """Read everybody who was sighted at the speed of the bus. Raises BusError when the port is gone."""
+    port.set_baud(spec.baud)
+    line = BusLine(spec, port, servos)
+    seen = {one.found.id: one for one in sightings}
+    notes, images = [], {}
+    for device, servo in line.servos.items():
+        if device not in seen:
+            continue
+        try:
+            image = _image(line.client, seen[device])
+        except (NoAnswer, ServoError) as error:
+            mute = isinstance(error, NoAnswer) and answers_pings_only(line.client, device)
+            notes.append(
+                f"{servo.joint} (id {device}) {muted_text(spec, device)}" if mute else f"{servo.joint}: {error}"
+            )
+            continue
+        if image is None:
+            if seen[device].found.model is None and answers_pings_only(line.client, device):
+                notes.append(f"{servo.joint} (id {device}) {muted_text(spec, device)}")
+            continue
+        if image.table.model != servo.model.name:
+            notes.append(f"{servo.joint} (id {device}) is {image.table.model}, the profile says {servo.model.name}")
+        images[device] = image
+    line.adopt(images)
+    strange = tuple(one for one in sightings if one.found.id not in images and _is_strange(one, line))
+    for one in strange:
+        if one.table is None:
+            notes.append(f"{_called(line, one)} is a model that is not known here: {one.model}")
+    strangers = [f"{one.found.id} ({one.model})" for one in strange if one.found.id not in line.servos and one.table]
+    if strangers:
+        notes.append(f"ids that the profile does not know: {', '.join(strangers)}")
+    named = {one.found.id for one in strange}
+    missing = tuple(device for device in line.servos if device not in images and device not in named)
+    if missing:
+        notes += _power_note(line)
+    clashing = tuple(device for device, one in seen.items() if one.found.clash)
+    return Look(line, missing, strange, clashing, tuple(notes))
+
+
+def _is_strange(one: Sighting, line: BusLine) -> bool:
+    """Whether a servo that was not read is one that nobody can name the registers of, or that nobody expects."""
+    device = one.found.id
+    if is_controller(one.found):
+        return False
+    if device in line.servos:
+        return one.table is None and one.found.model is not None
+    return device not in line.spec.ids  # a device of the bus is no servo
+
+
+def _called(line: BusLine, one: Sighting) -> str:
+    servo = line.servos.get(one.found.id)
+    return f"{servo.joint} (id {one.found.id})" if servo is not None else f"id {one.found.id}"
+
+
+def as_bus(name: str, sightings: Sequence[Sighting], *, first: int = 0) -> tuple[BusSpec, list[Placed]]:
+    """A bus without a profile: the servos that answered, in order of their ids, from place `first` on.
+
+    Those of unknown models are not among them. Raises BusError when there are several speeds.
+    """
+    speeds = sorted({one.speed for one in sightings})
+    if len(speeds) != 1:
+        raise BusError(
+            describe(
+                what="servos at several speeds",
+                where=name,
+                found="; ".join(map(str, speeds)) or None,
+                allowed="one protocol and one baud rate",
+                then="Name one with --protocol and --baud",
+            )
+        )
+    known = [one for one in sightings if one.table is not None]
+    spec = BusSpec(name, name, speeds[0].baud, speeds[0].protocol, tuple(one.found.id for one in known))
+    return spec, [(first + place, _servo(one, name)) for place, one in enumerate(known)]
+
+
+def _servo(sighting: Sighting, bus: str) -> ServoSpec:
+    """A servo of which only the model is known: its angle is that of its shaft."""
+    table = sighting.table
+    assert table is not None
+    model, device = find_model(table.model), sighting.found.id
+    return ServoSpec(
+        joint=f"servo {device}",
+        id=device,
+        model=model,
+        bus=bus,
+        direction=1,
+        zero_tick=model.centre_tick,
+        lower=-math.pi,
+        upper=math.pi,
+        max_velocity=model.no_load_speed,
+        max_acceleration=model.no_load_speed,
+    )
+
+
+def _image(client: OneOff, sighting: Sighting) -> ServoImage | None:
+    return None if sighting.table is None else read_image(client, sighting.found.id, sighting.table)
+
+
+def _power_note(line: BusLine) -> list[str]:
+    """Whether a device has the servos' power switched off."""
+    switch = line.spec.power
+    if switch is None:
+        return []
+    try:
+        on = line.client.read_block(switch.id, switch.register, 1)[0] == switch.value
+    except (NoAnswer, ServoError):
+        return [f"device {switch.id}, which switches the servos' power, does not answer"]
+    return [] if on else [f"device {switch.id} has the servos' power switched off"]
+
+
+# Torque off told to everybody at once, at speeds that need not be known: quicker than any search.
+#
+# A broadcast is confirmed by nobody. Whoever uses this looks for the servos afterwards, and asks each.
+
+TIMES = 2
+"""A packet may be lost."""
+MARGIN = 0.002
+"""[s] After the last byte, before the speed changes: what the adapter still holds would be spoiled."""
+
+
+def tell_everybody_off(port: BytePort, speeds: Sequence[Speed]) -> None:
+    """Write torque off to all ids at each speed, in this order; nobody answers. Under 1 s for all speeds there are.
+
+    The port is left at the last speed. A speed that the adapter does not have is left out. Raises BusError when the
+    port is gone.
+    """
+    for speed in speeds:
+        try:
+            port.set_baud(speed.baud)
+        except BusError:
+            if is_gone(port):
+                raise
+            continue
+        data = _off(speed.protocol) * TIMES
+        port.write(data)
+        port.sleep_until(port.now() + 10 * len(data) / speed.baud + port.latency + MARGIN)
+        port.drop()
+
+
+def _off(protocol: int) -> bytes:
+    register = TORQUE_ENABLE[protocol]
+    make = protocol1.write if protocol == 1 else protocol2.write
+    return make(BROADCAST, register.address, register.encode(0))

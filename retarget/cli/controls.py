@@ -1,0 +1,529 @@
+"""What a person at the machine may ask of a live run: by keys, by what is held, by a file that appears, by a socket."""
+
+import json
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from hardware.clock import Clock, MonotonicClock
+from hardware.guard import Guard
+from hardware.key_device import KeyDevice
+from hardware.realtime import Scheduling, refuse_scheduling
+from retarget.cli.exit import SecondPress, StopRequest
+from retarget.errors import UsageError
+from retarget.live.engagement import Engaged
+from retarget.live.performer import LivePerformer
+from retarget.run.control_socket import ControlSocket
+
+__all__ = [
+    "HELP",
+    "LET_GO_S",
+    "LONGEST_S",
+    "NEEDED",
+    "Clutch",
+    "DeadMan",
+    "HeldKey",
+    "Keys",
+    "LiveControls",
+    "LiveStatus",
+    "Oversight",
+    "Pedal",
+    "live_state",
+    "open_dead_man",
+    "refuse_oversight",
+    "words_for",
+]
+
+
+# A key of the terminal that is held, as far as its repeats tell: a terminal shows no release.
+
+LET_GO_S = 0.15
+"""So long after its last repeat a key is let go. Slow keyboards repeat every 0.09 s."""
+NEEDED = 4
+"""Repeats without a longer pause between them after which a key is held: a tap is not, and a pasted text neither."""
+
+
+class HeldKey:
+    """One key. Held: from its fourth repeat (so half a second after it went down, as keyboards are set) to 0.15 s after
+    its last. Another key that goes down ends the repeats, hence the hold."""
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        self.lost = ""
+        self._last = float("-inf")
+        self._run = 0
+
+    @property
+    def told(self) -> str:
+        """What a person is to hold."""
+        return f"{self.key!r} (it must repeat)"
+
+    def held(self, pressed: str, now: float) -> bool:
+        """Whether it is held at `now`, s, of whom `pressed` came since the last look."""
+        if pressed.strip(self.key):  # another one: nobody holds this one any more, or a text is pasted
+            self._run, self._last = 0, now
+        elif pressed:
+            self._run = self._run + 1 if now - self._last <= LET_GO_S else 1
+            self._last = now
+        return self._run >= NEEDED and now - self._last <= LET_GO_S
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+# What must be held so that a robot moves: a pedal or key of its own device, or a key of the terminal.
+
+PEDAL = "pedal:"
+TAKEN = " ph"
+"""Keys of the terminal that mean something else already."""
+ALLOWED = "a letter or digit key of the terminal but p and h, or pedal:/dev/input/... of a pedal, button or keyboard"
+
+
+class DeadMan(Protocol):
+    """What is held or let go."""
+
+    @property
+    def lost(self) -> str:
+        """Why it can tell nothing any more; then it is let go for good. "" while it can."""
+        ...
+
+    @property
+    def told(self) -> str:
+        """What a person is to hold."""
+        ...
+
+    def held(self, pressed: str, now: float) -> bool:
+        """Whether it is held at `now`, s. pressed: keys of the terminal since the last look."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the device."""
+        ...
+
+
+class Pedal:
+    """A device that tells of presses and releases."""
+
+    def __init__(self, device: KeyDevice) -> None:
+        self._device = device
+
+    @property
+    def lost(self) -> str:
+        """Why it tells nothing any more."""
+        return f"{self._device.path}: {self._device.lost}" if self._device.lost else ""
+
+    @property
+    def told(self) -> str:
+        """What a person is to hold."""
+        return f"the pedal {self._device.path}"
+
+    def held(self, pressed: str, now: float) -> bool:
+        """Whether it is pressed."""
+        return self._device.pressed()
+
+    def close(self) -> None:
+        """Close the device."""
+        self._device.close()
+
+
+def open_dead_man(text: str, *, terminal: bool) -> DeadMan:
+    """The key or device of `--dead-man`. terminal: whether there is one to press keys on.
+
+    Raises UsageError: neither a key nor a device, or a key without a terminal; HardwareError: no such device, or not
+    for this user.
+    """
+    if text.startswith(PEDAL):
+        path, _, code = text.removeprefix(PEDAL).partition("#")
+        if code and not (code.isascii() and code.isdigit()):
+            raise _refused(text, "the code of a key is a number, as `sudo evtest` shows it")
+        return Pedal(KeyDevice(path, code=int(code) if code else None))
+    if len(text) != 1 or not text.isascii() or not text.isalnum() or text in TAKEN:
+        raise _refused(text, "nothing that can be held")
+    if not terminal:
+        raise UsageError(
+            "there is no terminal on which a key could be held",
+            where="--dead-man",
+            found=text,
+            next_step="Run it in a terminal, or use a pedal (pedal:DEVICE)",
+        )
+    return HeldKey(text)
+
+
+def _refused(text: str, what: str) -> UsageError:
+    return UsageError(what, where="--dead-man", found=repr(text[:80]), allowed=ALLOWED)
+
+
+# Whether a person wants the robot to follow: a pause, and what must be held. The robot holds without.
+
+LONGEST_S = 300.0
+"""So long a robot that was let go on purpose holds; servos that hold get warm, and somebody may have left."""
+
+
+class Clutch:
+    """Lets go of the performer and takes up again. guard: None where there is no robot. dead_man: what must be held,
+    None: nothing."""
+
+    def __init__(
+        self,
+        performer: LivePerformer,
+        *,
+        clock: Clock,
+        tell: Callable[[str], object],
+        guard: Guard | None = None,
+        dead_man: DeadMan | None = None,
+    ) -> None:
+        self._performer, self._guard, self._dead_man = performer, guard, dead_man
+        self._clock, self._tell = clock, tell
+        self._paused, self._held = False, dead_man is None
+        self._since: float | None = None  # [s] when it was let go
+        self._lost = False
+        self._apply()
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the performer is to be followed."""
+        return self._held and not self._paused
+
+    @property
+    def paused(self) -> bool:
+        """Whether somebody asked for a pause."""
+        return self._paused
+
+    @property
+    def expired(self) -> bool:
+        """Whether it has been let go for longer than a robot should hold."""
+        return self._since is not None and self._clock.now() - self._since > LONGEST_S
+
+    def look(self, pressed: str) -> None:
+        """Once in every tick. pressed: keys of the terminal since the last look."""
+        dead_man = self._dead_man
+        if dead_man is None:
+            return
+        held = dead_man.held(pressed, self._clock.now())
+        if dead_man.lost and not self._lost:
+            self._lost = True
+            self._tell(f"{dead_man.lost}: it counts as let go, for good; stop the run")
+        if held != self._held:
+            self._held = held
+            self._tell("held" if held else "let go: the robot holds")
+            self._apply()
+
+    def pause(self) -> None:
+        """Hold until `unpause`, whatever is held."""
+        self._paused = True
+        self._apply()
+
+    def unpause(self) -> None:
+        """No pause any more."""
+        self._paused = False
+        self._apply()
+
+    def _apply(self) -> None:
+        engaged = self.engaged
+        self._performer.clutch(engaged=engaged)
+        if self._guard is not None:
+            self._guard.paused = not engaged
+        self._since = None if engaged else self._clock.now() if self._since is None else self._since
+
+
+# Keys that are pressed while a robot moves, one at a time, without Enter; none where there is no terminal.
+
+MOST = 64
+"""Keys that one look takes."""
+INPUT_MODES = 0
+"""Where they are in what `termios.tcgetattr` returns."""
+
+
+class Keys:
+    """The keyboard of a terminal as a context. Ctrl-C stays a signal; Ctrl-S does not hold up what is shown."""
+
+    def __init__(self, fd: int | None = None) -> None:
+        """fd: of a terminal; None: standard input, if it is one."""
+        self._fd = sys.stdin.fileno() if fd is None and sys.stdin.isatty() else fd
+        self._before: list[object] | None = None
+
+    def __enter__(self) -> Self:
+        if self._fd is not None:
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd, termios.TCSANOW)
+            as_keys = termios.tcgetattr(self._fd)
+            as_keys[INPUT_MODES] &= ~termios.IXON
+            termios.tcsetattr(self._fd, termios.TCSANOW, as_keys)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._fd is not None and self._before is not None:
+            with suppress(termios.error, OSError):  # the terminal may be gone
+                termios.tcsetattr(self._fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
+            self._before = None
+
+    @property
+    def listens(self) -> bool:
+        """Whether there is a terminal."""
+        return self._fd is not None
+
+    def pressed(self) -> str:
+        """What was pressed since the last look. Never waits, never raises."""
+        if self._fd is None:
+            return ""
+        try:
+            if not select.select((self._fd,), (), (), 0.0)[0]:
+                return ""
+            data = os.read(self._fd, MOST)
+        except OSError:
+            data = b""
+        if not data:  # the terminal is gone
+            self._fd = None
+        return data.decode("utf-8", errors="ignore")
+
+
+# Who may stop or hold a live run, and how its ticks are scheduled: as asked on the command line.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Oversight:
+    """stop_file: its appearance stops the robot. dead_man: what must be held so that it moves, see `open_dead_man`.
+    control_socket: where other programs may stop it, see `socket_path`; None: nowhere."""
+
+    stop_file: Path | None = None
+    dead_man: str | None = None
+    control_socket: str | None = None
+    scheduling: Scheduling = field(default_factory=Scheduling)
+
+
+def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
+    """Raise UsageError or HardwareError for what cannot be had. virtual: as fast as the machine can."""
+    if oversight.stop_file is not None:
+        _refuse_stop_file(oversight.stop_file)
+    if virtual and oversight.dead_man is not None:
+        raise UsageError(
+            "nobody can hold a key on virtual time",
+            where="--dead-man",
+            found="a recording on servos that do not exist",
+            next_step="Leave it out, or use a live sender",
+        )
+    refuse_scheduling(oversight.scheduling)
+
+
+def stop_file_state(file: Path) -> str:
+    """What is wrong with it for a robot that moves: it is there, or cannot be looked for; "" where it is absent."""
+    try:
+        file.lstat()  # `exists` says no of what cannot be looked for
+    except FileNotFoundError:
+        return "" if file.parent.is_dir() else "cannot be looked for (its folder is not there)"
+    except (OSError, ValueError) as error:
+        return f"cannot be looked for ({getattr(error, 'strerror', None) or error})"
+    return "is there"
+
+
+def _refuse_stop_file(file: Path) -> None:
+    """Raise UsageError for a file that would stop the robot at once."""
+    state = stop_file_state(file)
+    if state:
+        there = state == "is there"
+        raise UsageError(
+            f"the file that stops the robot {state}{' already' if there else ''}",
+            where="--stop-file",
+            found=str(file),
+            next_step="Remove it" if there else "Name one in a folder that is there and yours",
+        )
+
+
+def has_terminal() -> bool:
+    """Whether keys can be pressed."""
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
+HELP = (
+    "keys: space stops (once more, after a second: torque off at once), p pauses and goes on, h takes the way you face "
+    "as straight ahead"
+)
+FILE_PERIOD = 5
+"""Ticks between two looks for the file; the first look of all is one, so nothing gets torque where it is there."""
+WORDS = "stop, cut, hold, status"
+SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
+"""Who stopped it."""
+GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on, so stop it: `retarget stop`"
+"""After a pause."""
+
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """state: of the guard, null without a robot. followed: whether the performer is, now. let_go: on purpose. stop: why
+    the robot stops or stopped, else null."""
+
+    state: str | None
+    followed: bool
+    let_go: bool
+    stop: str | None
+
+
+class LiveControls:
+    """`look` in every tick. guard: of the robot, None without one. stop_file: its appearance stops the robot; it is
+    left where it is, and counts as there where nobody can look for it. socket: where other programs stop or hold it;
+    what would let it move is refused there. Whatever is asked is done before it is told."""
+
+    def __init__(
+        self,
+        keys: Keys,
+        stop: StopRequest,
+        performer: LivePerformer,
+        clutch: Clutch,
+        *,
+        tell: Callable[[str], object],
+        clock: Clock | None = None,
+        guard: Guard | None = None,
+        stop_file: Path | None = None,
+        socket: ControlSocket | None = None,
+    ) -> None:
+        self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
+        self._guard, self._stop_file, self._socket, self._tell = guard, stop_file, socket, tell
+        self._clock, self._space = clock or MonotonicClock(), SecondPress()
+        self._ticks, self._told = 0, False  # told: that the robot stops
+
+    def look(self) -> bool:
+        """Do what was asked; whether that is to stop."""
+        pressed = self._keys.pressed()
+        if " " in pressed:
+            self._press_space(pressed.count(" "))
+        for key in pressed:
+            self._press(key)
+        self._clutch.look(pressed)
+        if self._socket is not None:
+            self._socket.poll(self._obey)
+        self._ticks += 1
+        if not self._stop():
+            self._stop_by_itself()
+        return self._stop()
+
+    def insisted(self) -> bool:
+        """While the robot brakes: whether torque is to go off at once."""
+        self.look()
+        self._say_why()
+        return self._stop.insisted()
+
+    def why(self) -> str:
+        """Who asked for the stop."""
+        return self._stop.why()
+
+    def status(self) -> LiveStatus:
+        """How it is now."""
+        guard, following = self._guard, self._performer.engagement.state is Engaged.FOLLOWING
+        reason = None if guard is None or guard.stop_reason is None else guard.stop_reason.reason
+        state = None if guard is None else guard.state.value
+        return LiveStatus(state, following, not self._clutch.engaged, reason)
+
+    def _say_why(self) -> None:
+        """Why the robot stops, at once: nobody at the machine should wait for the summary to know. Once."""
+        reason = None if self._guard is None else self._guard.stop_reason
+        if reason is not None and not self._told:
+            with suppress(OSError):  # who hears nothing any more does not keep a second press from being heard
+                self._say_stopping(f"stopping: {reason.reason}")
+
+    def _say_stopping(self, text: str) -> None:
+        self._told = True
+        self._tell(text)
+
+    def _stop_by_itself(self) -> None:
+        if self._ticks % FILE_PERIOD == 1 and self._stop_file is not None:
+            self._look_for(self._stop_file)
+        if self._clutch.expired and not self._stop():
+            self._ask(f"let go for {LONGEST_S:g} s")
+
+    def _look_for(self, file: Path) -> None:
+        state = stop_file_state(file)
+        if state:
+            self._ask(f"{file} {state}")
+
+    def _ask(self, why: str) -> None:
+        self._stop.ask(why)
+        self._say_stopping(f"{why}: stopping")
+
+    def _press_space(self, count: int) -> None:
+        """count: how often it came since the last look."""
+        again = self._space.pressed(count, self._clock.now())
+        if not self._stop():
+            self._stop.ask(SPACE)
+            self._say_stopping("stopping")
+        elif again:
+            self._stop.insist(SPACE)
+
+    def _press(self, key: str) -> None:
+        if key == "p":
+            if self._clutch.paused:
+                self._clutch.unpause()
+                self._tell("going on" if self._clutch.engaged else "no pause any more: it goes on when it is held")
+            else:
+                self._clutch.pause()
+                self._tell(f"paused: the robot holds; {GOES_ON}")
+        elif key == "h":
+            self._tell(
+                "straight ahead is where you face now" if self._performer.reset_heading() else "left and right are lost"
+            )
+
+    def _obey(self, word: str) -> str:
+        """The answer to a word of the socket."""
+        if word == "status":
+            return json.dumps(asdict(self.status()))
+        if word == "stop":
+            if not self._stop():
+                self._stop.ask(SOCKET)
+                self._say_stopping("stopping, asked by the control socket")
+            return "ok stopping"
+        if word == "cut":
+            self._stop.insist(SOCKET)
+            self._say_stopping("torque off at once, asked by the control socket")
+            return "ok torque off"
+        if word == "hold":
+            if not self._clutch.paused:
+                self._clutch.pause()
+                then = GOES_ON if self._keys.listens else NEVER_GOES_ON
+                self._tell(f"paused by the control socket: the robot holds; {then}")
+            return "ok holding"
+        return f"error: found {word[:20]!a}, allowed: {WORDS}; only a person at the keyboard lets the robot move"
+
+
+# What a live run does right now and since when it has run, on a terminal; nothing in a pipe.
+
+
+def words_for(status: LiveStatus, *, approaching: bool) -> str:
+    """How it is now, in a word or a few."""
+    if status.stop is not None or status.state == "stopping":
+        return "stopping"
+    if status.let_go:
+        return "paused: holding"
+    if approaching:
+        return "on its way to the performer"
+    return "following" if status.followed else "holding"
+
+
+@contextmanager
+def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
+    """A line on stderr. words: how it is now; asked by a thread of its own, some times a second."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    class Words(ProgressColumn):
+        """Asked whenever the line is drawn."""
+
+        def render(self, task: Task) -> Text:
+            return Text(words())
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), Words(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as line:
+        line.add_task(what, total=None)
+        yield

@@ -1,0 +1,409 @@
+"""How a command ends: errors become a message and an exit code, signals are as Ctrl-C, and a hung terminal stops
+nothing.
+"""
+
+import os
+import select
+import signal
+import sys
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, TextIO, cast
+
+from hardware.clock import Clock, MonotonicClock
+from hardware.errors import RetargetError, TorqueError
+
+__all__ = [
+    "AFTER_S",
+    "DEFECT",
+    "DONE",
+    "INTERRUPTED",
+    "PAUSE_S",
+    "REASONS",
+    "REFUSED",
+    "STOPPED",
+    "SUSPENDED",
+    "Detached",
+    "Screen",
+    "SecondPress",
+    "StopRequest",
+    "all_as_ctrl_c",
+    "careful_stdout",
+    "detached_screens",
+    "exit_code_of",
+    "stop_on_signals",
+]
+
+
+# stdout that never costs a run its files: a reader that left and a full device are remembered, not raised.
+
+
+class Screen:
+    """A text stream in front of another one. failure: the first error of the stream; what comes after it is lost."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self.failure: OSError | None = None
+
+    def write(self, text: str) -> int:
+        """Write, or remember why not."""
+        try:
+            return self._stream.write(text)
+        except OSError as error:
+            self.lose(error)
+            return len(text)
+
+    def flush(self) -> None:
+        """Flush, or remember why not."""
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self.lose(error)
+
+    @property
+    def reason(self) -> str:
+        """Why not everything was shown; empty if it was, or if the reader had seen enough (`| head`)."""
+        if self.failure is None or isinstance(self.failure, BrokenPipeError):
+            return ""
+        return self.failure.strerror or str(self.failure)
+
+    def lose(self, error: OSError) -> None:
+        """Remember why not everything was shown; what comes is not shown."""
+        self.failure = self.failure or error
+        # What is still buffered goes nowhere, so that the interpreter has nothing to complain about at its end.
+        with suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def careful_stdout() -> Iterator[Screen | None]:
+    """Put a `Screen` in front of stdout, flushed in the end; None where the process has no stdout."""
+    stream = sys.stdout
+    if stream is None:
+        yield None
+        return
+    screen = Screen(stream)
+    sys.stdout = cast(TextIO, screen)
+    try:
+        yield screen
+    finally:
+        screen.flush()
+        sys.stdout = stream
+
+
+# Whether a key was pressed twice: a key that is held repeats, and is not.
+
+AFTER_S = 1.2
+"""From its first press on; keyboards let the first repeat come up to 1 s after it."""
+PAUSE_S = 0.2
+"""Without the key before its second press. Slow keyboards repeat every 0.09 s."""
+
+
+class SecondPress:
+    """Of one key."""
+
+    def __init__(self) -> None:
+        self._first: float | None = None
+        self._last = 0.0
+
+    def pressed(self, count: int, now: float) -> bool:
+        """Whether the key that came `count` times by `now`, s, since the last look was pressed again. Several times in
+        one look are repeats: of a key that is held, read late."""
+        if not count:
+            return False
+        first, pause, self._last = self._first, now - self._last, now
+        if first is None:
+            self._first = now
+            return False
+        return count == 1 and now - first >= AFTER_S and pause > PAUSE_S
+
+
+# Signals that end a command: all are as Ctrl-C is. While a robot moves they ask, and raise nothing inside a tick.
+
+REASONS = {
+    "SIGINT": "interrupted by the user (Ctrl-C)",
+    "SIGTERM": "told to end by another program (SIGTERM)",
+    "SIGHUP": "the terminal is gone (SIGHUP)",
+    "SIGQUIT": "told to quit (Ctrl-\\, SIGQUIT)",
+}
+SUSPENDED = {"SIGTSTP": "told to wait (Ctrl-Z, SIGTSTP)"}
+"""While a robot moves: one that nobody looks after would stand there with torque."""
+SIGNALS = [getattr(signal, name) for name in REASONS if hasattr(signal, name)]
+"""Those of them that the platform has."""
+
+
+class StopRequest:
+    """Whether somebody asked to stop, who was the first, and whether they insisted. Nothing is done here: a tick is
+    never torn."""
+
+    def __init__(self) -> None:
+        self._why = ""
+        self._insisted = False
+
+    def __call__(self) -> bool:
+        """Whether somebody asked."""
+        return bool(self._why)
+
+    def why(self) -> str:
+        """Who asked first, as the reason of a stop; "" before somebody has."""
+        return self._why
+
+    def insisted(self) -> bool:
+        """Whether somebody asked not to wait for the robot to stand."""
+        return self._insisted
+
+    def ask(self, why: str) -> None:
+        """Ask to stop before the next tick. why: not empty."""
+        self._why = self._why or why
+
+    def insist(self, why: str) -> None:
+        """Ask to stop, without braking."""
+        self._why, self._insisted = self._why or why, True
+
+
+@contextmanager
+def all_as_ctrl_c() -> Iterator[None]:
+    """SIGTERM, SIGHUP (a terminal that is gone) and SIGQUIT raise KeyboardInterrupt as SIGINT does: what is open is
+    closed.
+
+    Only those that nobody handles or ignores yet, and only in the main thread: no other may set them.
+    """
+    mine = [
+        number
+        for number in SIGNALS
+        if threading.current_thread() is threading.main_thread() and signal.getsignal(number) is signal.SIG_DFL
+    ]
+    for number in mine:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in mine:
+            signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Iterator[StopRequest]:
+    """SIGINT, SIGTERM, SIGHUP and SIGQUIT ask to stop, and Ctrl-Z where a robot `moves`; SIGINT after another of them
+    insists, and so does Ctrl-C that is pressed again (see `SecondPress`): held, it repeats.
+
+    None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
+    """
+    request, key, time = StopRequest(), SecondPress(), clock or MonotonicClock()
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        why = {**REASONS, **SUSPENDED}[signal.Signals(number).name]
+        again = number == signal.SIGINT and key.pressed(1, time.now())
+        if again or (number == signal.SIGINT and request() and request.why() != REASONS["SIGINT"]):
+            request.insist(why)
+        else:
+            request.ask(why)
+
+    known = [*SIGNALS, *(getattr(signal, name) for name in SUSPENDED if moves and hasattr(signal, name))]
+    heard = [number for number in known if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handle) for number in heard}
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+DONE = 0
+STOPPED = 1
+"""Stopped by the guard or by the user while something moved, or a file could not be written afterwards."""
+REFUSED = 2
+"""Refused before anything moved: a bad file, a bad option. Also: what was to be said could not be printed."""
+DEFECT = 3
+"""An error that we did not foresee."""
+INTERRUPTED = 130
+"""Ctrl-C, SIGTERM, SIGHUP, SIGQUIT before anything moved: 128 + SIGINT, as shells count; typer leaves with it too."""
+
+
+def exit_code_of(command: Callable[[], object]) -> int:
+    """Run `command` and return its exit code; what went wrong is on stderr, a traceback only for our own defects.
+
+    A signal that asks the process to end is as Ctrl-C. A reader of stdout that leaves early changes nothing; a stdout
+    that takes nothing is told of.
+    """
+    with careful_stdout() as screen:
+        code = _code_of(command)
+    if screen is None or not screen.reason:
+        return code
+    _say(f"error: stdout: cannot print: {screen.reason}. Files that were asked for are written all the same.")
+    return code or REFUSED
+
+
+def _code_of(command: Callable[[], object]) -> int:
+    try:
+        with all_as_ctrl_c():
+            command()
+    except SystemExit as leaving:
+        return _code_of_exit(leaving)
+    except TorqueError as error:
+        _say(f"error: {error}")
+        return STOPPED
+    except KeyboardInterrupt:
+        return _interrupted()
+    except Exception as error:  # noqa: BLE001 - the outermost boundary: nothing foreseen arrives here
+        if _was_interrupted(error):
+            return _interrupted()
+        if isinstance(error, RetargetError):
+            _say(f"error: {error}")
+            return REFUSED
+        traceback.print_exc()
+        _say("error: this is a defect of ours; please report it with the lines above")
+        return DEFECT
+    return DONE
+
+
+def _code_of_exit(leaving: SystemExit) -> int:
+    if leaving.code == INTERRUPTED:
+        return _interrupted()  # typer's word for Ctrl-C inside a command
+    return leaving.code if isinstance(leaving.code, int) else DONE if leaving.code is None else STOPPED
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: an import that it cuts may come back as 'initialization failed'."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def _interrupted() -> int:
+    _say("interrupted")
+    return INTERRUPTED
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)  # noqa: T201
+
+
+# stdout and stderr by threads of their own: whoever moves a robot waits for no terminal, and outlives it.
+
+MOST = 1000
+"""Texts that wait for a stream that takes none (Ctrl-S, a link that hangs, a pipe nobody reads); then the oldest go."""
+PATIENCE_S = 0.4
+"""How long the end waits for such streams, in all."""
+
+
+class Detached:
+    """A text stream in front of another one. Writing neither waits nor raises. failure: the first error of the stream;
+    lost: texts that nobody saw."""
+
+    def __init__(self, stream: TextIO) -> None:
+        """Start the thread."""
+        self.failure: OSError | None = None
+        self.encoding, self.errors = stream.encoding or "utf-8", "backslashreplace"
+        self._stream, self._fd = stream, _descriptor(stream)
+        self._waiting: deque[str] = deque(maxlen=MOST)
+        self._changed = threading.Condition()
+        self._ended = False
+        self._pushed_out = self._failed = 0
+        self._thread = threading.Thread(target=self._run, name="screen", daemon=True)
+        self._thread.start()
+
+    @property
+    def lost(self) -> int:
+        """Texts that nobody saw."""
+        return self._pushed_out + self._failed
+
+    def write(self, text: str) -> int:
+        """Leave it to the thread. Raises TypeError for what is no text, as any text stream."""
+        if not isinstance(text, str):
+            raise TypeError(f"a text stream takes str, found {type(text).__name__}")
+        with self._changed:
+            self._pushed_out += len(self._waiting) == MOST
+            self._waiting.append(text)
+            self._changed.notify()
+        return len(text)
+
+    def flush(self) -> None:
+        """Everything is on its way already."""
+
+    def end(self) -> None:
+        """Write the rest, and nothing that comes; waits for nothing."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+
+    def close(self, patience: float = PATIENCE_S) -> None:
+        """Write the rest; waits so many s at most. Twice does no harm."""
+        self.end()
+        self._thread.join(max(patience, 0.0))
+
+    def isatty(self) -> bool:
+        """Whether a terminal is behind it. More of the stream is not shown: `buffer` would lead past the thread."""
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        """Of the file behind it. Raises OSError where there is none."""
+        return self._stream.fileno()
+
+    def _run(self) -> None:
+        while texts := self._next():
+            try:
+                self._put("".join(texts))
+            except (OSError, ValueError) as error:  # gone, full, or closed
+                self._failed += len(texts)
+                if isinstance(error, OSError):
+                    self.failure = self.failure or error
+
+    def _next(self) -> list[str]:
+        """All that waits; nothing at the end."""
+        with self._changed:
+            while not (self._waiting or self._ended):
+                self._changed.wait()
+            texts = [*self._waiting]
+            self._waiting.clear()
+            return texts
+
+    def _put(self, text: str) -> None:
+        if self._fd is None:
+            self._stream.write(text)
+            self._stream.flush()
+            return
+        data = text.encode(self.encoding, self.errors)
+        while data:
+            # Not through the stream: a thread that hangs in it would keep its lock, and the process its end.
+            select.select((), (self._fd,), ())
+            with suppress(BlockingIOError):
+                data = data[os.write(self._fd, data) :]
+
+
+@contextmanager
+def detached_screens() -> Iterator[None]:
+    """Put a `Detached` in front of stdout and stderr, as far as the process has them."""
+    stdout, stderr = sys.stdout, sys.stderr
+    out = None if stdout is None else Detached(stdout)
+    err = None if stderr is None else Detached(stderr)
+    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, err)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = stdout, stderr
+        streams, clock = [one for one in (out, err) if one is not None], MonotonicClock()
+        last = clock.now() + PATIENCE_S
+        for one in streams:
+            one.end()
+        for one in streams:
+            one.close(last - clock.now())
+        if out is not None and out.failure is not None and isinstance(stdout, Screen):
+            stdout.lose(out.failure)
+
+
+def _descriptor(stream: TextIO) -> int | None:
+    """Where the stream writes, with nothing left in it; None where it has no file."""
+    with suppress(OSError, ValueError):
+        stream.flush()
+        return stream.fileno()
+    return None

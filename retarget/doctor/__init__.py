@@ -1,1 +1,0 @@
-"""What is wrong with a stream, a servo port or this machine, and what to do about it."""

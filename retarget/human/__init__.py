@@ -1,0 +1,1 @@
+"""The first stage: a performer's sensors move a virtual human of their size."""

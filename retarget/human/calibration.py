@@ -1,0 +1,180 @@
+"""The size of a performer: from the skeleton in the file, or from a rest pose of the sensors alone.
+
+Limbs keep their lengths and are hung straight down, as the human's rest frame wants them; trunk, hips and shoulder
+girdle keep the shape that the skeleton has at rest. What a file does not know comes from average proportions.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from retarget import rotations
+from retarget.errors import InputError, Problem
+from retarget.frames import SensorFrames, Skeleton
+from retarget.human.rest_pose import dimensions_from_rest_pose, find_rest_frames, standing_stature
+from retarget.model.human_dimensions import (
+    FRACTIONS,
+    HUMAN_JOINTS,
+    PARENTS,
+    POINTS,
+    HumanDimensions,
+    check_plausible,
+    default_mass,
+    proportional_dimensions,
+)
+from retarget.types import FloatArray
+
+__all__ = ["calibrate", "dimensions_from_rest_pose", "dimensions_from_skeleton", "rest_orientations"]
+
+_LIMB = {"elbow", "wrist", "hand", "knee", "ankle"}
+"""Points that hang straight below their parent in the rest frame."""
+
+REQUIRED = (
+    "head",
+    *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in "lr"),
+)
+"""Joints without which a skeleton does not tell a person's size."""
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimensions:
+    """The performer's size: from the skeleton where the source has one, else from the frame most like a rest pose.
+
+    A recording in which nobody stands at rest gives average proportions at the stature of its tallest frame; `origin`
+    says so. Raises InputError: not a human, or sensors missing.
+    """
+    if frames.skeleton is not None:
+        return dimensions_from_skeleton(frames.skeleton, mass=mass, source=frames.source)
+    candidates = find_rest_frames(frames)
+    for at in candidates:
+        names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
+        position = frames.position[at, frames.valid[at]]
+        try:
+            return dimensions_from_rest_pose(names, position, mass=mass, source=frames.source)
+        except InputError:
+            continue
+    stature = max(standing_stature(frames, at) for at in candidates)
+    usual = proportional_dimensions(stature, mass=mass)
+    check_plausible(usual, source=frames.source)
+    return replace(usual, origin=f"{usual.origin} (nobody stands at rest in {frames.source})")
+
+
+def dimensions_from_skeleton(skeleton: Skeleton, *, mass: float | None = None, source: str = "") -> HumanDimensions:
+    """Every length that the skeleton knows, exactly; the rest from its stature. `mass`: kg, if known.
+
+    Raises InputError: joints missing, not standing upright facing x, or not of a human's size and shape.
+    """
+    known = {
+        name: np.asarray(at)
+        for name, at in zip(skeleton.names, skeleton.position, strict=True)
+        if np.isfinite(at).all()
+    }
+    _check_rest(known, source=source)
+    stature = _stature(known)
+    usual = proportional_dimensions(stature)
+    points = _completed(known, usual)
+    offset = np.array([_offset(name, points) for name in POINTS])
+    result = HumanDimensions(
+        offset=offset,
+        stature=stature,
+        mass=default_mass(stature) if mass is None else mass,
+        origin=f"skeleton of {source}" if source else "skeleton",
+    )
+    check_plausible(result, source=source)
+    return result
+
+
+def rest_orientations(skeleton: Skeleton) -> FloatArray:
+    """Orientation (18, 4) wxyz of each link of the human in the skeleton's own rest pose, in `HUMAN_JOINTS` order.
+
+    A sensor's orientation is the identity in that pose, a link's in the zero posture: link = sensor * this. Each limb
+    is turned the shortest way from hanging straight down (thumbs stay forward in a T-pose).
+    """
+    known = dict(zip(skeleton.names, skeleton.position, strict=True))
+    children = {POINTS[parent]: name for name, parent in zip(POINTS, PARENTS, strict=True) if _kind(name) in _LIMB}
+    result = np.tile(rotations.IDENTITY, (len(HUMAN_JOINTS), 1))
+    for i, joint in enumerate(HUMAN_JOINTS):
+        near, far = known.get(joint.name), known.get(children.get(joint.name, ""))
+        if _kind(joint.name) == "ankle":  # the foot follows the shank
+            near, far = known.get(joint.name[:2] + "knee"), known.get(joint.name)
+        if near is not None and far is not None and np.linalg.norm(far - near) > 1e-6:
+            result[i] = rotations.shortest_arc(_DOWN, far - near)
+    return result
+
+
+def _check_rest(known: dict[str, FloatArray], *, source: str) -> None:
+    missing = [name for name in REQUIRED if name not in known]
+    if missing:
+        raise InputError("joints missing from the skeleton", where=source, found=f"no {', '.join(missing)}")
+    across = known["l_hip"] - known["r_hip"]
+    up = known["head"] - 0.5 * (known["l_hip"] + known["r_hip"])
+    problems = []
+    if across[1] < 0.7 * np.linalg.norm(across):
+        problems.append(Problem("the skeleton does not face x in its rest pose", source))
+    if up[2] < 0.7 * np.linalg.norm(up):
+        problems.append(Problem("the skeleton is not upright in its rest pose", source))
+    if problems:
+        raise InputError.from_problems(problems)
+
+
+def _stature(known: dict[str, FloatArray]) -> float:
+    """Standing height (m): legs along the bones and trunk upward, between ankles and the middle of the head."""
+    legs = [
+        np.linalg.norm(known[f"{s}_knee"] - known[f"{s}_hip"])
+        + np.linalg.norm(known[f"{s}_ankle"] - known[f"{s}_knee"])
+        for s in "lr"
+    ]
+    trunk = known["head"][2] - 0.5 * (known["l_hip"][2] + known["r_hip"][2])
+    return float((np.mean(legs) + trunk) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
+
+
+def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str, FloatArray]:
+    """All canonical points at rest; those of the trunk that are missing lie between their neighbours."""
+    points = dict(known)
+    hips = 0.5 * (points["l_hip"] + points["r_hip"])
+    shoulders = 0.5 * (points["l_shoulder"] + points["r_shoulder"])
+    points.setdefault("pelvis", hips - 0.5 * (usual.of("l_hip") + usual.of("r_hip")))
+    points.setdefault("neck", shoulders - np.array([0.0, 0.0, usual.of("l_shoulder")[2]]))
+    pelvis, neck = points["pelvis"], points["neck"]
+    if "chest" not in points:
+        points["chest"] = (
+            points["spine"] + 0.5 * (neck - points["spine"]) if "spine" in points else _share(pelvis, neck, 2.0 / 3.0)
+        )
+    points.setdefault("spine", _share(pelvis, points["chest"], 0.5))
+    for side in ("l_", "r_"):
+        points.setdefault(side + "collar", neck)
+        forearm = points[side + "wrist"] - points[side + "elbow"]
+        straight = forearm / max(float(np.linalg.norm(forearm)), 1e-9)
+        points.setdefault(side + "hand", points[side + "wrist"] + usual.length(side + "hand") * straight)
+        if side + "toe" not in points:
+            turn = _foot_turn(side, points)
+            points[side + "toe"] = points[side + "ankle"] + rotations.rotate(turn, usual.of(side + "toe"))
+    return points
+
+
+def _share(start: FloatArray, end: FloatArray, share: float) -> FloatArray:
+    return np.asarray(start + share * (end - start))
+
+
+def _offset(name: str, points: dict[str, FloatArray]) -> FloatArray:
+    """Offset (3,) from the parent in the rest frame."""
+    parent = PARENTS[POINTS.index(name)]
+    if parent < 0:
+        return np.zeros(3)
+    offset = points[name] - points[POINTS[parent]]
+    if _kind(name) in _LIMB:
+        return np.asarray(np.linalg.norm(offset) * _DOWN)
+    if _kind(name) == "toe":
+        return rotations.rotate(rotations.conjugate(_foot_turn(name[:2], points)), offset)
+    return np.asarray(offset)
+
+
+def _foot_turn(side: str, points: dict[str, FloatArray]) -> FloatArray:
+    """Turn (4,) of a leg from hanging straight down to where the skeleton has it at rest."""
+    return rotations.shortest_arc(_DOWN, points[side + "ankle"] - points[side + "knee"])
+
+
+def _kind(name: str) -> str:
+    """Name without its side."""
+    return name[2:] if name[1] == "_" else name

@@ -1,0 +1,231 @@
+"""The size of a performer, kept: `$XDG_CONFIG_HOME/retarget/people/<name>.yaml`, the user's own file.
+
+Whoever is measured once stands still only for floor and heading from then on. Layout 1: see `Person`.
+"""
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import IO, Annotated
+
+import numpy as np
+from pydantic import Field
+
+from retarget.errors import ConfigError, InputError, Problem, UsageError
+from retarget.frames import SENSORS
+from retarget.human.rest_pose import MAX_LOOSE_M
+from retarget.model.human_dimensions import POINTS, STATURE_M, HumanDimensions, check_plausible, proportional_dimensions
+from retarget.schema.catalogue import user_folder
+from retarget.schema.files import check_folder, make_folder, write_atomic, write_stream
+from retarget.schema.strict_models import Integer, Name, Positive, Schema, Text, Vector3, read_model, unknown_name
+from retarget.schema.strict_yaml import Document, KeyPath, read_text, scan
+from retarget.types import FloatArray
+
+__all__ = ["LAYOUT", "Person", "check_person_place", "person_of", "person_path", "read_person", "write_person"]
+
+OPTION = "--person"
+LAYOUT = 1
+"""Of the file. Another one is refused: what its numbers mean is not known."""
+STEP = "Measure anew with --recalibrate"
+MASS_KG = (2.0, 400.0)
+FARTHEST = (3.0, 0.1)
+"""A point may be this many times as far from its parent as usual, and so many m beyond."""
+_NAME = re.compile(r"[\w-]{1,40}")
+_HANGING = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "hand", "knee", "ankle") for side in "lr")
+"""Points that are told straight below their parents."""
+Day = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
+
+
+class Person(Schema):
+    """A measured person. stature: m; mass: kg; origin: by what they were measured; sensors: which took part.
+
+    offsets: each of `human_dimensions.POINTS` from its parent, m, standing, arms hanging, x forward, y left, z up.
+    sensor_offsets: by convention of roles and sensor, from the joint to the sensor, m, in its canonical axes, beyond
+    what the convention knows.
+    """
+
+    layout: Integer
+    name: Name
+    date: Day
+    stature: Positive
+    mass: Positive
+    origin: Text
+    sensors: Annotated[tuple[Name, ...], Field(max_length=64)]
+    offsets: Annotated[dict[Name, Vector3], Field(max_length=64)]
+    sensor_offsets: Annotated[dict[Name, dict[Name, Vector3]], Field(default_factory=dict, max_length=16)]
+
+    @property
+    def dimensions(self) -> HumanDimensions:
+        """Their size."""
+        offset = np.array([self.offsets[name] for name in POINTS])
+        return HumanDimensions(offset, self.stature, self.mass, f"{self.name}, measured on {self.date}: {self.origin}")
+
+    def offset(self, convention: str, sensors: tuple[str, ...]) -> FloatArray:
+        """Offsets (k, 3) m of these sensors, zero where none is known."""
+        known = self.sensor_offsets.get(convention, {})
+        return np.array([known.get(sensor, (0.0, 0.0, 0.0)) for sensor in sensors])
+
+
+def person_of(
+    name: str,
+    dimensions: HumanDimensions,
+    *,
+    sensors: tuple[str, ...],
+    date: str,
+    convention: str = "",
+    offset: FloatArray | None = None,
+) -> Person:
+    """Somebody who was just measured; to the tenth of a millimetre. offset (k, 3) m: see `Person.offset`."""
+    offsets = {point: _rounded(at) for point, at in zip(POINTS, dimensions.offset, strict=True)}
+    rows = {} if offset is None else dict(zip(sensors, offset, strict=True))
+    beside = {sensor: _rounded(by) for sensor, by in rows.items() if by.any()}
+    return Person(
+        layout=LAYOUT,
+        name=name,
+        date=date,
+        stature=round(dimensions.stature, 4),
+        mass=round(dimensions.mass, 2),
+        origin=dimensions.origin,
+        sensors=sensors,
+        offsets=offsets,
+        sensor_offsets={convention: beside} if beside else {},
+    )
+
+
+def _rounded(at: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 4) for value in at)
+    return x, y, z
+
+
+def person_path(name: str) -> Path:
+    """Where the person of that name is, or will be. Raises UsageError for a name that is none."""
+    if not _NAME.fullmatch(name):
+        raise UsageError(
+            "this is no name of a performer",
+            where=OPTION,
+            found=repr(name[:80]),
+            allowed="1 to 40 letters, digits, - and _",
+        )
+    return user_folder() / "people" / f"{name}.yaml"
+
+
+def check_person_place(name: str) -> None:
+    """Raise UsageError where the person's file could not be written; nothing is left behind."""
+    check_folder(person_path(name).parent, option=OPTION)
+
+
+def read_person(name: str) -> Person | None:
+    """The person of that name; None where there is none. Raises UsageError; ConfigError: unsound, or no human."""
+    path = person_path(name)
+    if not os.path.lexists(path):
+        return None
+    document = scan(read_text(path), path)
+    layout = document.data.get("layout")
+    if layout != LAYOUT or isinstance(layout, bool):  # one error, not one for every key that has changed
+        what, found = "a person's file of another layout", "none" if layout is None else repr(layout)[:60]
+        problem = document.problem(("layout",), what, found=found, allowed=str(LAYOUT), next_step=STEP)
+        raise ConfigError.from_problems([problem])
+    person, _ = read_model(Person, path, check=_problems)
+    return person
+
+
+def write_person(person: Person) -> Path:
+    """Write the person's file, whole or not at all; the one that was there stays beside it. Returns its path.
+
+    Raises UsageError with the system's reason.
+    """
+    path = person_path(person.name)
+    make_folder(path.parent, option=OPTION)
+    if path.is_file():
+        write_atomic(path.with_suffix(".previous.yaml"), path.read_bytes(), option=OPTION)
+    content = _as_yaml(person).encode()
+
+    def write(stream: IO[bytes]) -> None:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+    write_stream(path, write, option=OPTION)
+    return path
+
+
+def _problems(read: Person, document: Document) -> list[Problem]:
+    """What the model alone does not see."""
+    problems = [
+        unknown_name(document, ("offsets", name), "point", name, POINTS) for name in read.offsets if name not in POINTS
+    ]
+    missing = [name for name in POINTS if name not in read.offsets]
+    if missing:
+        problems.append(
+            document.problem(("offsets",), "points missing", found=f"no {', '.join(missing[:5])}", next_step=STEP)
+        )
+    for convention, beside in (read.sensor_offsets or {}).items():
+        for sensor, by in beside.items():
+            here: KeyPath = ("sensor_offsets", convention, sensor)
+            if sensor not in SENSORS:
+                problems.append(unknown_name(document, here, "sensor", sensor, SENSORS))
+            elif float(np.linalg.norm(by)) > MAX_LOOSE_M + 1e-3:
+                what, allowed = "a sensor too far from its joint", f"at most {MAX_LOOSE_M:g} m"
+                problems.append(document.problem(here, what, found=str(list(by)), allowed=allowed, next_step=STEP))
+    if read.stature is not None and read.mass is not None and not (problems or document.problems or missing):
+        problems += _inhuman(read, document)
+    return problems
+
+
+def _inhuman(read: Person, document: Document) -> list[Problem]:
+    """Sizes that nobody has."""
+    found: list[Problem] = []
+    for key, value, (low, high) in (("stature", read.stature, STATURE_M), ("mass", read.mass, MASS_KG)):
+        if not low <= value <= high:
+            what, allowed = f"no human's {key}", f"{low:g} to {high:g}"
+            found.append(document.problem((key,), what, found=f"{value:g}", allowed=allowed, next_step=STEP))
+    if found:
+        return found
+    usual, dimensions = proportional_dimensions(read.stature), read.dimensions
+    try:
+        check_plausible(dimensions, source=str(document.path))
+    except InputError as error:
+        found += [document.problem((), one.what, found=one.found, allowed=one.allowed) for one in error.problems]
+    for name in POINTS:
+        offset = dimensions.of(name)
+        most = FARTHEST[0] * usual.length(name) + FARTHEST[1]
+        what = ""
+        if float(np.linalg.norm(offset)) > most:
+            what = f"too far from its parent for a human of this stature: {most:.2f} m at most"
+        elif name in _HANGING and not (offset[2] < 0.0 and float(np.hypot(*offset[:2])) < 1e-3):
+            what = "a limb that does not hang straight down"
+        elif name[2:] in ("hip", "shoulder") and offset[1] * usual.of(name)[1] <= 0.0:
+            what = "on the wrong side of the body"
+        if what:
+            shown = str([round(float(x), 3) for x in offset])
+            found.append(document.problem(("offsets", name), what, found=shown, next_step=STEP))
+    return found
+
+
+def _as_yaml(person: Person) -> str:
+    """The file's text."""
+    lines = [
+        "# The size of one performer, in m and kg. Written by: retarget run --person NAME",
+        f"layout: {person.layout}",
+        f"name: {_text(person.name)}",
+        f"date: {_text(person.date)}",
+        f"stature: {person.stature!r}",
+        f"mass: {person.mass!r}",
+        f"origin: {_text(person.origin)}",
+        f"sensors: [{', '.join(_text(sensor) for sensor in person.sensors)}]",
+        "# Each point from its parent, standing, arms hanging: x forward, y left, z up.",
+        "offsets:",
+    ]
+    lines += [f"  {point}: [{x!r}, {y!r}, {z!r}]" for point, (x, y, z) in person.offsets.items()]
+    if person.sensor_offsets:
+        lines += ["# From its joint to each sensor, in the sensor's own axes.", "sensor_offsets:"]
+    for convention, beside in person.sensor_offsets.items():
+        lines.append(f"  {convention}:")
+        lines += [f"    {sensor}: [{x!r}, {y!r}, {z!r}]" for sensor, (x, y, z) in beside.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: str) -> str:
+    """A text in YAML that cannot be taken for anything else."""
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,332 @@
+"""The first stage, the paper's motion reconstruction: a few sensors move a virtual human of the performer's size.
+
+Causal and one sample at a time, so that a live stream and a file go the same way. Strict levels keep what sensors say;
+what no sensor sees is decided by the last level: heading, balance, and stiffness towards a natural posture.
+"""
+
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+
+from retarget import rotations
+from retarget.frames import SensorSample
+from retarget.human.heading import Heading
+from retarget.human.posture_prior import Balance, Crouch, VirtualFeet
+from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
+from retarget.human.support_phase import CarryingFeet
+from retarget.ik.hierarchy import Hierarchy, Surroundings, body_frames
+from retarget.ik.tasks import SlotKind
+from retarget.model.human import POSTURES, Human, PostureReader, human_limits
+from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS
+from retarget.model.observers import Worn, human_observers
+from retarget.model.scene_state import SceneState
+from retarget.schema.performer import Performer
+from retarget.schema.priorities import CentreOfMassTask, PostureTask, Priorities
+from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
+
+__all__ = ["Reconstructor", "WornSensors"]
+
+
+# The sensors that a performer wears, read out of a source's samples.
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SensorTurn:
+    """A sensor's orientation. forward: its x axis on the ground. link (4,): wxyz of the link that it sits on, world."""
+
+    sensor: str
+    forward: tuple[float, float]
+    link: FloatArray
+
+
+class WornSensors:
+    """k sensors in the performer's order; a sensor that the source does not have is never valid.
+
+    `joints` (k): index in POINTS of the joint that each sits on. `oriented`: rows whose orientation is used.
+    """
+
+    def __init__(self, performer: Performer, human: Human, rest: FloatArray | None) -> None:
+        """rest (18, 4): orientation of each link in the pose where sensors are the identity, as
+        `calibration.rest_orientations` gives it; None: the links hang as in the human's own zero posture."""
+        self.names = tuple(performer.sensors)
+        self.joints = [POINTS.index(sensor.joint) for sensor in performer.sensors.values()]
+        self.oriented = [self.names.index(name) for name in performer.oriented]
+        self._rest = [self._rest_of(human, performer.sensors[name].joint, rest) for name in performer.oriented]
+        self._sample_names: tuple[str, ...] = ()
+        self._columns = np.zeros(0, dtype=np.int64)
+        self._exists: BoolArray = np.zeros(len(self.names), dtype=bool)
+
+    def read(self, sample: SensorSample) -> tuple[FloatArray, BoolArray]:
+        """Positions (k, 3) m and which of them are valid (k,)."""
+        if sample.names is not self._sample_names:
+            self._sample_names = sample.names
+            names = sample.names
+            self._columns = np.array([names.index(name) if name in names else 0 for name in self.names], dtype=np.int64)
+            self._exists = np.array([name in sample.names for name in self.names])
+        position = sample.position.take(self._columns, axis=0)
+        known = np.logical_and.reduce(np.isfinite(position), axis=1)
+        return position, sample.valid.take(self._columns) & self._exists & known
+
+    def weights(self, sample: SensorSample) -> FloatArray | None:
+        """How far who was lost has come back (k,); None: everybody has. Call `read` with this sample first."""
+        return None if sample.weight is None else sample.weight.take(self._columns)
+
+    def orientations(self, sample: SensorSample) -> list[SensorTurn]:
+        """Every orientation that is used and known. Call `read` with this sample first."""
+        found = []
+        for row, rest in zip(self.oriented, self._rest, strict=True):
+            column = self._columns[row]
+            turn = sample.orientation[column]
+            if self._exists[row] and sample.valid[column] and np.isfinite(turn).all():
+                w, x, y, z = turn.tolist()
+                forward = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
+                link = turn if rest is None else rotations.multiply(turn, rest)
+                found.append(SensorTurn(self.names[row], forward, link))
+        return found
+
+    @staticmethod
+    def _rest_of(human: Human, joint: str, rest: FloatArray | None) -> FloatArray | None:
+        """Rest orientation (4,) of the link that carries a joint; None for the identity."""
+        if rest is None:
+            return None
+        link = human.body.body_names[human.body.frame(joint).body]
+        row = rest[[one.name for one in HUMAN_JOINTS].index(link)]
+        return None if np.allclose(row, rotations.IDENTITY) else row
+
+
+_SETTLING_S = 1.0
+"""Length of a frame while settling on the first sample: so long that no speed limit and no drag hold anything back."""
+_SETTLING_FRAMES = 200
+_SETTLED = 1e-5
+"""Settling ends when no coordinate changes by more than this per frame (m, rad)."""
+_FEET = ("l_ankle", "r_ankle")
+
+Points = dict[str, list[float]]
+Ground = tuple[float, float]
+
+
+class Reconstructor:
+    """Sensor samples in, human postures out: `start` with the first sample, then `step` with each further one."""
+
+    def __init__(
+        self,
+        human: Human,
+        priorities: Priorities,
+        performer: Performer,
+        *,
+        rest: FloatArray | None = None,
+        iterations: int | None = None,
+        observed: Worn | None = None,
+        scene: SceneState | None = None,
+        intake: IntakeTimes | None = None,
+    ) -> None:
+        """rest (18, 4): see `calibration.rest_orientations`; only sensors with an orientation need it. iterations:
+        instead of the file's. observed: which observers, instead of the file's choice. scene: what is around the human,
+        in the performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what
+        a human does not have."""
+        self._human = human
+        self._worn = WornSensors(performer, human, rest)
+        self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
+        names = self._worn.names + (() if self._feet is None else _FEET)
+        self._names, self._worn_count = names, len(self._worn.names)
+        worn = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
+        self._around = Surroundings(scene)
+        self.observers = human_observers(human, priorities.observers, observed)
+        self._hierarchy = Hierarchy.build(
+            priorities,
+            human.body,
+            frames=body_frames(human.body) | worn,
+            postures={posture.name: human.posture(posture.name) for posture in POSTURES},
+            limits=human_limits(human.body),
+            fed=names,
+            locked=human.locked,
+            iterations=iterations,
+            observers=self.observers,
+            scene=self._around.shapes,
+        )
+        self._reader = PostureReader(human)
+        self._heading = Heading(priorities.heading)
+        self._balance = _balance(priorities)
+        self._balance_error = next((i for i, slot in enumerate(self._hierarchy.slots) if slot.kind in _BALANCE), None)
+        self._crouch = _crouch(priorities, human)
+        self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
+        joints_of = self._worn.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
+        self._joints_of = np.array(joints_of, dtype=np.int64)
+        self._carrying: CarryingFeet | None = None
+        self._ankles = [POINTS.index(name) for name in _FEET]
+        self._intake = SensorIntake(len(names), intake)
+        self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
+        self._source, self._slots = self._hierarchy.position_slots(names)
+        self._block = np.zeros((len(names), 4))
+        self._targets = self._hierarchy.blank()
+        self._q = human.posture("natural")
+        self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the worn sensors, in the order of `HumanPosture.sensor_error`."""
+        return self._worn.names
+
+    @property
+    def hierarchy(self) -> Hierarchy:
+        """The compiled priorities, for reports."""
+        return self._hierarchy
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """What is around the human."""
+        return self._around
+
+    def start(self, sample: SensorSample) -> HumanPosture:
+        """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
+        position, valid = self._worn.read(sample)
+        turns = self._worn.orientations(sample)
+        measured = {name: at for name, at, ok in zip(self.sensors, position.tolist(), valid, strict=True) if ok}
+        self._heading.start(measured, _facing(turns))
+        if self._feet is not None:
+            self._feet.start(
+                measured.get("head", [0.0, 0.0, 0.0]), self._heading.forward, crouch=self._lowered(measured)
+            )
+            position, valid = self._with_feet(position, valid)
+        self._intake.start(position, valid)
+        self._reach.clamp(self._intake.position, self._intake.present)
+        if self._balance is not None:
+            self._balance.start()
+        self._around.restart()
+        self._q = self._placed()
+        points = self._present()
+        for _ in range(_SETTLING_FRAMES):
+            self._hierarchy.solver.reset(self._q)
+            before = self._q
+            self._solve(points, turns, _SETTLING_S)
+            if float(np.abs(self._q - before).max()) < _SETTLED:
+                break
+        self._hierarchy.solver.reset(self._q)
+        self._around.begin()
+        self._carrying = CarryingFeet() if self._feet is None else None
+        return self._posture(0.0)
+
+    def step(self, sample: SensorSample, dt: float) -> HumanPosture:
+        """The posture `dt` seconds later. Missing sensors take no part, and come and go without a leap."""
+        position, valid = self._worn.read(sample)
+        weight = self._worn.weights(sample)
+        if self._feet is not None:
+            known = self._present()
+            if "head" in known:
+                self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
+            position, valid = self._with_feet(position, valid)
+            weight = None if weight is None else np.concatenate([weight, [1.0, 1.0]])
+        self._intake.step(position, valid, reached=self._reached, dt=dt, weight=weight)
+        self._reach.clamp(self._intake.position, self._intake.present)
+        points = self._present()
+        turns = self._worn.orientations(sample)
+        self._heading.step(points, _facing(turns), dt=dt)
+        self._solve(points, turns, dt)
+        return self._posture(dt)
+
+    def _solve(self, points: Points, turns: list[SensorTurn], dt: float) -> None:
+        """Set all targets and solve one frame."""
+        hierarchy, targets = self._hierarchy, self._targets
+        hierarchy.clear(targets)
+        self._block[:, 0] = self._intake.present
+        self._block[:, 1:] = self._intake.position
+        targets[self._slots] = self._block[self._source]
+        for turn in turns:
+            hierarchy.set_orientation(targets, turn.sensor, turn.link)
+        forward = self._heading.forward
+        hierarchy.set_heading(targets, forward)
+        if self._balance is not None:
+            self._balance.step([points[name] for name in _FEET if name in points], forward, dt=dt)
+            hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
+        if self._crouch is not None and "head" in points:
+            hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
+        hierarchy.set_previous(targets, self._q, dt)
+        self._around.tick(hierarchy, dt)
+        self._q = hierarchy.solver.frame(targets, dt)
+
+    def _posture(self, dt: float) -> HumanPosture:
+        """What there is to see, `dt` s after the posture before."""
+        joints, orientations, centre_of_mass = self._reader.read(self._q)
+        self._reached = joints.take(self._joints_of, axis=0)
+        error = (self._intake.measured - self._reached)[: self._worn_count]
+        distance = np.sqrt(rotations.squares(error))
+        if not self._intake.all_present:
+            distance[~self._intake.present[: self._worn_count]] = np.nan
+        solver, balance = self._hierarchy.solver, self._balance_error
+        return HumanPosture(
+            q=self._q,
+            joint_names=POINTS,
+            joints=joints,
+            orientations=orientations,
+            centre_of_mass=centre_of_mass,
+            sensor_error=distance,
+            balance_error=nan if balance is None else float(solver.task_errors[balance]),
+            heading=self._heading.forward,
+            observer_modes=solver.observer_modes,
+            carrying=self._feet_that_carry(joints, dt),
+        )
+
+    def _feet_that_carry(self, joints: FloatArray, dt: float) -> Carrying:
+        """Told from joint centres (m, 3) m, `dt` s after those before."""
+        if self._carrying is None:
+            return Carrying.BOTH
+        return self._carrying.step(joints[self._ankles].tolist(), dt)
+
+    def _placed(self) -> FloatArray:
+        """A natural posture (nq,) turned to the heading, in the middle of the sensors."""
+        q = self._human.posture("natural")
+        forward = self._heading.forward
+        half = 0.5 * np.arctan2(forward[1], forward[0])
+        q[3:7] = np.cos(half), 0.0, 0.0, np.sin(half)
+        present = self._intake.present
+        if present.any():
+            joints = self._reader.joints(q[None])[0]
+            q[:3] += (self._intake.position - joints[self._joints_of])[present].mean(axis=0)
+        return q
+
+    def _present(self) -> Points:
+        """What is asked of each sensor that takes part, as plain numbers: x, y, z m."""
+        asked = self._intake.position.tolist()
+        if self._intake.all_present:
+            return dict(zip(self._names, asked, strict=True))
+        present = self._intake.present.tolist()
+        return {name: at for name, at, is_there in zip(self._names, asked, present, strict=True) if is_there}
+
+    def _with_feet(self, position: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
+        assert self._feet is not None
+        return np.concatenate([position, self._feet.ankles]), np.concatenate([valid, [True, True]])
+
+    def _head_height(self, points: Points) -> float:
+        """Height (m) of the head above the lower ankle, or above where ankles stand."""
+        ground = [points[name][2] for name in _FEET if name in points]
+        return points["head"][2] - (min(ground) if ground else 0.0)
+
+    def _lowered(self, points: Points) -> float:
+        """How lowered the head is: 0 upright, 1 in a deep crouch."""
+        assert self._feet is not None
+        return self._depth.share(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
+
+
+_BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
+
+
+def _facing(turns: list[SensorTurn]) -> dict[str, Ground]:
+    """Forward axes of sensors that know their orientation, on the ground."""
+    return {turn.sensor: turn.forward for turn in turns}
+
+
+def _balance(priorities: Priorities) -> Balance | None:
+    """The balance over the feet, where the priorities ask for it."""
+    for _, _, task in priorities.tasks():
+        if isinstance(task, CentreOfMassTask) and task.mode == "over_feet":
+            return Balance(task)
+    return None
+
+
+def _crouch(priorities: Priorities, human: Human) -> Crouch | None:
+    """The posture that lowers with the head, where the priorities ask for it."""
+    for _, _, task in priorities.tasks():
+        if isinstance(task, PostureTask) and task.lowered is not None:
+            return Crouch(human, upright=task.towards, lowered=task.lowered)
+    return None

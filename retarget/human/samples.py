@@ -1,0 +1,283 @@
+"""A performer as a run plays it, tick by tick: a recorded clip laid on the ticks of the run, or a live one."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.errors import UsageError
+from retarget.frames import JointTracks, SensorFrames, SensorSample, on_grid
+from retarget.human.sensor_intake import IntakeTimes
+from retarget.model.human_dimensions import HumanDimensions
+from retarget.schema.performer import Performer
+from retarget.types import FloatArray
+
+__all__ = ["LOOP_LIMIT_S", "MAX_TICKS", "Clip", "Parts", "Performance", "Playback", "Samples", "lay_on_ticks"]
+
+
+class Samples(Protocol):
+    """Sensors for every tick of a run."""
+
+    @property
+    def ticks(self) -> int:
+        """Ticks that are followed, at most."""
+        ...
+
+    @property
+    def kept(self) -> int:
+        """Ticks of which a record is kept; what comes after them is not recorded."""
+        ...
+
+    @property
+    def dt(self) -> float:
+        """Seconds between ticks."""
+        ...
+
+    @property
+    def motion_dt(self) -> float:
+        """Seconds of the performer's time between ticks."""
+        ...
+
+    @property
+    def over(self) -> bool:
+        """Whether the performance has ended before its last tick: a recorded stream is at its end."""
+        ...
+
+    @property
+    def settled(self) -> float:
+        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1: who takes the performer up
+        again after a hold comes back slowly."""
+        ...
+
+    def may_approach(self) -> bool:
+        """Called in every tick in which the robot is on its way to where it follows tick 0: whether it is to go on."""
+        ...
+
+    def listen(self) -> None:
+        """Called in every tick, also while nobody is followed: a stream is to be heard all the time."""
+        ...
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """What the sensors say at a tick; None: they cannot be trusted now, and nobody is to be followed. Not None for
+        tick 0."""
+        ...
+
+    @property
+    def hindrance(self) -> str:
+        """Why nobody is followed, in a few words; of the last tick in which nobody was."""
+        ...
+
+    def recorded(self) -> "Clip":
+        """What was said at the ticks that were followed, for those who look at the run afterwards."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    """Somebody who performs: their sensors, their size, what is worth a note, and how sensors leave and come back."""
+
+    samples: Samples
+    dimensions: HumanDimensions
+    notes: tuple[str, ...] = ()
+    intake: IntakeTimes = field(default_factory=IntakeTimes)
+
+
+# A recorded motion laid on the ticks of a run: speed, cut, mirror and loop are settled here, before anything moves.
+
+Parts = Literal["whole", "upper"]
+
+LOOP_LIMIT_S = 600.0
+"""A loop ends by itself after this long, s of the run."""
+SEAM_S = 1.0
+"""How long (s of the performer's time) a loop takes from its last frame to its first."""
+MAX_TICKS = 500_000
+"""Most ticks of one run: about an hour at 125 Hz."""
+SPEEDS = (0.01, 10.0)
+RATES_HZ = (1.0, 2000.0)
+
+
+@dataclass(frozen=True)
+class Playback:
+    """How a recording is played. speed: 1 is the performer's. start, end: s of the recording, both included."""
+
+    speed: float = 1.0
+    start: float | None = None
+    end: float | None = None
+    loop: bool = False
+    mirror: bool = False
+
+    def __post_init__(self) -> None:
+        low, high = SPEEDS
+        if not low <= self.speed <= high:
+            raise UsageError(
+                "impossible speed", where="--speed", found=f"{self.speed:g}", allowed=f"{low:g} to {high:g}"
+            )
+        for option, time in (("--start", self.start), ("--end", self.end)):
+            if time is not None and not 0.0 <= time < float("inf"):
+                raise UsageError("no time of a recording", where=option, found=f"{time:g} s", allowed="0 or later")
+        if self.start is not None and self.end is not None and self.start >= self.end:
+            found = f"{self.start:g} to {self.end:g} s"
+            raise UsageError("the end comes before the start", where="--start, --end", found=found)
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A motion on ticks. frames: row i is what the sensors say at tick i, in the performer's order, on the run's clock.
+
+    ticks: of the run; a loop has more of them than rows. dt: s between ticks. motion_dt: s of the performer's time
+    between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second.
+    """
+
+    frames: SensorFrames
+    ticks: int
+    rate_hz: float
+    speed: float
+    source_frames: int
+
+    def __len__(self) -> int:
+        return self.ticks
+
+    @property
+    def dt(self) -> float:
+        """Seconds between ticks."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def motion_dt(self) -> float:
+        """Seconds of the performer's time between ticks."""
+        return self.speed / self.rate_hz
+
+    @property
+    def kept(self) -> int:
+        """All of them."""
+        return self.ticks
+
+    @property
+    def over(self) -> bool:
+        """Its ticks say where it ends."""
+        return False
+
+    @property
+    def settled(self) -> float:
+        """It is never held."""
+        return 1.0
+
+    def may_approach(self) -> bool:
+        """It waits."""
+        return True
+
+    @property
+    def hindrance(self) -> str:
+        """There is none."""
+        return ""
+
+    def listen(self) -> None:
+        """Nothing comes in: it is all there."""
+
+    def sample(self, tick: int) -> SensorSample:
+        """What the sensors say at a tick, on the grid."""
+        row = tick % len(self.frames)
+        frames = self.frames
+        return on_grid(SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row]))
+
+    def recorded(self) -> "Clip":
+        """All of it."""
+        return self
+
+    def frames_played(self, ticks: int) -> int:
+        """Frames of the recording that the first `ticks` ticks play; a loop plays them again and again."""
+        return round(self.source_frames * ticks / len(self.frames))
+
+    def rows(self, ticks: int) -> NDArray[np.int64]:
+        """Rows (ticks,) of `frames` that the first `ticks` ticks show."""
+        return np.arange(ticks, dtype=np.int64) % len(self.frames)
+
+    def truth(self, names: tuple[str, ...], ticks: int) -> FloatArray | None:
+        """Joint centres (ticks, m, 3) of the recorded body, NaN for unknown ones; None: it knows none of them."""
+        tracks = self.frames.joints
+        if tracks is None:
+            return None
+        columns = [tracks.names.index(name) if name in tracks.names else -1 for name in names]
+        known = np.array([column >= 0 for column in columns])
+        if not known.any():
+            return None
+        track = np.where(known[:, None], tracks.position[:, columns], np.nan)
+        return np.asarray(track[self.rows(ticks)])
+
+
+def lay_on_ticks(
+    frames: SensorFrames, *, performer: Performer, playback: Playback, rate_hz: float | None = None
+) -> Clip:
+    """Interpolate a recording onto ticks; rate_hz None: the rate of the recording, so that at speed 1
+    every tick shows a frame.
+
+    Raises UsageError: a sensor that the recording does not have, an empty cut, an impossible rate or length.
+    """
+    frames = _worn(frames, performer)
+    frames = frames.cut(playback.start, playback.end)
+    if playback.mirror:
+        frames = frames.mirror().select(tuple(performer.sensors))
+    rate = frames.rate_hz if rate_hz is None else rate_hz
+    if not RATES_HZ[0] <= rate <= RATES_HZ[1]:
+        allowed = f"{RATES_HZ[0]:g} to {RATES_HZ[1]:g} Hz"
+        raise UsageError("impossible rate of ticks", where="--rate", found=f"{rate:g} Hz", allowed=allowed)
+    step = playback.speed / rate  # [s] of the performer's time
+    laid = _looped(frames, step) if playback.loop else _once(frames, step)
+    ticks = round(LOOP_LIMIT_S * rate) if playback.loop else len(laid)
+    # From here on, time is that of the run.
+    laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
+    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames))
+
+
+def _worn(frames: SensorFrames, performer: Performer) -> SensorFrames:
+    """The sensors that the performer wears, in the performer's order."""
+    missing = [name for name in performer.sensors if name not in frames.names]
+    if missing:
+        raise UsageError(
+            f"the source lacks sensors of performer {performer.name!r}",
+            where=frames.source,
+            found=f"no {', '.join(missing)}",
+            allowed=", ".join(frames.names),
+            next_step="Choose another --performer",
+        )
+    return frames.select(tuple(performer.sensors))
+
+
+def _once(frames: SensorFrames, step: float) -> SensorFrames:
+    """The motion every `step` s of its time, from its first frame to its last."""
+    return frames.resample(np.arange(_count(frames.duration_s, step)) * step)
+
+
+def _looped(frames: SensorFrames, step: float) -> SensorFrames:
+    """One round of a loop: the motion, then straight back to its beginning, in a whole number of ticks."""
+    count = _count(frames.duration_s + SEAM_S, step)
+    closed = _closed(frames, count * step)
+    return closed.resample(np.arange(count) * step)
+
+
+def _closed(frames: SensorFrames, period: float) -> SensorFrames:
+    """The motion with its first frame once more at its end, at time `period` (s)."""
+    again = [*range(len(frames)), 0]
+    joints = frames.joints
+    return replace(
+        frames,
+        time=np.append(frames.time, period),
+        position=frames.position[again],
+        orientation=frames.orientation[again],
+        valid=frames.valid[again],
+        joints=None if joints is None else JointTracks(joints.names, joints.position[again]),
+    )
+
+
+def _count(duration: float, step: float) -> int:
+    """Ticks of `step` s from 0 to `duration` s, both ends included."""
+    count = int(np.floor(duration / step + 1e-6)) + 1
+    if count > MAX_TICKS:
+        raise UsageError(
+            "too long for one run",
+            found=f"{count} ticks",
+            allowed=f"at most {MAX_TICKS}",
+            next_step="Play a part with --start and --end",
+        )
+    return count

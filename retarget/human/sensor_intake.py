@@ -1,0 +1,181 @@
+"""Sensors as the body is asked to follow them: without jumps, and no further from each other than a body can be.
+
+A lost sensor, one that comes back, and one that jumps faster than any human become an offset that fades: what is asked
+stays continuous, and ends where the sensor is. Who comes back by a weight does so from where the body has it, slowly.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+
+from retarget import rotations
+from retarget.model.human_dimensions import POINTS, HumanDimensions
+from retarget.types import BoolArray, FloatArray
+
+__all__ = ["IntakeTimes", "Reach", "SensorIntake"]
+
+
+FASTEST_M_S = 15.0
+"""Nothing that a person wears moves faster: the fist of a boxer reaches about 10 m/s."""
+
+
+@dataclass(frozen=True)
+class IntakeTimes:
+    """s. hold: so long a lost sensor is taken to stand still; then it takes no part. fade: time constant with which an
+    offset fades. speed: m/s, no more, at which one that comes back by its weight goes from where the body has it."""
+
+    hold: float = 0.2
+    fade: float = 0.1
+    speed: float = 0.6
+
+
+class SensorIntake:
+    """`position` (k, 3) m and `present` (k,): what is asked, in the world, of each of k sensors. `all_present`: whether
+    something is asked of all."""
+
+    def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
+        self._times = times or IntakeTimes()
+        self.position = np.zeros((count, 3))
+        self.present: BoolArray = np.zeros(count, dtype=bool)
+        self.all_present = False
+        self.measured = np.zeros((count, 3))
+        self._offset = np.zeros((count, 3))
+        self._lost_for = np.full(count, np.inf)
+        self._has_lost = True
+        self._is_fading = False
+        self._away = np.zeros((count, 3))  # [m] from who comes back by weight to where the body had it
+        self._left = np.zeros(count)  # share of that
+        self._is_returning = False
+        self._back: BoolArray = np.zeros(count, dtype=bool)  # who came back in this tick
+
+    def start(self, position: FloatArray, valid: BoolArray) -> None:
+        """The first sample: what is valid is taken as it is."""
+        self.position[:] = np.where(valid[:, None], position, 0.0)
+        self.measured[:] = self.position
+        self.present[:] = valid
+        self.all_present = bool(valid.all())
+        self._offset[:] = 0.0
+        self._lost_for[:] = np.where(valid, 0.0, np.inf)
+        self._has_lost = not self.all_present
+        self._is_fading = False
+        self._left[:] = 0.0
+        self._is_returning = False
+
+    def step(
+        self,
+        position: FloatArray,
+        valid: BoolArray,
+        *,
+        reached: FloatArray,
+        dt: float,
+        weight: FloatArray | None = None,
+    ) -> None:
+        """The sample `dt` seconds later. reached (k, 3): where the body has the sensors now. weight (k,): how far who
+        was lost has come back; None: everybody has."""
+        moved = position - self.measured
+        # NaN compares false: an invalid sensor never counts as a calm one.
+        calm = rotations.squares(moved) <= (FASTEST_M_S * dt) ** 2
+        if self._has_lost or np.count_nonzero(calm & valid) != len(calm):
+            self._take_irregular(position, valid, calm, reached=reached, dt=dt)
+            if weight is not None:
+                self._begin_return(weight)
+        else:
+            self.measured[:] = position
+        if self._is_fading:
+            self._offset *= exp(-dt / self._times.fade)
+            self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
+            np.add(self.measured, self._offset, out=self.position)
+        else:
+            self.position[:] = self.measured
+        if self._is_returning:
+            self._return(np.ones_like(self._left) if weight is None else weight, dt)
+
+    def _begin_return(self, weight: FloatArray) -> None:
+        """Whoever has just come back by a weight does not fade."""
+        slowly = self._back & (weight < 1.0)
+        self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
+        self._offset[slowly] = 0.0
+        self._left[self._back & ~slowly] = 0.0
+        self._is_returning = bool(self._left.any())
+
+    def _return(self, weight: FloatArray, dt: float) -> None:
+        """What is left of the way back; it never grows, and is gone no faster than it may be."""
+        far = np.linalg.norm(self._away, axis=1)
+        fastest = self._times.speed * dt / np.maximum(far, self._times.speed * dt)
+        self._left = np.maximum(np.minimum(1.0 - weight, self._left), self._left - fastest)
+        self._is_returning = bool(self._left.any())
+        self.position += self._left[:, None] * self._away
+
+    def _take_irregular(
+        self, position: FloatArray, valid: BoolArray, calm: BoolArray, *, reached: FloatArray, dt: float
+    ) -> None:
+        """Losses, returns and leaps."""
+        absent_before = ~self.present
+        back = valid & (absent_before | (self._lost_for > 0.0))
+        leap = valid & ~calm & ~back
+        asked_before = np.where(absent_before[:, None], reached, self.position)
+        changed = back | leap
+        self._back = back
+        self._offset[changed] = asked_before[changed] - position[changed]
+        self.measured[valid] = position[valid]
+        self._lost_for[valid] = 0.0
+        self._lost_for[~valid] += dt
+        self._has_lost = not valid.all()
+        self.present[:] = self._lost_for <= self._times.hold
+        self.all_present = bool(self.present.all())
+        self._is_fading = self._is_fading or bool(changed.any())
+
+
+# Sensors as far from each other as a body can be, and no further.
+#
+# A tracker that loses its mind asks for a wrist metres away. The hierarchy would stretch the whole body after it,
+# singular and restless, to come a little closer. So what is asked is pulled back to where this body could just have it.
+
+TRUNK_GIVE = 1.25
+"""How much further apart than at rest two points of the trunk, neck and shoulder girdle can be."""
+
+_LIMBS = {
+    "shoulder": ("elbow", "wrist", "hand"),
+    "hip": ("knee", "ankle", "toe"),
+}
+"""Where each limb begins, and its joints from there on."""
+
+
+class Reach:
+    """Largest distances of k sensors from one of them, the anchor: the pelvis if it is worn, else the head."""
+
+    def __init__(self, sensors: Sequence[str], joints: Sequence[str], dimensions: HumanDimensions) -> None:
+        """sensors: names. joints: the joint that each sits on."""
+        self._anchor = next((sensors.index(name) for name in ("pelvis", "head") if name in sensors), None)
+        anchor = joints[0 if self._anchor is None else self._anchor]
+        self._furthest = np.array([_furthest(anchor, joint, dimensions) for joint in joints])
+
+    def clamp(self, position: FloatArray, present: BoolArray) -> None:
+        """Pull positions (k, 3) m back, in place; `present` (k,)."""
+        if self._anchor is None or not present[self._anchor]:
+            return
+        away = position - position[self._anchor]
+        distance = np.sqrt(rotations.squares(away))
+        too_far = present & (distance > self._furthest)
+        if np.count_nonzero(too_far):
+            share = self._furthest[too_far] / distance[too_far]
+            position[too_far] = position[self._anchor] + share[:, None] * away[too_far]
+
+
+def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:
+    """Most that two joints can be apart, m."""
+    start, first = _from_trunk(anchor, dimensions)
+    end, second = _from_trunk(joint, dimensions)
+    rest = dict(zip(POINTS, dimensions.standing(), strict=True))
+    return TRUNK_GIVE * float(np.linalg.norm(rest[start] - rest[end])) + first + second
+
+
+def _from_trunk(joint: str, dimensions: HumanDimensions) -> tuple[str, float]:
+    """(joint of the trunk that a limb hangs on, length of the limb up to this joint); the joint itself on the trunk."""
+    side, kind = (joint[:2], joint[2:]) if joint[1] == "_" else ("", joint)
+    for root, chain in _LIMBS.items():
+        if kind in chain:
+            return side + root, sum(dimensions.length(side + part) for part in chain[: chain.index(kind) + 1])
+    return joint, 0.0

@@ -1,0 +1,114 @@
+"""Which feet of a performer carry, told by height and speed of the ankles alone: both, left, right, or none in flight.
+
+The floor is where carrying feet are: recordings and trackers tilt and drift, so it is followed, not given. A foot
+leaves it when it is high or fast, and is back when it is low and slow; between the two, and for a moment, it stays what
+it was. Nobody flies for long: after that, the lower foot stands on something else, a step or its toes.
+"""
+
+from collections.abc import Sequence
+from math import exp, sqrt
+
+from retarget.types import Carrying
+
+__all__ = ["CarryingFeet"]
+
+
+LIFTED_M, LANDED_M = 0.06, 0.04
+"""An ankle higher than the first above the other foot's has left the floor; it is back below the second. Shoes and
+noise are less."""
+LEFT_M = 0.1
+"""An ankle higher than this above the floor has left it in any case: on its toes, a foot still carries below."""
+FAST, FASTER, SLOW = 0.8, 1.5, 0.6
+"""m/s. A foot faster than the first is no longer planted, the last one only beyond the second: it rolls over its toes.
+It is again when slower than the third."""
+DWELL_S, LANDING_S = 0.05, 0.02
+"""So long a foot must seem to have left, and to be back, before it is believed."""
+LONGEST_FLIGHT_S = 0.8
+"""A jump of 0.8 m; who is off the floor for longer stands on another."""
+SPEED_SETTLE_S = 0.03
+"""Time constant of the low-pass on a foot's speed."""
+FLOOR_SETTLE_S = 0.3
+"""Time constant with which the floor follows the feet that carry."""
+
+
+_OF_FEET = {one.feet: one for one in Carrying}
+
+
+Point = Sequence[float]
+
+
+class CarryingFeet:
+    """`carrying`, told from ankles tick by tick, in the performer's own time. Left before right throughout."""
+
+    def __init__(self) -> None:
+        self.carrying = Carrying.BOTH
+        self._before: tuple[Point, ...] = ()
+        self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        self._carries = [True, True]
+        self._doubted = [0.0, 0.0]  # s for which each foot has seemed to be otherwise
+        self._floor, self._flown = 0.0, 0.0
+
+    def start(self, ankles: Sequence[Point]) -> Carrying:
+        """At rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
+        self._floor, self._flown = min(ankle[2] for ankle in ankles), 0.0
+        self._before = tuple(ankles)
+        self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
+        self._doubted = [0.0, 0.0]
+        return self._tell()
+
+    def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
+        """Go on by `dt` s of the performer's time."""
+        if not self._before:
+            return self.start(ankles)
+        speeds = self._speeds(ankles, dt)
+        for foot in (0, 1):
+            carries = self._carries[foot]
+            otherwise = self._leaves(foot, ankles, speeds) if carries else self._lands(foot, ankles, speeds)
+            self._doubted[foot] = self._doubted[foot] + dt if otherwise else 0.0
+            if self._doubted[foot] > (DWELL_S if carries else LANDING_S):
+                self._carries[foot], self._doubted[foot] = not carries, 0.0
+        self._end_long_flight(ankles, speeds, dt)
+        self._follow_floor(ankles, dt)
+        return self._tell()
+
+    def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
+        """Whether a foot that carries seems to be off the floor. On tiptoe both ankles are high, and alike."""
+        height, other = ankles[foot][2], 1 - foot
+        if self._carries[other]:
+            return speeds[foot] > FAST or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
+        return speeds[foot] > FASTER or height - self._floor > LEFT_M
+
+    def _lands(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
+        """Whether a foot that does not carry seems to be on the floor."""
+        return ankles[foot][2] - self._floor < LANDED_M and speeds[foot] < SLOW
+
+    def _speeds(self, ankles: Sequence[Point], dt: float) -> list[float]:
+        """Speed of each ankle, m/s, low-passed."""
+        share = 1.0 - exp(-dt / SPEED_SETTLE_S)
+        for velocity, before, now in zip(self._velocity, self._before, ankles, strict=True):
+            for axis in (0, 1, 2):
+                velocity[axis] += share * ((now[axis] - before[axis]) / dt - velocity[axis])
+        self._before = tuple(ankles)
+        return [sqrt(sum(part * part for part in velocity)) for velocity in self._velocity]
+
+    def _end_long_flight(self, ankles: Sequence[Point], speeds: list[float], dt: float) -> None:
+        """Somebody who is off the floor for too long stands on another one, as soon as a foot is slow there."""
+        self._flown = 0.0 if any(self._carries) else self._flown + dt
+        lower = 0 if ankles[0][2] < ankles[1][2] else 1
+        if self._flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
+            self._floor, self._flown = ankles[lower][2], 0.0
+            self._carries[lower] = True
+
+    def _follow_floor(self, ankles: Sequence[Point], dt: float) -> None:
+        """The floor goes to where the feet are that carry; down at once: nobody stands below it."""
+        down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
+        if down:
+            lowest = min(down)
+            share = 1.0 if lowest < self._floor else 1.0 - exp(-dt / FLOOR_SETTLE_S)
+            self._floor += share * (lowest - self._floor)
+
+    def _tell(self) -> Carrying:
+        left, right = self._carries
+        self.carrying = _OF_FEET[left, right]
+        return self.carrying

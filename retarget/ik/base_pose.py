@@ -1,0 +1,102 @@
+"""The base pose from contact: where the root of a robot is, told by planted soles."""
+
+from math import nan, sqrt
+
+import numpy as np
+
+from retarget import rotations
+from retarget.ik.support_polygon import Stance
+from retarget.model.robot import RobotBody
+from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated
+from retarget.types import FloatArray
+
+__all__ = ["EitherSole", "plant_root", "plant_roots"]
+
+
+def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
+    """Move the root of a posture q (nq,) so that the lower sole is where it was in `before` (nq,).
+
+    A robot that does not stand on feet keeps the root of `before`.
+    """
+    if robot.profile.root == "free":
+        q[:7] = before[:7]
+    if not robot.stands:
+        return
+    placed, links = robot.kinematics.forward(before)
+    soles = [_sole(placed, links, sole.body, sole.position) for sole in robot.soles]
+    lower = min(range(len(soles)), key=lambda foot: soles[foot][1][2])
+    (there, planted), sole = soles[lower], robot.soles[lower]
+    here, moved = _sole(*robot.kinematics.forward(q), sole.body, sole.position)
+    turn = product(there, inverse(here))
+    x, y, z, *orientation = q[:7].tolist()
+    q[:3] = plus(planted, rotated(turn, minus((x, y, z), moved)))
+    w, x, y, z = product(turn, _quat(orientation))
+    norm = sqrt(w * w + x * x + y * y + z * z) or nan
+    q[3:7] = (w / norm, x / norm, y / norm, z / norm)
+
+
+def plant_roots(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
+    """The same for postures q (T, nq), each from its own `before` (T, nq)."""
+    if robot.profile.root == "free":
+        q[:, :7] = before[:, :7]
+    if not robot.stands:
+        return
+    frames = tuple(foot.frame for foot in robot.profile.feet.values())
+    planted, moved = robot.points(before, frames), robot.points(q, frames)
+    rows = np.arange(len(q))
+    foot = planted[:, :, 2].argmin(axis=1)
+    there, here = (robot.orientations(postures, frames)[rows, foot] for postures in (before, q))
+    turn = rotations.multiply(there, rotations.conjugate(here))
+    q[:, :3] = planted[rows, foot] + rotations.rotate(turn, q[:, :3] - moved[rows, foot])
+    q[:, 3:7] = rotations.normalise(rotations.multiply(turn, q[:, 3:7]))
+
+
+def _sole(placed: FloatArray, links: FloatArray, link: int, point: FloatArray) -> tuple[Quat, Vector]:
+    """The orientation of a link, and where a point of it is, in the world; of all links: origins, orientations."""
+    x, y, z = placed[link].tolist()
+    turn = _quat(links[link].tolist())
+    local_x, local_y, local_z = point.tolist()
+    return turn, plus((x, y, z), rotated(turn, (local_x, local_y, local_z)))
+
+
+def _quat(values: list[float]) -> Quat:
+    w, x, y, z = values
+    return (w, x, y, z)
+
+
+# Where the root of a robot is that stands on both soles or on either: the lower one is where it was planted.
+
+LOWER_M = 3e-5
+"""A sole that is lower than the one before by more than this carries instead: less is rounding."""
+
+
+class EitherSole:
+    """Of one robot in a stance on two soles."""
+
+    def __init__(self, robot: RobotBody, stance: Stance) -> None:
+        self._robot, self._soles = robot, stance.soles
+        self._frames = tuple(sole.frame.name for sole in stance.soles)
+        self.restart()
+
+    def restart(self) -> None:
+        """It stands on both."""
+        self._foot = 0
+
+    def plant(self, q: FloatArray) -> FloatArray:
+        """Move the root of a posture q (nq,). Returns how high (k,) m each sole is above the floor."""
+        heights = self._stand_on(self._foot, q)
+        lower = int(heights.argmin())
+        if heights[lower] < heights[self._foot] - LOWER_M:
+            self._foot = lower
+            heights = self._stand_on(lower, q)
+        return heights
+
+    def _stand_on(self, foot: int, q: FloatArray) -> FloatArray:
+        sole = self._soles[foot]
+        at = self._robot.points(q[None], self._frames)[0]
+        turned = self._robot.orientations(q[None], self._frames)[0, foot]
+        turn = rotations.multiply(sole.orientation, rotations.conjugate(turned))
+        q[:3] = sole.position + rotations.rotate(turn, q[:3] - at[foot])
+        q[3:7] = rotations.normalise(rotations.multiply(turn, q[3:7]))
+        moved = sole.position + rotations.rotate(turn, at - at[foot])
+        return np.asarray(moved[:, 2])

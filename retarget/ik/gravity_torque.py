@@ -1,0 +1,101 @@
+"""Gravity torque of a robot on its soles (inverse dynamics), and how far P servos give way under it.
+
+The mass m moves as if in one point, whose acceleration is a. Then the soles press on the ground with -m (g + a), at the
+zero-moment point. Each takes its share of that force, in its direction, so that none pulls against another:
+
+    torque = m (g + a) J_com - sum_i share_i m (g + a) J_i
+
+J_com: Jacobian of the centre of mass; J_i: of the point of sole i where its force goes through the ground. At rest this
+is exact, up to what soles press against each other.
+"""
+
+import numpy as np
+
+from hardware.servo import loop_stiffness
+from retarget import rotations
+from retarget.ik.support_polygon import Sole, Stance
+from retarget.model.body import Frame
+from retarget.model.robot import RobotBody
+from retarget.types import FloatArray
+
+__all__ = ["CarriedLoad", "servo_give"]
+
+
+CARRIES_BELOW_M = 0.002
+"""A sole that is higher than this carries nothing; on its way there it carries ever less, so that no torque leaps."""
+UPWARD = np.array([0.0, 0.0, 9.81])
+"""m/s^2: what holds against gravity."""
+
+
+class CarriedLoad:
+    """Of one robot in a stance on one sole or two."""
+
+    def __init__(self, robot: RobotBody, stance: Stance) -> None:
+        self._body = robot.body.solver_body()
+        self._mass = robot.body.total_mass
+        self._soles = [(sole.frame, *_from_ground(sole)) for sole in stance.soles]
+        self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (k, 2) [m]
+
+    def torques(self, q: FloatArray, acceleration: FloatArray, *, heights: FloatArray | None = None) -> FloatArray:
+        """Of every DoF (nv,), N m, in a posture q (nq,) with its soles planted, whose centre of mass has an
+        acceleration (3,) m/s^2. A root that asks for any is out of balance. heights (k,) m: of soles of which one may
+        be lifted; None: all are planted."""
+        com = self._body.centre_of_mass(q[None])[0]
+        force = self._mass * (UPWARD + acceleration)
+        pressed = com[:2] - com[2] / force[2] * force[:2]
+        shares = self._shares(pressed)
+        if heights is not None:
+            shares = _on_the_floor(shares, heights)
+        beside = pressed - shares @ self._middles
+        torque = force @ self._body.centre_of_mass_jacobian(q)
+        for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):
+            torque -= share * force @ self._jacobian(q, frame, turn @ np.array([*(middle + beside), 0.0]) + offset)
+        return np.asarray(torque)
+
+    def _shares(self, pressed: FloatArray) -> FloatArray:
+        """Of each sole (k,), where all press at a point (2,) m: as near to it as the line between their middles."""
+        if len(self._middles) == 1:
+            return np.ones(1)
+        first, second = self._middles
+        across = second - first
+        share = min(max(float((pressed - first) @ across / (across @ across)), 0.0), 1.0)
+        return np.array([1.0 - share, share])
+
+    def _jacobian(self, q: FloatArray, frame: Frame, point: FloatArray) -> FloatArray:
+        """Of a point (3,) m of a link, (3, nv)."""
+        x, y, z = point.tolist()
+        return self._body.frame_jacobian(q, frame.body, (x, y, z))[:3]
+
+
+def _on_the_floor(shares: FloatArray, heights: FloatArray) -> FloatArray:
+    """Shares (k,) of soles that are at heights (k,) m, the lowest on the floor: it takes what others cannot."""
+    kept = shares * np.clip(1.0 - heights / CARRIES_BELOW_M, 0.0, 1.0)
+    kept[int(heights.argmin())] += 1.0 - kept.sum()
+    return np.asarray(kept)
+
+
+def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:
+    """Turn (3, 3) and offset (3,) m from the world to the link of a planted sole: local = turn @ world + offset."""
+    link = rotations.multiply(sole.orientation, rotations.conjugate(sole.frame.quat))
+    turn = rotations.rotate(rotations.conjugate(link), np.eye(3)).T
+    return turn, sole.frame.position - turn @ sole.position
+
+
+# How far the joints of a robot give way under load: a position loop with a pure P gain is a spring.
+
+
+def servo_give(robot: RobotBody) -> FloatArray:
+    """(n, n) rad per N m: from torques of the joints to how far they give way, in servo order.
+
+    By the profile's gains, at the voltage that the maker's numbers are for. Coupled joints give way together.
+    """
+    servos = robot.joint_map.servos
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    of_shaft = np.array([1.0 / loop_stiffness(servo, protocol=protocols[servo.bus]) for servo in servos])
+    give = np.diag(of_shaft / np.array([servo.gear for servo in servos]) ** 2)
+    columns = {servo.joint: index for index, servo in enumerate(servos)}
+    for coupling in {servo.coupling for servo in servos if servo.coupling is not None}:
+        pair = [columns[joint] for joint in coupling.joints]
+        turns = np.array(coupling.matrix)  # joint angles = turns @ shaft angles
+        give[np.ix_(pair, pair)] = turns @ np.diag(of_shaft[pair]) @ turns.T
+    return np.asarray(give)

@@ -1,0 +1,311 @@
+"""A priority file compiled for one body: a solver whose targets are set by name; and the scene around it.
+
+The target vector is flat and lives with the caller: `clear` it, set what this tick knows, and hand it to
+`solver.frame`. What is not set is absent. A name that no task uses is ignored, so a source may offer more than the
+priorities ask for.
+"""
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+from math import expm1, inf
+
+import numpy as np
+
+from retarget import _solver
+from retarget.errors import ConfigError, suggest
+from retarget.ik.tasks import Slot, SlotKind, compile_task, preventive
+from retarget.model.body import BodyModel, Frame, JointLimits
+from retarget.model.observers import NO_SCENE, Observers
+from retarget.model.scene_shapes import SceneShapes
+from retarget.model.scene_state import ObstaclePoses, SceneState
+from retarget.schema.priorities import PreventiveTask, Priorities
+from retarget.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["Hierarchy", "Surroundings", "body_frames"]
+
+
+RANKS = 4
+"""Levels of observers that act by rank: the closest of each obstacle, the next, the one after it, and all others."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a slot's weight stands in the target vector, and where its target ends."""
+
+    slot: Slot
+    start: int
+    stop: int
+
+
+class Hierarchy:
+    """A solver, and the names of its targets."""
+
+    def __init__(
+        self, solver: _solver.Solver, levels: Sequence[Sequence[Slot]], postures: Mapping[str, FloatArray]
+    ) -> None:
+        self.solver = solver
+        self.slots = tuple(slot for level in levels for slot in level)
+        """What each entry of `solver.task_errors` is the error of."""
+        self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
+        self.observers: _solver.Observers | None = None
+        """What looks at itself and at the obstacles, as the solver has it."""
+        self._places: dict[SlotKind, list[_Place]] = {kind: [] for kind in SlotKind}
+        self._by_name: dict[tuple[SlotKind, str], list[_Place]] = {}
+        self._spans: list[slice] = []
+        end = 0
+        for level, slots in enumerate(levels):
+            start = end
+            for index, slot in enumerate(slots):
+                place = _Place(slot, *solver.target_slice(level, index))
+                end = place.stop
+                self._places[slot.kind].append(place)
+                self._by_name.setdefault((slot.kind, slot.name), []).append(place)
+            self._spans.append(slice(start, end))
+        self._turned = [
+            (place, place.slot.direction)
+            for kind in (SlotKind.HEADING, SlotKind.AXIS)
+            for place in self._places[kind]
+            if place.slot.direction is not None and place.slot.direction[:2] != (0.0, 0.0)
+        ]
+        self._blank = self._make_blank(postures)
+
+    @classmethod
+    def build(
+        cls,
+        priorities: Priorities,
+        body: BodyModel,
+        *,
+        frames: Mapping[str, Frame],
+        postures: Mapping[str, FloatArray],
+        limits: JointLimits,
+        fed: Container[str] | None = None,
+        locked: BoolArray | None = None,
+        iterations: int | None = None,
+        early_stop: bool = True,
+        damping: float = 1.0,
+        observers: Observers | None = None,
+        scene: SceneShapes = NO_SCENE,
+    ) -> "Hierarchy":
+        """Compile a priority file.
+
+        frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
+        names whose targets will ever be set, by default all of `frames`; the others cost nothing. locked
+        (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. observers: what
+        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body lacks.
+        """
+        worn = None if observers is None else observers.with_margin(priorities.observers.margin)
+        names = () if worn is None else worn.names
+        levels = _compile(priorities, body, frames, fed=frames if fed is None else fed, observers=names)
+        shapes = scene.with_margin(priorities.observers.obstacle_margin)
+        watched = None if worn is None else worn.for_solver(body, shapes)
+        solver = _solver.Solver(
+            body.solver_body(),
+            [[slot.task for slot in level] for level in levels],
+            lower=limits.lower,
+            upper=limits.upper,
+            max_velocity=limits.max_velocity,
+            max_acceleration=limits.max_acceleration,
+            locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
+            n_ik=priorities.iterations if iterations is None else iterations,
+            early_stop=early_stop,
+            damping=damping,
+            observers=watched,
+            activation=priorities.activation,
+        )
+        made = cls(solver, levels, postures)
+        made.observers = watched
+        return made
+
+    def target_span(self, level: int) -> slice:
+        """Where in a target vector the tasks of a level stand."""
+        return self._spans[level]
+
+    def blank(self) -> FloatArray:
+        """A target vector in which only what needs no input is asked: postures, upright axes, the CoM over the root."""
+        return self._blank.copy()
+
+    def clear(self, targets: FloatArray) -> None:
+        """Make a used target vector blank again."""
+        targets[:] = self._blank
+
+    def uses(self, kind: SlotKind, name: str | None = None) -> bool:
+        """Whether a task of this kind (and of this name) exists."""
+        return bool(self._places[kind] if name is None else self._by_name.get((kind, name)))
+
+    def set_position(self, targets: FloatArray, name: str, position: FloatArray, weight: float = 1.0) -> None:
+        """A world position (3,) m."""
+        self._set(targets, SlotKind.POSITION, name, position, weight)
+
+    def position_slots(self, names: Sequence[str]) -> tuple[IntArray, IntArray]:
+        """Where the positions of `names` go: (source (m,), target (m, 4)), for `targets[target] = block[source]` with
+        rows weight, x, y, z in `block` (len(names), 4)."""
+        found = [
+            (row, place.start)
+            for row, name in enumerate(names)
+            for place in self._by_name.get((SlotKind.POSITION, name), ())
+        ]
+        pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
+        return pairs[:, 0], pairs[:, 1:] + np.arange(4)
+
+    def set_orientation(self, targets: FloatArray, name: str, orientation: FloatArray, weight: float = 1.0) -> None:
+        """A world orientation (4,) wxyz."""
+        self._set(targets, SlotKind.ORIENTATION, name, orientation, weight)
+
+    def set_look_at(self, targets: FloatArray, name: str, point: FloatArray, weight: float = 1.0) -> None:
+        """The world point (3,) m that a frame aims at."""
+        self._set(targets, SlotKind.LOOK_AT, name, point, weight)
+
+    def set_centre_of_mass(self, targets: FloatArray, position: FloatArray, weight: float = 1.0) -> None:
+        """Where the centre of mass of an `over_feet` task goes: world (3,) m; rows of weight 0 do not look at it."""
+        self._set(targets, SlotKind.OVER_FEET, "over_feet", position, weight)
+
+    def set_support(self, targets: FloatArray, spaces: FloatArray) -> None:
+        """Where the CoM of a support task stays: at most SUPPORT_EDGES half-spaces (k, 4): nx, ny, nz, d with
+        nx x + ny y + nz z <= d."""
+        for place in self._places[SlotKind.SUPPORT]:
+            end = place.start + 1 + spaces.size
+            targets[place.start] = 1.0
+            targets[place.start + 1 : end] = spaces.ravel()
+            targets[end : place.stop] = 0.0
+
+    def set_strength(self, targets: FloatArray, joint: str, spaces: FloatArray) -> None:
+        """What a joint that carries allows: at most STRENGTH_EDGES half-spaces (k, 7) n . c + m . o <= d for the centre
+        of mass c and the joint's place o."""
+        for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
+            end = place.start + 1 + spaces.size
+            targets[place.start] = 1.0
+            targets[place.start + 1 : end] = spaces.ravel()
+            targets[end : place.stop] = 0.0
+
+    def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:
+        """The heading (x, y), a unit vector on the ground, to every heading task and every axis task."""
+        cosine, sine = heading
+        for place, (x, y, z) in self._turned:
+            strength = weight if place.slot.kind is SlotKind.HEADING else 1.0
+            targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
+
+    def set_obstacles(self, poses: ObstaclePoses) -> None:
+        """Where the obstacles are at the start of the next frame. Moving ones go on by themselves until told
+        otherwise."""
+        self.solver.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
+
+    def set_posture(self, targets: FloatArray, q: FloatArray) -> None:
+        """Another posture (nq,) to be drawn to, for this tick."""
+        for place in self._places[SlotKind.POSTURE]:
+            targets[place.start + 1 : place.stop] = q
+
+    def set_previous(self, targets: FloatArray, q: FloatArray, dt: float, *, settle: float = inf) -> None:
+        """The posture (nq,) of `dt` seconds ago, which holds joints back.
+
+        With stiffness k and weight k / (exp(dt / settle) - 1) towards q, an undisturbed joint approaches its attractor
+        as exp(-t / settle), whatever the rate of the ticks. settle: s, at most, where that of the task is longer.
+        """
+        for place in self._places[SlotKind.PREVIOUS]:
+            targets[place.start] = 1.0 / expm1(min(dt / min(place.slot.settle, settle), 50.0))
+            targets[place.start + 1 : place.stop] = q
+
+    def _set(self, targets: FloatArray, kind: SlotKind, name: str, value: FloatArray, weight: float) -> None:
+        for place in self._by_name.get((kind, name), ()):
+            targets[place.start] = weight
+            targets[place.start + 1 : place.stop] = value
+
+    def _make_blank(self, postures: Mapping[str, FloatArray]) -> FloatArray:
+        blank = np.zeros(self.solver.target_size)
+        for kind in (SlotKind.OVER_ROOT, SlotKind.REACTIVE, SlotKind.PREVENTIVE):
+            for place in self._places[kind]:
+                blank[place.start] = 1.0
+        for place in self._places[SlotKind.AXIS]:
+            if place.slot.direction is not None and place.slot.direction[:2] == (0.0, 0.0):
+                blank[place.start : place.stop] = (1.0, *place.slot.direction)
+        for place in self._places[SlotKind.POSTURE]:
+            name = place.slot.name
+            if name not in postures:
+                raise ConfigError("unknown posture", found=name, next_step=suggest(name, list(postures)))
+            blank[place.start] = 1.0
+            blank[place.start + 1 : place.stop] = postures[name]
+        return blank
+
+
+def _compile(
+    priorities: Priorities,
+    body: BodyModel,
+    frames: Mapping[str, Frame],
+    *,
+    fed: Container[str],
+    observers: tuple[str, ...],
+) -> list[list[Slot]]:
+    """The slots of every level. Observers that act by rank get levels of their own below the closest."""
+    levels: list[list[Slot]] = []
+    group = 0
+    for index, level in enumerate(priorities.levels):
+        is_soft = index == len(priorities.levels) - 1 and any(task.type == "posture" for task in level.tasks)
+        slots: list[Slot] = []
+        ranked: list[list[Slot]] = []
+        for task in level.tasks:
+            if observers and isinstance(task, PreventiveTask) and priorities.activation == "ranked" and not is_soft:
+                group += 1
+                first, *others = [preventive(task, observers, group=group) for _ in range(RANKS)]
+                slots.append(first)
+                ranked += [[other] for other in others]
+            else:
+                slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, observers=observers)
+        levels += [slots, *ranked]
+    return levels
+
+
+def body_frames(body: BodyModel) -> dict[str, Frame]:
+    """Every named frame and link of a body."""
+    return {name: body.frame(name) for name in (*body.body_names[1:], *(frame.name for frame in body.frames))}
+
+
+# What is around a body while it moves: the scene over time, handed to the hierarchy tick by tick.
+
+
+class Surroundings:
+    """The obstacles that one hierarchy sees. Until `begin` they stand where they are at time 0; time is s of the
+    scene."""
+
+    def __init__(self, scene: SceneState | None) -> None:
+        self.scene = scene
+        self.time = 0.0
+        """Of the tick that comes next."""
+        self.now: ObstaclePoses | None = None
+        """Where they are at the start of the tick that runs; None: nothing is around."""
+        self._runs = False
+        self.look()
+
+    @property
+    def shapes(self) -> SceneShapes:
+        """What the hierarchy is built with."""
+        return NO_SCENE if self.scene is None else self.scene.shapes
+
+    def restart(self) -> None:
+        """Back to time 0, at rest; what was told live is forgotten."""
+        if self.scene is not None:
+            self.scene.restart()
+        self.time, self._runs = 0.0, False
+        self.look()
+
+    def look(self) -> None:
+        """Where they are now, as long as they do not move by the file: somebody may tell of them live."""
+        if self.scene is not None and not self._runs:
+            self.now = self.scene.at_rest(self.time)
+
+    def begin(self) -> None:
+        """From the next tick on they move, from time 0."""
+        self.time, self._runs = 0.0, False
+        self.look()
+        self._runs = True
+
+    def tick(self, hierarchy: Hierarchy | None, dt: float, *, pace: float = 1.0) -> None:
+        """Tell the hierarchy (None: nobody) where they are at the start of a tick of `dt` s, and let time go on.
+
+        pace: s of the hierarchy's time that go by in a second: the slower it is, the faster all else seems to it.
+        """
+        if self.scene is None:
+            return
+        self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)
+        if hierarchy is not None:
+            hierarchy.set_obstacles(self.now if pace == 1.0 else self.now.seen_at(pace))
+        if self._runs:
+            self.time += dt

@@ -1,0 +1,189 @@
+"""Where a robot stands: soles on the ground, their support polygon, and how far inside of it a centre of mass is.
+
+An edge is a half-plane (nx, ny, d): the unit normal points outward and nx x + ny y <= d holds inside. Coordinates are
+metres on the ground, world frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget import rotations
+from retarget.errors import ConfigError
+from retarget.model.body import Frame
+from retarget.model.robot import RobotBody
+from retarget.types import FloatArray
+
+__all__ = [
+    "Sole",
+    "Stance",
+    "check_stand",
+    "convex_hull",
+    "half_spaces",
+    "plant",
+    "sole_outline",
+    "support_distance",
+    "support_edges",
+]
+
+
+SHORTEST_EDGE = 1e-6
+"""Corners closer than this, m, are one."""
+
+
+def sole_outline(position: FloatArray, orientation: FloatArray, polygon: FloatArray) -> FloatArray:
+    """Corners (c, 2) on the ground of a sole at `position` (3,), `orientation` (4,); `polygon` (c, 2): its outline."""
+    corners = np.column_stack([polygon, np.zeros(len(polygon))])
+    return np.asarray((position + rotations.rotate(orientation, corners))[:, :2])
+
+
+def convex_hull(points: FloatArray) -> FloatArray:
+    """Corners (h, 2) of the convex hull of points (n, 2), counter-clockwise (Andrew's monotone chain)."""
+    ordered = [(float(x), float(y)) for x, y in points[np.lexsort((points[:, 1], points[:, 0]))]]
+    chains = [_chain(ordered), _chain(ordered[::-1])]
+    return np.array([corner for chain in chains for corner in chain[:-1]])
+
+
+def support_edges(outlines: Sequence[FloatArray], *, margin: float = 0.0) -> FloatArray:
+    """Edges (e, 3) of the convex hull of all `outlines`, each (c, 2), moved inward by `margin` m.
+
+    Where the margin leaves nothing, the edges are moved inward only as far as the middle of the polygon allows.
+    """
+    corners = convex_hull(np.concatenate(outlines))
+    along = np.roll(corners, -1, axis=0) - corners
+    length = np.hypot(along[:, 0], along[:, 1])
+    long = length > SHORTEST_EDGE
+    along, corners = along[long] / length[long, None], corners[long]
+    normal = np.column_stack([along[:, 1], -along[:, 0]])
+    offset = np.einsum("ij,ij->i", normal, corners)
+    room = float((offset - normal @ corners.mean(axis=0)).min())
+    return np.column_stack([normal, offset - min(margin, 0.9 * room)])
+
+
+def half_spaces(edges: FloatArray) -> FloatArray:
+    """Edges (e, 3) as half-spaces (e, 4) of any height: nx, ny, 0, d."""
+    return np.insert(edges, 2, 0.0, axis=1)
+
+
+def support_distance(points: FloatArray, edges: FloatArray) -> FloatArray:
+    """How far (...) m points (..., 2 or 3) are inside the edges (e, 3); negative: outside, by the edge missed most."""
+    return np.asarray((edges[:, 2] - points[..., :2] @ edges[:, :2].T).min(axis=-1))
+
+
+def _chain(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """One side of the hull of points in order; every corner is a left turn."""
+    chain: list[tuple[float, float]] = []
+    for x, y in ordered:
+        while len(chain) > 1:
+            (ax, ay), (bx, by) = chain[-2:]
+            if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0.0:
+                break
+            chain.pop()
+        chain.append((x, y))
+    return chain
+
+
+# Where a robot stands: a posture with the soles on the ground, the origin between them, x forward.
+
+
+@dataclass(frozen=True, eq=False)
+class Sole:
+    """A planted sole.
+
+    frame: on its link. position (3,) m and orientation (4,) wxyz of it, flat on the ground, world. outline (c, 2) m:
+    its corners on the ground, world; corners (c, 3) m: the same in the frame of the link.
+    """
+
+    frame: Frame
+    position: FloatArray
+    orientation: FloatArray
+    outline: FloatArray
+    corners: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """q (nq,): posture, root included. points: world position (3,) m of every frame of the profile in it.
+
+    soles: none for a robot whose root is fixed or hangs.
+    """
+
+    q: FloatArray
+    points: dict[str, FloatArray]
+    soles: tuple[Sole, ...]
+
+    def edges(self, margin: float) -> FloatArray:
+        """Edges (e, 3) of the support polygon, `margin` m inside the soles' hull (see `support`)."""
+        return support_edges([sole.outline for sole in self.soles], margin=margin)
+
+
+def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
+    """Stand with these joint angles, rad (0 elsewhere). A robot on a stand keeps the root of its body file.
+
+    The soles are taken as flat and at the same height; what they lack of it in this posture is for the legs to mend.
+    """
+    q = robot.posture(angles)
+    feet = robot.profile.feet if robot.profile.root == "free" else {}
+    frames = tuple(foot.frame for foot in feet.values())
+    if frames:
+        _to_origin(q, robot.points(q[None], frames)[0], robot.orientations(q[None], frames)[0])
+    names = tuple(robot.profile.frames)
+    points = dict(zip(names, robot.points(q[None], names)[0], strict=True))
+    soles = []
+    for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0] if frames else (), strict=True):
+        place = points[foot.frame] * np.array([1.0, 1.0, 0.0])
+        flat = _level(orientation)
+        frame, polygon = robot.frame(foot.frame), np.array(foot.polygon)
+        corners = frame.position + rotations.rotate(frame.quat, np.column_stack([polygon, np.zeros(len(polygon))]))
+        soles.append(Sole(frame, place, flat, sole_outline(place, flat, polygon), corners))
+    return Stance(q, points, tuple(soles))
+
+
+def _to_origin(q: FloatArray, positions: FloatArray, orientations: FloatArray) -> None:
+    """Move the root of q (nq,) so that the soles (k, 3), (k, 4) are level, face x, with their middle at the origin."""
+    up = rotations.rotate(orientations, np.array([0.0, 0.0, 1.0])).mean(axis=0)
+    level = rotations.shortest_arc(up, np.array([0.0, 0.0, 1.0]))
+    forward = rotations.rotate(rotations.multiply(level, orientations), np.array([1.0, 0.0, 0.0])).mean(axis=0)
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(forward[1], forward[0]))
+    upright = rotations.multiply(turn, level)
+    q[:3] = rotations.rotate(upright, q[:3] - positions.mean(axis=0))
+    q[3:7] = rotations.normalise(rotations.multiply(upright, q[3:7]))
+
+
+def _level(orientation: FloatArray) -> FloatArray:
+    """The orientation (4,) made flat: only its turn about the vertical is kept."""
+    forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
+    return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.arctan2(forward[1], forward[0]))
+
+
+# Whether a robot can stand in its posture `stand`: its centre of mass over the polygon of its soles.
+
+MM = 1e3
+
+
+def check_stand(robot: RobotBody) -> float | None:
+    """How far, m, the centre of mass is inside the edge of the soles; None for a robot that does not stand on soles.
+
+    Raises ConfigError, with the centre of mass and the polygon, where it is outside.
+    """
+    if not robot.stands or not robot.body.mass.sum() > 0.0:
+        return None
+    stance = plant(robot, robot.profile.postures.stand)
+    com = robot.body.solver_body().centre_of_mass(stance.q[None])[0]
+    margin = float(support_distance(com, stance.edges(0.0)))
+    if margin <= 0.0:
+        polygon = convex_hull(np.concatenate([sole.outline for sole in stance.soles]))
+        raise ConfigError(
+            "the robot would fall over in posture stand",
+            where=f"{robot.profile.path}: postures.stand",
+            found=f"centre of mass at {_point(com)}, {-MM * margin:.1f} mm outside the soles",
+            allowed="inside " + ", ".join(_point(corner) for corner in polygon),
+            next_step="Lean the robot until it is inside (x forward, y left, mm, from the middle of the soles), or "
+            "mend the masses of the body or the polygons of `feet`",
+        )
+    return margin
+
+
+def _point(place: FloatArray) -> str:
+    return f"({MM * place[0]:.0f}, {MM * place[1]:.0f})"

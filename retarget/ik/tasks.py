@@ -1,0 +1,231 @@
+"""From one task of a priority file to tasks of the solver, each with the name under which its target is set."""
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from retarget import rotations
+from retarget._solver import Task as SolverTask
+from retarget.errors import ConfigError, suggest
+from retarget.model.body import BodyModel, Frame, joint_weights, light_dofs
+from retarget.schema.priorities import (
+    AxisTask,
+    CentreOfMassTask,
+    HeadingTask,
+    LookAtTask,
+    OrientationTask,
+    PositionTask,
+    PostureTask,
+    PreventiveTask,
+    ReactiveTask,
+    StrengthTask,
+    Task,
+)
+from retarget.types import FloatArray
+
+__all__ = ["CARRIES", "STRENGTH_EDGES", "SUPPORT_EDGES", "Slot", "SlotKind", "compile_task", "preventive"]
+
+SUPPORT_EDGES = 32
+"""Most half-spaces of a support task: two for each edge of the convex hull of two feet of eight corners each."""
+
+STRENGTH_EDGES = 2
+"""Most half-spaces of what a joint carries: its torque at rest, and while the mass is thrown up."""
+CARRIES = "carried by "
+"""With it begin the names of frames at joints that carry a robot on its soles."""
+
+_LEFT = np.array([0.0, 1.0, 0.0])
+"""Axis that a heading turns: it says nothing of bending forward, as the forward axis would."""
+
+
+class SlotKind(Enum):
+    """What a slot of the target vector holds."""
+
+    POSITION = "position"
+    ORIENTATION = "orientation"
+    AXIS = "axis"
+    HEADING = "heading"
+    LOOK_AT = "look_at"
+    OVER_ROOT = "over_root"
+    OVER_FEET = "over_feet"
+    SUPPORT = "support"
+    STRENGTH = "strength"
+    POSTURE = "posture"
+    PREVIOUS = "previous"
+    REACTIVE = "reactive"
+    PREVENTIVE = "preventive"
+
+
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """A solver task and what sets its target. name: as in `of`, or the posture's.
+
+    direction: unit x, y, z in the heading frame, for an axis or a heading. settle: time constant of a PREVIOUS, s.
+    """
+
+    kind: SlotKind
+    name: str
+    task: SolverTask
+    direction: tuple[float, float, float] | None = None
+    settle: float = 0.0
+
+
+def compile_task(
+    task: Task,
+    body: BodyModel,
+    frames: Mapping[str, Frame],
+    *,
+    fed: Container[str],
+    is_soft: bool,
+    observers: Sequence[str] = (),
+) -> list[Slot]:
+    """Slots of one task; none for observers on a body without any.
+
+    observers: their names, in order. fed: names whose targets will ever be set; a task on another one is left out.
+    is_soft: in a last level with a posture, where `weight` is a stiffness.
+
+    Raises ConfigError: a name that the body does not have, in a task that is not optional; observers beside a posture
+    in the last level.
+    """
+    if isinstance(task, PostureTask):
+        return _posture(task, body)
+    if isinstance(task, CentreOfMassTask):
+        return [_centre_of_mass(task, body, frames, is_soft=is_soft)]
+    if isinstance(task, StrengthTask):
+        return _strength(frames)
+    if isinstance(task, ReactiveTask | PreventiveTask):
+        return _observing(task, observers, is_soft=is_soft)
+    needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
+    return [
+        _placed(task, name, frame, is_soft=is_soft)
+        for name, frame in _named(task, frames)
+        if name in fed or not needs_target
+    ]
+
+
+def _named(
+    task: PositionTask | OrientationTask | AxisTask | HeadingTask | LookAtTask, frames: Mapping[str, Frame]
+) -> list[tuple[str, Frame]]:
+    missing = [name for name in task.of if name not in frames]
+    if missing and not task.optional:
+        raise ConfigError(
+            f"a {task.type} task names what the body does not have",
+            found=", ".join(missing),
+            next_step=suggest(missing[0], list(frames)),
+        )
+    return [(name, frames[name]) for name in task.of if name in frames]
+
+
+def _placed(
+    task: PositionTask | OrientationTask | AxisTask | HeadingTask | LookAtTask,
+    name: str,
+    frame: Frame,
+    *,
+    is_soft: bool,
+) -> Slot:
+    """A task on one frame."""
+    gain, point = task.gain, _triple(frame.position)
+    if isinstance(task, PositionTask):
+        cap = task.max_error or 0.05
+        rows = _row_weights(task.weight, is_soft=is_soft)
+        made = SolverTask.position(frame.body, point, weight=rows, gain=gain, max_error=cap)
+        return Slot(SlotKind.POSITION, name, made)
+    cap = task.max_error or 0.2
+    if isinstance(task, OrientationTask):
+        w, x, y, z = frame.quat.tolist()
+        rows = _row_weights(task.weight, is_soft=is_soft)
+        made = SolverTask.orientation(frame.body, (w, x, y, z), weight=rows, gain=gain, max_error=cap)
+        return Slot(SlotKind.ORIENTATION, name, made)
+    weight = float(np.sqrt(task.weight)) if is_soft else task.weight
+    local = _LEFT if isinstance(task, HeadingTask) else _unit(task.axis)
+    axis = _triple(rotations.rotate(frame.quat, local))
+    if isinstance(task, LookAtTask):
+        made = SolverTask.look_at(frame.body, point, axis, weight=weight, gain=gain, max_error=cap)
+        return Slot(SlotKind.LOOK_AT, name, made)
+    made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
+    if isinstance(task, HeadingTask):
+        return Slot(SlotKind.HEADING, name, made, direction=_triple(_LEFT))
+    return Slot(SlotKind.AXIS, name, made, direction=_triple(_unit(task.direction)))
+
+
+def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:
+    cap = task.max_error or 0.05
+    if task.mode == "support":
+        without = [] if task.moving is None else light_dofs(body, frames)
+        return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, without=without, max_error=cap))
+    rows = _row_weights(task.weight, is_soft=is_soft)
+    over_root = task.mode == "over_root"
+    root = int(body.joint_body[0]) if over_root else None
+    made = SolverTask.centre_of_mass(weight=rows, over=root, gain=task.gain, max_error=cap)
+    return Slot(SlotKind.OVER_ROOT if over_root else SlotKind.OVER_FEET, task.mode, made)
+
+
+def _strength(frames: Mapping[str, Frame]) -> list[Slot]:
+    """One slot for each joint that carries."""
+    joints = [(name.removeprefix(CARRIES), frame) for name, frame in frames.items() if name.startswith(CARRIES)]
+    return [
+        Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, _triple(frame.position), STRENGTH_EDGES))
+        for joint, frame in joints
+    ]
+
+
+def preventive(task: PreventiveTask, observers: Sequence[str], *, group: int) -> Slot:
+    """A preventive task; those of one group share pairs by nearness, the first of them the closest."""
+    of = _observers_of(task, observers)
+    made = SolverTask.preventive(of=of, against=task.against, speed=task.speed, group=group)
+    return Slot(SlotKind.PREVENTIVE, task.against, made)
+
+
+def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *, is_soft: bool) -> list[Slot]:
+    if not observers:
+        return []
+    if is_soft:
+        raise ConfigError(
+            f"a {task.type} task stands beside a posture in the last level",
+            allowed="a level of its own above it, where it is a limit",
+        )
+    if isinstance(task, PreventiveTask):
+        return [preventive(task, observers, group=0)]
+    made = SolverTask.reactive(of=_observers_of(task, observers), against=task.against, speed=task.speed)
+    return [Slot(SlotKind.REACTIVE, task.against, made)]
+
+
+def _observers_of(task: ReactiveTask | PreventiveTask, observers: Sequence[str]) -> list[int] | None:
+    """Numbers of the observers that a task names; None: all."""
+    if task.of is None:
+        return None
+    missing = [name for name in task.of if name not in observers]
+    if missing:
+        raise ConfigError(
+            f"a {task.type} task names an observer that the body does not have",
+            found=", ".join(missing),
+            next_step=suggest(missing[0], list(observers)),
+        )
+    return [observers.index(name) for name in task.of]
+
+
+def _posture(task: PostureTask, body: BodyModel) -> list[Slot]:
+    """The pull to the attractor, and the drag that lets it act over a time."""
+    named = [(name, value) for name, value in task.stiffness.items() if name != "default"]
+    weight = joint_weights(body, named, default=task.stiffness.get("default", 1.0))
+    cap = task.max_error or 0.3
+    slots = [Slot(SlotKind.POSTURE, task.towards, SolverTask.posture(weight, gain=task.gain, max_error=cap))]
+    if task.settle > 0.0:
+        drag = SolverTask.posture(weight, max_error=cap)
+        slots.append(Slot(SlotKind.PREVIOUS, "previous", drag, settle=task.settle))
+    return slots
+
+
+def _row_weights(weight: tuple[float, float, float], *, is_soft: bool) -> tuple[float, float, float]:
+    """Weights of rows; a stiffness multiplies the square of an error, so its root multiplies the row."""
+    return _triple(np.sqrt(weight)) if is_soft else weight
+
+
+def _unit(vector: tuple[float, float, float]) -> FloatArray:
+    return np.asarray(np.array(vector) / np.linalg.norm(vector))
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in vector)
+    return x, y, z

@@ -1,0 +1,214 @@
+"""A robot on its soles that can always stop there.
+
+Joints that each keep within their own limits may still be unable to stop together: where one must brake hard, others
+would have to brake harder to keep the soles in place. So before a posture is taken, the robot is stopped from it in
+thought, as fast as it can with soles planted; if soles or balance would be lost on the way, the posture is not taken,
+and the last way to a stop that was found good is followed instead. From rest on, all that is sent lies on such ways,
+and a stop that is asked for at any tick goes along one.
+"""
+
+from math import ceil, hypot
+
+import numpy as np
+
+from retarget._solver import Footing, Solver, Task
+from retarget.ik.support_polygon import Stance, half_spaces
+from retarget.model.body import BodyModel, JointLimits
+from retarget.types import BoolArray, FloatArray
+
+__all__ = ["Stopping"]
+
+SOLE_M = 0.001
+"""How far (m) a corner of a sole may be from its place on the way to a stop."""
+BALANCE_M = 0.003
+"""How far (m) inside the soles' outline the centre of mass stays on the way to a stop."""
+NO_WORSE_M = 1e-5
+"""What is already beyond these bounds may go on, if it gets worse by no more than this, m."""
+SPARE_TICKS = 2
+"""Ticks beyond those that the fastest joint needs, for soles and balance are kept first."""
+NO_WAY_BACK = 1e-9
+"""Share of the way back to where the stop began: joints are to stand still, wherever they are by then."""
+LONGEST = 100
+"""Most ticks of a way; what takes longer to stop is not admitted."""
+SHORT_RAD = 0.03
+"""A stop in which no joint of a leg turns by more than this needs no way to be looked for, where nothing is near."""
+PLANTED_M = 0.1 * SOLE_M
+"""How far (m) a corner of a sole may be from its place at the beginning of such a stop, and in the tick before."""
+STANDING = 1e-9
+"""Speed (rad/s) below which a leg stands."""
+ROUND_OFF = 1e-9
+"""How far (rad) beyond its limit a joint that rests there may seem to be."""
+
+
+class Stopping:
+    """Ways to a stop: `admits` tells whether there is one from a posture, `follow` goes along the last one found.
+
+    Joints that do not carry the robot brake by themselves, each as fast as it can. In thought they stand still: what
+    their braking does to the centre of mass is left to the margin.
+    """
+
+    def __init__(self, body: BodyModel, limits: JointLimits, stance: Stance, carrying: BoolArray) -> None:
+        """limits (nv,): those that the postures keep. carrying (nv,): the root and the joints of the legs."""
+        self._body = body.solver_body()
+        self._deceleration = limits.max_acceleration  # (nv,)
+        self._legs = np.flatnonzero(carrying & np.isfinite(limits.max_acceleration))
+        self._slowness = 1.0 / limits.max_acceleration[self._legs]
+        single, address = body.scalar_joints()
+        self._leg_columns = address[self._legs]
+        self._lowest = limits.lower[self._legs] - ROUND_OFF
+        self._highest = limits.upper[self._legs] + ROUND_OFF
+        self._height = float(self._body.centre_of_mass(stance.q[None])[0, 2])
+        self._free = np.flatnonzero(single & ~carrying)
+        self._columns = address[self._free]
+        soles = [(sole, _spread(sole.outline)) for sole in stance.soles]
+        links = [sole.frame.body for sole, few in soles for _ in few]
+        local = np.concatenate([sole.corners[few] for sole, few in soles])
+        planted = np.concatenate([sole.outline[few] for sole, few in soles])
+        outline = stance.edges(0.0)
+        self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), outline)
+        self._solver = _solver(body, limits, stance, len(outline), ~carrying)
+        self._targets = np.tile(_targets(self._solver, stance, outline), (LONGEST + SPARE_TICKS, 1))
+        self.begin(stance.q)
+
+    def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
+        """Start anew in posture q (nq,), moving at velocity (nv,) per s, from where no way to a stop is known."""
+        self._way, self._at, self._known = q[None], 0, velocity is None
+        self._velocity = np.zeros_like(self._deceleration) if velocity is None else velocity
+        self._slip, self._shortfall = self._losses(self._way)
+
+    def keep_pace(self, change: float) -> None:
+        """Time goes by slower (change < 1) or faster from now on: what moves as before has another velocity. The way
+        that is known stays good: its rows are taken one by one."""
+        self._velocity = self._velocity / change
+
+    @property
+    def stands(self) -> bool:
+        """Whether the legs stand still where the robot got last."""
+        return float(np.abs(self._velocity[self._legs]).max(initial=0.0)) < STANDING
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Of the robot (nv,) there, per s."""
+        return self._velocity
+
+    def admits(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
+        """Whether a robot that just got to posture q (nq,), moving at velocity (nv,), can stop from there.
+
+        If so, its way to the stop becomes the one that `follow` goes along.
+        """
+        return self._stops_short(q, velocity) or self._finds_way(q, velocity, dt)
+
+    def _stops_short(self, q: FloatArray, velocity: FloatArray) -> bool:
+        """Whether it surely can, because it hardly moves. Its way is looked for when somebody is to follow it.
+
+        The legs may then all brake in proportion: they turn too little to move the soles otherwise than now, not at
+        all. Going on unbraked for as long, none would come to its limit, nor the centre of mass to its margin.
+        """
+        legs = velocity[self._legs]
+        speed = np.abs(legs)
+        time = float((speed * self._slowness).max())  # [s] that the slowest of them needs
+        ahead = q[self._leg_columns] + time * legs
+        if 0.5 * time * float(speed.max()) > SHORT_RAD or ((ahead < self._lowest) | (ahead > self._highest)).any():
+            return False
+        slip, shortfall = self._losses(q[None])
+        root = hypot(*velocity[:3].tolist()) + self._height * hypot(*velocity[3:6].tolist())  # [m/s]
+        if max(slip, self._slip) > PLANTED_M or shortfall + time * root > 0.0:
+            return False
+        self._way, self._at, self._known, self._velocity = q[None], 0, False, velocity
+        self._slip, self._shortfall = slip, shortfall
+        return True
+
+    def _finds_way(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
+        """Whether it can by a way that is found and verified here, which becomes the one that `follow` goes along."""
+        way, ticks = q[None], self._ticks(velocity, dt)
+        if ticks > LONGEST:
+            return False
+        if ticks > 0:
+            self._solver.reset(q, velocity)
+            way = np.concatenate([way, self._solver.clip(self._targets[: ticks + SPARE_TICKS], dt)])
+            if self._ticks(self._solver.velocity, dt) > 0:
+                return False
+        slip, shortfall = self._losses(way)
+        if slip > max(SOLE_M, self._slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
+            return False
+        self._way, self._at, self._known, self._velocity = way, 0, True, velocity
+        if slip > SOLE_M or shortfall > 0.0:
+            # What is measured against only ever falls: many small steps may not add up.
+            here = self._losses(q[None])
+            slip, shortfall = min(self._slip, here[0]), min(self._shortfall, here[1])
+        self._slip, self._shortfall = slip, shortfall
+        return True
+
+    def _ticks(self, velocity: FloatArray, dt: float) -> int:
+        """Ticks that the legs need to get slow enough to stand in the next one."""
+        return ceil(float(np.abs(velocity[self._legs] * self._slowness).max()) / dt - 1e-9) - 1
+
+    def knows_way(self, dt: float) -> bool:
+        """Whether there is a way to follow; where it is not known any more, it is looked for."""
+        return self._known or self._finds_way(self._way[0], self._velocity, dt)
+
+    def follow(self, dt: float) -> tuple[FloatArray, FloatArray] | None:
+        """The next posture (nq,) on the last way to a stop, and its velocity (nv,); at its end the robot stands.
+
+        None: no way is known, nor found now.
+        """
+        if not self.knows_way(dt):
+            return None
+        before = self._way[self._at]
+        self._at = min(self._at + 1, len(self._way) - 1)
+        now = self._way[self._at].copy()
+        free = self._velocity[self._free]
+        slower = np.maximum(np.abs(free) - self._deceleration[self._free] * dt, 0.0)
+        now[self._columns] = before[self._columns] + np.copysign(slower, free) * dt
+        self._velocity = self._body.difference(before, now) / dt
+        self._way[self._at] = now  # last: at the end of the way this is `before`
+        return now, self._velocity
+
+    def brake(self, dt: float) -> FloatArray:
+        """The next posture (nq,) where no way is known: every joint by itself, as fast as it can, under a root at rest.
+
+        Whoever takes it begins anew from there.
+        """
+        slower = np.maximum(np.abs(self._velocity) - self._deceleration * dt, 0.0)  # (nv,)
+        return self._body.integrate(self._way[self._at], np.copysign(slower, self._velocity) * dt)
+
+    def _losses(self, way: FloatArray) -> tuple[float, float]:
+        """Most that a corner of a sole is off (m), and that the centre of mass falls short of its margin (m)."""
+        off, inside = self._footing.losses(way)
+        return off, BALANCE_M - inside
+
+
+def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int, locked: BoolArray) -> Solver:
+    """Soles first, then balance, then to stand still where the robot is."""
+    planted = []
+    for sole in stance.soles:
+        (x, y, z), (qw, qx, qy, qz) = sole.frame.position.tolist(), sole.frame.quat.tolist()
+        planted += [Task.position(sole.frame.body, (x, y, z)), Task.orientation(sole.frame.body, (qw, qx, qy, qz))]
+    return Solver(
+        body.solver_body(),
+        [planted, [Task.support(edges)], [Task.posture(np.ones(body.nv), gain=NO_WAY_BACK)]],
+        lower=limits.lower,
+        upper=limits.upper,
+        max_velocity=limits.max_velocity,
+        max_acceleration=limits.max_acceleration,
+        locked=locked,
+        n_ik=1,
+        damping=0.0,
+    )
+
+
+def _spread(outline: FloatArray) -> list[int]:
+    """The corners of an outline (c, 2) that are farthest along its diagonals: enough to see a sole move or tilt."""
+    return sorted({int(np.argmax(outline @ np.array(way))) for way in ((1, 1), (1, -1), (-1, 1), (-1, -1))})
+
+
+def _targets(solver: Solver, stance: Stance, edges: FloatArray) -> FloatArray:
+    targets = np.zeros(solver.target_size)
+    planted = [goal for sole in stance.soles for goal in (sole.position, sole.orientation)]
+    goals = [(0, index, goal) for index, goal in enumerate(planted)]
+    goals += [(1, 0, half_spaces(edges).ravel()), (2, 0, stance.q)]
+    for level, task, goal in goals:
+        start, stop = solver.target_slice(level, task)
+        targets[start] = 1.0
+        targets[start + 1 : stop] = goal
+    return targets

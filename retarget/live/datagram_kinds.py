@@ -1,0 +1,195 @@
+"""Which protocol a datagram is of, by its first bytes, and what to do where it is not the one of the address.
+
+Facts on streams, sections 2 to 6: OSC begins with `#bundle` or an address, MVN with `MXTP`, NatNet with an id and its
+own size, mocopi with a counted `head`, Axis Studio with 0xDDFF, Rokoko Studio with JSON or an LZ4 frame of it.
+"""
+
+import json
+import struct
+from dataclasses import dataclass
+
+from retarget.live.address import KINDS
+from retarget.sources.mvn import QUATERNION, read_header
+from retarget.sources.natnet_wire import MessageId, split
+from retarget.sources.osc import OscPacket, read_osc
+from retarget.sources.stream_frame import CONVENTIONS
+
+__all__ = ["DAMAGED", "Recognised", "advice_for", "recognise"]
+
+
+LONGEST_NAME = 60
+"""Characters of a sender's own words that are shown."""
+DAMAGED = "damaged "
+"""Begins the name of what cannot be taken apart."""
+_LZ4 = b"\x04\x22\x4d\x18"
+_AXIS_STUDIO = b"\xff\xdd"
+_MVN_TYPES = {
+    1: "type 01, Euler angles",
+    5: "type 05, Unity poses",
+    12: "type 12, names",
+    13: "type 13, scale",
+    20: "type 20, joint angles",
+    21: "type 21, linear kinematics",
+    22: "type 22, angular kinematics",
+    23: "type 23, motion trackers",
+    24: "type 24, centre of mass",
+    25: "type 25, time code",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Recognised:
+    """kind: scheme of the address that reads it, "" where none does. name: in words. detail: what of it, where that
+    matters; bounded in length, and few differ."""
+
+    kind: str
+    name: str
+    detail: str = ""
+
+    @property
+    def text(self) -> str:
+        """Name and detail."""
+        return f"{self.name} ({self.detail})" if self.detail else self.name
+
+
+def recognise(datagram: bytes) -> Recognised:
+    """What a datagram looks like. Never raises."""
+    if datagram.startswith((b"#bundle\0", b"/")):
+        return _osc(read_osc(datagram))
+    if datagram.startswith(b"MXTP"):
+        return _mvn(datagram)
+    if datagram.lstrip(b" \t\r\n\xef\xbb\xbf")[:1] in (b"{", b"["):
+        return _json(datagram)
+    if datagram.startswith(_LZ4):
+        return Recognised("", "Rokoko Studio", "JSON in LZ4")
+    if datagram.startswith(_AXIS_STUDIO):
+        return Recognised("", "Axis Studio (Perception Neuron)", "BVH broadcast")
+    if datagram[4:8] in (b"head", b"sndf", b"skdf", b"fram"):
+        return Recognised("", "mocopi")
+    return _natnet(datagram) or Recognised("", "an unknown protocol", _first_bytes(datagram))
+
+
+def _osc(packet: OscPacket) -> Recognised:
+    addresses = [message.address for message in packet.messages]
+    if not addresses:
+        return Recognised("", DAMAGED + "OSC", packet.dropped[0] if packet.dropped else "an empty bundle")
+    if any(address.startswith("/VMC/") for address in addresses):
+        return Recognised("vmc", "VMC", _vmc(addresses))
+    if any(address.startswith("/tracking/trackers/") for address in addresses):
+        return Recognised("vrchat", "VRChat OSC trackers")
+    if any(address.startswith(("/avatar/", "/input/", "/chatbox/")) for address in addresses):
+        return Recognised("", "VRChat OSC", "avatar parameters, no trackers")
+    return Recognised("", "OSC", f"address {_shown(addresses[0])}")
+
+
+def _vmc(addresses: list[str]) -> str:
+    """Which of the protocol's poses there are."""
+    if any(address.startswith(f"/VMC/Ext/{device}/Pos") for address in addresses for device in ("Hmd", "Con", "Tra")):
+        return ""
+    if "/VMC/Ext/Bone/Pos" in addresses:
+        return "bones only"
+    return "no poses"
+
+
+def _mvn(datagram: bytes) -> Recognised:
+    header = read_header(datagram)
+    if header is None:
+        return Recognised("", DAMAGED + "MVN")
+    if header.kind == QUATERNION:
+        return Recognised("mvn", "MVN")
+    return Recognised("mvn", "MVN", _MVN_TYPES.get(header.kind, f"type {header.kind:02d}, unknown"))
+
+
+def _json(datagram: bytes) -> Recognised:
+    try:
+        message = json.loads(datagram)
+    except (ValueError, RecursionError):
+        return Recognised("", DAMAGED + "JSON")
+    if type(message) is not dict:
+        return Recognised("", "JSON", "no object")
+    if {"scene", "version"} <= message.keys():
+        return Recognised("", "Rokoko Studio", "JSON")
+    if "poses" not in message:
+        return Recognised("", "JSON", "without poses")
+    axes = message.get("axes")
+    if type(axes) is not str or axes not in CONVENTIONS:
+        told = f"axes {_shown(axes)}" if type(axes) is str else "no axes"
+        return Recognised("json", "poses as JSON", told)
+    return Recognised("json", "poses as JSON")
+
+
+def _natnet(datagram: bytes) -> Recognised | None:
+    """By an id that is known and a size that fits to the byte."""
+    parts = split(datagram)
+    if parts is None or len(datagram) != 4 + struct.unpack_from("<H", datagram, 2)[0]:
+        return None
+    try:
+        kind = MessageId(parts[0])
+    except ValueError:
+        return None
+    name = kind.name.lower().replace("_", " ")
+    return Recognised("natnet", "NatNet", "" if kind is MessageId.FRAME else name)
+
+
+def _shown(text: str) -> str:
+    return repr(text[:LONGEST_NAME])
+
+
+def _first_bytes(datagram: bytes) -> str:
+    return f"begins with {datagram[:8].hex(' ')}" if datagram else "empty"
+
+
+# What to do when something else arrives than the address reads: the mix-ups that people make.
+
+SENDERS = {
+    "vmc": "the sender's VMC output",
+    "vrchat": "the sender's OSC trackers",
+    "natnet": "Motive",
+    "mvn": "MVN's network streamer",
+    "json": "the sender",
+}
+"""Who is to be set, by the kind of an address."""
+
+_ALIEN = {
+    "Rokoko Studio": "Its stream is not read: let a bridge send VMC, or poses as JSON (docs/json-input.md)",
+    "Axis Studio (Perception Neuron)": "Its broadcast is not read: let a bridge send VMC, or poses as JSON "
+    "(docs/json-input.md)",
+    "mocopi": "Its own protocol is not read: let MCP2VMCP or the receiver send VMC, to vmc://:39539",
+    "VRChat OSC": "Switch OSC trackers on at the sender; better still VMC, which has wrists",
+    "JSON": "docs/json-input.md says which keys there are; examples/send_poses.py sends them",
+}
+
+
+def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
+    """What a person is to do about datagrams `got` at an address of `kind`; "" where it is what is read. recording: the
+    file that holds them, "" where they arrive."""
+    if got.kind == kind:
+        return _own(kind, got)
+    if got.kind and recording:
+        return f"Read it as replay://{recording}?kind={got.kind}"
+    if got.kind:
+        usual = KINDS[got.kind].port
+        there = f"{got.kind}://:{port}" if got.kind != "natnet" else "natnet://HOST"
+        to = f", its usual port being {KINDS[kind].port}" if KINDS[kind].port else ""
+        elsewhere = f" (it usually goes to port {usual})" if usual and usual != port else ""
+        return f"Listen with {there}, or send {got.name} elsewhere{elsewhere} and let {SENDERS[kind]} send here{to}"
+    if got.name.startswith(DAMAGED):
+        return f"Look at the settings of {SENDERS[kind]}, and at what may cut its datagrams on the way"
+    if got.name in _ALIEN:
+        return _ALIEN[got.name]
+    return f"Look which program sends it, and let {SENDERS[kind]} send here instead"
+
+
+def _own(kind: str, got: Recognised) -> str:
+    """The right protocol, and the wrong part of it."""
+    if kind == "mvn" and got.detail and got.detail[5:7] not in ("01", "12", "13"):
+        return "In MVN's network streamer choose Position + Orientation (Quaternion)"
+    if kind == "json" and got.detail:
+        return f'Send "axes" as one of {", ".join(CONVENTIONS)}'
+    if kind == "vmc" and got.detail == "bones only":
+        return "Such senders are followed with --performer avatar"
+    if kind == "vmc" and got.detail == "no poses":
+        return "Load an avatar in the sender, start its tracking, and let it send bones or trackers"
+    if kind == "natnet" and got.detail in ("connect", "discovery", "definitions request", "keep alive", "command"):
+        return "This is another client's question, not Motive: HOST must be the computer with Motive"
+    return ""

@@ -1,0 +1,214 @@
+"""Raw recordings of a stream: every admitted datagram written to a file, and played back in place of a socket."""
+
+import threading
+from collections.abc import Callable, Iterator
+from itertools import islice
+from typing import Self
+
+from retarget.errors import InputError, UsageError
+from retarget.live.address import RECORDED, StreamAddress, parse_address
+from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
+from retarget.live.datagram_kinds import recognise
+from retarget.sources import raw_record
+from retarget.sources.raw_record import RawReader, RawWriter
+from retarget.sources.stream_frame import Dropped
+
+__all__ = ["FLUSH_S", "RawTap", "ReplayReceiver", "open_replay", "recorded_kind"]
+
+
+UNKNOWN_SOURCE = "127.0.0.1"
+"""Address of the senders of a recording that holds none."""
+LOOKED_AT = 100
+"""Datagrams by which a recording is recognised that does not say what it holds."""
+LONE_GAP_S = 0.1
+"""Between two rounds of a recording whose datagrams all have one time."""
+
+
+class ReplayReceiver:
+    """Datagrams of a recording that fall due as the time that `poll` is given goes on; the first one at once.
+
+    A time of the recording that goes back counts as none passed. With `loop`, each round follows the one before by the
+    mean gap of its datagrams. The file is read as it is played, through a buffer, one datagram ahead.
+    """
+
+    def __init__(self, reader: RawReader, *, speed: float = 1.0, loop: bool = False) -> None:
+        """`speed`: recorded seconds per second. Raises ValueError unless it is above 0."""
+        if not 0.0 < speed < float("inf"):
+            raise ValueError(f"a replay goes forward at a finite speed; found {speed}")
+        self.dropped = Dropped()
+        self._reader, self._speed, self._loop = reader, speed, loop
+        self._rows: Iterator[raw_record.Datagram] = iter(reader)
+        self._next: raw_record.Datagram | None = None
+        self._due = 0.0
+        """When `_next` arrives, s on the clock of `poll`; before that, when the one before it arrived."""
+        self._recorded: float | None = None
+        """Recorded time of the last datagram, s; None at the start of a round."""
+        self._count = 0
+        self._round_began = 0.0
+        self._started = self._finished = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def finished(self) -> bool:
+        """Whether everything has been returned; never with `loop`, unless the recording is empty."""
+        return self._finished
+
+    @property
+    def damage(self) -> str:
+        """Where and how the recording broke off; "" if it is whole, as far as it was played."""
+        return self._reader.damage
+
+    def close(self) -> None:
+        """End the replay."""
+        self._next, self._finished = None, True
+
+    def poll(self, now: float) -> list[Datagram]:
+        """What has fallen due until `now` (s), with the times at which it did. Bounded as that of a socket is."""
+        if not self._started:
+            self._started, self._due, self._round_began = True, now, now
+            self._load()
+        found: list[Datagram] = []
+        room = MOST_BYTES_PER_POLL
+        while self._next is not None and self._due <= now and len(found) < MOST_PER_POLL and room > 0:
+            row = self._next
+            found.append(Datagram(self._due, (row.address or UNKNOWN_SOURCE, row.port), row.payload))
+            room -= len(row.payload)
+            self._load()
+        return found
+
+    def _load(self) -> None:
+        """Fetch the next datagram and when it is due."""
+        row = next(self._rows, None)
+        if row is None:
+            row = self._next_round()
+        if row is None:
+            self.close()
+            return
+        if self._recorded is not None:
+            self._due += max(row.time_s - self._recorded, 0.0) / self._speed
+        self._next, self._recorded = row, row.time_s
+        self._count += 1
+
+    def _next_round(self) -> raw_record.Datagram | None:
+        if self._reader.damage:
+            self.dropped.note("the recording is damaged")
+        if not self._loop or self._count == 0:
+            return None
+        span = self._due - self._round_began
+        self._due += span / (self._count - 1) if span > 0.0 else LONE_GAP_S / self._speed
+        self._round_began, self._recorded, self._count = self._due, None, 0
+        self._rows = iter(self._reader)
+        return next(self._rows, None)
+
+
+def open_replay(address: StreamAddress) -> ReplayReceiver:
+    """Open the recording of a `replay://` address. Raises InputError if it is missing or no recording."""
+    assert address.path is not None
+    return ReplayReceiver(RawReader(address.path), speed=address.speed, loop=address.loop)
+
+
+def recorded_kind(address: StreamAddress) -> str:
+    """What kind of stream a recording holds: by `?kind=`, by the address that it was recorded from, or by its first
+    datagrams, if all that are known are of one kind.
+
+    Raises InputError if none says so, or if the file is missing or no recording.
+    """
+    assert address.path is not None
+    if address.recorded is not None:
+        return address.recorded
+    reader = RawReader(address.path)
+    url = reader.url
+    try:
+        kind = parse_address(url).kind
+    except UsageError:
+        kind = ""
+    if kind in RECORDED:
+        return kind
+    kinds = {recognise(row.payload).kind for row in islice(reader, LOOKED_AT)} - {""}
+    if len(kinds) == 1:
+        return kinds.pop()
+    raise InputError(
+        "the recording does not say what kind of stream it holds",
+        where=address.text,
+        found=repr(url[:100]) if url else "",
+        allowed=", ".join(RECORDED),
+        next_step="Add ?kind=vmc, for example",
+    )
+
+
+# `--record-raw FILE`: every admitted datagram goes to a file, by a thread of its own; the tick waits for no disk.
+
+FLUSH_S = 0.2
+"""Between two writes; what a crash may lose."""
+PATIENCE_S = 2.0
+"""How long closing waits for a disk that hangs."""
+
+
+class RawTap:
+    """Takes datagrams in the tick and lets a thread write them.
+
+    A disk that is full or gone ends the recording and nothing else: `trouble` then says why, and what comes later is
+    counted in `lost`, as is what comes faster than the disk takes it (the writer holds a bounded number of bytes).
+    """
+
+    def __init__(self, writer: RawWriter, *, tell: Callable[[str], object] = lambda text: None) -> None:
+        """Start the thread. The tap owns the writer from here on. tell: hears, when it is closed, what is missing."""
+        self._writer, self._tell = writer, tell
+        self._hung = ""
+        self._told_trouble = self._told_lost = False
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="record-raw", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def trouble(self) -> str:
+        """Why the recording ended early; "" while all is well."""
+        return self._hung or self._writer.trouble
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that are not in the file."""
+        return self._writer.lost
+
+    def news(self) -> str:
+        """What is wrong with the recording, in a sentence, the first time that it is asked; "" otherwise."""
+        if self.trouble and not self._told_trouble:
+            self._told_trouble = self._told_lost = True
+            return f"the recording has ended, the run goes on: {self.trouble}"
+        if self.lost and not self._told_lost:
+            self._told_lost = True
+            return "the disk is too slow: datagrams are missing in the recording"
+        return ""
+
+    def take(self, datagram: Datagram) -> None:
+        """Keep one datagram; after `close`, or after trouble, it is only counted."""
+        address, port = datagram.source
+        self._writer.append(datagram.payload, time_ns=round(datagram.arrival * 1e9), address=address, port=port)
+
+    def close(self) -> None:
+        """Write the rest and close the file; waits PATIENCE_S at most. Twice does no harm."""
+        if self._ending.is_set():
+            return
+        self._ending.set()
+        self._thread.join(PATIENCE_S)
+        if self._thread.is_alive():
+            self._hung = "the disk does not answer"
+        if self.trouble or self.lost:
+            reason = self.trouble or "the disk was too slow"
+            self._tell(f"the recording is not whole: {reason}; {self.lost} datagrams are missing")
+
+    def _run(self) -> None:
+        while not self._ending.wait(FLUSH_S) and not self._writer.trouble:
+            self._writer.flush()
+        self._writer.close()

@@ -1,0 +1,255 @@
+"""Receivers that are more than a UDP socket: NatNet's questions and answers, and MVN over TCP."""
+
+import socket
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Self
+
+from hardware.clock import wall_to_monotonic
+from retarget.errors import InputError
+from retarget.live.address import NATNET_COMMAND_PORT, StreamAddress
+from retarget.live.admission import MOST_PER_POLL, Datagram, Source
+from retarget.live.udp import UdpReceiver, not_bound
+from retarget.sources.mvn import MvnStream
+from retarget.sources.natnet_session import NatnetSession, SessionSettings
+from retarget.sources.natnet_wire import Version
+from retarget.sources.stream_frame import Dropped
+
+__all__ = [
+    "NOT_THE_SENDER",
+    "REJOIN_S",
+    "SECOND_CONNECTION",
+    "SILENT_S",
+    "NatnetReceiver",
+    "TcpReceiver",
+    "session_for",
+]
+
+
+REJOIN_S = 5.0
+"""Between two tries to join a group that the server told of."""
+NOT_THE_SERVER = "sender is not the server"
+
+
+class NatnetReceiver:
+    """Polled as a socket is; each poll also sends what the session has to say, and tells it what the server answered.
+
+    In multicast, frames come through a second socket, which follows the group and port that the server tells.
+    dropped: what others than the server sent. trouble: why that group is not heard, "" while all is well; the old one
+    is then kept, and the new one tried again every REJOIN_S.
+    """
+
+    def __init__(
+        self,
+        address: StreamAddress,
+        session: NatnetSession,
+        *,
+        command_port: int = NATNET_COMMAND_PORT,
+        wall_offset: Callable[[], int] | None = wall_to_monotonic,
+    ) -> None:
+        """Open the sockets; nothing is sent yet. Raises InputError, see `udp_socket.open_socket`."""
+        assert address.kind == "natnet" and address.host is not None
+        self.session = session
+        self.trouble = ""
+        self.dropped = Dropped()
+        self._wall_offset = wall_offset
+        self.host = address.host
+        self._server = (address.host, command_port)
+        self._frames_at = address
+        self._frames: UdpReceiver | None = None
+        self._tried = float("-inf")
+        commands = replace(address, bind=address.interface, port=0, multicast=None)
+        self._commands = UdpReceiver(commands, wall_offset=wall_offset)
+        if address.multicast is not None:
+            try:
+                self._frames = UdpReceiver(address, wall_offset=wall_offset)
+            except InputError:
+                self._commands.close()
+                raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def port(self) -> int:
+        """Where the server's answers, and in unicast its frames, come to; 0 once closed."""
+        return self._commands.port
+
+    @property
+    def overflowed(self) -> int:
+        """Datagrams that the kernel lost because nobody fetched them in time."""
+        return self._commands.overflowed + (self._frames.overflowed if self._frames is not None else 0)
+
+    def close(self) -> None:
+        """Close the sockets; twice does no harm."""
+        self._commands.close()
+        if self._frames is not None:
+            self._frames.close()
+
+    @property
+    def finished(self) -> bool:
+        """Never: somebody may always send."""
+        return False
+
+    def poll(self, now: float) -> list[Datagram]:
+        """What the server sent until `now` (s), oldest first; bounded by what two sockets may give. Never raises."""
+        for message in self.session.poll(now):
+            self._commands.send(message, self._server)
+        found = self._commands.poll(now)
+        if self._frames is not None:
+            found += self._frames.poll(now)
+            found.sort(key=lambda datagram: datagram.arrival)
+        heard = [datagram for datagram in found if datagram.source[0] == self._server[0]]
+        for _ in range(len(found) - len(heard)):
+            self.dropped.note(NOT_THE_SERVER)
+        for datagram in heard:
+            self.session.receive(now, datagram.payload)
+        self._follow(now)
+        return heard
+
+    def _follow(self, now: float) -> None:
+        """Join the group that the server told of, where it is another one than that which is heard."""
+        server = self.session.server
+        if self._frames is None or server is None or not server.multicast:
+            return
+        group, port = self.session.group, self.session.data_port
+        if (group, port) == (self._frames_at.multicast, self._frames_at.port) or now - self._tried < REJOIN_S:
+            return
+        self._tried = now
+        address = replace(self._frames_at, bind=group, multicast=group, port=port)
+        try:
+            joined = UdpReceiver(address, wall_offset=self._wall_offset)
+        except InputError as error:
+            self.trouble = str(error)
+            return
+        self._frames.close()
+        self._frames, self._frames_at, self.trouble = joined, address, ""
+
+
+def session_for(address: StreamAddress) -> NatnetSession:
+    """The conversation that a `natnet://` address asks for: unicast or multicast, and the version to pin."""
+    settings = SessionSettings(transport="unicast" if address.multicast is None else "multicast")
+    if address.version is not None:
+        settings = replace(settings, version=Version(*address.version))
+    return NatnetSession(settings)
+
+
+# MVN over TCP: the streamer connects to our port, and its datagrams come end to end.
+
+CHUNK = 16_384
+MOST_BYTES = 2 * CHUNK
+"""That one poll reads: thirty times what MVN sends in a tick. The rest waits in the kernel, and then at the sender."""
+SILENT_S = 1.0
+"""A connection without a byte for so long gives way to a new one: its computer may be gone without a word."""
+MOST_CALLERS = 8
+"""Connections that one poll looks at."""
+NOT_THE_SENDER = "connection from another computer"
+SECOND_CONNECTION = "a second connection"
+
+
+class TcpReceiver:
+    """A port of ours that is polled as a UDP socket is. It hears one connection at a time, from `host` only.
+
+    Arrival is the time of the poll: TCP tells no other. dropped: connections that were refused, and bytes that are no
+    datagram. What is not fetched waits in the kernel, which then slows the sender down.
+    """
+
+    def __init__(self, address: StreamAddress) -> None:
+        """Listen. Raises InputError: the port is taken or forbidden, there is no such interface."""
+        assert address.host is not None
+        self._host = address.host
+        self._connection: socket.socket | None = None
+        self._source: Source = ("", 0)
+        self._heard = 0.0
+        self._stream = MvnStream()
+        self.dropped = self._stream.dropped
+        self._waiting: deque[bytes] = deque()
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._listener.setblocking(False)
+        # A port whose last connection has just ended may be used again; one that is listened on may not.
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._listener.bind((address.bind, address.port))
+            self._listener.listen(1)
+        except OSError as error:
+            self._listener.close()
+            raise not_bound(address, error, protocol="tcp") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def port(self) -> int:
+        """Where it listens; 0 once it is closed."""
+        return 0 if self._listener.fileno() < 0 else int(self._listener.getsockname()[1])
+
+    @property
+    def connected(self) -> bool:
+        """Whether the sender has connected, as far as the last poll saw."""
+        return self._connection is not None
+
+    def close(self) -> None:
+        """Close the port and the connection; twice does no harm."""
+        self._listener.close()
+        self._hang_up()
+        self._waiting.clear()
+
+    @property
+    def finished(self) -> bool:
+        """Never: somebody may always send."""
+        return False
+
+    def poll(self, now: float) -> list[Datagram]:
+        """The datagrams that came whole until `now` (s), oldest first, at most MOST_PER_POLL."""
+        self._accept(now)
+        room = MOST_BYTES
+        while self._connection is not None and room > 0 and len(self._waiting) < MOST_PER_POLL:
+            try:
+                chunk = self._connection.recv(CHUNK)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                chunk = b""
+            if not chunk:
+                self._hang_up()
+                break
+            self._heard = now
+            room -= len(chunk)
+            self._waiting.extend(self._stream.feed(chunk))
+        taken = min(len(self._waiting), MOST_PER_POLL)
+        return [Datagram(now, self._source, self._waiting.popleft()) for _ in range(taken)]
+
+    def _accept(self, now: float) -> None:
+        """Answer who calls: the sender, if nobody is connected or the one who is has fallen silent."""
+        for _ in range(MOST_CALLERS):
+            try:
+                caller, source = self._listener.accept()
+            except OSError:
+                return
+            if source[0] != self._host:
+                self.dropped.note(NOT_THE_SENDER)
+                caller.close()
+            elif self._connection is not None and now - self._heard < SILENT_S:
+                self.dropped.note(SECOND_CONNECTION)
+                caller.close()
+            else:
+                self._hang_up()
+                caller.setblocking(False)
+                self._connection, self._source, self._heard = caller, source, now
+
+    def _hang_up(self) -> None:
+        """End the connection; half a datagram of it is not put together with what the next one brings."""
+        if self._connection is not None:
+            with suppress(OSError):
+                self._connection.close()
+        self._connection = None
+        self._stream = MvnStream()
+        self._stream.dropped = self.dropped

@@ -1,0 +1,606 @@
+"""Sensor validity: which poses of a sender may be used, jumps and exchanged sensors included, and what is thought
+of each sensor.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import groupby
+from math import dist, inf, isfinite, isinf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget._solver import WatchedSensors
+from retarget.errors import UsageError
+from retarget.frames import mirrored_name
+from retarget.sources.stream_frame import NORM_TOLERANCE, Dropped
+from retarget.types import BoolArray, FloatArray, IntArray
+
+__all__ = [
+    "MAX_CHANGES",
+    "NOT_A_ROTATION",
+    "NOT_FINITE",
+    "OUT_OF_RANGE",
+    "REASONS",
+    "UNTRACKED",
+    "Leaps",
+    "StateArray",
+    "Trust",
+    "TrustChange",
+    "TrustLimits",
+    "TrustState",
+    "exchanged",
+    "lasting",
+    "sentences",
+    "taken_over",
+    "watched_sensors",
+]
+
+
+# From where on a sensor is not believed.
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrustLimits:
+    """Limits of trust. Lengths m, times s of capture unless said otherwise. Raises UsageError for what makes no sense.
+
+    fastest: m/s; the fist of a boxer reaches about 10. shortest_step: a shorter time between two poses counts as this:
+    stamps taken on arrival are off by 15 ms, and a sender of 200 Hz may repeat a tracker of 60 Hz. settled_after: a
+    sensor that jumped, or changed places, is believed again when it went on from there for so long. exchange: nearer
+    ones may change places unseen. stale_after: without an accepted pose, on the local clock; a feed of 20 Hz may lose
+    one pose of three. frozen_after: repeating one value; with `Rejoin`'s way out it makes 0.3 s. noticeable: how far
+    another one must have moved, in m and in parts of a unit quaternion (0.0087: one degree), to say that somebody
+    moves. not_worn_after: from the first judgement. reach: horizontally from the origin, along each axis. low, high:
+    of the height. norm_tolerance: of a quaternion's norm.
+    """
+
+    fastest: float = 15.0
+    shortest_step: float = 1.0 / 60.0
+    settled_after: float = 0.5
+    exchange: float = 0.08
+    stale_after: float = 0.142
+    frozen_after: float = 0.2
+    noticeable: tuple[float, float] = (0.01, 0.0087)
+    not_worn_after: float = 3.0
+    reach: float = 10.0
+    low: float = -1.0
+    high: float = 3.0
+    norm_tolerance: float = NORM_TOLERANCE
+
+    def __post_init__(self) -> None:
+        positive = (
+            *(self.fastest, self.shortest_step, self.settled_after, self.exchange, self.stale_after),
+            *(self.frozen_after, *self.noticeable, self.not_worn_after, self.reach, self.norm_tolerance),
+        )
+        # Comparisons with NaN are False.
+        if not (all(value > 0.0 for value in positive) and -np.inf < self.low < self.high < np.inf):
+            raise UsageError(
+                "limits of trust make no sense",
+                found=repr(self),
+                allowed="positive numbers, and low below high",
+                next_step="Correct them",
+            )
+
+
+# What is thought of one sensor at one instant.
+
+StateArray = NDArray[np.uint8]
+"""One TrustState per sensor, (k,)."""
+
+
+class TrustState(IntEnum):
+    """Only a FRESH sensor is believed."""
+
+    FRESH = 0
+    """Its last accepted pose is recent, and nothing speaks against it."""
+    STALE = 1
+    """Nothing of it was accepted for too long: lost, or not heard yet."""
+    FROZEN = 2
+    """It repeats one value to the bit while others move: the sender has lost it and does not say so."""
+    JUMPED = 3
+    """It went farther than a human can, and stays there."""
+    SWAPPED = 4
+    """It and its other side have exchanged places at once."""
+    NOT_WORN = 5
+    """It was not heard since the start."""
+    OUT_OF_RANGE = 6
+    """It is told to be outside the room."""
+
+
+# What a person is told when trust in a sensor changes.
+
+
+@dataclass(frozen=True, slots=True)
+class TrustChange:
+    """Of one sensor by its name, judged at `now`, s. seconds: since when it is as it is now, where that is known.
+    resettled: it is believed at another place than where it was doubted."""
+
+    now: float
+    name: str
+    before: TrustState
+    after: TrustState
+    seconds: float = 0.0
+    resettled: bool = False
+
+
+def lasting(changes: Sequence[TrustChange]) -> list[TrustChange]:
+    """Those of sensors that are not what they were before: nobody needs to hear what came and went unheard."""
+    first: dict[str, TrustChange] = {}
+    last: dict[str, TrustChange] = {}
+    for change in changes:
+        first.setdefault(change.name, change)
+        last[change.name] = change
+    same = {name for name in first if first[name].before is last[name].after and not last[name].resettled}
+    return [change for change in changes if change.name not in same]
+
+
+def sentences(changes: Iterable[TrustChange]) -> list[str]:
+    """One for all sensors that changed alike at one time, in order."""
+    told = []
+    for _, alike in groupby(changes, key=lambda change: (change.now, change.before, change.after, change.resettled)):
+        group = list(alike)
+        names = [change.name for change in group]
+        if group[0].after is TrustState.SWAPPED:
+            told += _exchanges(names)
+        else:
+            told.append(f"{', '.join(names)}: {_text(group[0], max(change.seconds for change in group))}")
+    return told
+
+
+def _exchanges(names: Sequence[str]) -> list[str]:
+    pairs = [f"{name} and {mirrored_name(name)}" for name in names if name.startswith("l_")]
+    return [f"{pair} have changed places: the robot holds until they change back" for pair in pairs]
+
+
+def _text(change: TrustChange, seconds: float) -> str:
+    if change.after is TrustState.FRESH:
+        if change.resettled:
+            return "believed again where it is now"
+        return "heard now" if change.before is TrustState.NOT_WORN else "back"
+    return {
+        TrustState.STALE: f"nothing that can be used for {seconds:.1f} s" if seconds else "not heard yet",
+        TrustState.FROZEN: f"frozen since {seconds:.1f} s (tracker lost?)",
+        TrustState.JUMPED: "jumped farther than a human can",
+        TrustState.NOT_WORN: "not heard since the start (not worn?)",
+        TrustState.OUT_OF_RANGE: "told to be outside the room",
+    }[change.after]
+
+
+# The memory of trust: the last accepted pose of each sensor, who repeats one value, and which poses are sound.
+
+
+def watched_sensors(count: int, limits: TrustLimits) -> WatchedSensors:
+    """Of k sensors that were never heard."""
+    return WatchedSensors(
+        count,
+        reach=limits.reach,
+        height=(limits.low, limits.high),
+        norm_tolerance=limits.norm_tolerance,
+        stale_after=limits.stale_after,
+        frozen_after=limits.frozen_after,
+        noticeable=limits.noticeable,
+        not_worn_after=limits.not_worn_after,
+    )
+
+
+# Why a pose is none, by itself: not finite, not in the room, no rotation, or not vouched for by the sender.
+
+SOUND = 0
+"""The verdict of `WatchedSensors` on a pose that is one."""
+UNTRACKED = "pose that the sender does not vouch for"
+NOT_FINITE = "pose that is not finite"
+NOT_A_ROTATION = "orientation that is no unit quaternion"
+OUT_OF_RANGE = "position outside the room"
+REASONS = {1: UNTRACKED, 2: NOT_FINITE, 3: NOT_A_ROTATION, 4: OUT_OF_RANGE}
+"""What every other verdict says; the first of these where several hold."""
+
+
+# Whether two sensors have changed places, or one has taken the place of the other.
+
+HARDEST = 50.0
+"""m/s^2: half of this times the time squared is how far a sensor may be from where it was due."""
+MUCH_NEARER = 0.35
+"""Share of the distance from its own place that a sensor may be from the other's."""
+_Point = list[float] | tuple[float, float, float]
+_Two = tuple[_Point, _Point]
+
+
+def exchanged(was: _Two, due: _Two, now: _Two, elapsed: float, least: float) -> bool:
+    """Whether two sensors, each told to be at `now`, are the other one.
+
+    was: where they were told `elapsed` s ago. due: where they would be if they had gone on as they went. Each must be
+    much nearer to where the other was due than to where it was due itself, and nearer to where the other was: two
+    hands that meet and rebound are not due where they are, but stay on their own side. Nearer ones than `least` m, and
+    those for which a hard movement would do, are not told apart.
+    """
+    threshold = least + _by_hard_movement(elapsed)
+    for one, other in ((0, 1), (1, 0)):
+        own = dist(now[one], due[one])
+        if own <= threshold or dist(now[one], due[other]) > MUCH_NEARER * own:
+            return False
+        if dist(now[one], was[other]) >= dist(now[one], was[one]):
+            return False
+    return True
+
+
+def taken_over(due: _Two, now: _Point, elapsed: tuple[float, float], *, least: float, calm: float) -> bool:
+    """Whether a sensor that is told to be at `now` is the other one, which is not told any more.
+
+    due: where itself and the other would be if they had gone on as they went. elapsed: s since each was told. It must
+    go on from where the other was, within `calm` m and a hard movement, and be far from where it was due itself.
+    """
+    own, near = dist(now, due[0]), dist(now, due[1])
+    far = own > least + _by_hard_movement(elapsed[0])
+    return far and near <= min(MUCH_NEARER * own, calm + _by_hard_movement(elapsed[1]))
+
+
+def _by_hard_movement(elapsed: float) -> float:
+    """How far, m, a sensor may be from where it was due after so many s."""
+    return 0.5 * HARDEST * min(elapsed, 0.1) ** 2
+
+
+# Which positions no human can have reached: jumps, and left and right changing places.
+
+CALM = 0.06
+"""m; a step shorter than this needs no second look: it is neither a jump nor an exchange."""
+TOGETHER_S = 0.1
+"""Jumps of both sides within this time may be an exchange told in two datagrams."""
+
+
+class _Elsewhere:
+    """One sensor that is not where it could be: where it went first, where it is now, and since when. home: where it
+    would be otherwise: at its last place, or where its other side is told with which it has changed places. settles:
+    time alone makes it believed again, also when it has changed places. alone: of the two that have changed places only
+    one has been told since."""
+
+    __slots__ = ("alone", "count", "first", "home", "kind", "last", "place", "settles", "since")
+
+    def __init__(self, kind: TrustState, place: _Point, time: float, *, home: _Point) -> None:
+        self.kind, self.home, self.settles, self.alone = kind, home, False, False
+        self.first = self.place = place
+        self.since = self.last = time
+        self.count = 1
+
+
+class Leaps:
+    """Judges positions of k sensors against where each was last accepted, by capture time.
+
+    A sensor that leapt is refused until it leaps back, or has gone on from its new place for `settled_after`. Sides
+    that have changed places are, once `keep_sides` was called, until they change back.
+    `state` (k,): FRESH, JUMPED (from the second pose on: one outlier is dropped and no more), or SWAPPED.
+    `doubted_at` (k,): s, of the last refused pose. `resettled` (k,): whether it was believed again at a new place.
+    """
+
+    def __init__(self, names: tuple[str, ...], last: WatchedSensors, limits: TrustLimits) -> None:
+        count = len(names)
+        self._last = last
+        self._limits = limits
+        self._elsewhere: dict[int, _Elsewhere] = {}
+        self._keeps_sides = False
+        self.state: StateArray = np.zeros(count, dtype=np.uint8)
+        self.doubted_at = np.full(count, -np.inf)
+        self.resettled: BoolArray = np.zeros(count, dtype=bool)
+        self._other: dict[int, int] = {
+            row: names.index(mirrored_name(name))
+            for row, name in enumerate(names)
+            if name != mirrored_name(name) and mirrored_name(name) in names
+        }
+
+    def keep_sides(self) -> None:
+        """From now on which side is which is known, and no time makes another of it."""
+        self._keeps_sides = True
+        for leap in self._elsewhere.values():
+            leap.settles = True
+
+    @property
+    def any_doubted(self) -> bool:
+        """Whether a sensor is refused for where it is."""
+        return bool(self._elsewhere)
+
+    def take(self, rows: IntArray, time: float, position: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Which of the positions (m, 3) m of one capture may be used, and which are the place to go on from; (m,)
+        each."""
+        calm = np.linalg.norm(position - self._last.pose[rows, :3], axis=1) <= CALM
+        elapsed = (time - self._last.at[rows]).tolist()
+        places, order = position.tolist(), rows.tolist()
+        swapped = self._exchanges(order, places, elapsed, calm)
+        took_over = self._take_overs(order, places, time, calm)
+        usable, stored = np.ones(len(rows), dtype=bool), np.ones(len(rows), dtype=bool)
+        for row in self._changed_back(dict(zip(order, places, strict=True)), time):
+            self._believe(row, resettled=False)
+        for i, row in enumerate(order):
+            if row in swapped:
+                self._doubt(row, TrustState.SWAPPED, places[i], time)
+                usable[i] = stored[i] = False
+            elif row in took_over:
+                self._doubt_alone(row, places[i], time)
+                usable[i] = stored[i] = False
+            elif row in self._elsewhere:
+                usable[i] = stored[i] = self._go_on(row, places[i], time)
+            elif -self._limits.settled_after <= elapsed[i] <= 0.0:
+                # Late or told twice: good enough to use, but not the place to go on from.
+                usable[i] = dist(places[i], self._last.pose[row, :3]) <= self._within(0.0)
+                stored[i] = False
+            elif elapsed[i] > 0.0 and dist(places[i], self._last.pose[row, :3]) > self._within(elapsed[i]):
+                self._doubt(row, TrustState.JUMPED, places[i], time)
+                usable[i] = stored[i] = False
+        self._exchanges_in_two()
+        self._note_homes(order, places)
+        return usable, stored
+
+    def _changed_back(self, at: dict[int, _Point], time: float) -> list[int]:
+        """Rows, of those told at these places, that are where their other sides were told while they were exchanged."""
+        if not self._elsewhere:
+            return []
+        back = {row for row, place in at.items() if self._is_back(row, place, time)}
+        both = [
+            row
+            for row in back
+            if (other := self._other[row]) not in at
+            or other in back
+            or not self._swapped(other)
+            or self._elsewhere[row].alone
+        ]
+        return sorted(both)
+
+    def _is_back(self, row: int, place: _Point, time: float) -> bool:
+        leap = self._elsewhere.get(row)
+        if leap is None or not self._swapped(row) or time <= leap.last:
+            return False
+        on, back = dist(place, leap.place), dist(place, leap.home)
+        apart = dist(leap.place, leap.home) > self._limits.exchange
+        return apart and on > CALM and back < 0.5 * on and back <= self._within(time - leap.last)
+
+    def _swapped(self, row: int) -> bool:
+        """For good, until it changes back."""
+        leap = self._elsewhere.get(row)
+        return self._keeps_sides and leap is not None and leap.kind is TrustState.SWAPPED and not leap.settles
+
+    def _note_homes(self, order: list[int], places: list[_Point]) -> None:
+        for row, place in zip(order, places, strict=True):
+            if self._swapped(row) and self._swapped(self._other[row]):
+                self._elsewhere[self._other[row]].home = place
+
+    def _exchanges(self, order: list[int], places: list[_Point], elapsed: list[float], calm: BoolArray) -> set[int]:
+        """Rows of pairs that changed places from their last capture to this one."""
+        found: set[int] = set()
+        if calm.all():
+            return found
+        at = {row: i for i, row in enumerate(order) if not calm[i] and row not in self._elsewhere}
+        for row, i in at.items():
+            other = self._other.get(row, -1)
+            if other <= row or other not in at:
+                continue
+            since = min(elapsed[i], elapsed[at[other]])
+            if not 0.0 < since <= 1.0 or isinf(max(elapsed[i], elapsed[at[other]])):
+                continue
+            was = (_point(self._last.pose[row, :3]), _point(self._last.pose[other, :3]))
+            due = (self._due(row, elapsed[i]), self._due(other, elapsed[at[other]]))
+            if exchanged(was, due, (places[i], places[at[other]]), since, self._limits.exchange):
+                found |= {row, other}
+        return found
+
+    def _take_overs(self, order: list[int], places: list[_Point], time: float, calm: BoolArray) -> set[int]:
+        """Rows that go on from the place of their other side, which is not told in this capture."""
+        found: set[int] = set()
+        if calm.all():
+            return found
+        told = set(order)
+        for i, row in enumerate(order):
+            other = self._other.get(row, -1)
+            if calm[i] or other < 0 or other in told or not self._elsewhere.keys().isdisjoint((row, other)):
+                continue
+            elapsed = (time - float(self._last.at[row]), time - float(self._last.at[other]))
+            if 0.0 < elapsed[0] < inf and 0.0 < elapsed[1] <= TOGETHER_S:
+                due = (self._due(row, elapsed[0]), self._due(other, elapsed[1]))
+                if taken_over(due, places[i], elapsed, least=self._limits.exchange, calm=CALM):
+                    found.add(row)
+        return found
+
+    def _due(self, row: int, elapsed: float) -> _Point:
+        """Where a sensor would be now if it went on as it went."""
+        span = max(self._last.at[row] - self._last.before[row], self._limits.shortest_step)
+        if max(span, elapsed) > TOGETHER_S:
+            return _point(self._last.pose[row, :3])
+        share = max(elapsed, self._limits.shortest_step) / span
+        return _point(self._last.pose[row, :3] + share * self._last.step[row, :3])
+
+    def _exchanges_in_two(self) -> None:
+        """Jumps of both sides that were told one after the other, and lead to each other's place."""
+        for row, here in self._elsewhere.items():
+            there = self._elsewhere.get(self._other.get(row, -1))
+            if there is None or here.kind is TrustState.SWAPPED or abs(here.since - there.since) > TOGETHER_S:
+                continue
+            was = (_point(self._last.pose[row, :3]), _point(self._last.pose[self._other[row], :3]))
+            if exchanged(was, was, (here.first, there.first), TOGETHER_S, self._limits.exchange):
+                for one, leap in ((row, here), (self._other[row], there)):
+                    leap.kind = TrustState.SWAPPED
+                    self.state[one] = TrustState.SWAPPED
+
+    def _within(self, elapsed: float) -> float:
+        """How far, m, a human gets in `elapsed` s."""
+        return self._limits.fastest * max(elapsed, self._limits.shortest_step)
+
+    def _doubt(self, row: int, kind: TrustState, place: _Point, time: float) -> None:
+        self._elsewhere[row] = _Elsewhere(kind, place, time, home=_point(self._last.pose[row, :3]))
+        self.doubted_at[row] = time
+        self.state[row] = kind if kind is TrustState.SWAPPED else TrustState.FRESH
+
+    def _doubt_alone(self, row: int, place: _Point, time: float) -> None:
+        """A sensor is where its other side was, which may be told yet: it is said from its second pose there on."""
+        other = self._other[row]
+        home = _point(self._last.pose[row, :3])
+        self._doubt(other, TrustState.SWAPPED, home, float(self._last.at[other]))
+        self._doubt(row, TrustState.SWAPPED, place, time)
+        for one in (row, other):
+            self._elsewhere[one].alone, self.state[one] = True, TrustState.FRESH
+        self._elsewhere[other].count = 0
+
+    def _tell_alone(self, row: int, place: _Point, time: float) -> None:
+        """Of two that have changed places, of which only one was told, one is told again: now it is said of both."""
+        leap, there = self._elsewhere[row], self._elsewhere.get(self._other[row])
+        if there is None or not (
+            leap.count == 1 or (leap.count == 0 and dist(place, leap.place) < dist(place, leap.home))
+        ):
+            return
+        if leap.count == 0:  # the one that was not told
+            leap.alone = there.alone = False
+        self.doubted_at[self._other[row]], self.state[self._other[row]] = time, TrustState.SWAPPED
+
+    def _stay_swapped(self, row: int, place: _Point, time: float) -> bool:
+        """One more pose of one of two that have changed places; whether it is believed again."""
+        leap = self._elsewhere[row]
+        if leap.alone and self._other[row] not in self._elsewhere:  # it was told at its own place: each is itself
+            if dist(place, self._last.pose[row, :3]) <= self._within(time - float(self._last.at[row])):
+                return self._believe(row, resettled=False)
+            self._doubt(row, TrustState.JUMPED, place, time)
+            self.state[row] = TrustState.JUMPED
+            return False
+        leap.place, leap.last = place, time
+        leap.count += 1
+        self.doubted_at[row], self.state[row] = time, leap.kind
+        return False
+
+    def _go_on(self, row: int, place: _Point, time: float) -> bool:
+        """One more pose of a doubted sensor; whether it is believed again."""
+        leap = self._elsewhere[row]
+        gap = time - leap.last
+        if -self._limits.settled_after <= gap <= 0.0:
+            return False
+        if leap.alone:
+            self._tell_alone(row, place, time)
+        if self._swapped(row):
+            return self._stay_swapped(row, place, time)
+        on, back = dist(place, leap.place), dist(place, self._last.pose[row, :3])
+        if gap > 0.0 and on > CALM and back < 0.5 * on and back <= self._within(min(time - leap.since, TOGETHER_S)):
+            return self._believe(row, resettled=False)
+        if not 0.0 < gap <= self._limits.stale_after or on > self._within(gap):
+            self._doubt(row, TrustState.JUMPED, place, time)
+            self.state[row] = TrustState.JUMPED  # not the first one
+            return False
+        leap.place, leap.last = place, time
+        leap.count += 1
+        self.doubted_at[row] = time
+        self.state[row] = leap.kind
+        if time - leap.since >= self._limits.settled_after:
+            return self._believe(row, resettled=True)
+        return False
+
+    def _believe(self, row: int, *, resettled: bool) -> bool:
+        del self._elsewhere[row]
+        self.state[row] = TrustState.FRESH
+        self.resettled[row] = resettled
+        return True
+
+
+def _point(array: FloatArray) -> list[float]:
+    return [float(number) for number in array]
+
+
+MAX_CHANGES = 64
+"""Changes that wait to be told; the oldest are forgotten."""
+NO_TIME = "pose at a time that is not finite"
+LEAPT = "position that no human can have reached"
+
+
+class Trust:
+    """Of k sensors. Times are s of the local clock; memory is bounded; nothing from outside raises.
+
+    refused: poses that were not used, by reason. A pose that may be used is finite and a rotation, inside the room,
+    vouched for by the sender, and within reach of the last one.
+    """
+
+    def __init__(self, names: Sequence[str], limits: TrustLimits | None = None) -> None:
+        self.names = tuple(names)
+        self.limits = limits or TrustLimits()
+        self.refused = Dropped()
+        count = len(self.names)
+        self._watched = watched_sensors(count, self.limits)
+        self._leaps = Leaps(self.names, self._watched, self.limits)
+        self._states: StateArray = np.full(count, TrustState.STALE, dtype=np.uint8)
+        self._told = self._states.tobytes()
+        self._heard_before = np.zeros(count, dtype=bool)
+        self._changes: deque[TrustChange] = deque(maxlen=MAX_CHANGES)
+
+    def take(
+        self, rows: IntArray, time: float, *, position: FloatArray, orientation: FloatArray, tracked: BoolArray
+    ) -> BoolArray:
+        """Which of m poses of one capture at `time` may be used, (m,); valid until the next call.
+
+        rows (m,): their sensors, indices into names, each once. position (m, 3) m, world, needed. orientation (m, 4)
+        wxyz, all NaN where it is missing. tracked (m,): whether the sender vouches for them.
+        """
+        if not isfinite(time):
+            self.refused.reasons[NO_TIME] += len(rows)
+            return np.zeros(len(rows), dtype=bool)
+        position, orientation = np.ascontiguousarray(position), np.ascontiguousarray(orientation)
+        found = self._watched.take(rows, time, position, orientation, tracked, self._leaps.any_doubted)
+        if found is None:  # all are sound and calm
+            return tracked
+        verdicts, taken = found
+        usable: BoolArray = np.equal(verdicts, SOUND)
+        for verdict in verdicts[~usable].tolist():
+            self.refused.reasons[REASONS[verdict]] += 1
+        if not taken:
+            usable[usable] = self._take_leaps(rows[usable], time, position[usable], orientation[usable])
+        return usable
+
+    def _take_leaps(self, rows: IntArray, time: float, position: FloatArray, orientation: FloatArray) -> BoolArray:
+        """Where some sound ones are not calm."""
+        usable, stored = self._leaps.take(rows, time, position)
+        if leapt := len(rows) - int(np.count_nonzero(usable)):
+            self.refused.reasons[LEAPT] += leapt
+        self._watched.put(rows[stored], time, np.concatenate((position, orientation), axis=1)[stored])
+        self._watched.forget_turn(rows[usable & np.isnan(orientation[:, 0])])
+        return usable
+
+    def keep_sides(self) -> None:
+        """From now on left and right that have changed places are not believed before they change back."""
+        self._leaps.keep_sides()
+
+    def judge(self, now: float) -> StateArray:
+        """What is thought of each sensor at `now`: a TrustState each, (k,), read-only."""
+        states: StateArray = self._watched.judge(now)
+        if not isfinite(now):
+            now = np.inf
+        if self._leaps.any_doubted:
+            doubted = self._leaps.state != TrustState.FRESH
+            doubted &= np.abs(now - self._leaps.doubted_at) <= self.limits.stale_after
+            states[doubted] = self._leaps.state[doubted]
+        if (told := states.tobytes()) != self._told:
+            self._note(np.flatnonzero(states != self._states), states, now)
+        states.flags.writeable = False
+        self._states, self._told = states, told
+        return states
+
+    def messages(self) -> list[str]:
+        """What has changed since the last call, in sentences for a person."""
+        if not self._changes:
+            return []
+        told = sentences(lasting(self._changes))
+        self._changes.clear()
+        return told
+
+    def forget_mended(self) -> None:
+        """Say nothing of sensors that are believed by now, whatever was wrong with them before."""
+        fresh = {name for name, state in zip(self.names, self._states, strict=True) if state == TrustState.FRESH}
+        kept = [change for change in self._changes if change.name not in fresh]
+        self._changes.clear()
+        self._changes.extend(kept)
+
+    def _note(self, rows: IntArray, states: StateArray, now: float) -> None:
+        still, at = self._watched.still_for, self._watched.at
+        for row in rows.tolist():
+            before, after = TrustState(self._states[row]), TrustState(states[row])
+            first = not self._heard_before[row]
+            self._heard_before[row] |= after is TrustState.FRESH
+            if first and before is TrustState.STALE and after is TrustState.FRESH:
+                continue
+            since = now - at[row]
+            seconds = float(still[row] if after is TrustState.FROZEN else since) if isfinite(since) else 0.0
+            resettled = bool(self._leaps.resettled[row]) and before in (TrustState.JUMPED, TrustState.SWAPPED)
+            self._changes.append(
+                TrustChange(now, self.names[row], before, after, seconds, resettled and after is TrustState.FRESH)
+            )

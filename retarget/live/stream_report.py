@@ -1,0 +1,442 @@
+"""What is said of a stream: why it cannot be used, what happens while it runs, why the robot holds, and the account
+afterwards.
+"""
+
+import shlex
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from ipaddress import IPv4Address
+
+import numpy as np
+
+from retarget.errors import InputError, Problem
+from retarget.live.address import for_others, parse_address
+from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Admission, Source
+from retarget.live.clock_map import JumpKind
+from retarget.live.datagram_kinds import SENDERS, advice_for, recognise
+from retarget.live.receivers import NatnetReceiver
+from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, TrustState
+from retarget.live.stream import LiveStream
+from retarget.live.udp import UdpReceiver
+from retarget.sources.mvn import MvnDecoder
+from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
+from retarget.types import BoolArray
+
+__all__ = [
+    "Hindered",
+    "Holds",
+    "LiveReport",
+    "StreamNews",
+    "StreamTrouble",
+    "Tally",
+    "hindrance_of",
+    "live_report",
+    "refuse_version",
+    "unusable",
+]
+
+
+NOTED_S = 0.05
+"""A silence of so long is noted: what comes from then on is what comes instead."""
+SILENT_S = 1.0
+"""So long nothing usable must have come before somebody is told why."""
+NATNET_S = 2.5
+"""The same where Motive is asked first."""
+MOST_REASONS, MOST_NAMES = 3, 40
+SENDER = "See that the sender speaks the protocol of this address"
+WORN = "Wear and switch on these, or choose another --performer"
+FAR = "See in which unit the sender tells lengths, and where its origin is: nobody is farther than 10 m from it"
+BEHIND = 100
+"""Frames that were old when they were read, one after the other: no single late tick has so many."""
+FEWER = "Let the sender send fewer frames: 30 to 240 a second are enough"
+REPLAY = "replay"
+OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one, or play it again and again: ?loop=1"
+"""What there is to say of a recording that ends too soon."""
+STRANGER = (
+    "{}, which was first, is silent, and nobody may take its place while a robot may move: let it send again, or end "
+    "this run and start it anew"
+)
+"""To be filled with who owns the stream."""
+QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaternion)"
+
+
+def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
+    """Why nobody can be followed, as far as the stream tells. missing: sensors that are needed and not fresh."""
+    problems = _motive(stream, now)
+    if problems:
+        return InputError.from_problems(problems)
+    reasons = _told(_refused(stream))
+    if stream.arrived == 0:
+        return _nothing(stream, waited, where=where)
+    if stream.frames == 0:
+        other, step = _something_else(stream, where)
+        return InputError(
+            "what arrives cannot be used",
+            where=where,
+            found=f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}",
+            next_step=step or _step(stream, _refused(stream)),
+        )
+    if (silence := now - stream.last) >= 0.5 * SILENT_S and stream.receiver.finished:
+        return InputError(OVER.format(silence), where=where, next_step=LONGER)
+    if silence >= 0.5 * SILENT_S:
+        return InputError(
+            f"nothing has arrived for {silence:.1f} s, and before that {stream.frames} frames",
+            where=where,
+            found=", ".join(f"no {name}" for name in missing),
+            next_step="See that the sender still runs, and sends here",
+        )
+    wanted = {name: stream.roles.places[stream.roles.sensors.index(name)].position for name in missing}
+    return InputError(
+        "sensors are missing in the stream",
+        where=where,
+        found=", ".join(f"no {name} ({told})" for name, told in wanted.items())
+        + (f"; refused: {reasons}" if reasons else ""),
+        allowed=", ".join(list(stream.names)[:MOST_NAMES]),
+        next_step=FAR if _commonest(_refused(stream)) == OUT_OF_RANGE else WORN,
+    )
+
+
+def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
+    """What arrives instead of what the address reads, and what to do; "" each where it is not known."""
+    if where.partition("://")[0] not in (*SENDERS, REPLAY):  # a source of somebody's own
+        return "", ""
+    address, got = parse_address(where), recognise(stream.unread)
+    kind = address.recorded if address.kind == REPLAY else address.kind
+    if kind is None or not got.kind or got.kind == kind:
+        return "", ""
+    recording = "" if address.path is None else str(address.path)
+    return got.text, advice_for(kind, got, port=address.port, recording=recording)
+
+
+def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
+    """Nothing has arrived at all, and where it is waited for."""
+    what, receiver = f"nothing arrives, waited {waited:g} s", stream.receiver
+    if not isinstance(receiver, UdpReceiver):
+        step = "Start the sender, let it send to this address and port, and see that no firewall is between"
+        return InputError(what, where=where, next_step=step)
+    host, port = receiver.bound
+    found, step = f"{host}, UDP port {port}", f"Start the sender, and let it send to {host}, port {port}"
+    if IPv4Address(host).is_loopback:
+        found += ", where only this machine is heard"
+        step += f". {for_others(where.partition('://')[0], port)}"
+    else:
+        step += "; see that no firewall is between"
+    step += f". `retarget doctor {shlex.quote(where)}` looks where it sends instead"
+    return InputError(what, where=where, found=f"listening at {found}", next_step=step)
+
+
+def refuse_version(stream: LiveStream, now: float) -> None:
+    """Raise InputError for a Motive whose version cannot be relied on, though its frames look as if they could."""
+    if _is_foreign(stream):
+        raise InputError.from_problems(_motive(stream, now))
+
+
+class StreamTrouble:
+    """Looks at a stream in every tick; tells once in every silence why it is one.
+
+    foreign: whether the sender has become one that is not understood, whatever its frames look like.
+    """
+
+    def __init__(self, stream: LiveStream) -> None:
+        self._stream = stream
+        self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
+        self._told = self.foreign = False
+        self._before: tuple[int, Counter[str], int] | None = None
+        """Datagrams, what was refused, and frames that there were when the silence began."""
+
+    def look(self, now: float) -> str:
+        """What is wrong, "" mostly: where all is well, and where it has been said."""
+        was, self.foreign = self.foreign, _is_foreign(self._stream)
+        if self.foreign:
+            return "" if was else _motive(self._stream, now)[0].render()
+        silence = now - self._stream.last
+        if silence < NOTED_S:
+            self._before = None
+        elif self._before is None:
+            self._before = self._seen()
+        if silence < 0.5 * self._patience:
+            self._told = False
+            return ""
+        if self._before is None or self._told or silence < self._patience:
+            return ""
+        self._told = True
+        return self._cause(silence, now, *self._before)
+
+    def briefly(self, now: float, patience: float) -> str:
+        """What is wrong at `now`, s, in a few words; "" where something usable came within `patience`, s."""
+        if self.foreign:
+            return "the sender's version is not known"
+        if now - self._stream.last <= patience:
+            return ""
+        arrived, refused, frames = self._before or self._seen()
+        if self._stream.arrived == arrived:
+            return "nothing arrived"
+        if self._stream.frames > frames + BEHIND:
+            return "more arrived than can be read in time"
+        return f"what arrived was unusable: {_told(_refused(self._stream) - refused) or 'no poses in it'}"
+
+    def why(self, now: float) -> str:
+        """What is wrong, also where it has been said; "" where all is well."""
+        silence = now - self._stream.last
+        return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
+
+    def _seen(self) -> tuple[int, Counter[str], int]:
+        return self._stream.arrived, _refused(self._stream), self._stream.frames
+
+    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str], frames: int) -> str:
+        problems, news = _motive(self._stream, now), _refused(self._stream) - refused
+        if problems:
+            return problems[0].render() + (f" What arrived was not used: {_told(news)}" if news else "")
+        if self._stream.receiver.finished:
+            return f"{OVER.format(silence)}. {LONGER}"
+        if self._stream.arrived == arrived:
+            return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
+        if self._stream.frames > frames + BEHIND:
+            return f"what is read arrived {silence:.1f} s ago: more arrives than can be read in time. {FEWER}"
+        reasons = _told(news) or "no poses in it"
+        return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream, news)}"
+
+
+def _refused(stream: LiveStream) -> Counter[str]:
+    """Everything that was not used so far, by reason; a copy."""
+    return stream.admission.refused.reasons + stream.decoder.dropped.reasons + stream.trust.refused.reasons
+
+
+def _told(reasons: Counter[str]) -> str:
+    return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS))
+
+
+def _commonest(reasons: Counter[str]) -> str:
+    """ "" for none."""
+    return next((reason for reason, _ in reasons.most_common(1)), "")
+
+
+def _step(stream: LiveStream, reasons: Counter[str]) -> str:
+    """What to do about what was not used, by its commonest reason."""
+    admission, commonest = stream.admission, _commonest(reasons)
+    if commonest == SECOND_SOURCE and admission.owner is not None:
+        return STRANGER.format("{}:{}".format(*admission.owner))
+    if commonest == NOT_ALLOWED:
+        who = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
+        return f"If that is the sender, name it in the address: ?allow={who}"
+    return QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER
+
+
+def _is_foreign(stream: LiveStream) -> bool:
+    receiver = stream.receiver
+    server = receiver.session.server if isinstance(receiver, NatnetReceiver) else None
+    return server is not None and not OLDEST <= server.version <= NEWEST
+
+
+def _motive(stream: LiveStream, now: float) -> list[Problem]:
+    """What Motive's own answers show to be wrong."""
+    receiver = stream.receiver
+    if not isinstance(receiver, NatnetReceiver):
+        return []
+    problems = list(natnet_problems(receiver.session, now, host=receiver.host))
+    if receiver.trouble:
+        problems.append(Problem(receiver.trouble))
+    return problems
+
+
+# What a person is told of a stream while it runs, each once: who else sends, what is lost, a clock that leapt.
+
+_JUMPS = {
+    JumpKind.RESTARTED: "the sender's clock began anew: it was started again",
+    JumpKind.FORWARD: "the sender's clock leapt forward by {:.2f} s",
+    JumpKind.BACK: "the sender's clock leapt back by {:.2f} s",
+}
+_NOT_USED = {
+    TOO_LONG: (1, "datagrams that are empty or longer than 64 KiB are not used"),
+    TOO_MANY: (5_000, "the sender sends more datagrams than are taken: the rest is not used"),
+}
+"""From so many on it is told: what waited in the kernel while a bus was opened comes at once, and is no flood."""
+
+
+class StreamNews:
+    """Looks at a stream in every tick. What it can say is little, and bounded however much a stranger sends."""
+
+    def __init__(self, stream: LiveStream, tell: Callable[[str], object]) -> None:
+        """tell: hears a sentence each."""
+        self._stream, self._tell = stream, tell
+        self._told = set[str]()
+        self._jumps = stream.clock_map.jumps  # those before somebody follows it are of a sender that starts
+        self._refused = 0
+        self._overflowed: int | None = None
+
+    def look(self) -> None:
+        """Tell what has happened since the last look."""
+        admission, clock = self._stream.admission, self._stream.clock_map
+        if admission.refused.count != self._refused:
+            self._refused = admission.refused.count
+            for source, reason in admission.news():
+                self._tell(_refusal(source, reason, admission.owner))
+            for reason, (count, text) in _NOT_USED.items():
+                if admission.refused.reasons[reason] >= count:
+                    self._once(text)
+        if clock.jumps != self._jumps and clock.last_jump is not None:
+            self._jumps = clock.jumps
+            jump = clock.last_jump
+            self._once(_JUMPS[jump.kind].format(abs(jump.shift)), key=jump.kind)
+        overflowed = _overflowed(self._stream)
+        if self._overflowed is None:  # nobody listened while a bus was opened
+            self._overflowed = overflowed
+        if overflowed > self._overflowed:
+            self._once("datagrams were lost in this computer: they came faster than they were fetched")
+        tap = self._stream.tap
+        if tap is not None and (news := tap.news()):
+            self._tell(news)
+
+    def _once(self, text: str, *, key: str = "") -> None:
+        if (key or text) not in self._told:
+            self._told.add(key or text)
+            self._tell(text)
+
+
+def _refusal(source: Source, reason: str, owner: Source | None) -> str:
+    who = f"{source[0]}:{source[1]}"
+    if reason == SECOND_SOURCE and owner is not None:
+        return f"{who} sends too, and is not listened to: {owner[0]}:{owner[1]} was first"
+    if reason == NOT_ALLOWED:
+        return f"{who} sends too, and is not listened to: not on the allow-list (?allow=)"
+    return f"{who} sends too, and is not listened to: {reason}"
+
+
+def _overflowed(stream: LiveStream) -> int:
+    receiver = stream.receiver
+    return receiver.overflowed if isinstance(receiver, UdpReceiver | NatnetReceiver) else 0
+
+
+# What a live run tells of its stream afterwards: what came, what was not used, who was lost, how often it held.
+
+MS = 1e3
+
+
+@dataclass(frozen=True)
+class Holds:
+    """Times that the performer was not followed after having been, and how long in all, s."""
+
+    count: int
+    s: float
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """A live run's stream.
+
+    frames, datagrams: of the sender from the beginning on, the measuring included. dropped: what was not used, by
+    reason: datagrams, frames out of time, and poses that could not be believed. refused: senders that were not listened
+    to. lost_s: how long each sensor was not believed while the robot followed or held, those that ever were not.
+    playout_delay_ms: in the end. person: the name under which the performer's size is kept, null without one.
+    """
+
+    address: str
+    frames: int
+    datagrams: int
+    dropped: dict[str, int]
+    refused: tuple[str, ...]
+    lost_s: dict[str, float]
+    holds: Holds
+    playout_delay_ms: float
+    person: str | None
+
+
+class Tally:
+    """Counts ticks. names: of the k sensors; dt: s between ticks."""
+
+    def __init__(self, names: tuple[str, ...], dt: float) -> None:
+        self._names, self._dt = names, dt
+        self._lost = np.zeros(len(names), dtype=int)
+        self._holds = self._held = 0
+        self._followed = False  # in the tick before
+        self._ever = False
+
+    def count(self, states: StateArray, *, followed: bool) -> None:
+        """One tick of following. states (k,): a `TrustState` each; followed: whether the performer was."""
+        if np.count_nonzero(states):  # FRESH is 0
+            self._lost += (states != TrustState.FRESH) & (states != TrustState.NOT_WORN)
+        self._holds += self._followed and not followed
+        self._followed, self._ever = followed, self._ever or followed
+        self._held += self._ever and not followed
+
+    @property
+    def holds(self) -> Holds:
+        """So far."""
+        return Holds(self._holds, self._held * self._dt)
+
+    @property
+    def lost_s(self) -> dict[str, float]:
+        """s, of every sensor that was lost so far."""
+        return {name: ticks * self._dt for name, ticks in zip(self._names, self._lost.tolist(), strict=True) if ticks}
+
+
+def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str | None) -> LiveReport:
+    """Of a run that has ended."""
+    decoder, receiver, trust = stream.decoder.dropped, stream.receiver.dropped, stream.trust.refused
+    dropped = stream.admission.refused.reasons + decoder.reasons + receiver.reasons + trust.reasons
+    dropped += stream.clock_map.dropped.reasons + stream.playout.dropped.reasons
+    return LiveReport(
+        address=address,
+        frames=stream.frames,
+        datagrams=stream.arrived,
+        dropped=dict(dropped.most_common()),
+        refused=_refused_sources(stream.admission),
+        lost_s=tally.lost_s,
+        holds=tally.holds,
+        playout_delay_ms=MS * stream.playout.delay,
+        person=person,
+    )
+
+
+def _refused_sources(admission: Admission) -> tuple[str, ...]:
+    return tuple(f"{address}: {reason}" for address, reason in admission.named)
+
+
+# Why a performer is not followed, in a few words: the reason of a stop where that lasts too long.
+
+WORDS = {
+    TrustState.STALE: "lost",
+    TrustState.FROZEN: "frozen",
+    TrustState.JUMPED: "jumped",
+    TrustState.SWAPPED: "changed places",
+    TrustState.NOT_WORN: "not heard",
+    TrustState.OUT_OF_RANGE: "outside the room",
+}
+TOO_SHORT = "not for long enough at a time"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hindered:
+    """What the last tick knew of k sensors. states (k,): a `TrustState` each; leapt (k,): who may not be followed to
+    where they are; carrying: rows of those that are needed; late: whether ticks come late; trouble: of the stream, ""
+    for none; came_back: whether data were good in the meantime, and not for long enough."""
+
+    states: StateArray
+    leapt: BoolArray
+    carrying: tuple[int, ...]
+    late: bool
+    trouble: str
+    came_back: bool = False
+
+
+def hindrance_of(names: tuple[str, ...], hindered: Hindered) -> str:
+    """What is in the way now; where it has not been all the time, that comes first."""
+    now = _now(names, hindered)
+    if not now:
+        return TOO_SHORT
+    return f"{TOO_SHORT}, at last: {now}" if hindered.came_back else now
+
+
+def _now(names: tuple[str, ...], hindered: Hindered) -> str:
+    """The first that applies: the stream, the sensors of `names` (k,), the ticks; "" for none."""
+    if hindered.trouble:
+        return hindered.trouble
+    told = [
+        f"{name}: {WORDS[state]}"
+        for row, (name, state) in enumerate(zip(names, map(TrustState, hindered.states.tolist()), strict=True))
+        if state in WORDS and (row in hindered.carrying or hindered.leapt[row])
+    ]
+    if told:
+        return ", ".join(told)
+    return "ticks came late" if hindered.late else ""

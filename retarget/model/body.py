@@ -1,0 +1,361 @@
+"""A robot or a virtual human as a kinematic tree: names and limits, beside the plain arrays that the solver takes.
+
+Conventions are MuJoCo's (see `retarget/_solver.pyi`): body 0 is the world, a parent comes before its children, `q`
+holds a free joint as xyz + wxyz and a ball as wxyz, velocities have three coordinates for each of those rotations.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.errors import ConfigError, suggest
+from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
+from retarget.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from retarget import _solver
+
+__all__ = [
+    "BodyModel",
+    "Frame",
+    "Geom",
+    "JointLimits",
+    "JointType",
+    "joint_weights",
+    "light_dofs",
+    "load_body",
+    "load_body_text",
+]
+
+
+class JointType(IntEnum):
+    """Kinds of joint, with MuJoCo's numbers."""
+
+    FREE = 0
+    BALL = 1
+    SLIDE = 2
+    HINGE = 3
+
+
+POSITION_SIZE = {JointType.FREE: 7, JointType.BALL: 4, JointType.SLIDE: 1, JointType.HINGE: 1}
+VELOCITY_SIZE = {JointType.FREE: 6, JointType.BALL: 3, JointType.SLIDE: 1, JointType.HINGE: 1}
+_VELOCITY_SUFFIXES = {
+    JointType.FREE: ("_x", "_y", "_z", "_rx", "_ry", "_rz"),
+    JointType.BALL: ("_rx", "_ry", "_rz"),
+    JointType.SLIDE: ("",),
+    JointType.HINGE: ("",),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A named frame fixed to a body: `position` (3,) m and `quat` (4,) wxyz in that body's frame."""
+
+    name: str
+    body: int
+    position: FloatArray
+    quat: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Geom:
+    """A shape of the file on a body: `kind` and `size` (3,) as MuJoCo has them, `position` (3,) m and `quat` (4,) wxyz.
+
+    Capsules and cylinders: radius, half length. Boxes: half sizes. Spheres: radius.
+    """
+
+    name: str
+    body: int
+    kind: str
+    size: FloatArray
+    position: FloatArray
+    quat: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class BodyModel:
+    """A kinematic tree of nb bodies (0 the world) and nj joints, with nq positions and nv velocities.
+
+    parent (nb,), body_pos (nb,3) m and body_quat (nb,4) wxyz in the parent frame; mass (nb,) kg, com (nb,3) m in the
+    body frame; joint_body (nj,), joint_type (nj,), joint_axis (nj,3) and joint_pos (nj,3) in the body frame; qpos0
+    (nq,); lower, upper (nv,) rad or m, infinite where the file sets no limit; joint_qpos, joint_dof (nj,) first
+    address of each joint in q and in the velocity. `notes`: what was changed or is not used.
+    """
+
+    source: str
+    root: Root
+    body_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    dof_names: tuple[str, ...]
+    frames: tuple[Frame, ...]
+    geoms: tuple[Geom, ...]
+    parent: IntArray
+    body_pos: FloatArray
+    body_quat: FloatArray
+    mass: FloatArray
+    com: FloatArray
+    joint_body: IntArray
+    joint_type: IntArray
+    joint_axis: FloatArray
+    joint_pos: FloatArray
+    joint_qpos: IntArray
+    joint_dof: IntArray
+    qpos0: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def nq(self) -> int:
+        """Number of position coordinates."""
+        return len(self.qpos0)
+
+    @property
+    def nv(self) -> int:
+        """Number of velocity coordinates (degrees of freedom)."""
+        return len(self.dof_names)
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of all bodies, kg."""
+        return float(self.mass.sum())
+
+    def body_index(self, name: str) -> int:
+        """Index of a body. Raises ConfigError with the nearest names."""
+        return self._index("body", name, self.body_names)
+
+    def joint_index(self, name: str) -> int:
+        """Index of a joint. Raises ConfigError with the nearest names."""
+        return self._index("joint", name, self.joint_names)
+
+    def dof_index(self, name: str) -> int:
+        """Index of a degree of freedom in velocities and limits. Raises ConfigError with the nearest names."""
+        return self._index("degree of freedom", name, self.dof_names)
+
+    def frame(self, name: str) -> Frame:
+        """A named frame (a site of the file), or the origin of the body of that name. Raises ConfigError."""
+        for frame in self.frames:
+            if frame.name == name:
+                return frame
+        names = tuple(frame.name for frame in self.frames) + self.body_names
+        body = self._index("frame", name, names) - len(self.frames)
+        return Frame(name, body, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+    def chain_to_root(self, link: int) -> tuple[int, ...]:
+        """This link and all that carry it, nearest first: the link itself and the root are in it, the world is not."""
+        links = []
+        while link > 0:
+            links.append(link)
+            link = int(self.parent[link])
+        return tuple(links)
+
+    def links_between(self, first: int, second: int) -> set[int]:
+        """Links whose joints move one link against the other: of the two chains to the root, what they do not share."""
+        return set(self.chain_to_root(first)).symmetric_difference(self.chain_to_root(second))
+
+    def scalar_joints(self) -> tuple[NDArray[np.bool_], IntArray]:
+        """Which DoFs are single hinges or slides (nv,), and where each stands in q (nv,), -1 for the others."""
+        address = np.full(self.nv, -1, dtype=np.int64)
+        single = np.isin(self.joint_type, (JointType.SLIDE, JointType.HINGE))
+        address[self.joint_dof[single]] = self.joint_qpos[single]
+        return address >= 0, address
+
+    def solver_body(self) -> "_solver.Body":
+        """The same tree for the compiled solver."""
+        from retarget import _solver
+
+        return _solver.Body(
+            self.parent,
+            self.body_pos,
+            self.body_quat,
+            self.mass,
+            self.com,
+            self.joint_body,
+            self.joint_type,
+            self.joint_axis,
+            self.joint_pos,
+            self.qpos0,
+        )
+
+    def _index(self, kind: str, name: str, names: tuple[str, ...]) -> int:
+        if name not in names:
+            raise ConfigError(f"unknown {kind}", where=self.source, found=name, next_step=suggest(name, names))
+        return names.index(name)
+
+
+def load_body(path: Path, *, root: Root | None = None) -> BodyModel:
+    """Read an MJCF or URDF file (see `body_file.compile_body` for `root` and errors)."""
+    return body_from_file(compile_body(path, root=root))
+
+
+def load_body_text(text: str, *, source: str, root: Root | None = None) -> BodyModel:
+    """As `load_body`, from MJCF or URDF text; `source` names it in messages."""
+    return body_from_file(compile_body_text(text, source=source, root=root))
+
+
+def body_from_file(file: BodyFile) -> BodyModel:
+    """The arrays of a compiled body; the compiled model is the only source of them."""
+    model = file.model
+    joint_type = _ints(model.jnt_type)
+    joint_names = tuple(model.joint(i).name or f"joint_{i}" for i in range(model.njnt))
+    lower, upper = _limits(model, joint_type)
+    return BodyModel(
+        source=file.source,
+        root=file.root,
+        body_names=tuple(model.body(i).name or f"body_{i}" for i in range(model.nbody)),
+        joint_names=joint_names,
+        dof_names=tuple(
+            name + suffix
+            for name, kind in zip(joint_names, joint_type, strict=True)
+            for suffix in _VELOCITY_SUFFIXES[JointType(kind)]
+        ),
+        frames=tuple(_frame(model, i) for i in range(model.nsite)),
+        geoms=tuple(_geom(model, i) for i in range(model.ngeom)),
+        parent=_ints(model.body_parentid),
+        body_pos=_floats(model.body_pos),
+        body_quat=_floats(model.body_quat),
+        mass=_floats(model.body_mass),
+        com=_floats(model.body_ipos),
+        joint_body=_ints(model.jnt_bodyid),
+        joint_type=joint_type,
+        joint_axis=_floats(model.jnt_axis),
+        joint_pos=_floats(model.jnt_pos),
+        joint_qpos=_ints(model.jnt_qposadr),
+        joint_dof=_ints(model.jnt_dofadr),
+        qpos0=_floats(model.qpos0),
+        lower=lower,
+        upper=upper,
+        notes=file.notes + _unboxed(model, joint_type, joint_names),
+    )
+
+
+def _frame(model: Any, index: int) -> Frame:
+    return Frame(
+        name=model.site(index).name or f"site_{index}",
+        body=int(model.site_bodyid[index]),
+        position=_floats(model.site_pos[index]),
+        quat=_floats(model.site_quat[index]),
+    )
+
+
+def _geom(model: Any, index: int) -> Geom:
+    import mujoco
+
+    return Geom(
+        name=model.geom(index).name,
+        body=int(model.geom_bodyid[index]),
+        kind=mujoco.mjtGeom(int(model.geom_type[index])).name.removeprefix("mjGEOM_").lower(),
+        size=_floats(model.geom_size[index]),
+        position=_floats(model.geom_pos[index]),
+        quat=_floats(model.geom_quat[index]),
+    )
+
+
+def _limits(model: Any, joint_type: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Box limits (nv,) of hinges and slides; infinite elsewhere."""
+    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    boxed = np.isin(joint_type, (JointType.SLIDE, JointType.HINGE)) & np.asarray(model.jnt_limited, dtype=bool)
+    lower[model.jnt_dofadr[boxed]] = model.jnt_range[boxed, 0]
+    upper[model.jnt_dofadr[boxed]] = model.jnt_range[boxed, 1]
+    return lower, upper
+
+
+def _unboxed(model: Any, joint_type: IntArray, names: tuple[str, ...]) -> tuple[str, ...]:
+    """A note for each ball joint whose limit, a cone, has no box."""
+    cones = (joint_type == JointType.BALL) & np.asarray(model.jnt_limited, dtype=bool)
+    return tuple(f"limit of ball joint '{names[i]}' not used: it is a cone, not a box" for i in np.flatnonzero(cones))
+
+
+def _floats(values: Any) -> FloatArray:
+    return np.array(values, dtype=np.float64, order="C")
+
+
+def _ints(values: Any) -> IntArray:
+    return np.array(values, dtype=np.int64, order="C")
+
+
+# Limits of a body's degrees of freedom.
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits per DoF, each (nv,): position (rad or m), velocity per s, acceleration per s^2; infinite for no limit."""
+
+    lower: FloatArray
+    upper: FloatArray
+    max_velocity: FloatArray
+    max_acceleration: FloatArray
+
+
+# One number per degree of freedom, by the names that people use in a priority file.
+
+
+def joint_weights(body: BodyModel, values: Iterable[tuple[str, float]], *, default: float) -> FloatArray:
+    """One number per DoF (nv,): that of the last pair that names it, else `default`; for a free root else 0.
+
+    A name is a DoF (`l_knee_flexion`), a DoF of both sides (`knee_flexion`), a joint (`l_hip`), or a joint of both
+    sides (`hip`); `root` is the six of a free root. Raises ConfigError with the nearest names.
+    """
+    result = np.full(body.nv, default)
+    for start, kind in zip(body.joint_dof, body.joint_type, strict=True):
+        if kind == JointType.FREE:
+            result[start : start + 6] = 0.0
+    aliases = [_aliases(name) for name in body.dof_names]
+    for key, value in values:
+        chosen = [i for i, names in enumerate(aliases) if key in names]
+        if not chosen:
+            known = sorted(set().union(*aliases))
+            raise ConfigError("unknown joint", where=body.source, found=key, next_step=suggest(key, known))
+        result[chosen] = value
+    return result
+
+
+def _aliases(dof: str) -> set[str]:
+    """Names of a DoF: its own, without the side, and its joint's, with and without the side."""
+    unsided = dof[2:] if dof[:2] in ("l_", "r_") else dof
+    return {dof, unsided, dof.rsplit("_", 1)[0], unsided.rsplit("_", 1)[0]}
+
+
+# Joints that move next to nothing of a body's mass, and no limb: of a head.
+#
+# Where its mass in motion is kept over its soles, any joint that is left counts, and the lightest one is the last that
+# no
+# task above it holds: a head would be swung from stop to stop for a millimetre of the centre of mass.
+
+LIGHT = 0.008
+"""A joint is light that moves the centre of mass by less than this share of the body's size a radian, however it is
+bent."""
+POSTURES, TURNED = 64, 2.0
+"""So many postures are tried, each joint turned by so much (rad) at most."""
+LIMBS = ("l_hand", "r_hand", "l_sole", "r_sole")
+"""Frames at the ends of limbs. What moves them is asked to, however light."""
+
+
+def light_dofs(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
+    """The DoFs of hinges that are light and move no limb. frames: of the body, by their names."""
+    solver = body.solver_body()
+    hinges = body.joint_type == JointType.HINGE
+    columns, dofs = body.joint_qpos[hinges], body.joint_dof[hinges]
+    random = np.random.default_rng(0)
+    low, high = np.maximum(body.lower[dofs], -TURNED), np.minimum(body.upper[dofs], TURNED)
+    most = np.zeros(body.nv)
+    for _ in range(POSTURES):
+        q = body.qpos0.copy()
+        q[columns] = random.uniform(np.minimum(low, high), np.maximum(low, high))
+        most = np.maximum(most, np.linalg.norm(solver.centre_of_mass_jacobian(q), axis=0))
+    limbs = {link for name in LIMBS if name in frames for link in body.chain_to_root(frames[name].body)}
+    links = body.joint_body[hinges].tolist()
+    light = most[dofs] < LIGHT * _size(body)
+    return [int(dof) for dof, link, is_light in zip(dofs, links, light, strict=True) if is_light and link not in limbs]
+
+
+def _size(body: BodyModel) -> float:
+    """How far (m) the origins of its links reach from lowest to highest, joints at 0."""
+    links = np.arange(1, len(body.parent))
+    height = body.solver_body().points(body.qpos0[None], links.tolist(), np.zeros((len(links), 3)))[0, :, 2]
+    return float(np.ptp(height))

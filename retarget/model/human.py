@@ -1,0 +1,401 @@
+"""The virtual human: a body of one person's size as MJCF, its degrees of freedom, speeds and reference postures.
+
+Two readings of the paper's "18 joints (51 degrees of freedom)" share one body: A, seventeen internal joints of three
+axes each, beside the six of the root (57 velocities); B, 51 with the root, which locks two axes of each knee and the
+sideward axis of each elbow. B is the default.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from retarget._solver import Probe
+from retarget.errors import ConfigError, suggest
+from retarget.model.body import BodyModel, JointLimits, joint_weights, load_body_text
+from retarget.model.human_dimensions import (
+    ENDS,
+    FRACTIONS,
+    HUMAN_JOINTS,
+    POINTS,
+    SEGMENTS,
+    TRUNK_LEVELS,
+    HumanDimensions,
+    HumanJoint,
+    Segment,
+)
+from retarget.types import ORIENTED, BoolArray, FloatArray
+
+__all__ = ["POSTURES", "Human", "Posture", "PostureReader", "Reading", "build_human", "human_limits", "human_mjcf"]
+
+
+# The virtual human as MJCF text, written from one person's dimensions.
+#
+# Links are named for the joint at their near end, so that a link's origin is that joint's centre; hinges are
+# `<joint>_<motion>`. Sites are the points that no joint carries: head, hands, toes, and the soles. Shapes are capsules
+# and a sphere, massless: masses and inertias stand in <inertial>.
+
+_HEADER = """<mujoco model="human">
+  <compiler angle="degree" autolimits="true" boundmass="1e-6" boundinertia="1e-9"/>
+  <default>
+    <geom type="capsule" mass="0" rgba="0.75 0.7 0.65 1"/>
+    <site size="0.01"/>
+  </default>
+  <worldbody>"""
+
+_RADII: dict[str, float] = {
+    "pelvis": 0.055,
+    "spine": 0.065,
+    "chest": 0.065,
+    "neck": 0.032,
+    "collar": 0.035,
+    "shoulder": 0.026,
+    "elbow": 0.021,
+    "wrist": 0.019,
+    "hip": 0.034,
+    "knee": 0.023,
+    "ankle": 0.020,
+}
+"""Radius of each link's capsule as a share of stature.
+
+Thighs and shanks taper: their capsules are as thick as the knee and as the middle of the shank, so that legs which
+pass each other as people's do need not part for it."""
+
+_HEAD_RADIUS = 0.062
+"""Radius of the head's sphere as a share of stature: from the ear canal (0.936) to the vertex."""
+
+
+_POINT_M = 1e-3
+"""A link shorter than this is a point: its shape is a sphere."""
+
+
+def human_mjcf(dimensions: HumanDimensions) -> str:
+    """MJCF text of the human, standing with the soles on the ground (z = 0), facing x."""
+    lines = [_HEADER]
+    _write_link(lines, HUMAN_JOINTS[0], dimensions, depth=2)
+    lines += ["  </worldbody>", "</mujoco>", ""]
+    return "\n".join(lines)
+
+
+def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions, *, depth: int) -> None:
+    indent = "  " * depth
+    is_root = not joint.parent
+    position = np.array([0.0, 0.0, dimensions.pelvis_height]) if is_root else dimensions.of(joint.name)
+    lines.append(f'{indent}<body name="{joint.name}" pos="{_text(position)}">')
+    if is_root:
+        lines.append(f'{indent}  <freejoint name="root"/>')
+    for hinge in joint.hinges:
+        lines.append(
+            f'{indent}  <joint name="{joint.name}_{hinge.motion}" axis="{_text(joint.axis(hinge))}" '
+            f'range="{hinge.lower_deg:g} {hinge.upper_deg:g}"/>'
+        )
+    lines += [f"{indent}  {line}" for line in _inertial(joint, dimensions) + _shapes(joint, dimensions)]
+    lines += [f"{indent}  {line}" for line in _sites(joint, dimensions)]
+    for child in HUMAN_JOINTS:
+        if child.parent == joint.name:
+            _write_link(lines, child, dimensions, depth=depth + 1)
+    lines.append(f"{indent}</body>")
+
+
+def _inertial(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
+    kind = _kind(joint.name)
+    for segment in SEGMENTS:
+        if segment.body == kind:
+            return [_segment_inertial(joint, segment, dimensions)]
+    return []
+
+
+def _segment_inertial(joint: HumanJoint, segment: Segment, dimensions: HumanDimensions) -> str:
+    """Mass, centre of mass and inertia of a thick rod: radius of gyration across it, its radius about it."""
+    start, end = (_segment_point(name, joint, dimensions) for name in (segment.start, segment.end))
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length if length > _POINT_M else np.array([0.0, 0.0, 1.0])
+    mass = segment.mass * dimensions.mass
+    radius = _RADII[segment.body] * dimensions.stature
+    gyration = segment.gyration if segment.gyration is not None else np.sqrt(1.0 / 12.0)  # a uniform rod's
+    across = mass * ((gyration * length) ** 2 + radius**2 / 4.0)
+    about = mass * radius**2 / 2.0
+    inertia = across * (np.eye(3) - np.outer(along, along)) + about * np.outer(along, along)
+    full = np.array([inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]])
+    com = start + segment.com * (end - start)
+    return f'<inertial pos="{_text(com)}" mass="{mass:.10g}" fullinertia="{_text(full)}"/>'
+
+
+def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) -> FloatArray:
+    """Point (3,) of a segment's table entry in the link's frame, in the rest posture."""
+    if name == _kind(joint.name):
+        return np.zeros(3)
+    if name in ("hips", "l4_l5", "t12_l1", "c7_t1"):
+        share = 0.0 if name == "hips" else getattr(TRUNK_LEVELS, name)
+        return _trunk_point(share, dimensions) - _from_pelvis(joint.name, dimensions)
+    side = joint.name[:2] if joint.name[1] == "_" else ""
+    return dimensions.of(side + name)
+
+
+def _trunk_point(share: float, dimensions: HumanDimensions) -> FloatArray:
+    """Point (3,) at a share of the way from the middle of the hips to that of the shoulders, from the pelvis."""
+    hips = 0.5 * (_from_pelvis("l_hip", dimensions) + _from_pelvis("r_hip", dimensions))
+    shoulders = 0.5 * (_from_pelvis("l_shoulder", dimensions) + _from_pelvis("r_shoulder", dimensions))
+    return np.asarray(hips + share * (shoulders - hips))
+
+
+def _from_pelvis(name: str, dimensions: HumanDimensions) -> FloatArray:
+    parents = {joint.name: joint.parent for joint in HUMAN_JOINTS}
+    point = np.zeros(3)
+    while parents[name]:
+        point = point + dimensions.of(name)
+        name = parents[name]
+    return point
+
+
+def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
+    """Capsule of the link, from its joint to the next; across the hips for the pelvis."""
+    kind = _kind(joint.name)
+    radius = _RADII[kind] * dimensions.stature
+    if kind == "pelvis":
+        start, end = dimensions.of("l_hip"), dimensions.of("r_hip")
+    else:
+        ends = [child.name for child in HUMAN_JOINTS if child.parent == joint.name]
+        ends += [name for name, parent in ENDS if parent == joint.name]
+        start, end = np.zeros(3), dimensions.of(ends[0])
+    shapes = [_capsule(joint.name, start, end, radius)]
+    if kind == "neck":
+        size = _HEAD_RADIUS * dimensions.stature
+        shapes.append(f'<geom name="head" type="sphere" pos="{_text(end)}" size="{size:.6g}"/>')
+    if kind == "ankle":
+        heel, tip = _foot_ends(joint.name, dimensions)
+        shapes[0] = _capsule(joint.name, heel, tip, radius)
+    return shapes
+
+
+def _foot_ends(name: str, dimensions: HumanDimensions) -> tuple[FloatArray, FloatArray]:
+    """Axis (two points (3,), in the foot's frame) of the capsule that stands on the sole from heel to toe tip."""
+    stature, radius = dimensions.stature, _RADII["ankle"] * dimensions.stature
+    toe = dimensions.of(name[:2] + "toe")
+    height = -FRACTIONS.ankle_height * stature + radius
+    ahead = np.array([toe[0], toe[1], 0.0]) / np.hypot(toe[0], toe[1])
+    reach = np.hypot(toe[0], toe[1]) + FRACTIONS.toe_tip * stature - radius
+    back = -FRACTIONS.heel_back * stature + radius
+    level = np.array([0.0, 0.0, height])
+    return ahead * back + level, ahead * reach + level
+
+
+def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> str:
+    if np.linalg.norm(end - start) < _POINT_M:  # some files leave a link of the trunk out
+        return f'<geom name="{name}" type="sphere" pos="{_text(start)}" size="{radius:.6g}"/>'
+    return f'<geom name="{name}" fromto="{_text(start)} {_text(end)}" size="{radius:.6g}"/>'
+
+
+def _sites(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
+    sites = [(name, dimensions.of(name)) for name, parent in ENDS if parent == joint.name]
+    if _kind(joint.name) == "ankle":
+        below = np.array([0.0, 0.0, -FRACTIONS.ankle_height * dimensions.stature])
+        sites.append((joint.name[:2] + "sole", below))
+    return [f'<site name="{name}" pos="{_text(position)}"/>' for name, position in sites]
+
+
+def _kind(name: str) -> str:
+    """Joint name without its side."""
+    return name[2:] if name[1] == "_" else name
+
+
+def _text(values: FloatArray) -> str:
+    return " ".join(f"{value:.12g}" for value in values)
+
+
+# Reference postures of the virtual human as data: angles in degrees by motion; what is not named is 0.
+#
+# A name without a side means both sides. A posture task pulls the joints towards one of these.
+
+
+@dataclass(frozen=True)
+class Posture:
+    """A named posture: (motion, degrees) pairs, motions as in `human_joints` (`knee_flexion`: both knees)."""
+
+    name: str
+    description: str
+    angles_deg: tuple[tuple[str, float], ...]
+
+
+POSTURES: tuple[Posture, ...] = (
+    Posture("stand", "upright, arms hanging: the zero posture", ()),
+    Posture(
+        "attractor",
+        "as the paper describes: arms held away from the torso, knees bent, spine and hips near rest",
+        (
+            ("shoulder_elevation", 25.0),
+            ("shoulder_swing", -25.0),
+            ("elbow_flexion", 20.0),
+            ("hip_flexion", 10.0),
+            ("knee_flexion", 30.0),
+            ("ankle_dorsiflexion", 15.0),
+        ),
+    ),
+    Posture(
+        "natural",
+        "relaxed standing: legs vertical, arms hanging 18 degrees out, elbows bent, trunk bent a little",
+        (
+            ("spine_flexion", 3.0),
+            ("chest_flexion", 5.0),
+            ("shoulder_elevation", 12.9),
+            ("shoulder_swing", -12.6),
+            ("elbow_flexion", 35.0),
+        ),
+    ),
+    Posture(
+        "crouch",
+        "a deep crouch on flat feet, hands free: how people get down to the ground",
+        (
+            ("spine_flexion", 40.0),
+            ("chest_flexion", 6.0),
+            ("neck_flexion", -28.0),
+            ("shoulder_elevation", 12.9),
+            ("shoulder_swing", -12.6),
+            ("elbow_flexion", 35.0),
+            ("hip_flexion", 100.0),
+            ("knee_flexion", 110.0),
+            ("ankle_dorsiflexion", 20.0),
+        ),
+    ),
+    Posture(
+        "t_pose",
+        "arms straight out to the sides",
+        (("shoulder_elevation", 90.0), ("shoulder_swing", -45.0), ("shoulder_rotation", 45.0)),
+    ),
+)
+
+
+Reading = Literal["A", "B"]
+
+
+@dataclass(frozen=True, eq=False)
+class Human:
+    """A virtual human. `locked` (nv,): DoFs that stay at zero. `mjcf`: the text that `body` was compiled from."""
+
+    dimensions: HumanDimensions
+    body: BodyModel
+    reading: Reading
+    locked: BoolArray
+    mjcf: str
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Number of DoFs that move: 57 or 51."""
+        return int(np.count_nonzero(~self.locked))
+
+    def posture(self, name: str) -> FloatArray:
+        """Reference posture q (nq,), standing at the origin. Raises ConfigError with the nearest names."""
+        for posture in POSTURES:
+            if posture.name == name:
+                return self.posture_from(posture.angles_deg)
+        names = [posture.name for posture in POSTURES]
+        raise ConfigError("unknown posture", found=name, allowed=", ".join(names), next_step=suggest(name, names))
+
+    def posture_from(self, angles_deg: Iterable[tuple[str, float]]) -> FloatArray:
+        """Posture q (nq,) from (motion, degrees) pairs over the zero posture; no side means both sides.
+
+        Raises ConfigError: unknown motion, or outside the limits of a joint.
+        """
+        q = self.body.qpos0.copy()
+        single, address = self.body.scalar_joints()
+        for motion, degrees in angles_deg:
+            for name in self._sided(motion):
+                dof = self.body.dof_index(name)
+                angle = np.deg2rad(degrees)
+                low, high = self.body.lower[dof], self.body.upper[dof]
+                if not (single[dof] and low <= angle <= high):
+                    allowed = f"{np.rad2deg(low):.0f} to {np.rad2deg(high):.0f} degrees"
+                    raise ConfigError("posture outside the joint's limits", where=name, found=degrees, allowed=allowed)
+                q[address[dof]] = angle
+        return q
+
+    def weights(self, values: Iterable[tuple[str, float]], *, default: float) -> FloatArray:
+        """One number per DoF (nv,), as `joint_weights`. Raises ConfigError."""
+        return joint_weights(self.body, values, default=default)
+
+    def _sided(self, motion: str) -> list[str]:
+        return [motion] if motion in self.body.dof_names else [f"{side}_{motion}" for side in ("l", "r")]
+
+
+def build_human(dimensions: HumanDimensions, *, reading: Reading = "B") -> Human:
+    """The virtual human of this size. About 5 ms, after MuJoCo's own import."""
+    mjcf = human_mjcf(dimensions)
+    body = load_body_text(mjcf, source=f"virtual human ({dimensions.origin})")
+    return Human(dimensions=dimensions, body=body, reading=reading, locked=_locked(body, reading), mjcf=mjcf)
+
+
+def _locked(body: BodyModel, reading: Reading) -> BoolArray:
+    locked = np.zeros(body.nv, dtype=bool)
+    if reading == "B":
+        for joint in HUMAN_JOINTS:
+            for hinge in joint.hinges:
+                locked[body.dof_index(f"{joint.name}_{hinge.motion}")] |= hinge.locked
+    return locked
+
+
+# How fast the joints of a human can move, as data.
+#
+# There are no acceleration limits: those of a human depend on muscle, load and posture, a recorded sensor is the motion
+# that really happened, and a limit would only make the virtual human lag behind it. A robot has both kinds.
+
+FASTEST: tuple[tuple[str, float], ...] = (
+    ("root_x", 15.0),
+    ("root_y", 15.0),
+    ("root_z", 15.0),
+    ("root_rx", 20.0),
+    ("root_ry", 20.0),
+    ("root_rz", 20.0),
+    ("spine", 15.0),
+    ("chest", 15.0),
+    ("neck", 15.0),
+    ("collar", 15.0),
+    ("shoulder", 25.0),
+    ("elbow", 25.0),
+    ("wrist", 25.0),
+    ("hip", 20.0),
+    ("knee", 25.0),
+    ("ankle", 20.0),
+)
+"""m/s and rad/s: about what people reach in sport, throwing excepted, so that no limit shapes an ordinary motion."""
+
+
+def human_limits(body: BodyModel) -> JointLimits:
+    """Anatomical positions, the speeds above, no limit on acceleration."""
+    return JointLimits(
+        lower=body.lower,
+        upper=body.upper,
+        max_velocity=joint_weights(body, FASTEST, default=15.0),
+        max_acceleration=np.full(body.nv, np.inf),
+    )
+
+
+# What a reconstruction yields each tick: a posture of the virtual human, and where its parts are.
+
+
+class PostureReader:
+    """Joint centres, orientations and the centre of mass of a human's postures."""
+
+    def __init__(self, human: Human) -> None:
+        self._body = human.body.solver_body()
+        frames = [human.body.frame(name) for name in POINTS]
+        self._links = [frame.body for frame in frames]
+        self._local = np.array([frame.position for frame in frames])
+        self._oriented = [human.body.frame(name).body for name in ORIENTED]
+        self._probe = Probe(self._body, self._links, self._local, self._oriented)
+
+    def read(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of one posture (nq,): joints (m, 3) m, orientations (3, 4) wxyz, and centre of mass (3,) m."""
+        return self._probe.read(q)
+
+    def joints(self, q: FloatArray) -> FloatArray:
+        """Centres (T, m, 3) m of all POINTS, for postures (T, nq)."""
+        return self._body.points(q, self._links, self._local)
+
+    def orientations(self, q: FloatArray) -> FloatArray:
+        """Orientations (T, 3, 4) wxyz of ORIENTED, for postures (T, nq)."""
+        return self._body.orientations(q, self._oriented)
+
+    def centre_of_mass(self, q: FloatArray) -> FloatArray:
+        """Centres of mass (T, 3) m, for postures (T, nq)."""
+        return self._body.centre_of_mass(q)

@@ -1,0 +1,375 @@
+"""Collision observers of a robot and of the virtual human: shapes on links, and which of them are looked at
+together.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget import _solver, rotations
+from retarget.errors import ConfigError, Problem
+from retarget.ik.support_polygon import plant
+from retarget.model.body import BodyModel, Geom
+from retarget.model.human import Human
+from retarget.model.robot import RobotBody
+from retarget.model.scene_shapes import SceneShapes, ShapeKind, canonical
+from retarget.rotations import arc
+from retarget.schema.priorities import ObserverSettings
+from retarget.schema.profile_parts import Observer
+from retarget.types import FloatArray, IntArray
+
+__all__ = [
+    "NO_SCENE",
+    "DroppedPair",
+    "Observers",
+    "PairRules",
+    "assemble",
+    "human_observers",
+    "placed",
+    "robot_observers",
+    "steps_between",
+]
+
+
+# Which observers are looked at together: not those of one link or of neighbours, not what the profile ignores, and
+# not what touches at rest (paper, "Handling self collisions").
+
+NEAR_LINKS = 2
+"""Links that are so many steps apart along the body may touch at rest and are then never looked at; what is farther
+apart and touches is a fault of the neutral posture or of the shapes."""
+
+NEVER_NEAR = "never near"
+"""How the reason begins of a pair that a fit found to stay apart; it says nothing more of interest."""
+
+AT_HOME = 0.75
+"""Most of a pair's distance at rest that may be margin. Asked for more, a body could never rest: nothing below would
+move."""
+
+
+@dataclass(frozen=True)
+class DroppedPair:
+    """Two observers, by name, that are not looked at together, and why. neighbours: on links that one joint parts."""
+
+    first: str
+    second: str
+    reason: str
+    neighbours: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class PairRules:
+    """neutral: posture (nq,) in which pairs that touch are dropped. resting: others in which the body is at home: a
+    pair's margin is at most a share of its distance in any of them. ignored: links, and why. where: for messages."""
+
+    neutral: FloatArray
+    resting: tuple[FloatArray, ...] = ()
+    ignored: tuple[tuple[int, int, str], ...] = field(default=())
+    where: str = ""
+
+
+def checked_pairs(
+    body: BodyModel, observers: "Observers", rules: PairRules
+) -> tuple[IntArray, tuple[DroppedPair, ...], FloatArray]:
+    """Pairs (p, 2) that are looked at, those that are not, and most that each of the first keeps (p,) m. Raises
+    ConfigError: far along the body, and touching at rest."""
+    ignored = {frozenset(pair[:2]): pair[2] for pair in rules.ignored}
+    checked, dropped = [], []
+    for first, second in zip(*np.triu_indices(len(observers.names), 1), strict=True):
+        links = int(observers.links[first]), int(observers.links[second])
+        steps = steps_between(body, *links)
+        if steps == 0:
+            continue
+        reason = "neighbours along the body" if steps == 1 else ignored.get(frozenset(links))
+        if reason is None:
+            checked.append((first, second))
+        else:
+            dropped.append(DroppedPair(observers.names[first], observers.names[second], reason, steps == 1))
+    pairs = np.array(checked, dtype=np.int64).reshape(-1, 2)
+    distance = _distances(body, observers, pairs, rules.neutral)
+    touching = distance <= 0.0
+    problems = []
+    for (first, second), depth in zip(pairs[touching], -distance[touching], strict=True):
+        names = observers.names[first], observers.names[second]
+        steps = steps_between(body, int(observers.links[first]), int(observers.links[second]))
+        if steps > NEAR_LINKS:
+            problems.append(_far_apart(names, steps, depth, rules.where))
+        dropped.append(DroppedPair(*names, f"touch by {1e3 * depth:.1f} mm in the neutral posture"))
+    if problems:
+        raise ConfigError.from_problems(problems)
+    pairs = np.ascontiguousarray(pairs[~touching])
+    resting = [_distances(body, observers, pairs, q) for q in (rules.neutral, *rules.resting)]
+    margin = AT_HOME * np.maximum(np.min(resting, axis=0), 0.0)
+    return pairs, tuple(dropped), margin
+
+
+def placed(body: BodyModel, observers: "Observers", q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """World positions (..., n, 3) and orientations (..., n, 4) wxyz of the observers' frames in postures (..., nq)."""
+    solver, links, rows = body.solver_body(), observers.links.tolist(), np.ascontiguousarray(np.atleast_2d(q))
+    position = solver.points(rows, links, np.ascontiguousarray(observers.positions))
+    quat = rotations.multiply(solver.orientations(rows, links), observers.quats)
+    return (position, quat) if q.ndim > 1 else (position[0], quat[0])
+
+
+def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: FloatArray) -> FloatArray:
+    """Signed distance (p,) m of each pair in a posture (nq,)."""
+    position, quat = placed(body, observers, q)
+    kinds, sizes = observers.kinds, observers.sizes
+    a, b = (np.ascontiguousarray(column) for column in pairs.T)
+    return _solver.shape_distances(kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b])[
+        0
+    ]
+
+
+def steps_between(body: BodyModel, first: int, second: int) -> int:
+    """How many links with joints lie on the way from one link to another: 0 for links that never move apart."""
+    return len(body.links_between(first, second).intersection(body.joint_body.tolist()))
+
+
+def _far_apart(names: tuple[str, str], steps: int, depth: float, where: str) -> Problem:
+    return Problem(
+        "parts that are far apart along the body touch in the neutral posture",
+        where=where,
+        found=f"{names[0]} and {names[1]}, {steps} joints apart, {1e3 * depth:.1f} mm deep",
+        allowed=f"a touch of parts at most {NEAR_LINKS} joints apart",
+        next_step="Move the neutral posture, draw the shapes tighter, or ignore the pair with a reason",
+    )
+
+
+NO_SCENE = SceneShapes(
+    (), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
+)
+"""Nothing around the body."""
+
+ShapeRow = tuple[ShapeKind, tuple[float, float, float], FloatArray, FloatArray]
+"""Code, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape's canonical frame on its link."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observers:
+    """n observers of a body and the p pairs of them that are looked at.
+
+    links (n,); kinds (n,) and sizes (n, 3) as in `scene_shapes`; positions (n, 3) m and quats (n, 4) wxyz of the
+    canonical frames on the links; influence, margin (n,) m. pairs (p, 2): numbers of observers. dropped: pairs that
+    are not looked at. pair_margin (p,) m: most that a pair keeps, as it is not much farther apart where the body rests.
+    stands (n,): is on a link with a sole, so it does not look at the ground; ground_margin (n,) m: as pair_margin, from
+    the ground.
+    """
+
+    names: tuple[str, ...]
+    links: IntArray
+    kinds: IntArray
+    sizes: FloatArray
+    positions: FloatArray
+    quats: FloatArray
+    influence: FloatArray
+    margin: FloatArray
+    pairs: IntArray
+    dropped: tuple[DroppedPair, ...]
+    pair_margin: FloatArray
+    stands: NDArray[np.bool_]
+    ground_margin: FloatArray
+
+    def with_margin(self, margin: float | None) -> "Observers":
+        """The same, all with another margin, m; None: each its own."""
+        return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
+
+    def around(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
+        """Pairs (m, 2) of an observer and an obstacle of a scene that it looks at, and most that each keeps (m,) m:
+        all but soles and the ground, one obstacle after the other."""
+        which, obstacle = (part.ravel() for part in np.indices((len(self.names), len(scene.names))).swapaxes(1, 2))
+        looks = ~(self.stands[which] & scene.ground[obstacle])
+        most = np.where(scene.ground[obstacle], self.ground_margin[which], np.inf)
+        return np.ascontiguousarray(np.column_stack([which, obstacle])[looks]), np.ascontiguousarray(most[looks])
+
+    def for_solver(self, body: BodyModel, scene: SceneShapes = NO_SCENE) -> _solver.Observers:
+        """The same for the compiled solver, which looks at the obstacles of a scene too."""
+        around, most = self.around(scene)
+        return _solver.Observers(
+            body.solver_body(),
+            links=self.links,
+            kinds=self.kinds,
+            sizes=self.sizes,
+            positions=self.positions,
+            quats=self.quats,
+            influence=self.influence,
+            margin=self.margin,
+            pairs=self.pairs,
+            pair_margin=self.pair_margin,
+            obstacle_kinds=scene.kinds,
+            obstacle_sizes=scene.sizes,
+            obstacle_influence=scene.influence,
+            obstacle_margin=scene.margin,
+            obstacle_pairs=around,
+            obstacle_pair_margin=most,
+        )
+
+
+def robot_observers(robot: RobotBody) -> Observers:
+    """The observers of a robot's profile. Raises ConfigError: parts far apart along the body touch in the neutral
+    posture."""
+    profile, body = robot.profile, robot.body
+    links = {name: body.body_index(entry.link) for name, entry in profile.observers.items()}
+    rows = {name: _shape(body, entry) for name, entry in profile.observers.items()}
+    zones = {name: (entry.influence, entry.margin) for name, entry in profile.observers.items()}
+    ignored = [
+        (body.body_index(entry.pair[0]), body.body_index(entry.pair[1]), entry.reason) for entry in profile.ignore_pairs
+    ]
+    rules = PairRules(
+        neutral=robot.posture(profile.postures.neutral),
+        resting=(robot.posture(profile.postures.stand),),
+        ignored=tuple(ignored),
+        where=str(profile.path),
+    )
+    observers = assemble(body, links, rows, zones, rules)
+    return _on_ground(robot, observers) if robot.stands else observers
+
+
+def _on_ground(robot: RobotBody, observers: Observers) -> Observers:
+    """The same for a robot on its feet: soles do not look at the ground, what comes near it at home keeps less.
+
+    Raises ConfigError for a part that is below the soles in the neutral posture.
+    """
+    postures = robot.profile.postures
+    stands = np.isin(observers.links, [sole.body for sole in robot.soles])
+    heights = np.stack(
+        [lowest_points(robot, observers, angles) for angles in (postures.neutral, postures.stand, postures.rest)]
+    )
+    below = [k for k in np.flatnonzero(~stands) if heights[0, k] <= 0.0]
+    if below:
+        raise ConfigError.from_problems(
+            [
+                Problem(
+                    "a part is below the soles in the neutral posture",
+                    where=str(robot.profile.path),
+                    found=f"{observers.names[k]}, {-1e3 * heights[0, k]:.1f} mm below the ground",
+                    allowed="only links with a sole touch the ground",
+                    next_step="Move the neutral posture, draw its shape tighter, or describe its sole in `feet`",
+                )
+                for k in below
+            ]
+        )
+    return replace(observers, stands=stands, ground_margin=AT_HOME * np.maximum(heights.min(axis=0), 0.0))
+
+
+def lowest_points(robot: RobotBody, observers: Observers, angles: dict[str, float]) -> FloatArray:
+    """Height (n,) m of the lowest point of each observer over the ground, of a robot that stands with these joint
+    angles, rad."""
+    position, quat = placed(robot.body, observers, plant(robot, angles).q)
+    n = len(observers.names)
+    ground = (
+        np.full(n, int(ShapeKind.HALF_SPACE)),
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+    )
+    return _solver.shape_distances(observers.kinds, observers.sizes, position, quat, *ground)[0]
+
+
+def assemble(
+    body: BodyModel,
+    links: dict[str, int],
+    rows: dict[str, ShapeRow],
+    zones: dict[str, tuple[float, float]],
+    rules: PairRules,
+) -> Observers:
+    """Observers from a link, a shape, and influence and margin (m) for each name."""
+    none = Observers(
+        names=tuple(rows),
+        links=np.array([links[name] for name in rows], dtype=np.int64),
+        kinds=np.array([row[0] for row in rows.values()], dtype=np.int64),
+        sizes=np.array([row[1] for row in rows.values()], dtype=float).reshape(-1, 3),
+        positions=np.array([row[2] for row in rows.values()], dtype=float).reshape(-1, 3),
+        quats=np.array([row[3] for row in rows.values()], dtype=float).reshape(-1, 4),
+        influence=np.array([zones[name][0] for name in rows], dtype=float),
+        margin=np.array([zones[name][1] for name in rows], dtype=float),
+        pairs=np.zeros((0, 2), dtype=np.int64),
+        dropped=(),
+        pair_margin=np.zeros(0),
+        stands=np.zeros(len(rows), dtype=bool),
+        ground_margin=np.full(len(rows), np.inf),
+    )
+    pairs, dropped, margin = checked_pairs(body, none, rules)
+    return replace(none, pairs=pairs, dropped=dropped, pair_margin=margin)
+
+
+def geom_shape(geom: Geom) -> ShapeRow | None:
+    """The shape of a geom of the body file; None for kinds that no observer has (meshes, ellipsoids)."""
+    size = tuple(float(value) for value in geom.size)
+    first, second, third = size
+    known = {
+        "capsule": (ShapeKind.CAPSULE, (first, second, 0.0)),
+        "sphere": (ShapeKind.CAPSULE, (first, 0.0, 0.0)),
+        "cylinder": (ShapeKind.CYLINDER, (first, second, 0.0)),
+        "box": (ShapeKind.BOX, (first, second, third)),
+    }.get(geom.kind)
+    return None if known is None else (*known, geom.position, geom.quat)
+
+
+def _shape(body: BodyModel, observer: Observer) -> ShapeRow:
+    if observer.shape.geom is None:
+        kind, sizes, pose = canonical(observer.shape)
+        return kind, sizes, np.array(pose.position), np.array(pose.quat)
+    geom = next(geom for geom in body.geoms if geom.name == observer.shape.geom)
+    row = geom_shape(geom)
+    if row is None:
+        raise ConfigError(
+            "a geom that no observer can take over",
+            where=body.source,
+            found=f"{geom.name}, a {geom.kind}",
+            allowed="capsule, sphere, cylinder, box",
+            next_step="Give the observer a shape of its own (retarget fit-observers proposes one)",
+        )
+    return row
+
+
+# What a virtual human observes itself and its surroundings with: the lines of the paper, or a capsule on every
+# segment.
+
+NEUTRAL = "attractor"
+"""Posture in which pairs that touch are dropped: arms away from the trunk."""
+LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+"""Ends of the paper's eight lines, four on the upper and four on the lower limbs: joints by name, each side."""
+HEAD = "head"
+
+Worn = Literal["none", "lines", "lines_and_head", "capsules"]
+
+
+def human_observers(human: Human, settings: ObserverSettings, worn: Worn | None = None) -> Observers | None:
+    """The observers of a human of this size; None where the settings want none. worn: instead of the settings' choice.
+
+    Raises ConfigError: parts far apart along the body touch in the neutral posture.
+    """
+    worn = settings.human if worn is None else worn
+    if worn == "none":
+        return None
+    names = {geom.name: geom for geom in human.body.geoms}
+    links, rows = {}, {}
+    if worn == "capsules":
+        for name, geom in names.items():
+            row = geom_shape(geom)
+            assert row is not None, "a human is made of capsules and balls"
+            links[name], rows[name] = geom.body, row
+    else:
+        for near, far in LIMBS:
+            for side in ("l", "r"):
+                name = f"{side}_{near}"
+                links[name], rows[name] = human.body.body_index(name), _line(human, f"{side}_{far}")
+    if worn == "lines_and_head":
+        geom = names[HEAD]
+        row = geom_shape(geom)
+        assert row is not None, "a head is a ball"
+        links[HEAD], rows[HEAD] = geom.body, row
+    margin = 0.01 if settings.margin is None else settings.margin
+    zones = dict.fromkeys(rows, (settings.influence, margin))
+    rules = PairRules(neutral=human.posture(NEUTRAL), where="virtual human")
+    return assemble(human.body, links, rows, zones, rules)
+
+
+def _line(human: Human, far: str) -> ShapeRow:
+    """Line from a link's joint to the next."""
+    end = human.dimensions.of(far)
+    half = 0.5 * float(np.linalg.norm(end))
+    x, y, z = end.tolist()
+    return ShapeKind.CAPSULE, (0.0, half, 0.0), 0.5 * end, np.array(arc((0.0, 0.0, 1.0), (x, y, z)))

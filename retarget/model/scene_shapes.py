@@ -1,0 +1,96 @@
+"""The shapes of a scene as arrays for the solver, each in its canonical frame: centred there, long along z."""
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.rotations import Quat, Vector, arc, minus, plus, product
+from retarget.schema.scene import ObstacleShape, Pose, Scene, unit
+from retarget.schema.shapes import Line, SolidShape
+from retarget.types import FloatArray
+
+__all__ = ["SceneShapes", "ShapeKind", "canonical", "scene_shapes"]
+
+UP: Vector = (0.0, 0.0, 1.0)
+DOWN: Vector = (0.0, 0.0, -1.0)
+UP_TO_DOWN: Quat = (0.0, 1.0, 0.0, 0.0)
+
+
+class ShapeKind(IntEnum):
+    """Codes of the solver. A sphere is a capsule of half length 0, a segment one of radius 0."""
+
+    CAPSULE = 0
+    CYLINDER = 1
+    BOX = 2
+    HALF_SPACE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SceneShapes:
+    """k obstacles in the order of the file.
+
+    kinds (k,): codes of `ShapeKind`. sizes (k, 3) m: radius, half length, 0 of a capsule or cylinder; half sizes of a
+    box; 0 of a half-space, which is solid at z <= 0. influence, margin (k,) m. ground (k,): soles stand
+    on it.
+    """
+
+    names: tuple[str, ...]
+    kinds: NDArray[np.int64]
+    sizes: FloatArray
+    influence: FloatArray
+    margin: FloatArray
+    ground: NDArray[np.bool_]
+
+    def with_margin(self, margin: float | None) -> "SceneShapes":
+        """The same, all with another margin, m; None: each its own."""
+        return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
+
+
+def scene_shapes(scene: Scene) -> SceneShapes:
+    """The shapes of a scene."""
+    obstacles = scene.obstacles.values()
+    shapes = [canonical(obstacle.shape) for obstacle in obstacles]
+    return SceneShapes(
+        names=tuple(scene.obstacles),
+        kinds=np.array([kind for kind, _, _ in shapes], dtype=np.int64),
+        sizes=np.array([size for _, size, _ in shapes], dtype=float).reshape(-1, 3),
+        influence=np.array([obstacle.influence for obstacle in obstacles], dtype=float),
+        margin=np.array([obstacle.margin for obstacle in obstacles], dtype=float),
+        ground=np.array([obstacle.ground for obstacle in obstacles], dtype=bool),
+    )
+
+
+def canonical(shape: SolidShape) -> tuple[ShapeKind, Vector, Pose]:
+    """Code, sizes (3,) and T_obstacle_shape: where the shape's canonical frame is in the obstacle's own, or on its
+    link."""
+    if shape.segment is not None:
+        return ShapeKind.CAPSULE, (0.0, _half(shape.segment), 0.0), _along(shape.segment)
+    if shape.capsule is not None:
+        return ShapeKind.CAPSULE, (shape.capsule.radius, _half(shape.capsule), 0.0), _along(shape.capsule)
+    if shape.cylinder is not None:
+        return ShapeKind.CYLINDER, (shape.cylinder.radius, _half(shape.cylinder), 0.0), _along(shape.cylinder)
+    if shape.sphere is not None:
+        return ShapeKind.CAPSULE, (shape.sphere.radius, 0.0, 0.0), Pose(shape.sphere.at)
+    if shape.box is not None:
+        return ShapeKind.BOX, shape.box.size, Pose(shape.box.pos, unit(shape.box.quat))
+    if isinstance(shape, ObstacleShape) and shape.half_space is not None:
+        return ShapeKind.HALF_SPACE, (0.0, 0.0, 0.0), Pose(shape.half_space.point, _turn_to(shape.half_space.normal))
+    raise AssertionError("the reader lets no obstacle without a shape through")
+
+
+def _half(line: Line) -> float:
+    return 0.5 * math.dist(line.start, line.end)
+
+
+def _along(line: Line) -> Pose:
+    """Frame in the middle of a line, z from its start to its end."""
+    x, y, z = plus(line.start, line.end)
+    return Pose((0.5 * x, 0.5 * y, 0.5 * z), _turn_to(minus(line.end, line.start)))
+
+
+def _turn_to(direction: Vector) -> Quat:
+    """A rotation that takes z to a direction; by way of down where that is nearer, because an arc near pi is vague."""
+    return arc(UP, direction) if direction[2] >= 0.0 else product(arc(DOWN, direction), UP_TO_DOWN)

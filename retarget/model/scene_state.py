@@ -1,0 +1,404 @@
+"""Where the obstacles of a scene are now: what the file says, unless a live update said otherwise."""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import fmod, hypot, inf, isfinite
+from typing import Protocol
+
+import numpy as np
+
+from retarget.errors import UsageError, suggest
+from retarget.model.scene_shapes import SceneShapes, canonical, scene_shapes
+from retarget.rotations import Vector, inverse, minus, plus, product, rotation_vector, turn
+from retarget.schema.scene import HERE, STILL, MovingPose, Obstacle, PathPoint, Pose, Scene, carried_by, on_body, unit
+from retarget.schema.shapes import MAX_COORDINATE
+from retarget.schema.strict_models import listed
+from retarget.types import FloatArray
+
+__all__ = [
+    "LIVE_SPEED",
+    "LIVE_TURN",
+    "VELOCITY_HOLDS",
+    "Drift",
+    "LivePose",
+    "Motion",
+    "ObstaclePoses",
+    "Path",
+    "Rest",
+    "SceneState",
+    "motion_of",
+]
+
+
+# The live pose of one obstacle: updates from outside are judged, the last good one is kept, and its age is known.
+
+LIVE_SPEED = 10.0
+"""Live velocities are cut to this, m/s: a jump of the tracker is no throw."""
+LIVE_TURN = 20.0
+"""Live angular velocities are cut to this, rad/s."""
+VELOCITY_HOLDS = 0.2
+"""A live obstacle goes on at its velocity for so long, s, when it is silent; then it is taken to rest."""
+
+Numbers = Iterable[float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A good update; velocities that were not told are None."""
+
+    time: float
+    pose: Pose
+    linear: Vector | None
+    angular: Vector | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """The last good update, with velocities, and the one before it."""
+
+    last: _Seen
+    before: _Seen | None
+    moving: MovingPose
+
+
+class LivePose:
+    """The last good pose of an obstacle. A reader in another thread sees an update as a whole or not at all.
+
+    dropped: updates that were not taken.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._held: _Held | None = None
+
+    def update(
+        self,
+        position: Numbers,
+        quat: Numbers,
+        *,
+        time: float,
+        velocity: Numbers | None = None,
+        angular_velocity: Numbers | None = None,
+    ) -> bool:
+        """Take a pose; whether it was good.
+
+        Dropped and counted: what is not finite, not of its length or farther than 1000 m, a quaternion of length
+        zero, a time before the last good one. A second update of the same time replaces the first. A velocity that is
+        not given is that between the last two good poses of different times.
+        """
+        seen = _read(position, quat, time, velocity, angular_velocity)
+        held = self._held
+        if seen is None or (held is not None and seen.time < held.last.time):
+            self.dropped += 1
+            return False
+        before = None if held is None else held.last if held.last.time < seen.time else held.before
+        self._held = _Held(seen, before, _moving(seen, before))
+        return True
+
+    def restart(self) -> None:
+        """Forget every pose, because time begins anew; what was dropped stays counted."""
+        self._held = None
+
+    def at(self, time: float) -> MovingPose | None:
+        """The last good pose gone on at its velocities for as long as they hold, then at rest; None before the
+        first."""
+        held = self._held
+        if held is None:
+            return None
+        age = time - held.last.time
+        (x, y, z), moving = held.last.pose.position, held.moving
+        gone = min(max(age, 0.0), VELOCITY_HOLDS)
+        (u, v, w), (p, q, r) = moving.linear, moving.angular
+        turned = product(turn((gone * p, gone * q, gone * r)), held.last.pose.quat)
+        there = Pose((x + gone * u, y + gone * v, z + gone * w), turned) if gone > 0.0 else held.last.pose
+        return MovingPose(there, moving.linear, moving.angular) if age <= VELOCITY_HOLDS else MovingPose(there)
+
+    def age(self, now: float) -> float:
+        """How old the last good pose is, s; infinite before the first."""
+        held = self._held
+        return inf if held is None else max(0.0, now - held.last.time)
+
+
+def _read(
+    position: Numbers, quat: Numbers, time: float, velocity: Numbers | None, angular_velocity: Numbers | None
+) -> _Seen | None:
+    """The update, or None where anything of it is unusable."""
+    try:
+        x, y, z = map(float, position)
+        w, i, j, k = map(float, quat)
+        linear = None if velocity is None else _vector(velocity)
+        angular = None if angular_velocity is None else _vector(angular_velocity)
+        moment = float(time)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    numbers = (moment, x, y, z, w, i, j, k, *(linear or ()), *(angular or ()))
+    norm = hypot(w, i, j, k)
+    if not all(map(isfinite, numbers)) or max(abs(x), abs(y), abs(z)) > MAX_COORDINATE or not 1e-6 < norm < 1e6:
+        return None
+    return _Seen(moment, Pose((x, y, z), unit((w, i, j, k))), linear, angular)
+
+
+def _vector(numbers: Numbers) -> Vector:
+    x, y, z = map(float, numbers)
+    return (x, y, z)
+
+
+def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
+    """The pose with velocities: those told, else those since the update before, else none; cut to the bounds."""
+    linear, angular = seen.linear or STILL, seen.angular or STILL
+    if before is not None:
+        step = seen.time - before.time
+        if seen.linear is None:
+            linear = _rate(minus(seen.pose.position, before.pose.position), step, LIVE_SPEED)
+        if seen.angular is None:
+            angular = _rate(rotation_vector(product(seen.pose.quat, inverse(before.pose.quat))), step, LIVE_TURN)
+    return MovingPose(seen.pose, _rate(linear, 1.0, LIVE_SPEED), _rate(angular, 1.0, LIVE_TURN))
+
+
+def _rate(way: Vector, step: float, bound: float) -> Vector:
+    """A way per time, its length at most the bound; no quotient overflows, however short the step."""
+    length = hypot(*way)
+    if length > bound * step:
+        return (bound / length * way[0], bound / length * way[1], bound / length * way[2])
+    return (way[0] / step, way[1] / step, way[2] / step)
+
+
+# Where an obstacle is at a time, as its file says: at rest, with a velocity, or along a path.
+
+
+class Motion(Protocol):
+    """How an obstacle's own frame moves in the frame that the obstacle names."""
+
+    def at(self, time: float) -> MovingPose:
+        """Pose and velocities at a time, s. Where the velocity jumps, the later one."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """An obstacle that stays."""
+
+    pose: Pose
+
+    def at(self, time: float) -> MovingPose:
+        """Always the same."""
+        return MovingPose(self.pose)
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Constant velocity, m/s, and angular velocity, rad/s, from `start` until `until`, s; at rest before and after."""
+
+    pose: Pose
+    linear: Vector
+    angular: Vector
+    start: float
+    until: float
+
+    def at(self, time: float) -> MovingPose:
+        """As for every motion."""
+        pose = _moved(self.pose, self.linear, self.angular, min(max(time, self.start), self.until) - self.start)
+        if self.start <= time < self.until:
+            return MovingPose(pose, self.linear, self.angular)
+        return MovingPose(pose)
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A stretch of a path, with constant velocities, from the pose at its beginning."""
+
+    pose: Pose
+    linear: Vector
+    angular: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Poses at times: straight lines and the short arcs, each at constant speed; at rest before and after.
+
+    times (m): rising, s. pieces (m): the last one rests. loop: after the last time it begins anew.
+    """
+
+    times: tuple[float, ...]
+    pieces: tuple[_Piece, ...]
+    loop: bool
+
+    @classmethod
+    def through(cls, points: tuple[PathPoint, ...], *, loop: bool) -> "Path":
+        """The path through the points of a file."""
+        poses = [Pose(point.pos, unit(point.quat)) for point in points]
+        times = tuple(point.time for point in points)
+        pieces = [
+            _piece(before, after, later - earlier)
+            for (before, after), (earlier, later) in zip(pairwise(poses), pairwise(times), strict=True)
+        ]
+        return cls(times, (*pieces, _Piece(poses[-1], STILL, STILL)), loop)
+
+    def at(self, time: float) -> MovingPose:
+        """As for every motion."""
+        first, last = self.times[0], self.times[-1]
+        if time < first:
+            return MovingPose(self.pieces[0].pose)
+        if self.loop:
+            time = first + fmod(time - first, last - first)
+        index = bisect_right(self.times, time) - 1
+        if self.loop:
+            index = min(index, len(self.times) - 2)  # rounding may reach the last time; a loop never rests there
+        piece = self.pieces[index]
+        pose = _moved(piece.pose, piece.linear, piece.angular, time - self.times[index])
+        return MovingPose(pose, piece.linear, piece.angular)
+
+
+def motion_of(obstacle: Obstacle) -> Motion:
+    """The motion that the file gives to an obstacle."""
+    if obstacle.path is not None:
+        return Path.through(obstacle.path, loop=obstacle.loop)
+    pose = Pose(obstacle.at.pos, unit(obstacle.at.quat))
+    if obstacle.velocity is None and obstacle.angular_velocity is None:
+        return Rest(pose)
+    until = inf if obstacle.until is None else obstacle.until
+    return Drift(pose, obstacle.velocity or STILL, obstacle.angular_velocity or STILL, obstacle.start, until)
+
+
+def _piece(before: Pose, after: Pose, duration: float) -> _Piece:
+    angular = rotation_vector(product(after.quat, inverse(before.quat)))
+    return _Piece(
+        before, _scaled(minus(after.position, before.position), 1.0 / duration), _scaled(angular, 1.0 / duration)
+    )
+
+
+def _moved(pose: Pose, linear: Vector, angular: Vector, duration: float) -> Pose:
+    """After some time at constant velocities: p + v t, exp(w t) q."""
+    return Pose(
+        plus(pose.position, _scaled(linear, duration)), unit(product(turn(_scaled(angular, duration)), pose.quat))
+    )
+
+
+def _scaled(vector: Vector, factor: float) -> Vector:
+    return (factor * vector[0], factor * vector[1], factor * vector[2])
+
+
+@dataclass(frozen=True, eq=False)
+class ObstaclePoses:
+    """k canonical shape frames in the world.
+
+    position (k, 3) m; quat (k, 4) wxyz; linear_velocity (k, 3) m/s of the frames' origins; angular_velocity (k, 3)
+    rad/s. All along the world's axes.
+    """
+
+    position: FloatArray
+    quat: FloatArray
+    linear_velocity: FloatArray
+    angular_velocity: FloatArray
+
+    def rows(self, which: Sequence[int]) -> "ObstaclePoses":
+        """Some of them, by number."""
+        return ObstaclePoses(
+            *(part[list(which)] for part in (self.position, self.quat, self.linear_velocity, self.angular_velocity))
+        )
+
+    def seen_at(self, pace: float) -> "ObstaclePoses":
+        """The same, for somebody for whom only `pace` seconds go by in a second."""
+        return ObstaclePoses(self.position, self.quat, self.linear_velocity / pace, self.angular_velocity / pace)
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """One obstacle: T_world_frame of the frame that it names, T_obstacle_shape, its motion by the file and live."""
+
+    frame: Pose
+    shape: Pose
+    motion: Motion
+    live: LivePose
+
+    def at(self, time: float) -> MovingPose:
+        """Its canonical shape frame in the world."""
+        moving = self.live.at(time) or self.motion.at(time)
+        if self.frame is not HERE:
+            moving = carried_by(self.frame, moving)
+        return moving if self.shape == HERE else on_body(moving, self.shape)
+
+
+class SceneState:
+    """The obstacles of a scene over time. stand: T_world_stand. Times are seconds, 0 where those of the file begin."""
+
+    def __init__(self, scene: Scene, *, stand: Pose = HERE) -> None:
+        self.shapes: SceneShapes = scene_shapes(scene)
+        self._tracks = {
+            name: _Track(
+                stand if obstacle.frame == "stand" else HERE,
+                canonical(obstacle.shape)[2],
+                motion_of(obstacle),
+                LivePose(),
+            )
+            for name, obstacle in scene.obstacles.items()
+        }
+        self._rows = np.zeros((len(self._tracks), 13))
+        for row, track in enumerate(self._tracks.values()):
+            _write(self._rows[row], track.at(0.0))
+
+    def at(self, time: float) -> ObstaclePoses:
+        """Poses and velocities at a time, s; arrays of their own."""
+        rows = self._rows.copy()
+        for row, track in zip(rows, self._tracks.values(), strict=True):
+            if not isinstance(track.motion, Rest) or track.live.age(time) < np.inf:
+                _write(row, track.at(time))
+        position, quat, linear, angular = (np.ascontiguousarray(part) for part in np.split(rows, (3, 7, 10), axis=1))
+        return ObstaclePoses(position, quat, linear, angular)
+
+    def restart(self) -> None:
+        """Time begins anew: what was told live is forgotten."""
+        for track in self._tracks.values():
+            track.live.restart()
+
+    def at_rest(self, time: float) -> ObstaclePoses:
+        """Poses at a time, s, without any motion."""
+        poses = self.at(time)
+        still = np.zeros_like(poses.linear_velocity)
+        return ObstaclePoses(poses.position, poses.quat, still, still)
+
+    def update(
+        self,
+        name: str,
+        position: Iterable[float],
+        quat: Iterable[float],
+        *,
+        time: float,
+        velocity: Iterable[float] | None = None,
+        angular_velocity: Iterable[float] | None = None,
+    ) -> bool:
+        """Where an obstacle is by measurement; from the first good one on, the file's motion no longer counts.
+
+        All in the frame that the obstacle names in the file, of the obstacle's own frame (which `at` places there).
+        Returns whether it was taken; what cannot be used is dropped, counted, and the last good pose stays: see
+        `LivePose.update`. Raises UsageError for an unknown name.
+        """
+        live = self._track(name).live
+        return live.update(position, quat, time=time, velocity=velocity, angular_velocity=angular_velocity)
+
+    def dropped(self, name: str) -> int:
+        """How many updates of an obstacle were not taken. Raises UsageError for an unknown name."""
+        return self._track(name).live.dropped
+
+    def age(self, name: str, now: float) -> float:
+        """Age of an obstacle's last good live pose, s; infinite before the first. Raises UsageError as `update`."""
+        return self._track(name).live.age(now)
+
+    def _track(self, name: str) -> _Track:
+        track = self._tracks.get(name)
+        if track is None:
+            known = self.shapes.names
+            raise UsageError(
+                "unknown obstacle",
+                found=repr(name[:80]),
+                allowed=listed(known),
+                next_step=suggest(name, known) or "Name an obstacle of the scene file",
+            )
+        return track
+
+
+def _write(row: FloatArray, moving: MovingPose) -> None:
+    """A row (13,): position, quat, linear and angular velocity."""
+    row[:] = (*moving.pose.position, *moving.pose.quat, *moving.linear, *moving.angular)

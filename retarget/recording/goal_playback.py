@@ -1,0 +1,294 @@
+"""The goals of a recording sent once more, to any bus: nobody is followed, all else is as in every run."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hardware.clock import Clock
+from retarget._solver import frame_bounds
+from retarget.errors import InputError
+from retarget.frames import SensorFrames, SensorSample
+from retarget.human.samples import Clip, Performance
+from retarget.model.robot import RobotBody
+from retarget.recording.reading import Played
+from retarget.recording.replay import refuse_other_robot
+from retarget.recording.topics import GOALS
+from retarget.run.options import RunOptions
+from retarget.run.prepare import MakeBus, Prepared, prepare_for
+from retarget.run.record import Phase
+from retarget.run.stages import FollowingStage, ReconstructingStage
+from retarget.run.trajectory import PacedWay, slower_in_line
+from retarget.schema.performer import Performer
+from retarget.types import BoolArray, FloatArray, RobotPosture
+
+if TYPE_CHECKING:
+    from retarget.types import HumanPosture
+
+__all__ = ["RecordedGoals", "StillHuman", "sending"]
+
+Tell = Callable[[str], object]
+
+
+NEAR = 1e-5
+"""rad. Goals are kept in single precision: those that were at a limit may miss it by less, and are put back inside."""
+MOST_REFUSED, GONE_S = 5, 1.0
+"""So often in a row a goal is refused, with less than so many s of the way between, before there is no way on."""
+FOR_EVER = 10**9
+STILL = 1e-12
+"""rad; what moves less stands."""
+
+
+class RecordedGoals:
+    """A `FollowingStage` whose postures are those that were sent. speed: 1 is as fast as then.
+
+    They end at rest. Where the robot was held or goals were refused, it stands first, and comes back onto its way
+    slowly; where they are refused again and again, nobody knows a goal any more. Raises InputError if the recording
+    never followed anybody, or lacks the goals.
+    """
+
+    def __init__(self, played: Played, robot: RobotBody, *, speed: float, dt: float) -> None:
+        cycles = played.cycles
+        played.recording.topic(GOALS)
+        followed = np.flatnonzero(cycles.kept & (cycles.phase == Phase.FOLLOW))
+        if not followed.size:
+            raise InputError("the recording followed nobody: it has no goals", where=str(played.recording.path))
+        rows = followed[0] + np.flatnonzero(cycles.kept[followed[0] : followed[-1] + 1])
+        index = (cycles.index[rows] - cycles.index[rows[0]]).astype(np.float64)
+        step = speed * dt / played.recording.session.dt  # recorded ticks in one tick
+        at = np.append(np.arange(0.0, index[-1], step), index[-1])
+        self._robot, self._dt = robot, dt
+        joints = np.stack([np.interp(at, index, column) for column in cycles.q[rows].T], axis=1)
+        self._rest = cycles.rest[rows][np.searchsorted(index, at, side="right") - 1]
+        self._columns = np.setdiff1d(np.arange(robot.body.nq), robot.servo_columns)
+        limits, caps = robot.limits, robot.profile.safety.speed_caps
+        self._limits = replace(limits, max_velocity=max(caps.follow, caps.approach) * limits.max_velocity)
+        self._change = limits.max_acceleration * dt**2  # (n,) [rad]
+        fastest = 2.0 * robot.joint_map.max_velocity * dt
+        if not np.isfinite(joints).all() or (np.abs(np.diff(joints[-2:], axis=0)) > fastest).any():
+            raise InputError(
+                "the goals of this recording were never a robot's", where=str(played.recording.path), found="no way on"
+            )
+        self._joints = np.vstack([joints, *_to_rest(joints, self._change)])
+        self._refused, self._refused_at = 0, 0.0
+        body = robot.body
+        self._dofs = body.joint_dof[[body.joint_index(joint) for joint in robot.joint_map.joints]]
+        self._pace, self._gone = 1.0, 0.0
+        self._here: FloatArray = self._joints[0]
+        self._moved: FloatArray = np.zeros_like(self._here)
+        self._way = PacedWay(self._joints, dt=dt)
+
+    @property
+    def ticks(self) -> int:
+        """Ticks that all of it takes, at full pace and if it is never held."""
+        return len(self._joints)
+
+    @property
+    def done(self) -> bool:
+        """Whether the last of them was asked for."""
+        return self._way.done
+
+    def start(self, human: "HumanPosture") -> RobotPosture:
+        """The first of them."""
+        self._begin()
+        return self._posture(self._here)
+
+    def arrive(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
+        """There is no more to the way there."""
+        return []
+
+    def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
+        """The next of them."""
+        if self._refused > MOST_REFUSED:
+            return self._posture(np.full_like(self._here, np.nan))
+        if self._way.left and self._moved.any():
+            moved = slower_in_line(self._moved, self._change)
+        else:
+            self._gone += self._pace
+            moved = self._inside(self._way.next(self._pace, here=self._here) - self._here)
+        self._here, self._moved = self._here + moved, moved
+        return self._posture(self._here)
+
+    def keep_pace(self, pace: float) -> None:
+        """Go along them at a share (0, 1] of the speed."""
+        self._pace = pace
+
+    def halt(self, dt: float) -> FloatArray | None:
+        """None is known: each joint brakes on its own."""
+        return None
+
+    def land(self, dt: float) -> FloatArray | None:
+        """No foot is off the floor, as far as anybody knows."""
+        return None
+
+    def begin_landing(self, q: FloatArray) -> None:
+        """It makes no difference."""
+
+    def part_limbs(self) -> None:
+        """Nobody thinks of limbs here."""
+
+    def pass_time(self, dt: float) -> None:
+        """Nothing is around it that moves."""
+
+    def feel(self, soles: BoolArray | None) -> None:
+        """It makes no difference."""
+
+    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
+        """Something else was sent."""
+        moved = velocity[self._dofs] * self._dt
+        self._here, self._moved = q[self._robot.servo_columns].copy(), np.where(np.abs(moved) > STILL, moved, 0.0)
+        if not self._way.left:
+            gone = (self._gone - self._refused_at) * self._dt > GONE_S
+            self._refused, self._refused_at = 1 if gone else self._refused + 1, self._gone
+        self._way.leave()
+
+    def _begin(self) -> None:
+        self._way, self._gone, self._here = PacedWay(self._joints, dt=self._dt), 0.0, self._joints[0]
+        self._moved = np.zeros_like(self._here)
+
+    def _inside(self, moved: FloatArray) -> FloatArray:
+        """A displacement (n,) rad, inside the limits where it misses them by a rounding."""
+        limits = self._limits
+        low, high = frame_bounds(
+            self._here,
+            self._moved,
+            limits.lower,
+            limits.upper,
+            limits.max_velocity,
+            limits.max_acceleration,
+            self._dt,
+        )
+        inside = np.minimum(np.maximum(moved, low), high)
+        return inside if np.abs(inside - moved).max() < NEAR else moved
+
+    def _posture(self, joints: FloatArray) -> RobotPosture:
+        robot, q = self._robot, self._robot.body.qpos0.copy()
+        q[robot.servo_columns] = joints
+        if self._columns.size == self._rest.shape[1]:
+            q[self._columns] = self._rest[min(int(self._gone), len(self._rest) - 1)]
+        none = np.zeros((0, 3))
+        return RobotPosture(
+            q=q,
+            joint_positions=joints,
+            root_position=q[:3],
+            root_quaternion=q[3:7],
+            landmark_names=(),
+            landmarks_asked=none,
+            landmarks_reached=none,
+            centre_of_mass=np.zeros(3),
+            support_distance=float("inf"),
+            observer_modes=np.zeros(0, dtype=np.uint8),
+        )
+
+
+def _to_rest(joints: FloatArray, change: FloatArray) -> list[FloatArray]:
+    """What follows postures (T, n) rad until all joints rest: in line, braking by `change` (n,) rad per tick."""
+    rows: list[FloatArray] = []
+    moved = joints[-1] - joints[-2] if len(joints) > 1 else np.zeros_like(change)
+    here = joints[-1]
+    while np.abs(moved).max() > STILL:
+        moved = slower_in_line(moved, change)
+        here = here + moved
+        rows.append(here)
+    return rows
+
+
+class UntilDone:
+    """`Samples` of nobody, for as long as it takes until all goals were sent. kept: twice as many ticks as planned."""
+
+    def __init__(self, clip: Clip, stage: RecordedGoals) -> None:
+        self._clip, self._stage = clip, stage
+        self.ticks, self.kept = FOR_EVER, 2 * clip.ticks
+        self.dt, self.motion_dt, self.settled, self.hindrance = clip.dt, clip.motion_dt, 1.0, ""
+
+    @property
+    def over(self) -> bool:
+        """Whether all goals were sent."""
+        return self._stage.done
+
+    def may_approach(self) -> bool:
+        """It waits."""
+        return True
+
+    def listen(self) -> None:
+        """Nothing comes in."""
+
+    def sample(self, tick: int) -> SensorSample:
+        """The first sample of the recording."""
+        return self._clip.sample(0)
+
+    def recorded(self) -> Clip:
+        """The first sample, for as many ticks as planned."""
+        return self._clip
+
+
+class StillHuman:
+    """A `ReconstructingStage` of somebody who does not move: there is nobody."""
+
+    def __init__(self, inner: ReconstructingStage) -> None:
+        self._inner = inner
+        self._posture: HumanPosture | None = None
+
+    def start(self, sample: SensorSample) -> "HumanPosture":
+        """As they stood at first."""
+        self._posture = self._inner.start(sample)
+        return self._posture
+
+    def step(self, sample: SensorSample, dt: float) -> "HumanPosture":
+        """Still so."""
+        return self.start(sample) if self._posture is None else self._posture
+
+
+@contextmanager
+def sending(
+    played: Played,
+    options: RunOptions,
+    *,
+    speed: float,
+    clock: Clock,
+    make_bus: MakeBus,
+    tell: Tell,
+    robot: RobotBody | None = None,
+) -> Iterator[Prepared]:
+    """A run that sends the goals, ready to start; it parks in the end. options: those of the recording, on another bus.
+    robot: as of `prepare_for`.
+
+    Raises RetargetError for what cannot be sent to this robot.
+    """
+    session = played.recording.session
+    stages: list[RecordedGoals] = []
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        if robot is None:
+            raise InputError("a human has no servos: there are no goals", where=str(played.recording.path))
+        refuse_other_robot(session, robot)
+        dt = 1.0 / robot.profile.safety.rate_hz
+        stages.append(RecordedGoals(played, robot, speed=speed, dt=dt))
+        samples = UntilDone(_held(played, stages[0].ticks, dt), stages[0])
+        return Performance(samples, session.size, session.notes, session.intake_times)
+
+    def lead(follower: FollowingStage) -> FollowingStage:
+        return stages[0]
+
+    with prepare_for(
+        perform, options, clock=clock, make_bus=make_bus, parks=True, tell=tell, lead=lead, robot=robot
+    ) as prepared:
+        yield replace(prepared, reconstructor=StillHuman(prepared.reconstructor))
+
+
+def _held(played: Played, ticks: int, dt: float) -> Clip:
+    """The first sample, for so many ticks."""
+    cycles, names = played.cycles, played.recording.session.sensors
+    valid = cycles.sensor_valid[:1]
+    frames = SensorFrames(
+        time=np.zeros(1),
+        names=names,
+        position=np.where(valid[..., None], cycles.sensor_position[:1], np.nan),
+        orientation=np.where(valid[..., None], cycles.sensor_orientation[:1], np.nan),
+        valid=valid,
+        source=played.recording.session.source,
+        rate_hz=1.0 / dt,
+    )
+    return Clip(frames, ticks, 1.0 / dt, 1.0, 1)

@@ -1,0 +1,257 @@
+"""A LeRobot dataset, format v3.0: one episode of one task in a folder, without videos.
+
+`meta/info.json`, `meta/stats.json`, `meta/tasks.parquet`, `meta/episodes/chunk-000/file-000.parquet`,
+`data/chunk-000/file-000.parquet`; and a README with units and frames, for which the format has no place.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.errors import InputError, UsageError
+from retarget.recording.motion import CONVENTIONS, Motion
+from retarget.recording.tables import Arrow, arrow
+from retarget.types import BoolArray, FloatArray
+
+__all__ = ["DEFAULT_TASK", "VERSION", "Statistics", "write_lerobot"]
+
+
+# A motion as the features of a LeRobot dataset: what was seen and what was done, frame by frame.
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """One column of a dataset. values (T, d); a `vector` is stored as a list of d, anything else as one number.
+
+    dtype: as LeRobot names it. names: of the d values, None where there is nothing to name.
+    """
+
+    key: str
+    dtype: str
+    values: NDArray[Any]
+    names: tuple[str, ...] | None = None
+
+    @property
+    def vector(self) -> bool:
+        """Whether a frame holds a list."""
+        return self.names is not None
+
+
+def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
+    """`action`: joints as sent; `observation.state`: where the servos were, read before that was sent.
+
+    Joints of a robot with servos are those that have one; without servos, all of the body, seen where they were sent.
+    `observation.root`: x y z (m) and qw qx qy qz of the first link, world; `observation.landmarks`: the landmarks asked
+    for (m, world), those that are known in every frame. Then what LeRobot asks of every dataset, for one episode of one
+    task. Raises InputError where a servo is not known in some frame.
+    """
+    driven = _driven(motion)
+    joints = tuple(f"{name}.pos" for name, kept in zip(motion.joint_names, driven, strict=True) if kept)
+    sent = motion.joints[:, driven]
+    seen = sent if motion.servos is None else motion.servos[:, driven]
+    _check_known(seen, joints, motion.source)
+    features = [_vector("action", joints, sent), _vector("observation.state", joints, seen)]
+    features.append(_vector("observation.root", ("x", "y", "z", "qw", "qx", "qy", "qz"), motion.q[:, :7]))
+    features += _landmarks(motion)
+    frame, zero = np.arange(len(motion)), np.zeros(len(motion), dtype=np.int64)
+    features.append(Feature("timestamp", "float32", (frame / rate_hz).astype(np.float32)[:, None]))
+    counted = {"frame_index": frame, "episode_index": zero, "index": frame, "task_index": zero}
+    features += [Feature(key, "int64", values.astype(np.int64)[:, None]) for key, values in counted.items()]
+    return tuple(features)
+
+
+def _driven(motion: Motion) -> BoolArray:
+    """Which joints (n,) have a servo; all of them, where no servo answered."""
+    if motion.servos is None:
+        return np.ones(len(motion.joint_names), dtype=np.bool_)
+    return np.asarray(np.isfinite(motion.servos).any(axis=0))
+
+
+def _vector(key: str, names: tuple[str, ...], values: FloatArray) -> Feature:
+    return Feature(key, "float32", values.astype(np.float32), names)
+
+
+def _landmarks(motion: Motion) -> list[Feature]:
+    if motion.asked is None:
+        return []
+    known = np.asarray(np.isfinite(motion.asked.position).all(axis=(0, 2)))
+    names = tuple(
+        f"{name}.{axis}" for name, kept in zip(motion.asked.names, known, strict=True) if kept for axis in "xyz"
+    )
+    values = motion.asked.position[:, known].reshape(len(motion), -1)
+    return [_vector("observation.landmarks", names, values)] if names else []
+
+
+def _check_known(seen: FloatArray, joints: tuple[str, ...], source: str) -> None:
+    missing = np.argwhere(~np.isfinite(seen))
+    if missing.size:
+        row, column = missing[0].tolist()
+        found = f"nothing of {joints[column]} in row {row + 1}"
+        step = "Export csv or parquet, which can leave numbers out"
+        raise InputError("a servo that was not read", where=source, found=found, next_step=step)
+
+
+# Statistics of one feature over the frames of a dataset, by which trainers normalise.
+
+QUANTILES = (1, 10, 50, 90, 99)
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Of d values over T frames. least, most, mean, deviation (d,); quantiles (5, d): of `QUANTILES` percent."""
+
+    least: FloatArray
+    most: FloatArray
+    mean: FloatArray
+    deviation: FloatArray
+    quantiles: FloatArray
+    count: int
+
+    def entries(self) -> dict[str, list[float] | list[int]]:
+        """By the names that LeRobot gives them; the deviation is that of a population."""
+        named = {"min": self.least, "max": self.most, "mean": self.mean, "std": self.deviation}
+        named |= {f"q{percent:02d}": row for percent, row in zip(QUANTILES, self.quantiles, strict=True)}
+        return {**{name: values.tolist() for name, values in named.items()}, "count": [self.count]}
+
+
+def statistics_of(values: NDArray[np.generic]) -> Statistics:
+    """Statistics of values (T, d)."""
+    numbers = np.asarray(values, dtype=np.float64)
+    return Statistics(
+        least=numbers.min(axis=0),
+        most=numbers.max(axis=0),
+        mean=numbers.mean(axis=0),
+        deviation=numbers.std(axis=0),
+        quantiles=np.percentile(numbers, QUANTILES, axis=0),
+        count=len(numbers),
+    )
+
+
+VERSION = "v3.0"
+DEFAULT_TASK = "Follow the performer."
+PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+FIRST = PLACE.format(chunk_index=0, file_index=0)
+COMPRESSION = "snappy"
+
+
+def write_lerobot(motion: Motion, folder: Path, *, task: str = DEFAULT_TASK) -> None:
+    """Write a dataset into a folder that is there and empty.
+
+    Raises UsageError without pyarrow or where the rate is no whole number, which LeRobot cannot say; InputError where
+    rows are not evenly spaced or a servo is not known.
+    """
+    found, rate = arrow(), motion.rate_hz
+    if not rate.is_integer():
+        step = f"Have it resampled: --fps {max(round(rate), 1)}"
+        raise UsageError(
+            "LeRobot counts whole frames per second", where="--to lerobot", found=f"{rate:g}", next_step=step
+        )
+    features = features_of(motion, rate_hz=int(rate))
+    for place in ("data", "meta/episodes"):
+        (folder / place / FIRST).parent.mkdir(parents=True)
+    _write_json(folder / "meta/info.json", _info(motion, features, int(rate)))
+    _write_json(folder / "meta/stats.json", {item.key: statistics_of(item.values).entries() for item in features})
+    _write(found, folder / "data" / FIRST, _frames(found, features))
+    _write(found, folder / "meta/tasks.parquet", _tasks(found, task))
+    _write(found, folder / "meta/episodes" / FIRST, _episode(found, features, task))
+    (folder / "README.md").write_text(_readme(motion, features), encoding="utf-8")
+
+
+def _info(motion: Motion, features: tuple[Feature, ...], rate: int) -> dict[str, Any]:
+    described = {
+        item.key: {
+            "dtype": item.dtype,
+            "shape": [item.values.shape[1]],
+            "names": None if item.names is None else list(item.names),
+        }
+        for item in features
+    }
+    return {
+        "codebase_version": VERSION,
+        "robot_type": motion.robot,
+        "total_episodes": 1,
+        "total_frames": len(motion),
+        "total_tasks": 1,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": rate,
+        "splits": {"train": "0:1"},
+        "data_path": f"data/{PLACE}",
+        "video_path": None,
+        "features": described,
+    }
+
+
+def _frames(found: Arrow, features: tuple[Feature, ...]) -> Any:
+    pa = found.core
+    arrays = {}
+    for item in features:
+        flat = pa.array(item.values.ravel())
+        arrays[item.key] = pa.FixedSizeListArray.from_arrays(flat, item.values.shape[1]) if item.vector else flat
+    return pa.table(arrays)
+
+
+def _tasks(found: Arrow, task: str) -> Any:
+    """Tasks are the index of a data frame: pandas, with which LeRobot reads them, is told so in its own metadata."""
+    pa = found.core
+
+    def column(name: str, kind: str, stored: str) -> dict[str, Any]:
+        return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
+
+    about = {
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": [column("task_index", "int64", "int64"), column("task", "unicode", "object")],
+        "creator": {"library": "pyarrow", "version": pa.__version__},
+        "pandas_version": "2.0.0",
+    }
+    schema = pa.schema([("task_index", pa.int64()), ("task", pa.string())], metadata={"pandas": json.dumps(about)})
+    return pa.table([pa.array([0]), pa.array([task])], schema=schema)
+
+
+def _episode(found: Arrow, features: tuple[Feature, ...], task: str) -> Any:
+    frames = len(features[0].values)
+    row: dict[str, Any] = {
+        "episode_index": 0,
+        "tasks": [task],
+        "length": frames,
+        "data/chunk_index": 0,
+        "data/file_index": 0,
+        "dataset_from_index": 0,
+        "dataset_to_index": frames,
+    }
+    for item in features:
+        row |= {f"stats/{item.key}/{name}": value for name, value in statistics_of(item.values).entries().items()}
+    row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+    return found.core.table({key: [value] for key, value in row.items()})
+
+
+def _write(found: Arrow, path: Path, table: Any) -> None:
+    found.parquet.write_table(table, path, compression=COMPRESSION)
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _readme(motion: Motion, features: tuple[Feature, ...]) -> str:
+    """A dataset card: its head is read by the Hub, the rest by people."""
+    head = "---\ntask_categories:\n- robotics\ntags:\n- LeRobot\nconfigs:\n- config_name: default\n"
+    head += "  data_files: data/*/*.parquet\n---\n\n"
+    said = {
+        **CONVENTIONS,
+        "action": "joints as they were sent",
+        "observation.state": "where the servos were, read before the action of that frame was sent"
+        if motion.servos is not None
+        else "the same as action: no servo answered",
+        "observation.root": "x y z (m) and qw qx qy qz (wxyz) of the root",
+        "observation.landmarks": "where landmarks were asked to be, m, world",
+    }
+    keys = {item.key for item in features}
+    kept = {what: how for what, how in said.items() if "." not in what or what in keys}
+    return head + "Motion of a body that followed a performer.\n\n" + "".join(f"* {a}: {b}\n" for a, b in kept.items())

@@ -1,0 +1,369 @@
+"""A recording as an MCAP file, written by a thread of its own from a bounded queue; chunks are whole once they are
+flushed.
+"""
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from hashlib import sha256
+from operator import itemgetter
+from pathlib import Path
+from typing import IO, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardware.clock import thread_cpu
+from retarget.errors import UsageError
+from retarget.recording.cdr import CdrBuilder
+from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.session import ConfigFile, Session
+from retarget.recording.topics import EVENTS, SCHEMAS, Topic
+from retarget.schema.files import check_place, refuse_existing
+
+__all__ = [
+    "FLUSH_S",
+    "METADATA",
+    "MOST_EVENTS",
+    "Event",
+    "Events",
+    "Level",
+    "RecordingFile",
+    "Ring",
+    "WritingThread",
+    "check_target",
+    "log_message",
+    "require_mcap",
+]
+
+
+OPTION = "--record"
+METADATA = "retarget"
+"""Name of the metadata that hold the session."""
+PROFILE = "ros2"
+CHUNK = 2**30
+"""Bytes that never fill: chunks end when they are flushed."""
+LARGEST = 4 * 2**20
+"""Bytes of the largest config file that is attached."""
+
+
+def require_mcap(where: str) -> None:
+    """Raise UsageError where the library is not installed."""
+    try:
+        import mcap.writer  # noqa: F401
+    except ImportError:
+        raise UsageError(
+            "recordings need the library mcap, which is not installed",
+            where=where,
+            next_step="Install it: pip install 'retarget[record]'",
+        ) from None
+
+
+def check_target(path: Path) -> None:
+    """Raise UsageError unless a recording can be written at `path`; nothing is left behind."""
+    require_mcap(OPTION)
+    if path.suffix.lower() != ".mcap":
+        raise UsageError("a recording is MCAP", where=OPTION, found=str(path)[:200], allowed="FILE.mcap")
+    check_place(path, option=OPTION)
+
+
+class RecordingFile:
+    """A new recording. size: bytes so far."""
+
+    def __init__(self, path: Path, session: Session, configs: Iterable[tuple[ConfigFile, bytes]]) -> None:
+        """Write what is known before the first cycle. Raises UsageError if there is a file, or none can be written."""
+        from mcap.writer import CompressionType, Writer
+
+        self.path = path
+        refuse_existing(path, option=OPTION)
+        try:
+            self._stream = _Direct(path)
+        except OSError as error:
+            raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error
+        self._writer = Writer(cast(IO[Any], self._stream), chunk_size=CHUNK, compression=CompressionType.ZSTD)
+        try:
+            self._writer.start(profile=PROFILE)
+            text = session.model_dump_json()
+            told = {"format": str(session.format), "session": text, "sha256": sha256(text.encode()).hexdigest()}
+            self._writer.add_metadata(METADATA, told)
+            for config, content in configs:
+                if len(content) <= LARGEST:
+                    self._writer.add_attachment(session.begun_ns, session.begun_ns, config.name, "text/plain", content)
+        except OSError as error:
+            self.discard()
+            raise UsageError(f"cannot write here ({error.strerror})", where=OPTION, found=str(path)) from error
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+        return self._stream.tell()
+
+    def announce(self, topics: Sequence[Topic]) -> None:
+        """Say which topics there will be. Of each the metadata tell `layout`, a numpy dtype, and `names`."""
+        for topic in topics:
+            metadata = {"layout": topic.layout.told, "names": " ".join(_one_word(name) for name in topic.names)}
+            self._register(topic.name, topic.schema, metadata)
+        self._register(EVENTS, "rcl_interfaces/msg/Log", {})
+
+    def add(self, topic: str, *, index: int, stamp_ns: int, data: bytes) -> None:
+        """Take a message of a topic. index: of its cycle."""
+        self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, index)
+
+    def flush(self) -> None:
+        """Hand everything to the system: a crash of this process does not lose it. Raises OSError."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def finish(self) -> None:
+        """Write the rest and the index, and close. Raises OSError."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self.close()
+
+    def close(self) -> None:
+        """Close, whatever is missing. Twice does no harm."""
+        self._stream.close()
+
+    def discard(self) -> None:
+        """Close and remove it: nothing was recorded."""
+        self.close()
+        self.path.unlink(missing_ok=True)
+
+    def _register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(schema, "ros2msg", SCHEMAS[schema].encode())
+        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[schema], metadata)
+
+
+def _one_word(name: str) -> str:
+    """A name as the metadata have it, in which blanks part one from the next."""
+    return "_".join(name.split()) or "_"
+
+
+class _Direct:
+    """A new file without a buffer: what is written is the system's, or an OSError."""
+
+    def __init__(self, path: Path) -> None:
+        self._file: IO[bytes] = path.open("xb", buffering=0)
+        self._size = 0
+
+    def write(self, data: bytes) -> int:
+        view = memoryview(data)
+        while view:
+            count = self._file.write(view)
+            if not count:
+                raise OSError(5, os.strerror(5))
+            self._size += count
+            view = view[count:]
+        return len(data)
+
+    def tell(self) -> int:
+        return self._size
+
+    def flush(self) -> None:
+        """There is nothing to flush."""
+
+    def close(self) -> None:
+        self._file.close()
+
+
+# The bounded queue between the tick and whoever writes: rows that are filled in place and never wait for a disk.
+
+ROWS = 1024
+"""Eight seconds at 125 Hz."""
+
+
+class Ring:
+    """One thread fills the row `at` of `rows` and turns to the next; another one takes those that are finished.
+
+    lost: finished rows for which there was no room. patient: who fills waits for room instead; for runs in which time
+    is not real. index: number of the row that is being filled, lost ones counted.
+    """
+
+    def __init__(self, shape: Shape, *, patient: bool = False, rows: int = ROWS) -> None:
+        self.rows = Cycles.empty(rows, shape)
+        self.at = self.index = self.lost = 0
+        self.wanted = threading.Event()
+        """Set when it is time to take rows."""
+        self._size = rows
+        self._patient = patient
+        self._finished = self._taken = 0
+        self._room = threading.Event()
+        self._closed = False
+
+    def turn(self) -> None:
+        """The row is finished: go to the next one, which is as if nothing had happened."""
+        if self._finished + 1 - self._taken >= self._size and not self._wait():
+            self.lost += 1
+        else:
+            self._finished += 1
+            if 2 * (self._finished - self._taken) >= self._size:
+                self.wanted.set()
+        self.index += 1
+        self.at = self._finished % self._size
+        rows, at = self.rows, self.at
+        rows.index[at] = self.index
+        rows.readings[at] = rows.asked[at] = 0
+        rows.sampled[at] = rows.read[at] = rows.written[at] = Done.NOT
+        rows.kept[at] = False
+
+    def take(self) -> Cycles:
+        """The rows that are finished and were not taken before, as copies."""
+        first, last = self._taken, self._finished
+        taken = self.rows.taken(np.arange(first, last) % self._size)
+        self._taken = last
+        self._room.set()
+        return taken
+
+    def close(self) -> None:
+        """Nobody takes rows any more: nobody waits for it."""
+        self._closed = True
+        self._room.set()
+
+    def _wait(self) -> bool:
+        """Whether there is room now, for somebody who may wait for it."""
+        while self._patient:
+            self._room.clear()
+            if self._finished + 1 - self._taken < self._size:
+                return True
+            if self._closed:
+                break
+            self.wanted.set()
+            self._room.wait()
+        return False
+
+
+# What happens now and then: said once, with the cycle in which it was, and kept as a line of a log.
+
+MOST_EVENTS = 10_000
+"""So many wait to be written, no more."""
+MAX_TEXT = 2000
+
+
+class Level(IntEnum):
+    """Of rcl_interfaces/msg/Log."""
+
+    INFO = 20
+    WARN = 30
+    ERROR = 40
+
+
+@dataclass(frozen=True)
+class Event:
+    """time: s, on the run's clock. who: guard, bus, stream, ... cycle: in which it was."""
+
+    time: float
+    cycle: int
+    level: Level
+    who: str
+    text: str
+
+
+class Events:
+    """Events on their way to the file. lost: those for which there was no room."""
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._waiting: deque[Event] = deque()
+
+    def add(self, event: Event) -> None:
+        """Take one; never waits."""
+        if len(self._waiting) >= MOST_EVENTS:
+            self.lost += 1
+        else:
+            self._waiting.append(event)
+
+    def take(self) -> list[Event]:
+        """All that wait."""
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+
+
+def log_message(event: Event, *, stamp_ns: int) -> bytes:
+    """The event as rcl_interfaces/msg/Log in CDR; its `line` is the cycle."""
+    builder = CdrBuilder().time().scalar("level", "uint8").text(event.who).text(event.text[:MAX_TEXT])
+    layout = builder.text("").text("").scalar("line", "uint32").build()
+    row = layout.rows(1)
+    row["stamp.sec"], row["stamp.nanosec"] = divmod(stamp_ns, 10**9)
+    row["level"], row["line"] = event.level, max(event.cycle, 0)
+    return row.tobytes()
+
+
+# The thread that writes a recording: it takes what the tick has finished, encodes it, and hands it to the system.
+
+FLUSH_S = 0.4
+"""Between two chunks: what a crash loses, and a chunk that is under way."""
+PATIENCE_S = 5.0
+"""How long closing waits for a disk that hangs."""
+
+
+class WritingThread:
+    """Writes one recording. stamp: from s of the run's clock to ns of the file.
+
+    trouble: why it ended early, "" while all is well; a disk that is full ends the recording and nothing else. cpu_s:
+    of this thread, s. written: cycles in the file.
+    """
+
+    def __init__(
+        self, file: RecordingFile, ring: Ring, events: Events, topics: Sequence[Topic], stamp: Callable[[float], int]
+    ) -> None:
+        self.trouble = ""
+        self.cpu_s = 0.0
+        self.written = 0
+        self._file, self._ring, self._events, self._topics, self._stamp = file, ring, events, tuple(topics), stamp
+        self._ending = False
+        self._thread = threading.Thread(target=self._run, name="record", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Write the rest and the index; waits PATIENCE_S at most. Twice does no harm."""
+        self._ending = True
+        self._ring.wanted.set()
+        self._thread.join(PATIENCE_S)
+        if self._thread.is_alive():
+            self.trouble = self.trouble or "the disk does not answer"
+
+    def _run(self) -> None:
+        try:
+            with np.errstate(all="ignore"):  # whatever was measured is kept, also what is not a number
+                while not self._ending:
+                    self._ring.wanted.wait(FLUSH_S)
+                    self._ring.wanted.clear()
+                    self._write()
+                self._write()
+            self._file.finish()
+        except OSError as error:
+            self.trouble = error.strerror or str(error)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the robot goes on without a recording
+            self.trouble = f"{type(error).__name__}: {error}"
+        finally:
+            self._ring.close()
+            self._file.close()
+            self.cpu_s = thread_cpu()
+
+    def _write(self) -> None:
+        """All that is there, as one chunk."""
+        events, cycles = self._events.take(), self._ring.take()
+        stamps = np.array([self._stamp(time) for time in cycles.time.tolist()], dtype=np.int64)
+        messages = [(at, name, cycle, data) for name, cycle, at, data in self._encoded(cycles, stamps)]
+        for event in events:
+            at = self._stamp(event.time)
+            messages.append((at, EVENTS, event.cycle, log_message(event, stamp_ns=at)))
+        if not messages:
+            return
+        messages.sort(key=itemgetter(0))
+        for at, name, cycle, data in messages:
+            self._file.add(name, index=cycle, stamp_ns=at, data=data)
+        self._file.flush()
+        self.written += len(cycles)
+        self.cpu_s = thread_cpu()
+
+    def _encoded(self, cycles: Cycles, stamps: NDArray[np.int64]) -> Iterator[tuple[str, int, int, bytes]]:
+        for topic in self._topics:
+            for index, stamp, data in topic.messages(cycles, stamps):
+                yield topic.name, index, stamp, data

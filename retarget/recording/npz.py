@@ -1,0 +1,372 @@
+"""`--save FILE.npz`: everything that a stranger needs to check a run with their own tools, written and read. Its
+keys are a contract.
+"""
+
+import zipfile
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.errors import ConfigError, InputError, UsageError
+from retarget.model.body import BodyModel, load_body, load_body_text
+from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture
+from retarget.rotations import normalise
+from retarget.run.record import Phase, Record
+from retarget.run.run_result import RunResult
+from retarget.schema.files import check_place, write_atomic, write_stream
+from retarget.types import FloatArray, IntArray
+
+__all__ = ["human_body_path", "read_arrays", "read_npz_human", "read_npz_run", "run_arrays", "save_path", "write_npz"]
+
+
+NO_SERVO = -1
+PHASES = np.array([phase.name.lower() for phase in Phase])
+Arrays = dict[str, NDArray[Any]]
+
+
+def save_path(text: str | Path) -> Path:
+    """Where a recording of a run goes. Raises UsageError unless it is an .npz file that can be written."""
+    path = Path(text)
+    if path.suffix.lower() != ".npz":
+        name = path.with_suffix(".npz").name if path.name else "run.npz"
+        raise UsageError(
+            "a run is saved as NPZ", where="--save", found=str(path)[:200], allowed="FILE.npz", next_step=f"Give {name}"
+        )
+    check_place(path, option="--save")
+    return path
+
+
+def human_body_path(path: Path) -> Path:
+    """Where the body of a reconstructed human goes, beside the NPZ file at `path`."""
+    return path.with_name(f"{path.stem}_human.xml")
+
+
+def write_npz(run: RunResult, path: Path) -> None:
+    """Write a run, whole or not at all. Of `--robot human` the body goes into an MJCF file beside it.
+
+    Raises UsageError if a file cannot be written.
+    """
+    body = human_body_path(path) if run.robot is None else run.robot.profile.body_path
+    if run.robot is None:
+        write_atomic(body, run.human.mjcf.encode(), option="--save")
+    arrays = run_arrays(run, body)
+    write_stream(path, lambda stream: np.savez(stream, allow_pickle=False, **arrays), option="--save")
+
+
+def run_arrays(run: RunResult, body: Path) -> Arrays:
+    """The arrays of the file, one row per tick (T). `body`: path of the MJCF or URDF that the postures belong to.
+
+    time (T,) s; joint_names (n,): all hinges and slides of the body; joint_positions (T, n) rad, sent; root_position
+    (T, 3) m and root_quaternion (T, 4) wxyz; goal_ticks (T, n), -1: no servo; landmark_names (k,), landmarks_asked and
+    landmarks_reached (T, k, 3) m (of a human: its sensors); gated (T,); human_joint_names (m,), human_joint_positions
+    (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
+    or `brake`; servo_positions (T, n) rad as the servos said them, NaN without; human_q (T, nq) with human_mjcf, the
+    text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
+    believed; dt s; motion_dt s. Before and after following, landmarks_asked, human_truth and sensors stand still.
+    """
+    record, human, mjcf = run.record, run.record.human, run.human.mjcf
+    arrays = {
+        "time": record.time,
+        "phase": PHASES[record.phase],
+        **(_human_body(run) if record.robot is None else _robot_body(run)),
+    }
+    arrays |= {
+        "body": np.array(str(body.resolve())),
+        "human_joint_names": np.array(human.joint_names),
+        "human_joint_positions": human.joints,
+        "human_q": human.q,
+        "human_mjcf": np.array(mjcf),
+        "sensor_names": np.array(run.sensors),
+        "sensor_positions": human.sensors,
+        "dt": np.array(run.clip.dt),
+        "motion_dt": np.array(run.clip.motion_dt),
+    }
+    truth = run.human_truth
+    return arrays if truth is None else arrays | {"human_truth": _held(record, truth)}
+
+
+def _robot_body(run: RunResult) -> Arrays:
+    robot, sent, reached = run.robot, run.record.robot, run.landmarks_reached
+    assert robot is not None and sent is not None and reached is not None
+    single, address = robot.body.scalar_joints()
+    names = tuple(name for name, is_single in zip(robot.body.dof_names, single, strict=True) if is_single)
+    present = np.full((len(sent.q), len(names)), np.nan)
+    if run.has_bus:
+        present[:, [names.index(joint) for joint in robot.joint_map.joints]] = sent.present
+    root, turn = _root(robot.body, sent.q)
+    return {
+        "joint_names": np.array(names),
+        "joint_positions": sent.q[:, address[single]],
+        "root_position": root,
+        "root_quaternion": turn,
+        "goal_ticks": robot.joint_map.spread(names, sent.goal_ticks),
+        "landmark_names": np.array(sent.landmark_names),
+        "landmarks_asked": _held(run.record, sent.landmarks_asked),
+        "landmarks_reached": reached,
+        "gated": sent.gated,
+        "servo_positions": present,
+    }
+
+
+def _human_body(run: RunResult) -> Arrays:
+    q = run.record.human.q
+    single, address = run.human.body.scalar_joints()
+    names = [name for name, is_single in zip(run.human.body.dof_names, single, strict=True) if is_single]
+    root, turn = _root(run.human.body, q)
+    return {
+        "joint_names": np.array(names),
+        "joint_positions": q[:, address[single]],
+        "root_position": root,
+        "root_quaternion": turn,
+        "goal_ticks": np.full((len(q), len(names)), NO_SERVO, dtype=np.int64),
+        "landmark_names": np.array(run.sensors),
+        "landmarks_asked": run.sensors_asked,
+        "landmarks_reached": run.sensors_reached,
+        "gated": np.zeros(len(q), dtype=np.bool_),
+    }
+
+
+def _held(record: Record, tracks: FloatArray) -> FloatArray:
+    """Tracks (T, k, 3) that are known while following; before it as at its first tick, after it as at its last."""
+    following = record.following
+    rows = np.clip(np.arange(len(record)), following.start, max(following.stop - 1, 0))
+    return np.asarray(tracks[rows])
+
+
+def _root(body: BodyModel, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """World position (T, 3) and orientation (T, 4) of the first link."""
+    solver_body = body.solver_body()
+    q = np.ascontiguousarray(q)
+    return solver_body.points(q, [1], np.zeros((1, 3)))[:, 0], solver_body.orientations(q, [1])[:, 0]
+
+
+# The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is told at once.
+
+MAX_BYTES = 8 * 1024**3
+"""Largest content that is unpacked; an hour of a robot at 125 Hz takes a tenth of it."""
+NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
+BROKEN = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, OverflowError)
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayFile:
+    """Arrays by key, and the file that they are from."""
+
+    source: str
+    arrays: dict[str, NDArray[Any]]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.arrays
+
+    def floats(self, key: str, *shape: int | None, unknown: bool = False) -> NDArray[np.float64]:
+        """Numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
+        array = self._of_shape(key, shape)
+        if array.dtype.kind not in "fiu":
+            raise self._wrong(key, f"{array.dtype}", "numbers")
+        values = np.asarray(array, dtype=np.float64)
+        bad = ~np.isfinite(values) & ~(unknown & np.isnan(values))
+        if bad.any():
+            row = int(np.argwhere(bad)[0][0]) if values.ndim else 0
+            found = f"{values[bad].flat[0]} in row {row + 1}, and in {np.count_nonzero(bad)} places in all"
+            raise self._wrong(key, found, "finite numbers")
+        return values
+
+    def whole(self, key: str, *shape: int | None) -> NDArray[np.int64]:
+        """Whole numbers of this shape. Raises InputError."""
+        array = self._of_shape(key, shape)
+        if array.dtype.kind not in "iu":
+            raise self._wrong(key, f"{array.dtype}", "whole numbers")
+        return np.asarray(array, dtype=np.int64)
+
+    def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
+        """Texts of this shape. Raises InputError."""
+        array = self._of_shape(key, shape)
+        if array.dtype.kind != "U":
+            raise self._wrong(key, f"{array.dtype}", "texts")
+        return np.asarray(array, dtype=np.str_)
+
+    def _of_shape(self, key: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+        array = self.arrays[key]
+        fits = array.ndim == len(shape) and all(
+            wanted in (None, size) for wanted, size in zip(shape, array.shape, strict=True)
+        )
+        if not fits:
+            allowed = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
+            raise self._wrong(key, f"shape {array.shape}", f"shape {allowed}")
+        return array
+
+    def _wrong(self, key: str, found: str, allowed: str) -> InputError:
+        return InputError(
+            "wrong content", where=f"{self.source}: {key}", found=found, allowed=allowed, next_step=NOT_A_RUN
+        )
+
+
+def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> ArrayFile:
+    """The arrays `needed`, and those `used` that are there. Raises InputError: no NPZ, cut short, a key missing."""
+    try:
+        if path.is_dir():
+            raise InputError("this is a folder, not a run", where=str(path), next_step=NOT_A_RUN)
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > MAX_BYTES:
+            raise InputError("too large", where=str(path), found=f"{size} bytes", allowed=f"up to {MAX_BYTES}")
+        with np.load(path, allow_pickle=False) as file:
+            missing = sorted(needed - set(file.files))
+            if missing:
+                found, allowed = f"no {', '.join(missing)}", "the keys of docs/report.md"
+                raise InputError("not a saved run", where=str(path), found=found, allowed=allowed, next_step=NOT_A_RUN)
+            return ArrayFile(str(path), {key: np.asarray(file[key]) for key in file.files if key in needed | used})
+    except (FileNotFoundError, PermissionError) as error:
+        raise InputError("cannot read a run", where=str(path), found=error.strerror, next_step=NOT_A_RUN) from error
+    except zipfile.BadZipFile as error:
+        step = f"If it was one, it is cut short: get it again. {NOT_A_RUN}"
+        raise InputError("not an NPZ file", where=str(path), found=error, next_step=step) from error
+    except (*BROKEN, zlib.error) as error:
+        found = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError("a damaged NPZ file", where=str(path), found=found, next_step="Get it again") from error
+
+
+# A run that `--save FILE.npz` wrote, as a `Motion`: of the robot, or of the human that it followed.
+
+ROBOT = frozenset({"time", "joint_names", "joint_positions", "root_position", "root_quaternion", "body"})
+HUMAN = frozenset({"time", "human_q", "human_mjcf"})
+USED = frozenset({"phase", "goal_ticks", "servo_positions", "landmark_names", "landmarks_asked"})
+UNIT = 0.01
+"""A quaternion may miss unit length by this."""
+
+
+def read_npz_run(path: Path, *, body: Path | None = None) -> Motion:
+    """What a run sent; of `--robot human` what it reconstructed. body: MJCF or URDF of the robot instead of the one
+    that the file names.
+
+    Raises InputError for anything that is not such a run, and where its body is not found.
+    """
+    file = read_arrays(path, needed=ROBOT, used=USED | HUMAN)
+    time = _time(file)
+    rows, names = len(time), tuple(str(name) for name in file.texts("joint_names", None))
+    human = _human(file, time) if all(key in file for key in HUMAN) else None
+    if human is not None and human.joint_names == names:
+        return replace(human, asked=_asked(file, rows))
+    model = _model_of_file(file, path, body)
+    q = _posture(file, model, names, rows)
+    motion = Motion(str(path), _robot_name(model), model, time, _phase(file, rows), q, asked=_asked(file, rows))
+    order = [names.index(name) if name in names else -1 for name in motion.joint_names]
+    return replace(motion, servos=_servos(file, len(names), order), goal_ticks=_goals(file, len(names), order))
+
+
+def read_npz_human(path: Path) -> Motion:
+    """The virtual human of a run, as it was reconstructed. Raises InputError for anything that is not such a run."""
+    file = read_arrays(path, needed=HUMAN, used=USED)
+    return _human(file, _time(file))
+
+
+def _human(file: ArrayFile, time: FloatArray) -> Motion:
+    text = str(file.texts("human_mjcf"))
+    model = load_body_text(text, source=f"{file.source}: human_mjcf", root="free")
+    q = file.floats("human_q", len(time), model.nq)
+    q[:, 3:7] = _unit(file, q[:, 3:7])
+    return Motion(file.source, "human", model, time, _phase(file, len(time)), q)
+
+
+def _posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
+    """Postures (T, nq) from what the file has of root and joints."""
+    joints = file.floats("joint_positions", rows, len(names))
+    turn = _unit(file, file.floats("root_quaternion", rows, 4))
+    root = np.hstack([file.floats("root_position", rows, 3), turn])
+    try:
+        return posture(model, names, joints, root)
+    except ConfigError as error:
+        step = "Give the body that was moved: --body FILE.xml"
+        what = "joints and body do not belong together"
+        raise InputError(what, where=file.source, found=error, next_step=step) from error
+
+
+def _robot_name(model: BodyModel) -> str:
+    """The folder of a body that a profile calls `body.xml`, else the name of its file."""
+    path = Path(model.source)
+    return path.resolve().parent.name if path.stem == "body" else path.stem
+
+
+def _time(file: ArrayFile) -> FloatArray:
+    time = file.floats("time", None)
+    if not time.size:
+        raise InputError("a run without ticks", where=file.source)
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        where = f"{file.source}: time"
+        raise InputError(
+            "time does not increase", where=where, found=f"row {back[0] + 2} is no later than the one before"
+        )
+    return time
+
+
+def _phase(file: ArrayFile, rows: int) -> TextArray:
+    """Files from before phases were saved are all following."""
+    if "phase" not in file:
+        return np.full(rows, PHASE_NAMES[Phase.FOLLOW])
+    phase = file.texts("phase", rows)
+    strange = sorted(set(phase.tolist()) - set(PHASE_NAMES))
+    if strange:
+        where, allowed = f"{file.source}: phase", ", ".join(PHASE_NAMES)
+        raise InputError("unknown phase", where=where, found=repr(strange[0])[:80], allowed=allowed)
+    return np.asarray(phase)
+
+
+def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
+    """Quaternions made exactly unit. Raises InputError where they are none."""
+    off = np.abs(np.linalg.norm(turn, axis=1) - 1.0)
+    if off.max() > UNIT:
+        row = int(np.argmax(off)) + 1
+        where, found = f"{file.source}: orientation of the root", f"{turn[row - 1]} in row {row}"
+        raise InputError("no unit quaternion", where=where, found=found)
+    return normalise(turn)
+
+
+def _model_of_file(file: ArrayFile, path: Path, given: Path | None) -> BodyModel:
+    """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
+    if given is not None:
+        return load_body(given, root="free")
+    named = Path(str(file.texts("body")))
+    places = [place for place in (named, path.parent / named.name) if _is_there(place)]
+    if not places:
+        raise InputError(
+            "the robot's body is not there",
+            where=file.source,
+            found=str(named)[:200],
+            next_step="Say where its MJCF or URDF is now: --body FILE.xml",
+        )
+    return load_body(places[0], root="free")
+
+
+def _is_there(place: Path) -> bool:
+    try:
+        return bool(place.name) and place.is_file()
+    except OSError:
+        return False
+
+
+def _servos(file: ArrayFile, joints: int, order: list[int]) -> FloatArray | None:
+    if "servo_positions" not in file:
+        return None
+    servos = file.floats("servo_positions", file.arrays["time"].size, joints, unknown=True)
+    servos = np.hstack([servos, np.full((len(servos), 1), np.nan)])[:, order]
+    return servos if np.isfinite(servos).any() else None
+
+
+def _goals(file: ArrayFile, joints: int, order: list[int]) -> IntArray | None:
+    if "goal_ticks" not in file:
+        return None
+    goals = file.whole("goal_ticks", file.arrays["time"].size, joints)
+    goals = np.hstack([goals, np.full((len(goals), 1), -1)])[:, order]
+    return goals if (goals >= 0).any() else None
+
+
+def _asked(file: ArrayFile, rows: int) -> Tracks | None:
+    if "landmark_names" not in file or "landmarks_asked" not in file:
+        return None
+    names = tuple(str(name) for name in file.texts("landmark_names", None))
+    return Tracks(names, file.floats("landmarks_asked", rows, len(names), 3, unknown=True))

@@ -1,0 +1,144 @@
+"""A motion as a table: CSV and Parquet. The unit is the end of a column's name."""
+
+import csv
+import importlib
+import io
+import json
+from dataclasses import dataclass
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.errors import InputError, UsageError
+from retarget.recording.motion import CONVENTIONS, Motion
+
+__all__ = ["Arrow", "arrow", "columns_of", "write_csv", "write_parquet"]
+
+
+# A motion as a table: what CSV and Parquet have in common. The unit is the end of a column's name.
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """values (T,): numbers, whole numbers or texts. unit: "" where there is none."""
+
+    name: str
+    unit: str
+    values: NDArray[Any]
+
+
+def columns_of(motion: Motion) -> tuple[Column, ...]:
+    """Time, the root (position m, quaternion wxyz, of the first link in the world), every joint as it was sent.
+
+    Then, where they are known: `servo_` where the servo was, `ticks_` its goal, `asked_` the landmarks asked for. The
+    phase only where rows differ in it. Raises InputError where two columns would have one name.
+    """
+    columns = [_column("time", "s", motion.time)]
+    columns += [_column(f"root_{axis}", "m", motion.root_position[:, i]) for i, axis in enumerate("xyz")]
+    columns += [_column(f"root_q{axis}", "", motion.root_quaternion[:, i]) for i, axis in enumerate("wxyz")]
+    named = list(zip(motion.joint_names, motion.joint_units, strict=True))
+    columns += [_column(name, unit, motion.joints[:, i]) for i, (name, unit) in enumerate(named)]
+    if motion.servos is not None:
+        known = np.asarray(np.isfinite(motion.servos).any(axis=0))
+        columns += [
+            _column(f"servo_{name}", unit, motion.servos[:, i]) for i, (name, unit) in enumerate(named) if known[i]
+        ]
+    if motion.goal_ticks is not None:
+        driven = np.asarray((motion.goal_ticks >= 0).any(axis=0))
+        columns += [
+            _column(f"ticks_{name}", "", motion.goal_ticks[:, i]) for i, (name, _) in enumerate(named) if driven[i]
+        ]
+    if motion.asked is not None:
+        columns += [
+            _column(f"asked_{name}_{axis}", "m", motion.asked.position[:, i, j])
+            for i, name in enumerate(motion.asked.names)
+            for j, axis in enumerate("xyz")
+        ]
+    if len(set(motion.phase.tolist())) > 1:
+        columns.append(_column("phase", "", motion.phase))
+    _check_names(columns, motion.source)
+    return tuple(columns)
+
+
+def _column(name: str, unit: str, values: NDArray[Any]) -> Column:
+    return Column(f"{name}_{unit}" if unit else name, unit, values)
+
+
+def _check_names(columns: list[Column], source: str) -> None:
+    names = [column.name for column in columns]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError("two columns of one name", where=source, found=twice, next_step="Rename that joint")
+
+
+DIGITS = 10
+"""Significant digits of every number: a micrometre in ten kilometres."""
+
+
+def write_csv(motion: Motion, stream: IO[bytes]) -> None:
+    """Write the table of `columns_of`."""
+    columns = columns_of(motion)
+    text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow([column.name for column in columns])
+    lines.writerows(zip(*(_texts(column) for column in columns), strict=True))
+    text.detach()
+
+
+def _texts(column: Column) -> list[str]:
+    if column.values.dtype.kind != "f":
+        return [str(value) for value in column.values.tolist()]
+    known = np.isfinite(column.values).tolist()
+    return [f"{value:.{DIGITS}g}" if know else "" for value, know in zip(column.values.tolist(), known, strict=True)]
+
+
+# Apache Arrow, which writes Parquet: an extra, imported only by the exports that need it.
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """The modules `pyarrow` and `pyarrow.parquet`."""
+
+    core: Any
+    parquet: Any
+
+
+def arrow() -> Arrow:
+    """Arrow. Raises UsageError where it is missing or broken."""
+    try:
+        return Arrow(importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet"))
+    except ImportError as error:
+        raise UsageError(
+            "pyarrow is missing, which writes Parquet and LeRobot datasets",
+            where="--to",
+            found=error,
+            allowed="csv, npz and bvh without it",
+            next_step="Install the extra: pip install 'retarget[record]'",
+        ) from error
+
+
+# Parquet: the table of the CSV in full precision, with the unit of every column and what the motion is beside it.
+
+
+def write_parquet(motion: Motion, stream: IO[bytes]) -> None:
+    """Write the table of `columns_of`. Raises UsageError without pyarrow.
+
+    A column's unit is the key `unit` of its field's metadata; the schema's metadata has `retarget`, a JSON object.
+    """
+    found = arrow()
+    pa = found.core
+    columns = columns_of(motion)
+    about = {**CONVENTIONS, "root_link": motion.body.body_names[1], "rows": len(motion)}
+    schema = pa.schema(
+        [
+            pa.field(
+                column.name, pa.array(column.values[:0]).type, metadata={"unit": column.unit} if column.unit else None
+            )
+            for column in columns
+        ],
+        metadata={"retarget": json.dumps(about)},
+    )
+    # Arrow tells "not known" from NaN; here both are one.
+    arrays = [pa.array(column.values, from_pandas=True) for column in columns]
+    found.parquet.write_table(pa.table(arrays, schema=schema), stream)

@@ -1,0 +1,1 @@
+"""What a run says about itself: metrics, JSON, an HTML page and pictures."""

@@ -1,0 +1,272 @@
+"""What the page's player draws: performer, robot, centre of mass and soles, in fewer rows than there are ticks."""
+
+import base64
+import json
+import math
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from retarget import rotations
+from retarget.model.human_dimensions import PARENTS, POINTS
+from retarget.model.scene_shapes import ShapeKind
+from retarget.model.scene_state import SceneState
+from retarget.report import motion_metrics
+from retarget.report.pose_pictures import ROBOT_BONES, performer_facing, turned
+from retarget.report.verdicts import moments
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["UNKNOWN", "Animation", "Figure", "Wires", "animation_of", "packed", "wires_of"]
+
+
+# The obstacles of a scene as edges, so that the page shows what the body had to keep clear of.
+
+ROUND = 12
+"""Corners of a circle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wires:
+    """points (R, p, 3) m, world: a row for each time, or a single one where nothing moves. edges: pairs of points."""
+
+    points: FloatArray
+    edges: tuple[tuple[int, int], ...]
+
+
+def wires_of(scene: SceneState, times: FloatArray) -> Wires | None:
+    """The obstacles at times (T,) s; None without any that has edges. A half-space has none: it is the ground, or a
+    wall without an end."""
+    local, owners, edges = _outlines(scene)
+    if not owners:
+        return None
+    poses = [scene.at_rest(float(time)) for time in times]
+    place = np.array([pose.position[owners] for pose in poses])
+    turn = np.array([pose.quat[owners] for pose in poses])
+    points = place + rotations.rotate(turn, np.array(local)[None])
+    moves = bool(np.ptp(points, axis=0).max() > 0.0)
+    return Wires(points if moves else points[:1], tuple(edges))
+
+
+def _outlines(scene: SceneState) -> tuple[list[FloatArray], list[int], list[tuple[int, int]]]:
+    """Points in the canonical frames of their obstacles, whose each is, and edges."""
+    points: list[FloatArray] = []
+    owners: list[int] = []
+    edges: list[tuple[int, int]] = []
+    for obstacle, (kind, size) in enumerate(zip(scene.shapes.kinds.tolist(), scene.shapes.sizes, strict=True)):
+        first = len(points)
+        if kind == ShapeKind.BOX:
+            corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
+            found = [(a, b) for a in range(8) for b in (a + 1, a + 2, a + 4) if b < 8 and (a ^ b).bit_count() == 1]
+        elif kind in (ShapeKind.CAPSULE, ShapeKind.CYLINDER):
+            corners, found = _round(float(size[0]), float(size[1]))
+        else:
+            continue
+        points += list(corners)
+        owners += [obstacle] * len(corners)
+        edges += [(first + a, first + b) for a, b in found]
+    return points, owners, edges
+
+
+def _round(radius: float, half: float) -> tuple[FloatArray, list[tuple[int, int]]]:
+    """A circle at both ends and one upright; of a sphere all three are around its middle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
+    across, along, flat = radius * np.cos(angle), radius * np.sin(angle), np.zeros(ROUND)
+    rings = [np.column_stack([across, along, flat + end]) for end in (-half, half)]
+    rings.append(np.column_stack([across, flat, along + half * np.sign(np.round(along, 12))]))
+    ring = [*range(ROUND), 0]
+    return np.vstack(rings), [(ROUND * i + a, ROUND * i + b) for i in range(len(rings)) for a, b in pairwise(ring)]
+
+
+# Tracks of points, small enough to travel inside a page: 16 bits a number, as text.
+
+UNKNOWN = -32768
+"""Stands for NaN."""
+MOST = 32767
+FINEST = 1e-4
+"""m to a unit at least: 3.3 m are told to a tenth of a millimetre."""
+
+
+@dataclass(frozen=True)
+class Packed:
+    """data: base64 of little-endian 16-bit integers. unit: m to one of them."""
+
+    data: str
+    unit: float
+
+
+def packed(values: FloatArray) -> Packed:
+    """Any array of lengths, m; NaN stays not known."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0)) if np.isfinite(values).any() else 0.0
+    unit = max(FINEST, largest / MOST)
+    with np.errstate(invalid="ignore"):
+        whole = np.where(np.isfinite(values), np.rint(values / unit), UNKNOWN)
+    return Packed(base64.b64encode(whole.astype("<i2").tobytes()).decode("ascii"), unit)
+
+
+FPS = 30.0
+MOST_ROWS = 3000
+"""More pictures a second are not seen; a long run is shown more coarsely."""
+TRAVEL = 0.5
+"""A body that gets farther than this share of its height is followed by the view."""
+PARENT = {name: POINTS[parent] for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A body. points (T, k, 3) of names; bones: pairs of points. marks (T, m, 3): what was measured of a performer, or
+    asked of a robot. centre (T, 2): where the view looks. height, reach m: what it must show."""
+
+    label: str
+    names: tuple[str, ...]
+    bones: tuple[tuple[int, int], ...]
+    points: Packed
+    marks: Packed
+    mark_count: int
+    centre: Packed
+    height: float
+    reach: float
+
+
+@dataclass(frozen=True)
+class Ground:
+    """corners (T, c, 3) of all soles, `sizes` of them each; com (T, 3). contact: m above the ground that still carry.
+    outside: a letter a row, 1 where the centre of mass was beyond the edge in any of its ticks."""
+
+    corners: Packed
+    sizes: tuple[int, ...]
+    com: Packed
+    contact: float
+    outside: str
+
+
+@dataclass(frozen=True)
+class Obstacles:
+    """points (rows, p, 3): a row for each of the animation's, or one where nothing moves; edges: pairs of points."""
+
+    points: Packed
+    rows: int
+    edges: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Animation:
+    """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong."""
+
+    time: tuple[int, ...]
+    phase: str
+    gated: str
+    every: int
+    performer: Figure
+    robot: Figure | None
+    ground: Ground | None
+    obstacles: Obstacles | None
+    moments: tuple[int, ...]
+    simulated: bool
+
+    def as_json(self) -> str:
+        """Compact, and safe inside a script element: no character there can end it."""
+        text = json.dumps(asdict(self), separators=(",", ":"), allow_nan=False)
+        return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def animation_of(run: RunResult) -> Animation | None:
+    """None of a run that followed nothing."""
+    record, following = run.record, run.record.following
+    if following.stop - following.start < 2:
+        return None
+    every = max(1, math.ceil(1.0 / (run.clip.dt * FPS) - 1e-9), math.ceil(len(record) / MOST_ROWS))
+    rows = np.arange(0, len(record), every)
+    sent = record.robot
+    return Animation(
+        time=tuple(round(1e3 * time) for time in record.time[rows]),
+        phase="".join(Phase(value).name[0].lower() for value in record.phase[rows]),
+        gated="0" * len(rows) if sent is None else _letters(sent.gated, rows),
+        every=every,
+        performer=_performer(run, rows),
+        robot=_robot(run, rows),
+        ground=_ground(run, rows),
+        obstacles=_obstacles(run, rows),
+        moments=tuple(round(1e3 * moment.time) for moment in moments(run)),
+        simulated=run.physics is not None,
+    )
+
+
+def _performer(run: RunResult, rows: IntArray) -> Figure:
+    """The reconstructed human and the sensors, turned so that it faces x where following begins."""
+    human = run.record.human
+    facing = np.repeat(performer_facing(run)[:1], len(rows), axis=0)
+    names = human.joint_names
+    bones = tuple((names.index(PARENT[name]), at) for at, name in enumerate(names) if PARENT.get(name) in names)
+    return _figure(
+        "performer", names, bones, turned(human.joints[rows], facing), turned(run.sensors_asked[rows], facing)
+    )
+
+
+def _robot(run: RunResult, rows: IntArray) -> Figure | None:
+    """The robot as it was sent, and the landmarks that were asked of it; by its frames, or else by its links."""
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None:
+        return None
+    q = np.ascontiguousarray(sent.q[rows])
+    names = tuple(robot.profile.frames)
+    bones = tuple((names.index(a), names.index(b)) for a, b in ROBOT_BONES if a in names and b in names)
+    points = robot.points(q, names)
+    if len(bones) < len(names) / 2:
+        links = list(range(1, len(robot.body.body_names)))
+        names = robot.body.body_names[1:]
+        bones = tuple((int(parent) - 1, at) for at, parent in enumerate(robot.body.parent[1:]) if parent > 0)
+        points = robot.body.solver_body().points(q, links, np.zeros((len(links), 3)))
+    return _figure(robot.profile.name, names, bones, points, sent.landmarks_asked[rows])
+
+
+def _figure(
+    label: str, names: tuple[str, ...], bones: tuple[tuple[int, int], ...], points: FloatArray, marks: FloatArray
+) -> Figure:
+    height = max(float(np.nanmax(points[..., 2])), 1e-3)
+    centre = np.nanmean(points[..., :2], axis=1)
+    if np.ptp(centre, axis=0).max() < TRAVEL * height:
+        centre = np.repeat(np.median(centre, axis=0)[None], len(centre), axis=0)
+    else:
+        centre = _smooth(centre, int(FPS))
+    reach = float(np.nanmax(np.linalg.norm(points[..., :2] - centre[:, None], axis=-1)))
+    return Figure(label, names, bones, packed(points), packed(marks), marks.shape[1], packed(centre), height, reach)
+
+
+def _smooth(track: FloatArray, width: int) -> FloatArray:
+    """Moving mean over `width` rows of a track (T, 2), which goes on as it ends."""
+    half = width // 2
+    padded = np.vstack([np.repeat(track[:1], half, axis=0), track, np.repeat(track[-1:], width - 1 - half, axis=0)])
+    kernel = np.full(width, 1.0 / width)
+    return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
+
+
+def _ground(run: RunResult, rows: IntArray) -> Ground | None:
+    """Soles and centre of mass of a robot that stands."""
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None or not robot.stands:
+        return None
+    corners = [motion_metrics.sole_corners(sole) for sole in motion_metrics.soles_of(robot, sent.q)]
+    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
+    every = np.concatenate(corners, axis=1)
+    outside = ~(motion_metrics.support_margin(com, every) >= -motion_metrics.OUTSIDE_M)
+    sizes = tuple(sole.shape[1] for sole in corners)
+    return Ground(packed(every[rows]), sizes, packed(com[rows]), motion_metrics.CONTACT_M, _letters(outside, rows))
+
+
+def _obstacles(run: RunResult, rows: IntArray) -> Obstacles | None:
+    """What is around the last stage's body, in the world that its figure is drawn in."""
+    wires = None if run.scene is None else wires_of(run.scene, np.maximum(run.record.time[rows], 0.0))
+    if wires is None:
+        return None
+    points = wires.points
+    if run.robot is None:
+        points = turned(points, np.repeat(performer_facing(run)[:1], len(points), axis=0))
+    return Obstacles(packed(points), len(points), wires.edges)
+
+
+def _letters(flags: BoolArray, rows: IntArray) -> str:
+    """1 for a row in any tick of which the flag (T,) is up, else 0."""
+    return "".join("1" if value else "0" for value in np.maximum.reduceat(flags, rows))

@@ -1,0 +1,413 @@
+"""How close a body came to itself and to a scene, on the geoms of its own file: an independent look at what was sent.
+
+Distances are MuJoCo's own between two geoms (exact, inside too), not those of its contacts, which a margin makes rough.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget import _solver
+from retarget.model.body import BodyModel
+from retarget.model.body_file import Root, compile_body, compile_body_text
+from retarget.model.observers import Observers, placed
+from retarget.model.scene_state import SceneState
+from retarget.report.distances import (
+    Closest,
+    Distances,
+    MovingGeoms,
+    ObstacleTracks,
+    closest_pairs,
+    geom_distances,
+    moving_geoms,
+    obstacle_tracks,
+    scene_model,
+    travelled,
+)
+from retarget.report.report import Clearances
+from retarget.run.run_result import RunResult
+from retarget.types import FloatArray, IntArray
+
+__all__ = [
+    "DEEP_M",
+    "NEIGHBOURS",
+    "TOUCH_M",
+    "Clearance",
+    "LeftOut",
+    "PlacedBody",
+    "RunClearances",
+    "Side",
+    "clearances",
+    "compared_pairs",
+    "place_body",
+    "scene_clearance",
+    "self_clearance",
+    "shape_rows",
+]
+
+
+# Which geoms of a body are compared with each other, and which pairs of links are not, and why.
+
+Pair = tuple[int, int]
+NEIGHBOURS = "neighbours along the body"
+"""Why a link and its parent are not compared."""
+FAR_M = 1e4
+"""More than any distance, m."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Two links that are not compared, and why not."""
+
+    first: str
+    second: str
+    reason: str
+
+
+def compared_pairs(
+    model: Any, links: IntArray, geoms: IntArray, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()
+) -> tuple[IntArray, tuple[LeftOut, ...]]:
+    """Rows of `links` and `geoms` (g,) that are compared, (P, 2), and the pairs of links that are not.
+
+    Not compared: geoms of one link, or of links that no joint parts; of a link and its parent; of pairs that the file
+    excludes; of `ignored` pairs of links; of pairs of links that touch in the posture `neutral` (nq,).
+    """
+    reasons = _reasons(model, ignored)
+    first, second = np.triu_indices(len(geoms), 1)
+    welded = np.asarray(model.body_weldid)[links]
+    apart = links[first] != links[second]
+    # Links on a base that is fixed to the world are all welded to it, and yet may meet.
+    apart &= (welded[first] != welded[second]) | (welded[first] == 0)
+    pairs = np.column_stack([first, second])[apart]
+    named = np.array([_pair(links[a], links[b]) not in reasons for a, b in pairs], dtype=np.bool_)
+    pairs = pairs[named]
+    touching = _touching(model, geoms[pairs], neutral)
+    for a, b in links[pairs[touching]]:
+        reasons[_pair(a, b)] = "touch in the neutral posture"
+    kept = np.array([_pair(links[a], links[b]) not in reasons for a, b in pairs], dtype=np.bool_)
+    worn = set(links.tolist())
+    left_out = [
+        LeftOut(str(model.body(a).name), str(model.body(b).name), reason)
+        for (a, b), reason in sorted(reasons.items())
+        if {a, b} <= worn
+    ]
+    return pairs[kept], tuple(left_out)
+
+
+def _reasons(model: Any, ignored: Iterable[tuple[str, str]]) -> dict[Pair, str]:
+    """Pairs of links that are left out in every posture."""
+    weld, parent = np.asarray(model.body_weldid), np.asarray(model.body_parentid)
+    reasons = {}
+    for link in range(1, model.nbody):
+        reasons[_pair(link, parent[link])] = NEIGHBOURS
+        # Of links that no joint parts, all are neighbours of what the joint hangs on.
+        for other in range(1, model.nbody):
+            if weld[other] and weld[link] != weld[other] and weld[parent[weld[link]]] == weld[other]:
+                reasons[_pair(link, other)] = NEIGHBOURS
+    for signature in model.exclude_signature:
+        reasons[_pair(int(signature) >> 16, int(signature) & 0xFFFF)] = "excluded by the body's file"
+    for first, second in ignored:
+        reasons[_pair(model.body(first).id, model.body(second).id)] = "ignored by the profile"
+    return reasons
+
+
+def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
+    """Which pairs (P, 2) of geoms touch in a posture (nq,)."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    distances = [mujoco.mj_geomDistance(model, data, int(a), int(b), FAR_M, None) for a, b in pairs]
+    return np.array(distances) <= 0.0
+
+
+def _pair(first: int, second: int) -> Pair:
+    return (int(min(first, second)), int(max(first, second)))
+
+
+TOUCH_M = 1e-6
+"""Deeper than this, m, counts as penetration."""
+DEEP_M = 1e-3
+"""Deeper than this, m, is more than a touch."""
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """smallest: distance, m, negative inside; None: nothing to compare. penetrating: number of postures.
+
+    pair: the two links, or the link and the obstacle, that came closest; row: in which posture. deep: how many of the
+    penetrating postures are deeper than 1 mm. left_out: pairs of links that were not compared.
+    """
+
+    smallest: float | None
+    penetrating: int
+    pair: tuple[str, str] | None
+    row: int | None = None
+    deep: int = 0
+    left_out: tuple[LeftOut, ...] = ()
+
+    @property
+    def deepest(self) -> float:
+        """Depth of the deepest penetration, m; 0 without one."""
+        return max(0.0, -(self.smallest or 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBody:
+    """A body in T postures, to be looked at in more than one way. rows (T,): their numbers among those given."""
+
+    model: Any
+    geoms: MovingGeoms
+    rows: IntArray
+
+    def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
+        """See `self_clearance`."""
+        geoms = self.geoms
+        pairs, left_out = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
+        if not len(self.rows) or not len(pairs):
+            return Clearance(None, 0, None, left_out=left_out)
+        seen = geoms.within(0)
+        way = travelled(seen.position, seen.matrix, seen.radius)
+        measure = geom_distances(
+            self.model, geoms.geoms[pairs], geoms=geoms.geoms, position=geoms.position, matrix=geoms.matrix
+        )
+        found = closest_pairs(measure, way[:, pairs[:, 0]] + way[:, pairs[:, 1]], tolerances=(TOUCH_M, DEEP_M))
+        first, second = (self._name(geom) for geom in pairs[found.pair])
+        return _clearance(found, (first, second), self.rows, left_out)
+
+    def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
+        """See `scene_clearance`; times: one for every posture that was given. The ground is left out."""
+        return self._to_obstacles(scene, times, ~scene.shapes.ground[None] & np.ones((len(self.geoms.links), 1), bool))
+
+    def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
+        """The same between the ground of the scene and all links but those named in `soles`."""
+        standing = [self.model.body(name).id for name in soles]
+        return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.geoms.links, standing)[:, None])
+
+    def _to_obstacles(self, scene: SceneState, times: FloatArray, looks: NDArray[np.bool_]) -> Clearance:
+        """looks (g, k): which geom is compared with which obstacle."""
+        if not len(self.rows) or not looks.any():
+            return Clearance(None, 0, None)
+        geoms, obstacles = self.geoms, obstacle_tracks(scene, times[self.rows])
+        pairs = np.argwhere(looks)
+        measure = self._distances(obstacles, scene, pairs)
+        way = travelled(geoms.position, geoms.matrix, geoms.radius)[:, pairs[:, 0]]
+        way += travelled(obstacles.position, obstacles.matrix, obstacles.radius)[:, pairs[:, 1]]
+        found = closest_pairs(measure, way, tolerances=(TOUCH_M, DEEP_M))
+        link, obstacle = pairs[found.pair]
+        return _clearance(found, (self._name(link), scene.shapes.names[obstacle]), self.rows, ())
+
+    def scene_distances(self, scene: SceneState, times: FloatArray) -> FloatArray:
+        """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
+        count, obstacles = len(self.rows), obstacle_tracks(scene, times[self.rows])
+        shape = len(self.geoms.geoms), len(scene.shapes.names)
+        pairs = np.indices(shape).reshape(2, -1).T
+        rows, which = np.indices((count, len(pairs))).reshape(2, -1)
+        distances = self._distances(obstacles, scene, pairs)(rows, which).reshape(count, *shape)
+        return np.asarray(distances.min(axis=1))
+
+    def part(self, rows: IntArray, which: IntArray) -> "PlacedBody":
+        """Some of the geoms in some of the postures, by number; the postures are numbered anew."""
+        return PlacedBody(self.model, self.geoms.chosen(rows, which), np.arange(len(rows)))
+
+    def _distances(self, obstacles: ObstacleTracks, scene: SceneState, pairs: IntArray) -> Distances:
+        """How the distances of pairs (p, 2) of geom and obstacle are measured."""
+        geoms = self.geoms
+        both = scene_model(self.model, geoms.geoms, scene.shapes)
+        position, matrix = both.placed(geoms)
+        return geom_distances(
+            both.model,
+            np.column_stack([both.body[pairs[:, 0]], both.obstacles[pairs[:, 1]]]),
+            geoms=np.concatenate([both.body, both.obstacles]),
+            position=np.concatenate([position, obstacles.position], axis=1),
+            matrix=np.concatenate([matrix, obstacles.matrix], axis=1),
+        )
+
+    def _name(self, geom: int) -> str:
+        """Of the geom's link."""
+        return str(self.model.body(int(self.geoms.links[geom])).name)
+
+
+def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:
+    """The body of a file, or of MJCF text, in postures (T, nq); those that are not finite take no part.
+
+    root: as in `compile_body`. Raises InputError.
+    """
+    if isinstance(body, Path):
+        model = compile_body(body, root=root).model
+    else:
+        model = compile_body_text(body, source="the body", root=root).model
+    rows = np.flatnonzero(np.isfinite(postures).all(axis=1))
+    return PlacedBody(model, moving_geoms(model, postures[rows]), rows)
+
+
+def self_clearance(
+    body: Path | str,
+    postures: FloatArray,
+    *,
+    root: Root | None = None,
+    neutral: FloatArray,
+    ignored: Iterable[tuple[str, str]] = (),
+) -> Clearance:
+    """Look at every posture (T, nq) of a body: a file, or MJCF text.
+
+    Not compared: geoms of one link, of a link and its parent, of `ignored` pairs of links, of pairs that the file
+    excludes, and of pairs that already touch in the posture `neutral` (nq,).
+    """
+    return place_body(body, postures, root=root).to_itself(neutral=neutral, ignored=ignored)
+
+
+def scene_clearance(
+    body: Path | str, postures: FloatArray, *, root: Root | None = None, scene: SceneState, times: FloatArray
+) -> Clearance:
+    """The same between every geom of a body and every obstacle of a scene, at times (T,) s on the scene's clock."""
+    return place_body(body, postures, root=root).to_scene(scene, times)
+
+
+def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray, left_out: tuple[LeftOut, ...]) -> Clearance:
+    penetrating, deep = found.deeper
+    return Clearance(found.smallest, penetrating, pair, int(rows[found.row]), deep, left_out)
+
+
+# How near a body's observers came to each other and to a scene: on their own shapes, by the solver's own distances.
+
+Side = tuple[IntArray, FloatArray, FloatArray, FloatArray]
+"""kinds (n,), sizes (n, 3), positions (n, 3) m and orientations (n, 4) wxyz of canonical frames."""
+
+
+def observer_clearance(
+    body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
+) -> tuple[float | None, float | None, float | None]:
+    """Smallest distance (m, negative inside) in postures q (T, nq) at `times` (T,): of pairs that are looked at, to any
+    obstacle, and to the ground. None: nothing to look at."""
+    if not len(q):
+        return None, None, None
+    position, quat = placed(body, observers, q)
+    first, second = observers.pairs.T
+    own = _least(_side(observers, position, quat, first), _side(observers, position, quat, second))
+    if scene is None or not scene.shapes.names:
+        return own, None, None
+    poses = [scene.at(max(float(time), 0.0)) for time in times]
+    there = np.stack([pose.position for pose in poses]), np.stack([pose.quat for pose in poses])  # (T, k, ...)
+    shapes, (around, _) = scene.shapes, observers.around(scene.shapes)
+
+    def least_to(ground: bool) -> float | None:
+        who, what = around[shapes.ground[around[:, 1]] == ground].T
+        obstacles = shape_rows(shapes.kinds[what], shapes.sizes[what], there[0][:, what], there[1][:, what])
+        return _least(_side(observers, position, quat, who), obstacles)
+
+    return own, least_to(False), least_to(True)
+
+
+def _side(observers: Observers, position: FloatArray, quat: FloatArray, which: IntArray) -> Side:
+    return shape_rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
+
+
+def shape_rows(kinds: IntArray, sizes: FloatArray, position: FloatArray, quat: FloatArray) -> Side:
+    """One row for each shape (n,) of each posture (T,)."""
+    postures = len(position)
+    return (
+        np.tile(kinds, postures),
+        np.tile(sizes, (postures, 1)),
+        np.ascontiguousarray(position).reshape(-1, 3),
+        np.ascontiguousarray(quat).reshape(-1, 4),
+    )
+
+
+def _least(a: Side, b: Side) -> float | None:
+    """The smallest distance of rows of a and b: looked at exactly only where a lower bound leaves it open."""
+    if not len(a[0]):
+        return None
+    bound = _solver.shape_gaps_at_least(*a, *b)
+    order = np.argsort(bound)
+    least, at = np.inf, 0
+    while at < len(order) and bound[order[at]] < least:
+        chosen = order[at : at + 4096]
+        near, far = _chosen(a, chosen), _chosen(b, chosen)
+        distance = _solver.shape_distances(*near, *far)[0]
+        least, at = min(least, float(distance.min())), at + 4096
+    return least
+
+
+def _chosen(side: Side, rows: IntArray) -> Side:
+    kinds, sizes, position, quat = side
+    return kinds[rows], sizes[rows], position[rows], quat[rows]
+
+
+# How near the last stage's body came to itself and to its scene in a run: on its own geoms, and on its observers.
+
+NEUTRAL = "attractor"
+"""The human's posture in which pairs that touch are left out."""
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class RunClearances:
+    """geoms, observers: smallest distances. penetrating, deep: ticks, one that does both counts twice; None: nothing to
+    compare. closest: two links; closest_obstacle: a link and an obstacle;
+    closest_ground: a link and the ground.
+    """
+
+    geoms: Clearances
+    observers: Clearances
+    penetrating: int | None
+    deep: int | None
+    closest: tuple[str, str] | None
+    closest_obstacle: tuple[str, str] | None
+    closest_ground: tuple[str, str] | None
+
+
+def clearances(run: RunResult) -> RunClearances:
+    """Of the postures that were sent to a robot, or else of the reconstructed human."""
+    body, q, placed, to_itself = _body(run)
+    to_scene = to_ground = Clearance(None, 0, None)
+    if run.scene is not None:
+        times = np.maximum(run.record.time, 0.0)
+        to_scene = placed.to_scene(run.scene, times)
+        if run.robot is not None:
+            soles = [run.robot.body.body_names[sole.body] for sole in run.robot.soles]
+            to_ground = placed.to_ground(run.scene, times, soles=soles)
+    parts = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
+    seen: tuple[float | None, float | None, float | None] = (None, None, None)
+    if run.observers is not None:
+        seen = observer_clearance(body, run.observers, q, scene=run.scene, times=run.record.time)
+    return RunClearances(
+        geoms=Clearances(_mm(to_itself.smallest), _mm(to_scene.smallest), _mm(to_ground.smallest)),
+        observers=Clearances(*(_mm(distance) for distance in seen)),
+        penetrating=_sum([part.penetrating for part in parts]),
+        deep=_sum([part.deep for part in parts]),
+        closest=to_itself.pair,
+        closest_obstacle=to_scene.pair,
+        closest_ground=to_ground.pair,
+    )
+
+
+def _body(run: RunResult) -> tuple[BodyModel, FloatArray, PlacedBody, Clearance]:
+    """The body, its postures (T, nq), and itself in them."""
+    robot, sent = run.robot, run.record.robot
+    if robot is not None and sent is not None:
+        profile = robot.profile
+        placed = place_body(profile.body_path, sent.q, root=profile.root)
+        ignored = [entry.pair for entry in profile.ignore_pairs]
+        return (
+            robot.body,
+            sent.q,
+            placed,
+            placed.to_itself(neutral=robot.posture(profile.postures.neutral), ignored=ignored),
+        )
+    q = run.record.human.q
+    placed = place_body(run.human.mjcf, q)
+    return run.human.body, q, placed, placed.to_itself(neutral=run.human.posture(NEUTRAL))
+
+
+def _sum(counts: list[int]) -> int | None:
+    return sum(counts) if counts else None
+
+
+def _mm(metres: float | None) -> float | None:
+    return None if metres is None else MM * metres

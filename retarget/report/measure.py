@@ -1,0 +1,415 @@
+"""The report of a finished run, measured on the record: from what was sent, not from what a stage says of itself."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hardware.guard_state import StopCause
+from retarget.frames import JointTracks
+from retarget.human.samples import Clip
+from retarget.model.body import JointLimits
+from retarget.model.human import PostureReader
+from retarget.report import motion_metrics, tracking
+from retarget.report.clearance import RunClearances, clearances
+from retarget.report.motion_metrics import (
+    LimitViolations,
+    ModeSwitches,
+    jerk_p95,
+    limit_violations,
+    observer_activity,
+    physics_report,
+)
+from retarget.report.report import (
+    BusReport,
+    DeepReport,
+    ObserversReport,
+    Percentiles,
+    Report,
+    ServoExtreme,
+    Soles,
+    Spread,
+    StepsReport,
+    StopReport,
+)
+from retarget.report.tracking import Performance, reachable_hands, top_level_error
+from retarget.run.run_result import RunResult
+from retarget.types import ORIENTED, FloatArray
+
+__all__ = [
+    "LATEST_S",
+    "UNSENSED",
+    "fault_count",
+    "latest_of",
+    "limits_broken",
+    "longest_period",
+    "measure",
+    "measure_latest",
+    "missed_ticks",
+    "tick_rate",
+]
+
+
+# What the bus's own clock and the guard say of a run.
+
+LATE = 1.5
+"""Periods between two ticks from which on one is missing between them."""
+SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT, StopCause.SERVO_LIMP)
+
+
+def fault_count(run: RunResult) -> int:
+    """Servos silent or alarmed, summed over ticks, and failures that ended ticks before they had a row.
+
+    A tick in which the bus fails sends nothing, nor does one in which a robot that stands is stopped: of these only the
+    guard's stop tells.
+    """
+    sent = run.record.robot
+    seen = 0 if sent is None else int(sent.faults.sum())
+    if run.stop is None:
+        return seen
+    if run.stop.cause in SERVO_CAUSES:
+        seen = max(seen, 1)
+    return seen + (run.stop.cause, run.stop.then).count(StopCause.BUS)
+
+
+def tick_rate(times: FloatArray) -> float | None:
+    """Ticks per second, of the times (T,) s at which servos were read; None where that was not measured."""
+    known = times[np.isfinite(times)]
+    lasted = float(known[-1] - known[0]) if known.size > 1 else 0.0
+    return (known.size - 1) / lasted if lasted > 0.0 else None
+
+
+def longest_period(times: FloatArray) -> float | None:
+    """Longest time (s) from one tick to the next: a single stall shows here, where a long run hides it in the rate."""
+    known = times[np.isfinite(times)]
+    return float(np.diff(known).max()) if known.size > 1 else None
+
+
+def missed_ticks(times: FloatArray, dt: float) -> int | None:
+    """Deadlines that passed without a tick, of the times (T,) s of ticks that should be `dt` s apart; None where they
+    were not measured."""
+    known = times[np.isfinite(times)]
+    if known.size < 2:
+        return None
+    periods = np.diff(known) / dt
+    return int(np.rint(periods[periods > LATE] - 1.0).sum())
+
+
+def bus_report(run: RunResult) -> BusReport | None:
+    """What the bus said; None without one."""
+    sent = run.record.robot
+    if sent is None or not run.has_bus:
+        return None
+    longest = longest_period(sent.bus_time)
+    return BusReport(
+        rate_hz=tick_rate(sent.bus_time),
+        cycle_ms=percentiles(run.record.timing.cycle, 1e3),
+        faults=fault_count(run),
+        longest_period_ms=None if longest is None else 1e3 * longest,
+        missed_ticks=missed_ticks(sent.bus_time, run.clip.dt),
+        retries=int(sent.retries.max(initial=0)),
+        hottest=_extreme(run, sent.temperature),
+        lowest_voltage=_extreme(run, -sent.voltage, sign=-1.0),
+    )
+
+
+def percentiles(seconds: FloatArray, scale: float) -> Percentiles:
+    """Of those that are known, times `scale`."""
+    seconds = seconds[np.isfinite(seconds)]  # a stage that did not run in a tick has no cost there
+    if not seconds.size:
+        return Percentiles(float("nan"), float("nan"), float("nan"))
+    p50, p99 = np.percentile(seconds, [50, 99])
+    return Percentiles(scale * float(p50), scale * float(p99), scale * float(seconds.max()))
+
+
+def _extreme(run: RunResult, values: FloatArray, *, sign: float = 1.0) -> ServoExtreme | None:
+    """The servo with the largest of the values (T, n), which are told times `sign`."""
+    if run.robot is None or not np.isfinite(values).any():
+        return None
+    column = int(np.nanargmax(values)) % values.shape[1]
+    return ServoExtreme(run.robot.joint_map.joints[column], sign * float(np.nanmax(values)))
+
+
+UNSENSED = ("pelvis", "l_knee", "r_knee", "l_elbow", "r_elbow", "l_shoulder", "r_shoulder", "neck")
+"""Joints by which a reconstruction is judged, where no sensor sits on them."""
+HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
+MM = 1e3
+
+
+def measure(run: RunResult) -> Report:
+    """The report of a run."""
+    (names, asked, reached), stand, (clear, switches, observers) = run.followed, _standing(run), _observers(run)
+    return Report(
+        frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
+        ticks=len(run.record),
+        duration_s=max(float(run.record.time[-1]), 0.0) if len(run.record) else 0.0,
+        rate_hz=run.clip.rate_hz,
+        frames_per_s=played / max(run.wall_s, 1e-9),
+        solve_us=percentiles(run.record.timing.reconstruct + run.record.timing.retarget, 1e6),
+        reconstruct_us=percentiles(run.record.timing.reconstruct, 1e6),
+        retarget_us=None if run.record.robot is None else percentiles(run.record.timing.retarget, 1e6),
+        tracking_mm=_spreads(names, asked, reached),
+        lag_s=tracking.lag(asked, reached, run.clip.dt),
+        hand_path_ratio=_hand_path_ratio(names, asked, reached),
+        pelvis_excursion_ratio=_pelvis_excursion_ratio(run),
+        unsensed_mm=_unsensed(run),
+        min_clearance_mm=clear.geoms,
+        penetrating_frames=clear.penetrating,
+        gated_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.gated)),
+        limit_violations=limits_broken(run),
+        priority_violation_max=_mm(top_level_error(run)),
+        com_outside_support_frames=stand.outside,
+        foot_slide_mm=_mm(stand.slide),
+        jerk_p95=jerk_p95(_joint_positions(run)[run.record.following], run.clip.dt),
+        fallen=None if run.physics is None else run.physics.fall is not None,
+        mode_switches_per_s=switches,
+        bus=bus_report(run),
+        stop=StopReport(run.state, run.reason),
+        sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
+        servo_tracking_mm=_servo_tracking(run),
+        servo_error_deg=_servo_error(run),
+        unled_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.unled)),
+        reachable_hands_mm=(hands := _hands(run, reached)).errors,
+        reachable_share=hands.shares,
+        com_margin_mm=_mm(stand.margin),
+        soles=stand.soles,
+        closest_links=clear.closest,
+        deep=DeepReport(clear.deep, clear.closest_obstacle, clear.closest_ground),
+        observers=observers,
+        physics=physics_report(run),
+        steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),
+        robot="human" if run.robot is None else run.robot.profile.name,
+        live=run.live,
+        source=run.live.address if run.live else run.clip.frames.source,
+        performer=run.performer.name,
+        priorities=tuple(priorities.name for priorities in run.priorities),
+        speed=run.clip.speed,
+        notes=run.notes,
+    )
+
+
+def _pelvis_excursion_ratio(run: RunResult) -> float | None:
+    heights = _pelvis_heights(run)
+    return None if heights is None else tracking.excursion_ratio(*heights)
+
+
+def _pelvis_heights(run: RunResult) -> tuple[FloatArray, FloatArray] | None:
+    """Heights (T,) m of the pelvis asked and reached: a robot's landmark, or of the recorded body and the human."""
+    sent, human, truth = run.record.robot, run.record.human, run.human_truth
+    reached = run.landmarks_reached
+    if sent is not None and reached is not None:
+        if "pelvis" not in sent.landmark_names:
+            return None
+        column = sent.landmark_names.index("pelvis")
+        return sent.landmarks_asked[:, column, 2], reached[:, column, 2]
+    if truth is None or "pelvis" not in human.joint_names:
+        return None
+    column = human.joint_names.index("pelvis")
+    return truth[:, column, 2], human.joints[:, column, 2]
+
+
+def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> float | None:
+    hands = [column for column, name in enumerate(names) if name in HANDS]
+    return tracking.path_ratio(asked[:, hands], reached[:, hands]) if hands else None
+
+
+@dataclass(frozen=True)
+class _Hands:
+    errors: dict[str, float] | None = None
+    shares: dict[str, float] | None = None
+
+
+def _hands(run: RunResult, reached: FloatArray) -> _Hands:
+    """Hands at the ticks at which they were asked within reach; nothing without a robot that has both."""
+    robot, sent, human = run.robot, run.record.robot, run.record.human
+    if robot is None or sent is None or not len(sent.q):
+        return _Hands()
+    pelvis = PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")]
+    asked = Performance(
+        dimensions=run.human.dimensions,
+        joint_names=human.joint_names,
+        joints=human.joints,
+        pelvis=pelvis,
+        landmark_names=sent.landmark_names,
+        landmarks=sent.landmarks_asked,
+        dt=run.clip.dt,
+    )
+    found = reachable_hands(robot, asked, reached)
+    if not found:
+        return _Hands()
+    errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
+    ticks = [found[name].share for name in errors]
+    both = (
+        {"mean": float(np.average(list(errors.values()), weights=ticks)), "worse": max(errors.values())}
+        if errors
+        else {}
+    )
+    return _Hands(errors | both or None, {name: hand.share for name, hand in found.items()})
+
+
+def _unsensed(run: RunResult) -> dict[str, float] | None:
+    """Mean error, mm, of each joint that no sensor sits on, and the mean of those; None where no truth is known."""
+    truth, human = run.human_truth, run.record.human
+    if truth is None:
+        return None
+    sensed = {sensor.joint for sensor in run.performer.sensors.values()}
+    errors = tracking.distances(truth, human.joints)
+    means = {}
+    for joint in UNSENSED:
+        if joint in human.joint_names and joint not in sensed:
+            known = errors[:, human.joint_names.index(joint)]
+            known = known[np.isfinite(known)]
+            if known.size:
+                means[joint] = MM * float(known.mean())
+    return means | {"mean": float(np.mean(list(means.values())))} if means else None
+
+
+def _joint_positions(run: RunResult) -> FloatArray:
+    """Positions (T, n) rad that were sent, servo order; of a human, all DoFs that are single hinges."""
+    if run.robot is not None and run.record.robot is not None:
+        return np.asarray(run.record.robot.q[:, run.robot.servo_columns])
+    single, address = run.human.body.scalar_joints()
+    return np.asarray(run.record.human.q[:, address[single]])
+
+
+def limits_broken(run: RunResult) -> LimitViolations:
+    """Of the goals that were sent; of a human alone, of its posture."""
+    if run.robot is not None and run.record.robot is not None:
+        limits, kept = run.robot.limits, run.record
+        sent = np.vstack([run.record.robot.start, run.record.robot.goals])
+        return limit_violations(sent, limits, run.clip.dt, from_rest=kept.from_start, to_rest=kept.to_end)
+    single, _ = run.human.body.scalar_joints()
+    whole = run.human_limits
+    limits = JointLimits(
+        whole.lower[single], whole.upper[single], whole.max_velocity[single], whole.max_acceleration[single]
+    )
+    return limit_violations(_joint_positions(run), limits, run.clip.motion_dt, from_rest=False)
+
+
+def _observers(run: RunResult) -> tuple[RunClearances, ModeSwitches | None, ObserversReport | None]:
+    """How near the last stage's body came to anything, and what its observers did in the ticks that followed."""
+    clear = clearances(run)
+    sent = run.record.robot
+    modes = run.record.human.observer_modes if sent is None else sent.observer_modes
+    dt = run.clip.motion_dt if sent is None else run.clip.dt
+    seen = observer_activity(modes[run.record.following], run.observer_names, dt)
+    if seen is None:
+        return clear, None, None
+    return clear, seen.switches, ObserversReport(clear.observers, seen.activations, seen.reactive)
+
+
+@dataclass(frozen=True)
+class _Standing:
+    outside: int | None = None
+    margin: float | None = None
+    slide: float | None = None
+    soles: Soles | None = None
+
+
+def _standing(run: RunResult) -> _Standing:
+    """Centre of mass and soles of the postures that were sent; nothing for a body without feet or without free root."""
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None or not robot.stands or not len(sent.q):
+        return _Standing()
+    soles = motion_metrics.soles_of(robot, sent.q)
+    corners = np.concatenate([motion_metrics.sole_corners(sole) for sole in soles], axis=1)
+    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
+    margin = motion_metrics.support_margin(com, corners)
+    known = margin[np.isfinite(margin)]
+    height = max(float(np.abs(sole.position[:, 2]).max()) for sole in soles)
+    tilt = max(float(motion_metrics.sole_tilt(sole).max()) for sole in soles)
+    return _Standing(
+        # Where nothing touches, nothing supports.
+        outside=int(np.count_nonzero(~(margin >= -motion_metrics.OUTSIDE_M))),
+        margin=float(known.min()) if known.size else None,
+        slide=max(motion_metrics.foot_slide(sole) for sole in soles),
+        soles=Soles(MM * height, float(np.rad2deg(tilt))),
+    )
+
+
+def _servo_tracking(run: RunResult) -> dict[str, Spread] | None:
+    """As `tracking_mm`, for where the servos stood."""
+    q, sent = run.present_q, run.record.robot
+    if q is None or sent is None or run.robot is None:
+        return None
+    reached = run.robot.points(q, run.robot.landmark_frames(sent.landmark_names))
+    return _spreads(sent.landmark_names, sent.landmarks_asked, reached)
+
+
+def _servo_error(run: RunResult) -> dict[str, Spread] | None:
+    """How far, degrees, each servo stood at the start of a tick from the goal of the tick before."""
+    sent, robot = run.record.robot, run.robot
+    if sent is None or robot is None or not run.has_bus:
+        return None
+    off = np.rad2deg(np.abs(sent.present[1:] - sent.q[:-1, robot.servo_columns]))
+    return _spread_of(robot.joint_map.joints, off)
+
+
+def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
+    """Mean, 95th percentile and largest distance, mm, of each track that is known at all."""
+    return _spread_of(names, MM * tracking.distances(asked, reached))
+
+
+def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:
+    """Spread of each column of errors (T, k) that is known at all."""
+    spreads = {}
+    for column, name in enumerate(names):
+        known = errors[np.isfinite(errors[:, column]), column]
+        if known.size:
+            spreads[name] = Spread(float(known.mean()), float(np.percentile(known, 95)), float(known.max()))
+    return spreads
+
+
+def _mm(metres: float | None) -> float | None:
+    return None if metres is None else MM * metres
+
+
+# The report of a run that somebody ended and now waits for: what costs much is measured on its last seconds only.
+
+LATEST_S = 10.0
+"""Of so long a run distances are measured within 0.4 s on a slow core."""
+
+
+def measure_latest(run: RunResult, seconds: float = LATEST_S) -> Report:
+    """As `measure`, of its last `seconds`; ticks, duration, limits and the bus are those of the whole run."""
+    latest = latest_of(run, seconds)
+    if latest is run:
+        return measure(run)
+    note = f"told of the last {seconds:g} s, but for ticks, limits and the end; --report measures the whole run"
+    report = measure(latest)
+    return replace(
+        report,
+        frames=min(run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
+        ticks=len(run.record),
+        limit_violations=limits_broken(run),
+        bus=bus_report(run),
+        notes=(*report.notes, note),
+    )
+
+
+def latest_of(run: RunResult, seconds: float) -> RunResult:
+    """The last `seconds` of a run; itself where it is no longer, and where it was simulated, as a whole."""
+    record, clip = run.record, run.clip
+    first = len(record) - round(seconds / clip.dt)
+    if first <= 0 or run.physics is not None:
+        return run
+    following = record.following
+    begun = max(first - following.start, 0)
+    kept = record.rows(first, len(record))
+    if record.robot is not None and kept.robot is not None:
+        kept = replace(kept, robot=replace(kept.robot, start=record.robot.goals[first - 1].copy()))
+    return replace(run, record=replace(kept, from_start=False), clip=_from(clip, begun, run.ticks_followed))
+
+
+def _from(clip: Clip, first: int, end: int) -> Clip:
+    """The ticks of a clip from `first` to before `end`; at least one."""
+    frames, rows = clip.frames, clip.rows(max(end, first + 1))[first:]
+    joints = frames.joints
+    shown = replace(
+        frames,
+        time=np.arange(len(rows)) / clip.rate_hz,
+        position=frames.position[rows],
+        orientation=frames.orientation[rows],
+        valid=frames.valid[rows],
+        joints=None if joints is None else JointTracks(joints.names, joints.position[rows]),
+    )
+    return Clip(shown, len(rows), clip.rate_hz, clip.speed, len(rows))

@@ -1,0 +1,285 @@
+"""Limits kept, standing, calm of observers, and simulated mechanics: the numbers of a motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget import rotations
+from retarget.model.body import JointLimits
+from retarget.model.robot import RobotBody
+from retarget.run.run_result import RunResult
+from retarget.types import BoolArray, FloatArray
+
+__all__ = [
+    "FREE",
+    "HEAT_MODEL",
+    "OUTSIDE_M",
+    "PREVENTIVE",
+    "REACTIVE",
+    "TOLERANCE",
+    "LimitViolations",
+    "ModeSwitches",
+    "ObserverActivity",
+    "PhysicsReport",
+    "Sole",
+    "TorqueSpread",
+    "foot_slide",
+    "jerk_p95",
+    "limit_violations",
+    "nearest",
+    "observer_activity",
+    "physics_report",
+    "sole_corners",
+    "sole_tilt",
+    "soles_of",
+    "support_margin",
+]
+
+
+TOLERANCE = 1e-8
+"""A position may miss a limit by this, rad or m, before it counts; a displacement of one tick by this too, and the
+change of a displacement by twice this. It is the round-off of two programs that agree."""
+
+
+@dataclass(frozen=True)
+class LimitViolations:
+    """How many values, of all joints and ticks, were beyond a limit."""
+
+    position: int
+    velocity: int
+    acceleration: int
+
+
+def limit_violations(
+    positions: FloatArray, limits: JointLimits, dt: float, *, from_rest: bool = True, to_rest: bool = False
+) -> LimitViolations:
+    """Count violations in joint positions (T, n), `dt` s apart; limits (n,). The first row is where the motion starts.
+
+    from_rest: it starts there at rest; otherwise the first displacement is taken as it comes, without acceleration.
+    to_rest: it stands still after the last row, so a motion that is cut shows as a change of speed. A joint that starts
+    beyond a position limit counts only from where it has come inside.
+    """
+    step = np.diff(positions, axis=0)  # (T-1, n) [rad or m]
+    before = np.zeros_like(step[:1]) if from_rest else step[:1]
+    after = np.zeros_like(step[:1] if to_rest else step[:0])
+    change = np.diff(np.vstack([before, step, after]), axis=0)
+    outside = (positions < limits.lower - TOLERANCE) | (positions > limits.upper + TOLERANCE)
+    came_in = np.logical_or.accumulate(~outside, axis=0)
+    return LimitViolations(
+        position=int(np.count_nonzero(outside & came_in)),
+        velocity=int(np.count_nonzero(np.abs(step) > limits.max_velocity * dt + TOLERANCE)),
+        acceleration=int(np.count_nonzero(np.abs(change) > limits.max_acceleration * dt**2 + 2.0 * TOLERANCE)),
+    )
+
+
+def jerk_p95(positions: FloatArray, dt: float) -> float | None:
+    """95th percentile of the size of the jerk of joint positions (T, n), rad/s^3; None for fewer than four ticks."""
+    if len(positions) < 4 or positions.shape[1] == 0:
+        return None
+    return float(np.percentile(np.abs(np.diff(positions, n=3, axis=0)), 95) / dt**3)
+
+
+# Whether a robot would stand, from the postures sent alone: centre of mass, support polygon, soles on the ground.
+#
+# The ground is z = 0. A corner of a sole supports when it is at most `CONTACT_M` above the ground.
+
+CONTACT_M = 0.005
+"""Higher than this, m, a corner of a sole carries nothing."""
+OUTSIDE_M = 1e-4
+"""How far the centre of mass may be beyond the support polygon, m, before it counts."""
+_DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Sole:
+    """One sole over time. position (T, 3) m, orientation (T, 4) wxyz of its frame, world; polygon (c, 2) m in it."""
+
+    position: FloatArray
+    orientation: FloatArray
+    polygon: FloatArray
+
+
+def soles_of(robot: RobotBody, q: FloatArray) -> list[Sole]:
+    """The soles of a robot in postures (T, nq)."""
+    feet = list(robot.profile.feet.values())
+    frames = tuple(foot.frame for foot in feet)
+    position, orientation = robot.points(q, frames), robot.orientations(q, frames)
+    return [
+        Sole(position[:, column], orientation[:, column], np.array(foot.polygon)) for column, foot in enumerate(feet)
+    ]
+
+
+def sole_corners(sole: Sole) -> FloatArray:
+    """Corners (T, c, 3) m of a sole, world."""
+    local = np.column_stack([sole.polygon, np.zeros(len(sole.polygon))])
+    return np.asarray(sole.position[:, None] + rotations.rotate(sole.orientation[:, None], local))
+
+
+def sole_tilt(sole: Sole) -> FloatArray:
+    """Angle (T,) rad between a sole and the ground."""
+    upward = rotations.rotate(sole.orientation, np.array([0.0, 0.0, 1.0]))
+    return np.asarray(np.arccos(np.clip(upward[:, 2], -1.0, 1.0)))
+
+
+def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArray:
+    """How far (T,) m the centre of mass (T, 3) is inside the hull of the corners (T, c, 3) that touch the ground.
+
+    Negative: outside by that much. NaN where nothing touches. The smallest distance, over directions 2 degrees apart,
+    to the farthest corner of each direction: exact to 0.02 % of the polygon's size.
+    """
+    touching = corners[..., 2] <= CONTACT_M  # (T, c)
+    directions = np.stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
+    farthest = np.full((len(corners), _DIRECTIONS.size), -np.inf)
+    for corner in range(corners.shape[1]):
+        offset = corners[:, corner, :2] - centre_of_mass[:, :2]
+        offset[~touching[:, corner]] = np.nan
+        np.fmax(farthest, offset @ directions, out=farthest)
+    margin = farthest.min(axis=1)
+    return np.asarray(np.where(touching.any(axis=1), margin, np.nan))
+
+
+def foot_slide(sole: Sole) -> float:
+    """How far (m) a sole's centre got, at most, from where it touched the ground, while it touched."""
+    down: BoolArray = np.asarray(sole_corners(sole)[..., 2].min(axis=1) <= CONTACT_M)
+    slide = 0.0
+    for first, last in _spans(down):
+        place = sole.position[first:last, :2]
+        slide = max(slide, float(np.linalg.norm(place - place[0], axis=1).max()))
+    return slide
+
+
+def _spans(flags: BoolArray) -> list[tuple[int, int]]:
+    """(first, one past the last) of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+# How calm and how busy collision observers were, from their modes at every tick.
+
+FREE, PREVENTIVE, REACTIVE = 0, 1, 2
+"""Modes: nothing near; the approach of the part is damped; the part is pushed out."""
+
+
+@dataclass(frozen=True)
+class ModeSwitches:
+    """Changes of mode per second: mean over the observers, and of the worst one, by name; None: none changed."""
+
+    mean: float
+    worst: float
+    name: str | None
+
+
+@dataclass(frozen=True)
+class ObserverActivity:
+    """switches: from any mode to any other. activations: how often an observer became active, all together.
+
+    active, reactive: share of the ticks in which any observer was.
+    """
+
+    switches: ModeSwitches
+    activations: int
+    active: float
+    reactive: float
+
+
+def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> ObserverActivity | None:
+    """From the modes (T, n) of observers, `dt` s apart; None without ticks or observers."""
+    ticks, count = modes.shape
+    if count != len(names):
+        raise ValueError(f"{len(names)} names for {count} observers")
+    if not ticks or not count:
+        return None
+    changed = modes[1:] != modes[:-1]
+    per_second = changed.sum(axis=0) / (max(ticks - 1, 1) * dt)  # (n,) [1/s]
+    worst = int(np.argmax(per_second))
+    name = names[worst] if per_second[worst] > 0.0 else None
+    begun = np.vstack([modes[:1] != FREE, (modes[1:] != FREE) & (modes[:-1] == FREE)])
+    return ObserverActivity(
+        switches=ModeSwitches(float(per_second.mean()), float(per_second[worst]), name),
+        activations=int(np.count_nonzero(begun)),
+        active=float((modes != FREE).any(axis=1).mean()),
+        reactive=float((modes == REACTIVE).any(axis=1).mean()),
+    )
+
+
+def nearest(distances: FloatArray) -> float | None:
+    """The smallest of recorded observer distances, m, of any shape; NaN and inf: not known. None: none is known."""
+    known = distances[np.isfinite(distances)]
+    return float(known.min()) if known.size else None
+
+
+# What the report says of the simulated mechanics of a run.
+
+HEAT_MODEL = "stated, calibrated on no hardware"
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class TorqueSpread:
+    """Size of a servo's torque over a run, N m."""
+
+    p95: float
+    max: float
+
+
+@dataclass(frozen=True)
+class PhysicsReport:
+    """A run of a robot with mass.
+
+    fallen_at_s: on the run's time; how: in words. toppled: what a parked robot did without torque, if it did not stay
+    sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried.
+    foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole that carried.
+    torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.
+    realtime_factor: time of the clip by the wall time that it took; null: nothing was followed.
+    """
+
+    mount: str
+    seed: int
+    trouble: tuple[str, ...]
+    fallen: bool
+    fallen_at_s: float | None
+    how: str | None
+    toppled: str | None
+    min_zmp_margin_mm: float | None
+    foot_slip_mm: dict[str, float]
+    sole_tilt_max_deg: float
+    torque_nm: dict[str, TorqueSpread]
+    temperature_c: dict[str, float]
+    heat_model: str
+    self_contacts: int
+    fixture_contacts: int
+    realtime_factor: float | None
+
+
+def physics_report(run: RunResult) -> PhysicsReport | None:
+    """Of a run; None where nothing has mass."""
+    physics, robot = run.physics, run.robot
+    if physics is None or robot is None:
+        return None
+    fall, margin = physics.fall, physics.least_margin
+    slip = dict(zip(robot.profile.feet, (MM * physics.slip).tolist(), strict=True))
+    size = np.abs(physics.torque)
+    if len(size):
+        spreads = zip(np.percentile(size, 95, axis=0).tolist(), size.max(axis=0).tolist(), strict=True)
+        torque = {joint: TorqueSpread(*spread) for joint, spread in zip(robot.joint_map.joints, spreads, strict=True)}
+    else:
+        torque = {}
+    return PhysicsReport(
+        mount=physics.mount,
+        seed=physics.seed,
+        trouble=physics.trouble,
+        fallen=fall is not None,
+        fallen_at_s=None if fall is None else fall.time,
+        how=None if fall is None else fall.how,
+        toppled=None if physics.toppled is None else physics.toppled.how,
+        min_zmp_margin_mm=None if margin is None else MM * margin,
+        foot_slip_mm=slip | {"total": MM * float(physics.slip.sum())},
+        sole_tilt_max_deg=float(np.degrees(physics.tilt)),
+        torque_nm=torque,
+        temperature_c=dict(zip(robot.joint_map.joints, physics.hottest.tolist(), strict=True)),
+        heat_model=HEAT_MODEL,
+        self_contacts=physics.self_contacts,
+        fixture_contacts=physics.fixture_contacts,
+        realtime_factor=run.ticks_followed * run.clip.dt / max(run.wall_s, 1e-9) or None,
+    )

@@ -1,0 +1,150 @@
+"""The files that a command was asked to write: checked before anything moves, written when all is done."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from retarget.errors import RefusedError
+from retarget.recording.npz import save_path, write_npz
+from retarget.report.report import Report, page_path, report_path, write_report
+from retarget.run.run_result import RunResult
+from retarget.schema.files import check_folder, make_folder, refuse_existing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    Figures = dict[str, Figure]
+
+__all__ = ["PICTURE_NAMES", "Outputs", "Written"]
+
+PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
+"""Of the files in `--plots DIR`, told without importing what draws them."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where report, its page, recording and pictures of a run go; None: nowhere. While it goes on record is written,
+    and the page at port view shows it. overwrite: replace what is there."""
+
+    report: Path | None = None
+    page: Path | None = None
+    save: Path | None = None
+    plots: Path | None = None
+    record: Path | None = None
+    view: int | None = None
+    overwrite: bool = False
+
+    @property
+    def measured(self) -> bool:
+        """Whether a file is asked for that is written of the whole run."""
+        return not (self.report is None and self.page is None and self.save is None and self.plots is None)
+
+    @classmethod
+    def checked(
+        cls,
+        *,
+        report: Path | None,
+        save: Path | None,
+        plots: Path | None,
+        record: Path | None = None,
+        overwrite: bool = False,
+    ) -> "Outputs":
+        """Raise UsageError for the first place at which nothing can be written, or where something is already."""
+        places = cls(
+            report=None if report is None else report_path(report),
+            page=None if report is None else page_path(report),
+            save=None if save is None else save_path(save),
+            plots=plots,
+            record=record,
+            overwrite=overwrite,
+        )
+        if plots is not None:
+            check_folder(plots, option="--plots")
+        if not overwrite:
+            places.refuse_existing()
+        return places
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> "Outputs":
+        """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
+        check_folder(folder, option="folder")
+        return cls(report=folder / "report.json", page=folder / "report.html", save=folder / "run.npz", plots=folder)
+
+    def refuse_existing(self, option: str = "") -> None:
+        """Raise UsageError for the first file that is there already. option: by which all of them were asked for."""
+        places = [("--report", self.report), ("--report", self.page), ("--save", self.save)]
+        if self.plots is not None:
+            places += [("--plots", self.plots / f"{name}.png") for name in PICTURE_NAMES]
+        for own, path in places:
+            if path is not None:
+                refuse_existing(path, option=option or own)
+
+    def write(self, run: RunResult, report: Report) -> "Written":
+        """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
+        figures = cache(lambda: _figures(run))  # page and pictures show the same
+        tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
+            ("report", self.report, lambda path: write_report(report, path)),
+            ("run", self.save, lambda path: write_npz(run, path)),
+            ("page", self.page, lambda path: _write_page(run, report, path, figures())),
+            ("picture", self.plots, lambda path: _write_plots(run, path, figures())),
+        ]
+        lines: list[str] = []
+        problems: list[str] = []
+        reports = None if self.page is None else self.page.parent
+        with _folder(reports, "--report", problems), _folder(self.plots, "--plots", problems):
+            for what, path, write in tries:
+                if path is None:
+                    continue
+                try:
+                    made = write(path)
+                except (RefusedError, OSError) as error:
+                    problems.append(f"{what} not written: {error}")
+                else:
+                    lines += [f"{what}: {file}" for file in (made if isinstance(made, list) else [path])]
+        return Written(tuple(lines), tuple(problems))
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of the files of a run. lines: where each one is; problems: why others are not there."""
+
+    lines: tuple[str, ...]
+    problems: tuple[str, ...]
+
+
+def _figures(run: RunResult) -> "Figures":
+    from retarget.report.plots import figures_of
+
+    return figures_of(run)
+
+
+def _write_plots(run: RunResult, folder: Path, figures: "Figures") -> list[Path]:
+    from retarget.report.plots import write_plots
+
+    return write_plots(run, folder, figures=figures)
+
+
+def _write_page(run: RunResult, report: Report, path: Path, figures: "Figures") -> None:
+    from retarget.report.page import write_page
+
+    write_page(run, report, path, figures=figures)
+
+
+@contextmanager
+def _folder(path: Path | None, option: str, problems: list[str]) -> Iterator[None]:
+    """Make a folder if need be; in the end what was made of it goes again if it is empty."""
+    if path is None:
+        yield
+        return
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        make_folder(path, option=option)
+    except RefusedError as error:
+        problems.append(str(error))
+    yield
+    with suppress(OSError):
+        for folder in new:
+            folder.rmdir()

@@ -1,0 +1,364 @@
+"""`--plots DIR`: pictures of a run, for a person who wants to see what happened. Matplotlib is imported only here."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from retarget.errors import UsageError
+from retarget.ik.support_polygon import convex_hull, plant
+from retarget.model.robot import RobotBody
+from retarget.report import motion_metrics
+from retarget.report.plot_style import (
+    ASKED,
+    LIMIT,
+    MIDDLE,
+    REACHED,
+    SERVOS,
+    WARNING,
+    new_figure,
+    plain,
+    save_figure,
+    side_colour,
+    thinned,
+)
+from retarget.report.pose_pictures import plot_poses
+from retarget.run.run_result import PhysicsRun, RunResult
+from retarget.schema.files import make_folder
+from retarget.types import FloatArray
+
+__all__ = ["PICTURES", "figures_of", "plot_balance", "plot_pressure", "plot_tracking", "write_plots"]
+
+
+# Every joint angle over time, and its limits.
+
+_COLUMNS = 4
+
+
+def plot_angles(run: RunResult) -> Figure | None:
+    """A panel for each joint: the angle that was sent, in degrees, between its limits."""
+    names, angles, lower, upper = (_of_robot if run.robot is not None else _of_human)(run)
+    if not names or len(run.record) < 2:
+        return None
+    lines = math.ceil(len(names) / _COLUMNS)
+    what = "human" if run.robot is None else run.robot.profile.name
+    title = f"{what}: joint angles [deg]; shaded: beyond the limit"
+    figure = new_figure(12.0, 1.35 * lines + 0.9, title)
+    grid = figure.subplots(lines, _COLUMNS, sharex=True, squeeze=False)
+    rows = thinned(len(run.record))
+    for index, axes in enumerate(grid.ravel()):
+        if index >= len(names):
+            axes.set_visible(False)
+            continue
+        axes.plot(run.record.time[rows], angles[rows, index], color=side_colour(names[index]), linewidth=1.0)
+        low, high = _window(angles[:, index], lower[index], upper[index])
+        axes.axhspan(low - 999.0, lower[index], color=LIMIT, alpha=0.25, linewidth=0)
+        axes.axhspan(upper[index], high + 999.0, color=LIMIT, alpha=0.25, linewidth=0)
+        axes.set_ylim(low, high)
+        axes.set_title(names[index].replace("_", " "), fontsize=9, loc="left", pad=3)
+        plain(axes)
+    for column in range(_COLUMNS):
+        last = max((line for line in range(lines) if line * _COLUMNS + column < len(names)), default=0)
+        grid[last, column].set_xlabel("time [s]", fontsize=9)
+        grid[last, column].tick_params(labelbottom=True)
+    return figure
+
+
+def _window(angle: FloatArray, lower: float, upper: float) -> tuple[float, float]:
+    """Range to show: both limits, and the curve where it is beyond them."""
+    low, high = min(float(np.nanmin(angle)), lower), max(float(np.nanmax(angle)), upper)
+    room = 0.06 * (high - low)
+    return low - room, high + room
+
+
+def _of_robot(run: RunResult) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
+    """Names, angles (T, n), lower and upper limits (n,), degrees, left and right side by side."""
+    robot, sent = run.robot, run.record.robot
+    assert robot is not None and sent is not None
+    joints = robot.joint_map.joints
+    order = sorted(range(len(joints)), key=lambda index: _family(joints[index]))
+    angles = np.rad2deg(sent.q[:, robot.servo_columns])[:, order]
+    lower, upper = np.rad2deg(robot.joint_map.lower)[order], np.rad2deg(robot.joint_map.upper)[order]
+    return tuple(joints[index] for index in order), angles, lower, upper
+
+
+def _of_human(run: RunResult) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
+    """As of a robot, for the hinges of the human that are free to move."""
+    body = run.human.body
+    single, address = body.scalar_joints()
+    shown = np.flatnonzero(single & ~run.human.locked)
+    names = tuple(body.dof_names[dof] for dof in shown)
+    order = sorted(range(len(names)), key=lambda index: _family(names[index]))
+    dofs = shown[order]
+    angles = np.rad2deg(run.record.human.q[:, address[dofs]])
+    return tuple(names[index] for index in order), angles, np.rad2deg(body.lower[dofs]), np.rad2deg(body.upper[dofs])
+
+
+def _family(joint: str) -> tuple[bool, str, bool]:
+    """Paired joints first, by what they are, left before right."""
+    paired = joint[:2] in ("l_", "r_")
+    return (not paired, joint[2:] if paired else joint, joint.startswith("r_"))
+
+
+# The centre of mass over the support polygon: from above, and how far inside it stayed over time.
+
+MM = 1e3
+
+
+def plot_balance(run: RunResult) -> Figure | None:
+    """Path of the centre of mass over the soles, and its distance from the edge of the support polygon.
+
+    None for a body that does not stand on its own feet.
+    """
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None or len(run.record) < 2 or not robot.stands:
+        return None
+    soles = motion_metrics.soles_of(robot, sent.q)
+    corners = np.concatenate([motion_metrics.sole_corners(sole) for sole in soles], axis=1)
+    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
+    margin = motion_metrics.support_margin(com, corners)
+    figure = new_figure(11.0, 4.6, f"{robot.profile.name}: centre of mass over the support polygon")
+    above, time = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+    _from_above(above, com, corners, margin, len(robot.profile.feet))
+    _over_time(time, run.record.time, margin)
+    return figure
+
+
+def _from_above(axes: Axes, com: FloatArray, corners: FloatArray, margin: FloatArray, feet: int) -> None:
+    """Soles where they were first, their hull, and the path of the centre of mass; forward is up, left is left."""
+    first = MM * corners[0]
+    for foot in np.split(first, feet):
+        axes.fill(-foot[:, 1], foot[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
+    hull = convex_hull(first[:, :2])
+    closed = np.vstack([hull, hull[:1]])
+    axes.plot(-closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label="support polygon")
+    rows = thinned(len(com))
+    axes.plot(-MM * com[rows, 1], MM * com[rows, 0], color=REACHED, linewidth=0.9, label="centre of mass")
+    outside = margin < -motion_metrics.OUTSIDE_M
+    if outside.any():
+        axes.plot(-MM * com[outside, 1], MM * com[outside, 0], ".", color=WARNING, markersize=4, label="outside")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("left  -  right [mm]", fontsize=9)
+    axes.set_ylabel("forward [mm]", fontsize=9)
+    axes.set_title("from above", fontsize=10, loc="left")
+    plain(axes)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=9)
+
+
+def _over_time(axes: Axes, time: FloatArray, margin: FloatArray) -> None:
+    """Distance from the edge, mm; below 0 it would fall."""
+    rows = thinned(len(time))
+    axes.plot(time[rows], MM * margin[rows], color=REACHED, linewidth=1.0)
+    axes.axhline(0.0, color=WARNING, linewidth=1.2)
+    known = MM * margin[np.isfinite(margin)]
+    low = min(0.0, float(known.min())) if known.size else 0.0
+    high = float(known.max()) if known.size else 1.0
+    axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    axes.annotate("edge", (time[0], 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
+    axes.set_xlabel("time [s]", fontsize=9)
+    axes.set_ylabel("distance inside the edge [mm]", fontsize=9)
+    nearest = f"never nearer to the edge than {known.min():.1f} mm" if known.size else "in the air"
+    axes.set_title(nearest, fontsize=10, loc="left")
+    plain(axes)
+
+
+# The centre of pressure of a simulated robot: from above, and how far inside the soles that carried it was.
+
+
+def plot_pressure(run: RunResult) -> Figure | None:
+    """Path of the centre of pressure and of the centre of mass over the soles, and the distance of the former from the
+    edge of the soles that carried. None without physics, or where no sole carried."""
+    robot, physics = run.robot, run.physics
+    if robot is None or physics is None or physics.least_margin is None or not robot.stands:
+        return None
+    figure = new_figure(11.0, 4.6, f"{robot.profile.name} in physics: centre of pressure under the soles")
+    above, time = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+    _pressure_from_above(above, robot, physics)
+    _pressure_over_time(time, physics)
+    return figure
+
+
+def _pressure_from_above(axes: Axes, robot: RobotBody, physics: PhysicsRun) -> None:
+    """Soles where they began, their hull, and both paths until a fall; forward is up, left is left."""
+    outlines = [MM * sole.outline for sole in plant(robot, robot.profile.postures.stand).soles]
+    for outline in outlines:
+        axes.fill(-outline[:, 1], outline[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
+    hull = convex_hull(np.concatenate(outlines))
+    closed = np.vstack([hull, hull[:1]])
+    axes.plot(-closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label="both soles")
+    stands = physics.time <= (np.inf if physics.fall is None else physics.fall.time)
+    rows = thinned(int(np.count_nonzero(stands)))
+    pressure, com = MM * physics.pressure[rows], MM * physics.com[rows]
+    axes.plot(-pressure[:, 1], pressure[:, 0], color=REACHED, linewidth=0.7, label="pressure")
+    axes.plot(-com[:, 1], com[:, 0], color="black", linewidth=0.9, label="centre of mass")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("left  -  right [mm]", fontsize=9)
+    axes.set_ylabel("forward [mm]", fontsize=9)
+    axes.set_title("from above", fontsize=10, loc="left")
+    plain(axes)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=9)
+
+
+def _pressure_over_time(axes: Axes, physics: PhysicsRun) -> None:
+    """Distance from the edge, mm; at 0 the soles begin to tip. A gap: no sole carried, or a hand held the robot."""
+    rows = thinned(len(physics.time))
+    axes.plot(physics.time[rows], MM * physics.margin[rows], color=REACHED, linewidth=0.8)
+    axes.axhline(0.0, color=WARNING, linewidth=1.2)
+    axes.annotate("edge", (physics.time[0], 0.0), xytext=(2, 3), textcoords="offset points", fontsize=8, color=WARNING)
+    fall = physics.fall
+    if fall is not None:
+        axes.axvline(fall.time, color=WARNING, linewidth=1.0, linestyle="--")
+        where = (fall.time, axes.get_ylim()[1])
+        axes.annotate("fallen ", where, ha="right", va="top", fontsize=8, color=WARNING)
+    axes.set_xlabel("time [s]", fontsize=9)
+    axes.set_ylabel("distance inside the edge [mm]", fontsize=9)
+    axes.set_title(
+        f"never nearer to the edge than {MM * (physics.least_margin or 0.0):z.1f} mm", fontsize=10, loc="left"
+    )
+    plain(axes)
+
+
+# Where landmarks (of a human: sensors) were asked to be, were sent and were reached by the servos, over time.
+
+_SHOWN = ("l_hand", "l_wrist", "r_hand", "r_wrist", "head", "pelvis", "l_ankle", "r_ankle")
+"""What is shown, in this order, where it was asked at all."""
+_LEAST_M = 0.05
+_SEEN_MM = 0.1
+"""Where every error is smaller than this, no panel shows it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Track:
+    """Positions (T, k, 3) m of what is shown, and how they are drawn."""
+
+    label: str
+    colour: str
+    width: float
+    positions: FloatArray
+
+
+def plot_tracking(run: RunResult) -> Figure | None:
+    """One column for each of the most telling landmarks: x, y, z, and the distance from where it was asked."""
+    names, asked, reached = run.followed
+    known = np.flatnonzero(np.count_nonzero(np.isfinite(asked[..., 0]), axis=0)).tolist()
+    shown = [name for name in _SHOWN if name in names and names.index(name) in known]
+    if not shown or len(run.record) < 2:
+        return None
+    columns = [names.index(name) for name in shown]
+    tracks = _tracks(run, names, reached, columns)
+    asked = asked[:, columns]
+    errors = [1e3 * np.linalg.norm(track.positions - asked, axis=-1) for track in tracks]
+    most = max(float(np.nanmax(error)) for error in errors)
+    lines = 4 if most >= _SEEN_MM else 3
+    figure = new_figure(3.1 * len(shown) + 0.6, 1.9 * lines + 0.5, _title(run, tracks, most))
+    grid = figure.subplots(lines, len(shown), sharex=True, squeeze=False)
+    time, rows = run.record.time, thinned(len(run.record))
+    for column, name in enumerate(shown):
+        for axis in range(3):
+            axes = grid[axis, column]
+            axes.plot(time[rows], asked[rows, column, axis], color=ASKED, linewidth=2.2, alpha=0.6, label="asked")
+            for track in tracks:
+                line = track.positions[rows, column, axis]
+                axes.plot(time[rows], line, color=track.colour, linewidth=track.width, label=track.label)
+            _widen(axes)
+            plain(axes)
+        if lines > 3:
+            _show_errors(grid[3, column], time, tracks, [error[:, column] for error in errors])
+        grid[-1, column].set_xlabel("time [s]", fontsize=9)
+        grid[0, column].set_title(name.replace("_", " "), fontsize=11)
+    for axes, label in zip(grid[:, 0], _labels(run), strict=False):
+        axes.set_ylabel(label, fontsize=9)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False, fontsize=9)
+    return figure
+
+
+def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns: list[int]) -> list[_Track]:
+    """Of a robot what was sent and, with servos that answer, where they stood; of a human what was reached."""
+    if run.robot is None:
+        return [_Track("reached", REACHED, 1.0, reached[:, columns])]
+    tracks = [_Track("sent", REACHED, 1.8, reached[:, columns])]
+    stood = run.present_q
+    if stood is not None:
+        frames = run.robot.landmark_frames(tuple(names[column] for column in columns))
+        tracks.append(_Track("servos", SERVOS, 0.8, run.robot.points(stood, frames)))
+    return tracks
+
+
+def _title(run: RunResult, tracks: list[_Track], most: float) -> str:
+    if run.robot is None:
+        return "human: sensors asked and reached" + ("" if most >= _SEEN_MM else f", less than {_SEEN_MM:g} mm apart")
+    servos = ", and where the servos stood" if len(tracks) > 1 else ""
+    return f"{run.robot.profile.name}: asked and sent{servos}, lag included"
+
+
+def _labels(run: RunResult) -> tuple[str, ...]:
+    """A robot faces x; a recorded performer faces anywhere."""
+    x, y = ("x", "y") if run.robot is None else ("x, forward", "y, left")
+    return f"{x} [m]", f"{y} [m]", "z, up [m]", "error [mm]"
+
+
+def _show_errors(axes: Axes, time: FloatArray, tracks: list[_Track], errors: list[FloatArray]) -> None:
+    """Distances (T,) mm of one landmark from where it was asked, and above them their mean and largest."""
+    rows = thinned(len(time))
+    for line, (track, error) in enumerate(zip(tracks, errors, strict=True)):
+        axes.plot(time[rows], error[rows], color=track.colour, linewidth=track.width)
+        known = error[np.isfinite(error)]
+        said = f"{track.label}: mean {known.mean():.1f} mm, most {known.max():.1f} mm" if known.size else ""
+        axes.annotate(
+            said,
+            (0.0, 1.0),
+            xytext=(0, 4 + 11 * (len(tracks) - 1 - line)),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            fontsize=8.5,
+            color=track.colour,
+        )
+    axes.set_ylim(0.0, max(axes.get_ylim()[1], 1.0))
+    plain(axes)
+
+
+def _widen(axes: Axes) -> None:
+    """Show at least `_LEAST_M`, so that standing still looks like it."""
+    low, high = axes.get_ylim()
+    room = max(_LEAST_M - (high - low), 0.0) / 2.0
+    axes.set_ylim(low - room, high + room)
+
+
+PICTURES = {
+    "tracking": plot_tracking,
+    "angles": plot_angles,
+    "balance": plot_balance,
+    "pressure": plot_pressure,
+    "poses": plot_poses,
+}
+"""File name without suffix -> what draws it; None instead of a figure: there is nothing to show."""
+
+
+def figures_of(run: RunResult) -> dict[str, Figure]:
+    """Every picture that has something to show, by its name."""
+    with matplotlib.rc_context({"text.parse_math": False}):  # a name with dollar signs is a name, not a formula
+        drawn = {name: draw(run) for name, draw in PICTURES.items()}
+    return {name: figure for name, figure in drawn.items() if figure is not None}
+
+
+def write_plots(run: RunResult, folder: Path, *, figures: Mapping[str, Figure] | None = None) -> list[Path]:
+    """Write every picture that has something to show, as PNG files in `folder`, made if need be.
+
+    figures: those of `figures_of`, where they are drawn already. Raises UsageError if they cannot be written.
+    """
+    written = []
+    make_folder(folder, option="--plots")
+    try:
+        for name, figure in (figures_of(run) if figures is None else figures).items():
+            path = folder / f"{name}.png"
+            save_figure(figure, path)
+            written.append(path)
+    except OSError as error:
+        raise UsageError("cannot write pictures", where="--plots", found=f"{folder}: {error.strerror}") from error
+    return written

@@ -1,0 +1,258 @@
+"""The report of a run: its keys are a contract for everyone who reads it. What is not known is null, never invented."""
+
+import json
+import math
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from retarget.errors import UsageError
+from retarget.live.stream_report import LiveReport
+from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
+from retarget.schema.files import check_folder, check_path, check_place, write_atomic
+
+__all__ = [
+    "BusReport",
+    "Clearances",
+    "DeepReport",
+    "ObserversReport",
+    "Percentiles",
+    "Report",
+    "Soles",
+    "Spread",
+    "StepsReport",
+    "StopReport",
+    "page_path",
+    "report_path",
+    "write_report",
+]
+
+DIGITS = 6
+"""Significant digits of every number."""
+FILE_NAME, PAGE_NAME = "report.json", "report.html"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Errors over a run, in the unit that the key names."""
+
+    mean: float
+    p95: float
+    max: float
+
+
+@dataclass(frozen=True)
+class Percentiles:
+    """Costs over the ticks of a run."""
+
+    p50: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class Clearances:
+    """Smallest distances, mm, negative inside. self: between links of the robot. scene: to fixtures. ground: of links
+    without a sole to what the robot stands on."""
+
+    self: float | None
+    scene: float | None
+    ground: float | None
+
+
+@dataclass(frozen=True)
+class ServoExtreme:
+    """The servo of this joint had the most, or the least, of all ticks."""
+
+    joint: str
+    value: float
+
+
+@dataclass(frozen=True)
+class BusReport:
+    """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
+
+    faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock;
+    missed_ticks: deadlines that passed without one.
+    retries: requests that had to be repeated. hottest degrees Celsius, lowest_voltage V, null where no servo told.
+    """
+
+    rate_hz: float | None
+    cycle_ms: Percentiles
+    faults: int
+    longest_period_ms: float | None
+    missed_ticks: int | None
+    retries: int
+    hottest: ServoExtreme | None
+    lowest_voltage: ServoExtreme | None
+
+
+@dataclass(frozen=True)
+class StopReport:
+    """How the run ended. state: the guard's, null where there is none; reason: why it ended early, else null."""
+
+    state: str | None
+    reason: str | None
+
+
+@dataclass(frozen=True)
+class DeepReport:
+    """frames: ticks of `penetrating_frames` that go deeper than 1 mm. obstacle: the link and the obstacle of the scene
+    clearance; ground: those of the ground clearance."""
+
+    frames: int | None
+    obstacle: tuple[str, str] | None
+    ground: tuple[str, str] | None
+
+
+@dataclass(frozen=True)
+class ObserversReport:
+    """clearance_mm: smallest distances of the observers' own shapes. activations: how often one became active.
+
+    reactive_share: of the ticks that followed, those in which one was in contact.
+    """
+
+    clearance_mm: Clearances
+    activations: int
+    reactive_share: float
+
+
+@dataclass(frozen=True)
+class Soles:
+    """Worst of all soles over the run. height_mm: distance from the ground; tilt_deg: from being flat."""
+
+    height_mm: float
+    tilt_deg: float
+
+
+@dataclass(frozen=True)
+class StepsReport:
+    """asked: times that the performer stood on one foot; made: times that the robot did; declined: all others, in which
+    it stayed planted."""
+
+    asked: int
+    made: int
+    declined: int
+
+
+@dataclass(frozen=True)
+class Report:
+    """One run. Keys up to `stop` are stable; those after it say more and may grow.
+
+    frames: of the source. ticks: of the bus. frames_per_s: source frames per second of wall time in the loop. solve_us,
+    reconstruct_us, retarget_us: thread CPU per tick. tracking_mm: of a robot, landmark sent against landmark asked at
+    the same tick, lag included; of a human, joint against sensor. lag_s: of the same. unsensed_mm: joints without
+    sensor, against the recorded body. priority_violation_max: largest error of a task of the highest level, mm or mrad.
+    min_clearance_mm: on the body's own geoms; penetrating_frames: ticks in which they are in each other or in the
+    scene, by anything. closest_links: what came closest.
+    mode_switches_per_s: of observers, mean and worst. limit_violations: values beyond a limit by more than
+    `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
+
+    sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
+    servo_error_deg: how far each servo stood from the goal of the tick before. unled_frames: ticks in which nobody knew
+    a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of each
+    hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
+    asked; reachable_share: of the ticks that followed, those. fallen, physics: as the simulation saw it; null without.
+    steps: null of a robot that makes none.
+    live: of the stream, null of a file.
+    """
+
+    frames: int
+    ticks: int
+    duration_s: float
+    rate_hz: float
+    frames_per_s: float
+    solve_us: Percentiles
+    reconstruct_us: Percentiles
+    retarget_us: Percentiles | None
+    tracking_mm: dict[str, Spread]
+    lag_s: float | None
+    hand_path_ratio: float | None
+    pelvis_excursion_ratio: float | None
+    unsensed_mm: dict[str, float] | None
+    min_clearance_mm: Clearances
+    penetrating_frames: int | None
+    gated_frames: int | None
+    limit_violations: LimitViolations
+    priority_violation_max: float | None
+    com_outside_support_frames: int | None
+    foot_slide_mm: float | None
+    jerk_p95: float | None
+    fallen: bool | None
+    mode_switches_per_s: ModeSwitches | None
+    bus: BusReport | None
+    stop: StopReport
+    sensors_mm: dict[str, Spread]
+    servo_tracking_mm: dict[str, Spread] | None
+    servo_error_deg: dict[str, Spread] | None
+    unled_frames: int | None
+    reachable_hands_mm: dict[str, float] | None
+    reachable_share: dict[str, float] | None
+    com_margin_mm: float | None
+    soles: Soles | None
+    closest_links: tuple[str, str] | None
+    deep: DeepReport
+    observers: ObserversReport | None
+    physics: PhysicsReport | None
+    steps: StepsReport | None
+    live: LiveReport | None
+    robot: str
+    source: str
+    performer: str
+    priorities: tuple[str, ...]
+    speed: float
+    notes: tuple[str, ...]
+
+    def as_json(self) -> str:
+        """The report as JSON text; numbers that are not finite become null."""
+        return json.dumps(_plain(self), indent=2, allow_nan=False) + "\n"
+
+
+def report_path(text: str | Path) -> Path:
+    """Where a report goes: FILE.json, or `report.json` in a folder, which need not be there yet.
+
+    Raises UsageError if it cannot be written there.
+    """
+    path = Path(text)
+    check_path(path, option="--report")
+    page = page_path(path)
+    if page is not None:
+        check_folder(page.parent, option="--report")
+        return page.with_name(FILE_NAME)
+    if path.suffix.lower() != ".json":
+        raise UsageError(
+            "a report is a JSON file, or a folder with that and a page",
+            where="--report",
+            found=str(path),
+            allowed="FILE.json, or a folder",
+            next_step=f"Give {path.with_suffix('.json').name}, or {path.stem} for both",
+        )
+    check_place(path, option="--report")
+    return path
+
+
+def page_path(text: str | Path) -> Path | None:
+    """Where the page of a report goes: `report.html` in the folder that is given; None where a file is meant.
+
+    A name that is not there yet is a folder's, unless it ends like a file's.
+    """
+    path = Path(text)
+    return path / PAGE_NAME if path.is_dir() or not path.suffix[1:].isalpha() else None
+
+
+def write_report(report: Report, path: Path) -> None:
+    """Write a report, whole or not at all. Raises UsageError if the file cannot be written."""
+    write_atomic(path, report.as_json().encode(), option="--report")
+
+
+def _plain(value: Any) -> Any:
+    """Data for JSON: dataclasses as objects, numbers rounded, null for what is not finite."""
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+    return value

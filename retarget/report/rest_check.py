@@ -1,0 +1,80 @@
+"""Whether the last part of the way to where a robot is parked is sound: from a stand, arms aside, straight to `rest`.
+
+That part is always the same (see `parking`), so it can be looked at before anything moves.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget import _solver
+from retarget.ik.support_polygon import plant, support_distance
+from retarget.model.observers import placed, robot_observers
+from retarget.model.robot import TRUNK, RobotBody
+from retarget.report.clearance import shape_rows
+from retarget.robot.follower import landed_angles
+from retarget.safety.clearance import KEPT_SHARE
+
+__all__ = ["ParkingWay", "parking_way"]
+
+ROWS = 41
+"""Postures of the way that are looked at."""
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class ParkingWay:
+    """margin: least distance, m, of the centre of mass to the edge of the soles, from inside. first, second: observers
+    that come nearest to what the gate keeps; distance: between them, m; kept: by the gate, m."""
+
+    margin: float
+    first: str
+    second: str
+    distance: float
+    kept: float
+
+    @property
+    def sound(self) -> bool:
+        """Whether the robot neither falls over nor is held up on it."""
+        return self.margin > 0.0 and self.distance >= self.kept
+
+    def __str__(self) -> str:
+        balance = f"centre of mass {abs(MM * self.margin):.0f} mm {'inside' if self.margin > 0.0 else 'outside'}"
+        near = f"{self.first} and {self.second} {MM * self.distance:.1f} mm, the gate keeps {MM * self.kept:.1f} mm"
+        text = f"{balance} the edge of the soles at worst; nearest {near}"
+        if self.sound:
+            return text
+        return f"not straight, as {'limbs meet' if self.margin > 0.0 else 'it would tip'}: {text}"
+
+
+def parking_way(robot: RobotBody) -> ParkingWay | None:
+    """Of a robot that stands on soles; None for another, and for one without observers, or frame `neck`."""
+    observers = robot_observers(robot)
+    if not robot.stands or not len(observers.pairs) or TRUNK not in robot.profile.frames:
+        return None
+    way = _way(robot)
+    stances = [plant(robot, posture) for posture in way]
+    coms = robot.kinematics.centre_of_mass(np.array([stance.q for stance in stances]))
+    margin = min(float(support_distance(com, at.edges(0.0))) for com, at in zip(coms, stances, strict=True))
+
+    position, quat = placed(robot.body, observers, np.array([stance.q for stance in stances]))
+    first, second = observers.pairs.T
+    sides = [
+        shape_rows(observers.kinds[which], observers.sizes[which], position[:, which], quat[:, which])
+        for which in (first, second)
+    ]
+    distance = _solver.shape_distances(*sides[0], *sides[1])[0].reshape(len(way), -1).min(axis=0)
+    margins = np.maximum(observers.margin[first], observers.margin[second])
+    kept = KEPT_SHARE * np.minimum(margins, observers.pair_margin)
+    worst = int((distance - kept).argmin())
+    names = observers.names[first[worst]], observers.names[second[worst]]
+    return ParkingWay(margin, *names, float(distance[worst]), float(kept[worst]))
+
+
+def _way(robot: RobotBody) -> list[dict[str, float]]:
+    """Postures, by joint, from where a landing ends to `rest`."""
+    start, rest = landed_angles(robot), robot.profile.postures.rest
+    return [
+        {joint: (1.0 - share) * start.get(joint, 0.0) + share * rest.get(joint, 0.0) for joint in start | rest}
+        for share in np.linspace(0.0, 1.0, ROWS).tolist()
+    ]

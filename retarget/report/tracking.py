@@ -1,0 +1,376 @@
+"""How well a run followed: errors, lag, reach of the hands, and the error of the highest level."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, takewhile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget import _solver, rotations
+from retarget.ik.support_polygon import Stance, plant
+from retarget.model.human_dimensions import POINTS, HumanDimensions
+from retarget.model.robot import RobotBody
+from retarget.report import motion_metrics
+from retarget.robot.landmarks import Facing
+from retarget.run.run_result import RunResult
+from retarget.schema.priorities import AxisTask, CentreOfMassTask, OrientationTask, PositionTask, Priorities, Task
+from retarget.schema.profile_parts import Landmark
+from retarget.types import BoolArray, FloatArray
+
+__all__ = [
+    "HANDS",
+    "Performance",
+    "Reachable",
+    "asked_arms",
+    "chain_to_anchor",
+    "distances",
+    "excursion_ratio",
+    "lag",
+    "path_ratio",
+    "reachable_hands",
+    "top_level_error",
+    "top_tasks",
+    "within_reach",
+]
+
+
+STILL_M = 1e-3
+"""What is asked to move less than this, m, says nothing about moving."""
+COARSE = 4
+"""Lags are looked at in steps of so many ticks first: no body moves so fast that a peak is narrower."""
+
+
+def distances(asked: FloatArray, reached: FloatArray) -> FloatArray:
+    """Distance (T, k) m between tracks (T, k, 3)."""
+    return np.asarray(np.linalg.norm(reached - asked, axis=-1))
+
+
+def path_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
+    """Length of the paths reached over that of the paths asked, tracks (T, k, 3); None where nothing was asked to move.
+
+    A robot that stands still shows 0.
+    """
+    known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
+    if np.count_nonzero(known) < 2:
+        return None
+    wanted = _path_length(asked[known])
+    return None if wanted < STILL_M else _path_length(reached[known]) / wanted
+
+
+def excursion_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
+    """Range of the heights reached over that of the heights asked, (T,) m; None where nothing was asked to move."""
+    known = np.isfinite(asked) & np.isfinite(reached)
+    if not known.any():
+        return None
+    wanted = float(np.ptp(asked[known]))
+    return None if wanted < STILL_M else float(np.ptp(reached[known])) / wanted
+
+
+def lag(asked: FloatArray, reached: FloatArray, dt: float, *, longest: float = 1.0) -> float | None:
+    """Time (s) by which tracks reached (T, k, 3) m trail those asked, where their cross-correlation is highest.
+
+    All coordinates together, each about its mean over the ticks compared; lags from 0 to `longest` s, between ticks by
+    a parabola. None where either stands still.
+    """
+    known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
+    a, b = (track[known].reshape(np.count_nonzero(known), 3 * track.shape[1]) for track in (asked, reached))
+    steps = min(round(longest / dt), len(a) // 2)
+    if steps < 2 or _spread(a) < STILL_M or _spread(b) < STILL_M:
+        return None
+    coarse = range(0, steps + 1, COARSE)
+    near = max(coarse, key=lambda step: _correlation(a, b, step))
+    first, last = max(near - COARSE, 0), min(near + COARSE, steps)
+    score = np.array([_correlation(a, b, step) for step in range(first, last + 1)])
+    best = int(np.argmax(score))
+    return float((first + best + _vertex(score, best)) * dt)
+
+
+def _path_length(track: FloatArray) -> float:
+    return float(np.linalg.norm(np.diff(track, axis=0), axis=-1).sum())
+
+
+def _centred(track: FloatArray) -> FloatArray:
+    """Columns (T, c) about their means."""
+    return np.asarray(track - track.mean(axis=0))
+
+
+def _spread(track: FloatArray) -> float:
+    """Root mean square of the distance of (T, c) from its mean, m."""
+    return float(np.sqrt(np.mean(np.sum(_centred(track) ** 2, axis=1))))
+
+
+def _correlation(asked: FloatArray, reached: FloatArray, step: int) -> float:
+    """Normalised correlation of what was asked with what was reached `step` ticks later."""
+    a, b = _centred(asked[: len(asked) - step]), _centred(reached[step:])
+    return _inner(a, b) / float(np.sqrt(_inner(a, a) * _inner(b, b)))
+
+
+def _inner(a: FloatArray, b: FloatArray) -> float:
+    """Sum of products. Not by BLAS, whose threads wait for each other on a busy machine."""
+    return float(np.einsum("ij,ij->", a, b))
+
+
+def _vertex(score: FloatArray, best: int) -> float:
+    """Where the parabola through three neighbours peaks, in ticks from `best`; 0 at the ends."""
+    if best in (0, len(score) - 1):
+        return 0.0
+    before, here, after = score[best - 1 : best + 2]
+    bend = before - 2.0 * here + after
+    return 0.0 if bend >= 0.0 else float(0.5 * (before - after) / bend)
+
+
+# Whether anything was taken from the highest level: errors of its tasks, measured on the postures that were sent.
+
+LIFTED_M = 1e-4
+"""A sole of a robot that steps is not locked to the floor when it is higher than this."""
+
+
+def top_tasks(priorities: Priorities) -> tuple[Task, ...]:
+    """The tasks of the first level that asks for anything; observers, which only react, do not count."""
+    for level in priorities.levels:
+        tasks = tuple(task for task in level.tasks if task.type not in ("reactive", "preventive", "posture"))
+        if tasks:
+            return tasks
+    return ()
+
+
+def top_level_error(run: RunResult) -> float | None:
+    """Largest error, m or rad, of any task of the highest level of the last stage, over the run.
+
+    Measured: positions that are landmarks or sensors, the centre of mass, soles that are to be flat, axes. None where
+    the level holds nothing of the kind.
+    """
+    if not run.priorities:
+        return None
+    errors = [error for task in top_tasks(run.priorities[-1]) for error in _errors(task, run)]
+    known = [float(np.nanmax(error)) for error in errors if np.isfinite(error).any()]
+    return max(known) if known else None
+
+
+def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
+    """Error (T,) of each part of a task that can be measured from outside."""
+    robot, sent = run.robot, run.record.robot
+    if isinstance(task, CentreOfMassTask):
+        if robot is None or sent is None:
+            yield run.record.human.balance_error
+        elif task.mode == "support" and robot.stands:
+            soles = motion_metrics.soles_of(robot, sent.q)
+            corners = np.concatenate([motion_metrics.sole_corners(sole) for sole in soles], axis=1)
+            com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
+            yield np.maximum(task.margin - motion_metrics.support_margin(com, corners), 0.0)
+    elif isinstance(task, PositionTask):
+        names, asked, reached = run.followed
+        errors = distances(asked * _rows(task), reached * _rows(task))
+        yield from (_locked(run, name, errors[:, names.index(name)]) for name in task.of if name in names)
+    elif robot is not None and sent is not None:
+        if isinstance(task, OrientationTask):
+            flat = {foot.frame for foot in robot.profile.feet.values()}
+            yield from (_locked(run, name, _from_upright(robot, sent.q, name)) for name in task.of if name in flat)
+        elif isinstance(task, AxisTask):
+            yield from (_off_axis(task, robot, sent.q, name) for name in task.of if name in robot.profile.frames)
+
+
+def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
+    """The error (T,) of a sole while it is on the floor: one that swings is no task of this level. All of others."""
+    robot, sent = run.robot, run.record.robot
+    if run.steps is None or robot is None or sent is None:
+        return error
+    if name not in {foot.frame for foot in robot.profile.feet.values()}:
+        return error
+    return np.where(robot.points(sent.q, (name,))[:, 0, 2] > LIFTED_M, np.nan, error)
+
+
+def _rows(task: PositionTask) -> FloatArray:
+    """1 for the rows that the task asks for, else 0."""
+    return np.array([float(weight > 0.0) for weight in task.weight])
+
+
+def _from_upright(robot: RobotBody, q: FloatArray, frame: str) -> FloatArray:
+    """Angle (T,) rad between a frame's z axis and the vertical."""
+    up = rotations.rotate(robot.orientations(q, (frame,))[:, 0], np.array([0.0, 0.0, 1.0]))
+    return np.asarray(np.arccos(np.clip(up[:, 2], -1.0, 1.0)))
+
+
+def _off_axis(task: AxisTask, robot: RobotBody, q: FloatArray, frame: str) -> FloatArray:
+    """Angle (T,) rad between an axis of a frame and where it is to point, in the robot's world."""
+    axis = np.array(task.axis) / np.linalg.norm(task.axis)
+    direction = np.array(task.direction) / np.linalg.norm(task.direction)
+    turned = rotations.rotate(robot.orientations(q, (frame,))[:, 0], axis)
+    return np.asarray(np.arccos(np.clip(turned @ direction, -1.0, 1.0)))
+
+
+# Where the hands are asked, seen from the torso that is asked: from the performer and constants of the robot alone.
+#
+# What the robot does takes no part, so a robot that stands still hides nothing. An asked hand is the asked shoulder and
+# the performer's arm, scaled, in the performer's heading (`landmarks`); so the asked shoulders are the asked hands less
+# those arms, and shoulders and pelvis tell how the asked torso is turned.
+
+HANDS = ("l_hand", "r_hand")
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    """What was asked, and of whom. joints (T, m, 3) m and pelvis (T, 4) wxyz: of the human, in the human's world.
+
+    landmarks (T, k, 3) m: asked of the robot. dt: s between ticks, of the robot's clock.
+    """
+
+    dimensions: HumanDimensions
+    joint_names: tuple[str, ...]
+    joints: FloatArray
+    pelvis: FloatArray
+    landmark_names: tuple[str, ...]
+    landmarks: FloatArray
+    dt: float
+
+
+def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str, FloatArray]:
+    """Hand -> place (T, 3) m where it is asked, as the torso carries it while the robot stands in its stance.
+
+    Empty without landmarks for both hands.
+    """
+    entries = {name: robot.profile.landmarks[name] for name in HANDS if name in asked.landmark_names}
+    if len(entries) < len(HANDS):
+        return {}
+    heading = _headings(asked)
+    arms = {name: _turned(_limb(entry, asked), heading) + entry.offset for name, entry in entries.items()}
+    stood = {name: np.mean([stance.points[frame] for frame in entry.anchor], axis=0) for name, entry in entries.items()}
+    shoulders = {name: asked.landmarks[:, asked.landmark_names.index(name)] - arm for name, arm in arms.items()}
+    turn = np.eye(3)
+    if "pelvis" in asked.landmark_names:
+        pelvis = asked.landmarks[:, asked.landmark_names.index("pelvis")]
+        hips = stance.points[robot.profile.landmarks["pelvis"].frame]
+        turn = _torso(shoulders, pelvis) @ _torso(stood, hips).T  # (T, 3, 3), from the stance to what is asked
+    return {name: stood[name] + np.einsum("...ji,...j->...i", turn, arm) for name, arm in arms.items()}
+
+
+def _headings(asked: Performance) -> FloatArray:
+    """Unit vectors (T, 2) on the ground where the performer faces, as the landmarks have them."""
+    feet = [_joint(asked, f"{side}_toe") - _joint(asked, f"{side}_ankle") for side in "lr"]
+    facing, rows = Facing(), zip(asked.pelvis.tolist(), *(foot.tolist() for foot in feet), strict=True)
+    return np.array([facing.update(pelvis, left, right, asked.dt) for pelvis, left, right in rows]).reshape(-1, 2)
+
+
+def _limb(entry: Landmark, asked: Performance) -> FloatArray:
+    """The performer's limb (T, 3) m of a landmark, scaled to the robot, in the performer's world."""
+    rest = asked.dimensions.standing()
+    chain = [np.mean([rest[POINTS.index(name)] for name in point], axis=0) for point in entry.human_length]
+    scale = entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
+    return np.asarray(scale * (_mean(asked, entry.follows) - _mean(asked, entry.measured_from)))
+
+
+def _joint(asked: Performance, name: str) -> FloatArray:
+    return np.asarray(asked.joints[:, asked.joint_names.index(name)])
+
+
+def _mean(asked: Performance, names: Sequence[str]) -> FloatArray:
+    return np.asarray(np.mean([_joint(asked, name) for name in names], axis=0))
+
+
+def _turned(vectors: FloatArray, heading: FloatArray) -> FloatArray:
+    """Vectors (T, 3) of the performer's world in the heading (T, 2)."""
+    (x, y), (a, b, c) = heading.T, vectors.T
+    return np.stack([x * a + y * b, x * b - y * a, c], axis=1)
+
+
+def _torso(shoulders: Mapping[str, FloatArray], pelvis: FloatArray) -> FloatArray:
+    """Axes (..., 3, 3), as columns, of a torso with these shoulders and this pelvis (..., 3): left, forward, up."""
+    left, right = (shoulders[name] for name in HANDS)
+    across, up = left - right, 0.5 * (left + right) - pelvis
+    left_axis = across / np.linalg.norm(across, axis=-1, keepdims=True)
+    forward = np.cross(left_axis, up)
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    return np.stack([left_axis, forward, np.cross(forward, left_axis)], axis=-1)
+
+
+# How well hands are followed where the robot's arms can get there at all.
+
+EVERY = 20
+"""Every so manyth tick is looked at."""
+WITHIN_M = 0.002
+"""The arm gets there when it gets this near, m."""
+SEEDS, TRIES = 500, 12
+"""Postures of the arm, spread over its ranges, of which the nearest begin a search each: one may end in a corner."""
+STEPS = 40
+
+
+@dataclass(frozen=True)
+class Reachable:
+    """One hand. share: of the ticks that ask for it, those within reach; error: mean distance (m) at those, or None."""
+
+    share: float
+    error: float | None
+
+
+def reachable_hands(robot: RobotBody, asked: Performance, reached: FloatArray) -> dict[str, Reachable]:
+    """How each hand followed at the ticks at which it was asked within reach; reached (T, k, 3) m: as the landmarks.
+
+    Within reach: from the torso that is asked, the arm gets there within the position limits of its joints, at any
+    speed. Where the robot was takes no part in that.
+    """
+    stance, found = plant(robot, robot.profile.postures.stand), {}
+    for name, places in asked_arms(robot, stance, asked).items():
+        column = asked.landmark_names.index(name)
+        error = np.linalg.norm(reached[::EVERY, column] - asked.landmarks[::EVERY, column], axis=1)
+        error = error[known := np.isfinite(error)]
+        within = within_reach(robot, stance, name, places[::EVERY][known])
+        found[name] = Reachable(
+            share=float(within.mean()) if within.size else 0.0,
+            error=float(error[within].mean()) if within.any() else None,
+        )
+    return found
+
+
+def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatArray) -> BoolArray:
+    """Whether (T,) the limb of a landmark gets to each place (T, 3) m while the rest stays in its stance."""
+    body, frame = robot.body, robot.profile.landmarks[landmark].frame
+    place, moving = robot.frame(frame), body.joint_dof[list(chain_to_anchor(robot, landmark))]
+    lower, upper = body.lower.copy(), body.upper.copy()
+    dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
+    lower[dofs], upper[dofs] = robot.joint_map.lower, robot.joint_map.upper
+    _, columns = body.scalar_joints()
+    seeds = np.tile(stance.q, (SEEDS, 1))
+    spread = np.random.default_rng(0).uniform(lower[moving], upper[moving], (SEEDS, moving.size))
+    seeds[:, columns[moving]] = spread
+    starts = robot.points(seeds, (frame,))[:, 0]
+    solver = _arm_solver(robot, place.body, place.position, moving, lower, upper)
+
+    def gets_to(at: FloatArray) -> bool:
+        for seed in np.argsort(np.linalg.norm(starts - at, axis=1))[:TRIES]:
+            solver.reset(seeds[seed])
+            solver.frame(np.concatenate([[1.0], at]), 1.0)
+            if solver.task_errors[0] <= WITHIN_M:
+                return True
+        return False
+
+    return np.array([gets_to(at) for at in places], dtype=np.bool_)
+
+
+def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:
+    """Joints between a landmark's frame and the link that carries its first anchor, or the root of the body."""
+    entry, body = robot.profile.landmarks[landmark], robot.body
+    base = robot.frame(entry.anchor[0]).body
+    links = takewhile(lambda link: link != base, body.chain_to_root(robot.frame(entry.frame).body))
+    return tuple(joint for link in links for joint in np.flatnonzero(body.joint_body == link).tolist())
+
+
+def _arm_solver(
+    robot: RobotBody, link: int, point: FloatArray, moving: NDArray[np.int64], lower: FloatArray, upper: FloatArray
+) -> _solver.Solver:
+    """One task, only the DoFs `moving` (d,) free, position limits (nv,), no others."""
+    body = robot.body
+    locked = np.ones(body.nv, dtype=np.bool_)
+    locked[moving] = False
+    unlimited = np.full(body.nv, np.inf)
+    x, y, z = point.tolist()
+    return _solver.Solver(
+        body.solver_body(),
+        [[_solver.Task.position(link, (x, y, z))]],
+        lower=lower,
+        upper=upper,
+        max_velocity=unlimited,
+        max_acceleration=unlimited,
+        locked=locked,
+        n_ik=STEPS,
+    )

@@ -1,0 +1,1 @@
+"""The second stage: the robot's posture that follows the virtual human."""

@@ -1,0 +1,409 @@
+"""Balance of a robot on its soles: where its centre of mass may go, and what its joints may carry.
+
+At rest a robot stands while its centre of mass is over the support polygon. With mass in motion it stands while its
+zero-moment point (M. Vukobratovic and B. Borovac, Int. J. Humanoid Robotics 1(1), 2004) is in there: with the mass in
+one point c at height z,
+
+    p = c - z / (g + z'') * c''
+
+To stay able to stop, its capture point c + c' / sqrt(g / z) (J. Pratt et al., Humanoids 2006) is kept in there as well:
+from there it can be stopped with the zero-moment point inside. Both are half-spaces for the centre of mass after the
+tick, which the hierarchy keeps like any others: where more is asked, the robot lags.
+
+Who has got out of that room - a stop brakes as hard as servos can - could stand there for ever: there is no way back
+in with the zero-moment point inside, for the mass is pushed in by pressing farther out. So from there the zero-moment
+point may go as far again beyond the edge as the capture point is, and does: that brings it back in.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from retarget import rotations
+from retarget._solver import Probe
+from retarget.ik.gravity_torque import CarriedLoad
+from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.support_polygon import Stance, plant
+from retarget.ik.tasks import CARRIES
+from retarget.model.body import Frame, JointType
+from retarget.model.robot import RobotBody
+from retarget.robot.reference_governor import braking_displacement
+from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTask
+from retarget.types import FloatArray
+
+__all__ = [
+    "BEYOND_M",
+    "ENOUGH",
+    "GRAVITY",
+    "Edges",
+    "PostureLoad",
+    "StandingBalance",
+    "StandingStrength",
+    "carrying_frames",
+    "heaviest_loads",
+    "leg_joints",
+    "moving_spaces",
+    "one_leg_load",
+    "shrunk",
+    "standing_strength",
+]
+
+
+BRAKING = 1.0
+"""Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
+GRAVITY = 9.81
+"""m/s^2"""
+BEYOND_M = 0.0003
+"""How far (m) beyond an edge the capture point of a robot that follows may be by rounding: the way back is not asked
+for."""
+LANDING = 0.5
+"""Share of the support polygon, about its middle, for a robot on its way to a stand. Who begins it at the edge of the
+room in which it followed comes in from there only by pressing beyond that edge."""
+SPARE = 0.5
+"""Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
+out."""
+
+Edges = list[list[float]]
+Row = tuple[float, float, float, float]
+
+
+class StandingBalance:
+    """What the `support` tasks of priorities ask of a robot in a stance. `edges` (e, 3): of the support polygon, drawn
+    in by their margin. `looks_at_motion`: whether the velocity of the centre of mass counts."""
+
+    def __init__(self, priorities: Priorities, stance: Stance) -> None:
+        tasks = [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
+        self.edges = stance.edges(max((task.margin for task in tasks), default=0.0))
+        self._outline: Edges = stance.edges(0.0).tolist()
+        self._drawn_in: Edges = self.edges.tolist()
+        share = min((task.moving for task in tasks if task.moving is not None), default=None)
+        self.looks_at_motion = share is not None
+        self._room = _room(self.edges, share, stance)
+        self._wide = _room(self.edges, None if share is None else max(share, LANDING), stance)
+
+    def spaces(self, com: FloatArray, velocity: FloatArray, dt: float, *, lands: bool = False) -> FloatArray:
+        """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
+        m/s. lands: of a robot on its way to a stand."""
+        if not self.looks_at_motion:
+            return _braked(self._drawn_in, com, dt)
+        return moving_spaces(self._wide if lands else self._room, com, velocity, dt, outer=self._drawn_in)
+
+    def inside(self, com: FloatArray) -> float:
+        """How far (m) a centre of mass (3,) is inside the soles' outline."""
+        x, y, _ = com.tolist()
+        return float(min(offset - nx * x - ny * y for nx, ny, offset in self._outline))
+
+
+def _room(edges: FloatArray, share: float | None, stance: Stance) -> Edges:
+    return [] if share is None else shrunk(edges, share, stance).tolist()
+
+
+def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
+    """Edges (e, 3) of the polygon at a share of its size about the middle of the soles."""
+    middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
+    at = edges[:, :2] @ middle
+    return np.column_stack([edges[:, :2], at + share * (edges[:, 2] - at)])
+
+
+def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
+    """Edges drawn in to what the centre of mass may do in one tick and still stop inside of them."""
+    x, y, _ = com.tolist()
+    change = BRAKING * dt * dt
+    drawn = []
+    for nx, ny, offset in edges:
+        across = nx * x + ny * y
+        drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
+    return np.array(drawn)
+
+
+def moving_spaces(
+    edges: Edges,
+    com: FloatArray,
+    velocity: FloatArray,
+    dt: float,
+    *,
+    outer: Edges | None = None,
+    pressed: Edges | None = None,
+) -> FloatArray:
+    """Capture point and zero-moment point inside of edges; pressed: inside of which the latter may be instead. outer:
+    inside of which it brings the former back where that is out, None: it does not."""
+    x, y, z = com.tolist()
+    vx, vy, vz = velocity.tolist()
+    settle = sqrt(z / GRAVITY) / dt
+    capture = (x + settle * dt * vx, y + settle * dt * vy)
+    push = None if outer is None else _pushed_back(edges, outer, capture)
+
+    def captured(nx: float, ny: float, offset: float) -> Row:
+        at, speed = nx * x + ny * y, nx * vx + ny * vy
+        inside = (offset + settle * at) / (1.0 + settle)
+        if push is not None and nx * capture[0] + ny * capture[1] > offset:
+            inside = max(inside, at + speed * dt + GRAVITY / z * (at - (nx * push[0] + ny * push[1])) * dt * dt)
+        return nx, ny, 0.0, inside
+
+    def borne(nx: float, ny: float, offset: float) -> Row:
+        at, speed = nx * x + ny * y, nx * vx + ny * vy
+        if push is not None:
+            offset = max(offset, nx * push[0] + ny * push[1] + push[2])
+        # (n.c - d)(g + z'') <= z n.c'', times dt^2 / z, with n.c and z as they are now
+        lever = (at - offset) / z
+        return -nx, -ny, lever, lever * (z + vz * dt - GRAVITY * dt * dt) - at - speed * dt
+
+    if pressed is None:
+        return np.array([row(*edge) for edge in edges for row in (captured, borne)])
+    return np.array([*(captured(*edge) for edge in edges), *(borne(*edge) for edge in pressed)])
+
+
+def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tuple[float, float, float] | None:
+    """Zero-moment point (x, y) m that brings back a capture point beyond an edge, and what it may be off; None: it is
+    inside.
+
+    As far beyond as the capture point again, but inside of outer: so that falls as exp(-t / sqrt(z / g)).
+    """
+    x, y = capture
+    beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in edges)
+    if beyond <= BEYOND_M:
+        return None
+    way = beyond
+    for ex, ey, offset in outer:
+        along = ex * nx + ey * ny
+        if along > 0.0:
+            way = min(way, max(offset - ex * x - ey * y, 0.0) / along)
+    return x + way * nx, y + way * ny, SPARE * way
+
+
+# What the joints of a robot on its soles may carry: a servo gives much less for long than when it is stalled.
+#
+# A leg's joint j at o, about the axis a, carries what the ground presses on its sole with, at p:
+#
+#     torque = A - share W u . (p - o),    W = m (g + z''),    u = (-a_y, a_x)
+#
+# with A from the leg's own weight, which changes slowly. Under a robot at rest p is where its centre of mass is,
+# between
+# the middles of both soles, and so is the share of the weight. So a bound on a torque is a half-space for centre of
+# mass
+# and joint together, which the hierarchy keeps like any others: where it carries too much, the robot leans or crouches
+# less. And the mass is not thrown up faster than the most loaded joint can.
+
+STANDING_SPARE = 1.1
+"""A joint may carry so many times what it does in `stand`, however much that is."""
+WATCHED = 0.5
+"""Share of what it may carry from which on a joint is watched."""
+STRENGTH_BRAKING = 0.5
+"""m/s^2 with which the centre of mass or a joint is braked before the joint carries what it may."""
+BACK = 0.5
+"""m/s^2 from rest with which it is asked back to where it carries no more. What legs and balance could not give at once
+would be taken from limbs that are to be kept apart."""
+PEAK = 1.4
+"""So many times what it may carry for long a joint may carry while the mass is thrown up."""
+LEAST_THROW = 1.0
+"""m/s^2 at which it may be thrown up anyway."""
+
+_FREE = np.zeros((0, 7))
+
+
+class StandingStrength:
+    """Of one robot on two soles. share: of their stall torque, what joints may carry."""
+
+    def __init__(self, robot: RobotBody, stance: Stance, *, share: float) -> None:
+        body = robot.body
+        joints = leg_joints(robot)
+        self._names = tuple(joints)
+        self._foot = np.array([foot for foot, _ in joints.values()], dtype=np.intp)
+        frames = [frame for _, frame in joints.values()]
+        rows = [body.joint_index(name) for name in joints]
+        self._axis = body.joint_axis[rows]  # (k, 3), of the link
+        links = [frame.body for frame in frames]
+        self._probe = Probe(body.solver_body(), links, np.array([frame.position for frame in frames]), links)
+        self._load = CarriedLoad(robot, stance)
+        self.dofs = body.joint_dof[rows]
+        """Of the joints (k,) that are watched."""
+        self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (2, 2) [m]
+        self._weight = GRAVITY * body.total_mass  # [N]
+        servos = {servo.joint: servo for servo in robot.joint_map.servos}
+        self.stall = np.array([servos[name].model.stall_torque * abs(servos[name].gear) for name in joints])
+        """Stall torque of each joint's servo (k,), N m."""
+        at_rest = np.abs(self._load.torques(stance.q, np.zeros(3))[self.dofs])
+        self.most = np.maximum(share * self.stall, STANDING_SPARE * at_rest)
+        """What each joint (k,) may carry for long, N m."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints that are watched."""
+        return self._names
+
+    def torques(self, q: FloatArray) -> FloatArray:
+        """What the joints (k,) carry at rest in posture q (nq,), N m."""
+        return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
+
+    def aim(
+        self,
+        hierarchy: Hierarchy,
+        targets: FloatArray,
+        q: FloatArray,
+        mass: tuple[FloatArray, FloatArray],
+        dt: float,
+        *,
+        keeps: bool = True,
+    ) -> None:
+        """Write what is allowed in the next `dt` s to a robot in posture q (nq,). mass: its centre of mass (3,) m, and
+        the velocity of that (3,) m/s. keeps: whether anything is to be kept; on one leg more is to be carried."""
+        spaces = self.spaces(q, mass, dt) if keeps else [_FREE] * len(self._names)
+        for name, edges in zip(self._names, spaces, strict=True):
+            hierarchy.set_strength(targets, name, edges)
+
+    def spaces(self, q: FloatArray, mass: tuple[FloatArray, FloatArray], dt: float) -> list[FloatArray]:
+        """Half-spaces (e, 7) of each joint: n . c + m . o <= d for the centre of mass c and the joint's place o, after
+        the next `dt` s."""
+        com, velocity = mass
+        torque = self.torques(q)
+        used = np.abs(torque) / self.most
+        by_com, by_joint, places = self._gradients(q, com)
+        lever = 2.0 / self._weight  # [m per N m]: half of the weight is on either leg
+        edges: list[list[list[float]]] = [[] for _ in self._names]
+        for k in np.flatnonzero(used > WATCHED).tolist():
+            sign = 1.0 if torque[k] > 0.0 else -1.0
+            n, m = sign * lever * by_com[k], sign * lever * by_joint[k]
+            step = braking_displacement(lever * float(self.most[k] - abs(torque[k])), STRENGTH_BRAKING * dt * dt)
+            d = float(n @ com[:2] + m @ places[k, :2]) + max(step, -BACK * dt * dt)
+            edges[k].append([*n.tolist(), 0.0, *m.tolist(), 0.0, d])
+        worst = int(used.argmax())
+        throw = max(GRAVITY * (PEAK / max(float(used[worst]), 1e-3) - 1.0), LEAST_THROW)
+        rise = float(com[2] + velocity[2] * dt) + throw * dt * dt
+        edges[worst].append([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, rise])
+        return [np.array(rows).reshape(-1, 7) for rows in edges]
+
+    def _gradients(self, q: FloatArray, com: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of the torques: by the centre of mass (k, 2) and by the joint's place (k, 2), N; and these places (k, 3)."""
+        places, turns, _ = self._probe.read(q)
+        axes = rotations.rotate(turns, self._axis)
+        u = np.column_stack([-axes[:, 1], axes[:, 0]])
+        first, second = self._middles
+        across = second - first
+        length = float(np.linalg.norm(across))
+        along, share = across / length, float((com[:2] - first) @ across) / length**2
+        between = 0.0 < share < 1.0
+        shares = np.array([1.0 - share, share]).clip(0.0, 1.0)[self._foot]
+        pressed = self._middles[self._foot] + com[:2] - (self._middles[0] + min(max(share, 0.0), 1.0) * across)
+        arm = np.einsum("ki,ki->k", u, pressed - places[:, :2])
+        moved = u - np.outer(u @ along, along) if between else u
+        shifted = np.where(self._foot == 0, -1.0, 1.0)[:, None] * (along / length if between else 0.0 * along)
+        by_com = -self._weight * (arm[:, None] * shifted + shares[:, None] * moved)
+        return by_com, self._weight * shares[:, None] * u, places
+
+
+def leg_joints(robot: RobotBody) -> dict[str, tuple[int, Frame]]:
+    """Joints that one leg alone has between root and sole: number of the foot, and where the joint is on its link."""
+    body = robot.body
+    chains = [body.chain_to_root(robot.frame(foot.frame).body) for foot in robot.profile.feet.values()]
+    found = {}
+    for servo in robot.joint_map.servos:
+        index = body.joint_index(servo.joint)
+        link = int(body.joint_body[index])
+        feet = [foot for foot, chain in enumerate(chains) if link in chain]
+        if len(feet) == 1 and body.joint_type[index] == JointType.HINGE and servo.coupling is None:
+            frame = Frame(servo.joint, link, body.joint_pos[index], np.array([1.0, 0.0, 0.0, 0.0]))
+            found[servo.joint] = (feet[0], frame)
+    return found
+
+
+def carrying_frames(robot: RobotBody) -> dict[str, Frame]:
+    """Frames at the joints that carry, under the names by which tasks find them."""
+    return {CARRIES + name: frame for name, (_, frame) in leg_joints(robot).items()}
+
+
+def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) -> StandingStrength | None:
+    """What these priorities keep of the strength of a robot in its stance on two soles; None: nothing."""
+    shares = [task.share for _, _, task in priorities.tasks() if isinstance(task, StrengthTask)]
+    if not shares or len(stance.soles) != 2:
+        return None
+    return StandingStrength(robot, stance, share=min(shares))
+
+
+# What a robot's legs carry at rest in the postures that it is put in, beside what their servos can.
+
+ENOUGH = 0.65
+"""Share of its stall torque that a servo may need for a posture out of which it has to move the robot again."""
+FROM_STAND = 1e-4
+"""How much a radian away from `stand` counts beside a metre off the floor, or off what carries."""
+FREE_ROOT = 3
+"""Coordinates of a root that goes where the legs ask; it does not turn."""
+
+
+@dataclass(frozen=True)
+class PostureLoad:
+    """What the joint that is nearest to its strength carries in a posture at rest, and the stall torque of its servo
+    there, N m. posture: `in stand`, `on one leg`."""
+
+    posture: str
+    joint: str
+    torque: float
+    stall: float
+
+    @property
+    def share(self) -> float:
+        """Of the stall torque."""
+        return self.torque / self.stall
+
+    def __str__(self) -> str:
+        return f"{self.posture} {self.joint} {self.torque:.2f} N m, {100.0 * self.share:.0f}% of its stall torque"
+
+
+def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
+    """Of the legs of a robot with two soles, in `stand`, in `rest` and on one leg; of another none."""
+    stance = plant(robot, robot.profile.postures.stand)
+    if len(stance.soles) != 2:
+        return []
+    keeps = StandingStrength(robot, stance, share=1.0)
+    rest = plant(robot, robot.profile.postures.rest)
+    both = [_heaviest(keeps, f"in {name}", keeps.torques(at.q)) for name, at in (("stand", stance), ("rest", rest))]
+    return [*both, one_leg_load(robot)]
+
+
+def one_leg_load(robot: RobotBody) -> PostureLoad:
+    """Of a robot with two soles, its mass over the middle of one, on the leg that carries more then."""
+    stance = plant(robot, robot.profile.postures.stand)
+    keeps = StandingStrength(robot, stance, share=1.0)
+    loads = []
+    for sole in stance.soles:
+        alone = Stance(stance.q, stance.points, (sole,))
+        torque = CarriedLoad(robot, alone).torques(_over(robot, keeps.names, stance, alone), np.zeros(3))
+        loads.append(_heaviest(keeps, "on one leg", torque[keeps.dofs]))
+    return max(loads, key=lambda load: load.share)
+
+
+def _heaviest(keeps: StandingStrength, posture: str, torque: FloatArray) -> PostureLoad:
+    """torque (k,) N m: of the joints that are watched."""
+    worst = int((np.abs(torque) / keeps.stall).argmax())
+    return PostureLoad(posture, keeps.names[worst], float(abs(torque[worst])), float(keeps.stall[worst]))
+
+
+def _over(robot: RobotBody, joints: tuple[str, ...], stance: Stance, alone: Stance) -> FloatArray:
+    """The posture (nq,) nearest to `stand` with both soles planted and the centre of mass over the one that is to carry
+    alone, its trunk as it is."""
+    body, solver = robot.body, robot.body.solver_body()
+    columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]
+    dofs = [body.dof_index(joint) for joint in joints]
+    middle = alone.soles[0].outline.mean(axis=0)
+
+    def posture(moved: FloatArray) -> FloatArray:
+        q = stance.q.copy()
+        q[:FREE_ROOT] += moved[:FREE_ROOT]
+        q[columns] += moved[FREE_ROOT:]
+        return q
+
+    def off(moved: FloatArray) -> FloatArray:
+        q = posture(moved)[None]
+        planted = [np.zeros(0)]
+        for sole in stance.soles:
+            corners = solver.points(q, [sole.frame.body] * len(sole.corners), sole.corners)[0]
+            planted.append((corners - np.column_stack([sole.outline, np.zeros(len(corners))])).ravel())
+        across = solver.centre_of_mass(q)[0, :2] - middle
+        return np.concatenate([*planted, across, FROM_STAND * moved[FREE_ROOT:]])
+
+    reach = np.full(FREE_ROOT, np.inf)
+    at = stance.q[columns]
+    low = np.concatenate([-reach, np.minimum(body.lower[dofs] - at, -1e-6)])
+    high = np.concatenate([reach, np.maximum(body.upper[dofs] - at, 1e-6)])
+    return posture(least_squares(off, np.zeros(FREE_ROOT + len(joints)), bounds=(low, high), xtol=1e-10).x)

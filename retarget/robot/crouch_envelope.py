@@ -1,0 +1,188 @@
+"""How low a robot that stands on both soles can crouch, and how far it can lean at each height.
+
+A human folds at the hips to the knees; most servo humanoids do not. What is asked of the robot stays inside this
+envelope, so that the landmarks above the hips are asked from a trunk that the robot can hold. It depends on the robot
+alone: body, joint limits, soles and stance. It is measured once, by the solver itself.
+"""
+
+from dataclasses import dataclass
+from math import atan2, hypot
+
+import numpy as np
+
+from retarget._solver import Solver, Task
+from retarget.ik.support_polygon import Stance, half_spaces
+from retarget.model.body import Frame, JointLimits
+from retarget.model.robot import TRUNK, RobotBody
+from retarget.rotations import Quat, product, rotated, turn
+from retarget.types import FloatArray
+
+__all__ = ["Envelope", "measure_envelope"]
+
+HEIGHTS = 9
+"""Pelvis heights at which the lean is measured."""
+DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+"""Forward, left, back, right."""
+STEP_M, STEP_RAD = 0.005, 0.05
+"""Height and lean are gone through in small steps, so that every posture is found from one close by."""
+MISSED_M, MISSED_RAD = 0.001, 0.02
+"""Further than this from what is asked, the robot does not get there."""
+FARTHEST_M, FARTHEST_RAD = 1.0, 1.4
+"""Heights over or under the standing posture, and leans, beyond which nothing is tried."""
+SPARE = 0.05
+"""Share of the crouch and of the lean that is not asked for: at its very end a leg has no room to brake."""
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+ITERATIONS = 8
+"""Most of the solver, per step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """heights (h,) m of the pelvis frame over the soles, rising; lean (h, 4) rad: most forward, left, back, right."""
+
+    heights: FloatArray
+    lean: FloatArray
+
+    @property
+    def lowest(self) -> float:
+        """Lowest height (m) of the pelvis."""
+        return float(self.heights[0])
+
+    @property
+    def highest(self) -> float:
+        """Greatest height (m) of the pelvis."""
+        return float(self.heights[-1])
+
+    def most_lean(self, height: float, x: float, y: float) -> float:
+        """Most lean (rad) towards the ground direction (x, y) with the pelvis at `height` m; quarters of ellipses."""
+        span = float(self.heights[-1] - self.heights[0])
+        share = (height - float(self.heights[0])) / span if span > 0.0 else 0.0  # some robots cannot crouch at all
+        place = min(max(share, 0.0), 1.0) * (len(self.heights) - 1)
+        below = min(int(place), len(self.heights) - 2)
+        share = place - below
+        rows = self.lean[below], self.lean[below + 1]
+        along, across = (0 if x >= 0.0 else 2), (1 if y >= 0.0 else 3)
+        a, b = ((1.0 - share) * float(rows[0][side]) + share * float(rows[1][side]) for side in (along, across))
+        length = hypot(x, y)
+        return a * b * length / max(hypot(b * x, a * y), 1e-12)
+
+    def below(self, top: float) -> "Envelope":
+        """The part of it with the pelvis no higher than `top` m, where any is left."""
+        heights = np.linspace(self.lowest, min(max(top, float(self.heights[1])), self.highest), HEIGHTS)
+        columns = [np.interp(heights, self.heights, lean) for lean in self.lean.T]
+        return Envelope(heights, np.column_stack(columns))
+
+
+def measure_envelope(robot: RobotBody, limits: JointLimits, stance: Stance, *, edges: FloatArray) -> Envelope:
+    """Crouch and lean with its trunk as far as it goes, from its stance, with planted soles.
+
+    limits (nv,): of its body. The centre of mass stays inside `edges` (e, 3). The height is its landmark `pelvis`'.
+    """
+    probe = _Probe(robot, limits, stance, edges)
+    bottom, top = probe.extreme(-STEP_M), probe.extreme(STEP_M)
+    heights = np.linspace(bottom + SPARE * (top - bottom), top, HEIGHTS)
+    lean = np.array([probe.leans(float(height)) for height in heights])
+    return Envelope(heights, np.maximum((1.0 - SPARE) * lean, 1e-3))
+
+
+class _Probe:
+    """A solver without rates: soles, balance, the height of the pelvis, the trunk, in this order."""
+
+    def __init__(self, robot: RobotBody, limits: JointLimits, stance: Stance, edges: FloatArray) -> None:
+        body, start, soles = robot.body, stance.q, [sole.frame for sole in stance.soles]
+        pelvis, trunk = robot.frame(robot.profile.landmarks["pelvis"].frame), robot.frame(TRUNK)
+        self._kinematics, self._start, self._pelvis, self._trunk = robot.kinematics, start, pelvis, trunk
+        planted = [task for sole in soles for task in _sole_tasks(sole)]
+        levels = [
+            planted,
+            [Task.support(len(edges))],
+            [Task.position(pelvis.body, _triple(pelvis.position), weight=(0.0, 0.0, 1.0))],
+            [Task.orientation(trunk.body, _quat(trunk.quat))],
+            [Task.posture(np.r_[np.zeros(6), np.ones(body.nv - 6)], gain=0.02)],
+        ]
+        free = np.full(body.nv, np.inf)
+        self._solver = Solver(
+            self._kinematics,
+            levels,
+            lower=limits.lower,
+            upper=limits.upper,
+            max_velocity=free,
+            max_acceleration=free,
+            locked=np.zeros(body.nv, dtype=bool),
+            n_ik=ITERATIONS,
+        )
+        self._kept = len(planted) + 1  # soles and balance
+        self._targets = np.zeros(self._solver.target_size)
+        for index, sole in enumerate(soles):
+            self._set(0, 2 * index, self._point(start, sole))
+            self._set(0, 2 * index + 1, self._orientation(start, sole))
+        self._set(1, 0, half_spaces(edges).ravel())
+        self._set(4, 0, start)
+        self._standing = float(self._point(start, pelvis)[2])
+
+    def extreme(self, step: float) -> float:
+        """Height (m) reached upright when it is asked for in steps of `step` m from the standing posture."""
+        self._solver.reset(self._start)
+        reached = self._standing
+        for count in range(1, int(FARTHEST_M / abs(step))):
+            asked = self._standing + count * step
+            height = self._go(asked, UPRIGHT)
+            if not abs(height - asked) <= MISSED_M:
+                break
+            reached = height
+        return reached
+
+    def leans(self, height: float) -> list[float]:
+        """Lean (rad) reached towards each of DIRECTIONS with the pelvis at `height` m."""
+        self._solver.reset(self._start)
+        for between in np.linspace(self._standing, height, 2 + int(abs(height - self._standing) / STEP_M)):
+            self._go(float(between), UPRIGHT)
+        upright = self._solver.q
+        return [self._lean(upright, height, direction) for direction in DIRECTIONS]
+
+    def _lean(self, upright: FloatArray, height: float, direction: tuple[float, float]) -> float:
+        """Lean (rad) reached towards a direction from the posture `upright` (nq,), with the pelvis at `height` m."""
+        self._solver.reset(upright)
+        x, y = direction
+        reached = 0.0
+        for asked in np.arange(STEP_RAD, FARTHEST_RAD, STEP_RAD).tolist():
+            now = self._go(height, turn((-y * asked, x * asked, 0.0)))
+            up = rotated(self._orientation(self._solver.q, self._trunk), (0.0, 0.0, 1.0))
+            lean = atan2(x * up[0] + y * up[1], up[2])
+            if not (abs(lean - asked) <= MISSED_RAD and abs(now - height) <= MISSED_M):
+                break
+            reached = lean
+        return reached
+
+    def _go(self, height: float, trunk: Quat) -> float:
+        """Go on to a height (m) and a trunk. Returns the height reached; NaN where soles or balance are lost."""
+        self._set(2, 0, (0.0, 0.0, height))
+        self._set(3, 0, trunk)
+        q = self._solver.frame(self._targets, 1.0)
+        lost = float(self._solver.task_errors[: self._kept].max()) > MISSED_M
+        return float("nan") if lost else float(self._point(q, self._pelvis)[2])
+
+    def _set(self, level: int, task: int, target: FloatArray | tuple[float, ...]) -> None:
+        start, stop = self._solver.target_slice(level, task)
+        self._targets[start] = 1.0
+        self._targets[start + 1 : stop] = target
+
+    def _point(self, q: FloatArray, frame: Frame) -> FloatArray:
+        return np.asarray(self._kinematics.points(q[None], [frame.body], frame.position[None])[0, 0])
+
+    def _orientation(self, q: FloatArray, frame: Frame) -> Quat:
+        return product(_quat(self._kinematics.orientations(q[None], [frame.body])[0, 0]), _quat(frame.quat))
+
+
+def _sole_tasks(sole: Frame) -> tuple[Task, Task]:
+    return Task.position(sole.body, _triple(sole.position)), Task.orientation(sole.body, _quat(sole.quat))
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _quat(quat: FloatArray) -> Quat:
+    w, x, y, z = quat.tolist()
+    return w, x, y, z

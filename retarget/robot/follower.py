@@ -1,0 +1,424 @@
+"""The robot's stage: landmarks asked -> a posture of the robot, within the limits of its servos, on its soles."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from math import inf
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from retarget.ik.base_pose import plant_root
+from retarget.ik.hierarchy import Hierarchy, Surroundings
+from retarget.ik.support_polygon import Stance, plant
+from retarget.ik.whole_body_stop import Stopping
+from retarget.model.body import BodyModel, JointLimits
+from retarget.model.human_dimensions import HumanDimensions
+from retarget.model.observers import robot_observers
+from retarget.model.robot import TRUNK, RobotBody
+from retarget.model.scene_state import SceneState
+from retarget.robot.balance import StandingBalance, carrying_frames, standing_strength
+from retarget.robot.crouch_envelope import measure_envelope
+from retarget.robot.fallback_hierarchy import SecondThoughts
+from retarget.robot.following_limits import following_limits
+from retarget.robot.landmarks import AskedLandmarks, LandmarkMap
+from retarget.robot.posture_reader import RobotReader, robot_frames, robot_postures, standing_dofs, standing_targets
+from retarget.robot.reference_governor import Chase
+from retarget.robot.step_plan import stepping_priorities, swinging_frames
+from retarget.robot.stepping import Stepping, reaching_aside
+from retarget.schema.priorities import Priorities
+from retarget.types import BoolArray, FloatArray, RobotPosture
+
+if TYPE_CHECKING:
+    from retarget.types import HumanPosture
+
+__all__ = ["ARRIVAL_S", "LED_SPEED", "RESTING_SPEED", "Follower", "Landing", "SlowTime", "landed_angles", "landing_of"]
+
+
+# A robot that goes slower: time goes by slower for it, so that speeds fall and all that can be stopped still can.
+#
+# At a pace of 1/2 a tick of 8 ms is one of 4 ms to the robot. What keeps every limit in its own time keeps half of the
+# speeds and a quarter of the accelerations in ours.
+
+STILL = 1e-4
+"""[rad^2/s^2] A joint that is no faster than the root of this stands."""
+
+
+class SlowTime:
+    """How fast time goes by for one robot. pace: s of its own in a second, (0, 1]."""
+
+    def __init__(self, body: BodyModel, limits: JointLimits) -> None:
+        single, address = body.scalar_joints()
+        bounded = single & np.isfinite(limits.lower) & np.isfinite(limits.upper) & (limits.max_acceleration > 0.0)
+        self._dofs = np.flatnonzero(bounded)
+        self._columns = address[self._dofs]
+        self._lower, self._upper = limits.lower[self._dofs], limits.upper[self._dofs]
+        self._twice = 2.0 * limits.max_acceleration[self._dofs]
+        self.pace = 1.0
+
+    def turn(self, pace: float, q: FloatArray, velocity: FloatArray) -> float:
+        """Keep another pace if that can be. Returns the new pace over the one before.
+
+        q (nq,), velocity (nv,) per s of its own. A slower robot brakes more gently: while a joint could not stop short
+        of its limit any more, the pace stays.
+        """
+        change = pace / self.pace
+        if change < 1.0:
+            speed, angle = velocity[self._dofs] / change, q[self._columns]
+            room = np.where(speed > 0.0, self._upper - angle, angle - self._lower)
+            if (speed * speed > self._twice * np.maximum(room, 0.0) + STILL).any():
+                return 1.0
+        self.pace = pace
+        return change
+
+
+# The way of a robot from its stance to where somebody stands still, before it follows.
+
+ARRIVAL_S = 5.0
+"""Longest way (s)."""
+RESTING_SPEED = 0.1
+"""A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
+RESTING_TICKS = 5
+
+
+def arrival(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list[RobotPosture]:
+    """Postures, `dt` s apart, from q (nq,) until the robot rests. step: the next one."""
+    way: list[RobotPosture] = []
+    resting = 0
+    while resting < RESTING_TICKS and len(way) * dt < ARRIVAL_S:
+        before = q
+        way.append(step())
+        q = way[-1].q
+        resting = resting + 1 if float(np.abs(q - before).max()) < RESTING_SPEED * dt else 0
+    return way
+
+
+# A robot on its own soles stands before it is parked: legs and trunk as in its stance, its arms aside.
+#
+# The way to the posture of rest is straight in its joints. From legs that lean or twist, two planted soles cannot go
+# it:
+# they would tip; and from arms that are anywhere it leads through the body. So the follower goes to a stand first, on
+# locked soles, within its balance, limbs kept off each other; a foot that is lifted is put down on the way. Its pelvis
+# and trunk are asked for as in the stance; all joints are led straight, slowly, from where they are to legs and trunk
+# of
+# the stance and to the arms of posture `attractor`. Hands may be anywhere: one that does not get where it is asked
+# would
+# draw the body along, or get there with its elbow elsewhere. So from its end the rest of the way is always the same.
+
+STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.3
+"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick alone is none: where limbs
+meet, all stand still for one, and the next goes on."""
+LED_SPEED, LED_SETTLE = 1.0, 0.1
+"""rad/s of the joint that is led the longest way, and s by which the robot follows, of its own time."""
+
+
+class Landing:
+    """A way to a stand."""
+
+    def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
+        """standing: what asks for the stance."""
+        others = frozenset(row for row, name in enumerate(robot.profile.landmarks) if name != "pelvis")
+        self.asked = replace(standing, open=others)
+        """What is asked besides the joints."""
+        single, address = robot.body.scalar_joints()
+        self._joints = address[single]
+        self._end = robot.posture(landed_angles(robot))[self._joints]
+        self._posture = stance.q.copy()
+        self.arrived = False
+        """Whether joints are led no further."""
+        self._rested = 0.0
+
+    def begin(self, q: FloatArray) -> None:
+        """From posture q (nq,)."""
+        self._posture[self._joints] = q[self._joints]
+        self.arrived = False
+
+    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
+        """Whether a robot is still on its way, called for another `dt` s. velocity (nv,): of it, per s. stands: whether
+        it has both feet on the floor and its weight between them."""
+        rests = self.arrived and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
+        self._rested = self._rested + dt if rests and stands else 0.0
+        return self._rested < RESTS_S
+
+    def lead(self, dt: float) -> FloatArray:
+        """The posture (nq,) in which joints are to be `dt` s later."""
+        way = self._end - self._posture[self._joints]
+        share = min(LED_SPEED * dt / max(float(np.abs(way).max(initial=0.0)), 1e-9), 1.0)
+        self._posture[self._joints] += share * way
+        self.arrived = share == 1.0
+        return self._posture
+
+
+def landed_angles(robot: RobotBody) -> dict[str, float]:
+    """Where a landing ends, rad by joint, 0 elsewhere: legs and trunk as in `stand`, the others as in `attractor`."""
+    postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
+    return {
+        joint: (postures.stand if carrying[robot.body.dof_index(joint)] else postures.attractor).get(joint, 0.0)
+        for joint in postures.stand | postures.attractor
+    }
+
+
+def landing_of(
+    robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
+) -> Landing | None:
+    """Of a robot; None without a pelvis, and where priorities look at no mass in motion."""
+    if balance is None or not balance.looks_at_motion or "pelvis" not in robot.profile.landmarks:
+        return None
+    return Landing(robot, stance, standing)
+
+
+Parts = Literal["whole", "upper"]
+
+APPROACH_S = 3.0
+"""How long (s) after the start the robot takes to go from its slow approach to full haste."""
+
+
+class Follower:
+    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: of a robot that
+    steps, else None."""
+
+    def __init__(
+        self,
+        robot: RobotBody,
+        priorities: Priorities,
+        dimensions: HumanDimensions,
+        *,
+        parts: Parts = "whole",
+        iterations: int | None = None,
+        scene: SceneState | None = None,
+    ) -> None:
+        """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: instead of the file's.
+
+        scene: what is around the robot, in its own world. Raises ConfigError: the priorities name what the robot does
+        not have.
+        """
+        self._robot, self._body = robot, robot.body.solver_body()
+        self.stance = plant(robot, robot.profile.postures.stand)
+        self._limits = following_limits(robot, self.stance, priorities.uphold)
+        stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
+        steps = legs_move and priorities.steps == "shift"
+        if steps:
+            priorities = stepping_priorities(priorities, tuple(sole.frame.name for sole in stance.soles))
+        self._balance = StandingBalance(priorities, stance) if stance.soles else None
+        self._strength = standing_strength(robot, priorities, stance) if legs_move else None
+        self._root = None if robot.profile.root == "free" else (robot.body.body_pos[1], robot.body.body_quat[1])
+        edges = self._balance.edges if legs_move and self._balance else None
+        envelope = None if edges is None else measure_envelope(robot, self._limits, stance, edges=edges)
+        envelope = reaching_aside(envelope, robot, stance) if steps else envelope
+        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
+        self.surroundings = Surroundings(scene)
+        self.observers = robot_observers(robot)
+        carrying = standing_dofs(robot)
+        build = partial(self._hierarchy_of, iterations=iterations)
+        self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
+        still = frozenset(sole.frame.name for sole in stance.soles)
+        second = partial(SecondThoughts, build, priorities, self.hierarchy)
+        self._second = second(soles=still, carrying=carrying) if legs_move else None
+        stopping = partial(Stopping, robot.body, self._limits, carrying=carrying)
+        self._planted = stopping(stance) if legs_move else None
+        self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
+        self._reader = RobotReader(robot, stance)
+        upright = self._reader.trunk_at_stance
+        self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=upright, ahead=priorities.ahead)
+        self._landing = landing_of(robot, stance, self.landmark_map.standing, self._balance if legs_move else None)
+        self._approach = robot.profile.safety.speed_caps.approach
+        self._servos = robot.servo_columns
+        self._q = stance.q
+        self._time = SlowTime(robot.body, self._limits)
+
+    @property
+    def _stopping(self) -> Stopping | None:
+        """Ways to a stop on what carries."""
+        return self._planted if self.steps is None else self.steps.stopping
+
+    def _hierarchy_of(self, priorities: Priorities, locked: BoolArray, *, iterations: int | None) -> Hierarchy:
+        """The robot's hierarchy, with these DoFs (nv,) locked."""
+        return Hierarchy.build(
+            priorities,
+            self._robot.body,
+            frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))
+            | carrying_frames(self._robot),
+            postures=robot_postures(self._robot, self.stance),
+            limits=self._limits,
+            locked=locked,
+            iterations=iterations,
+            observers=self.observers,
+            scene=self.surroundings.shapes,
+        )
+
+    def start(self, human: "HumanPosture") -> RobotPosture:
+        """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
+        self.landmark_map.restart()
+        self._chase.restart()
+        self._since_start, self._time.pace = 0.0, 1.0
+        self.surroundings.restart()
+        self._q = self.stance.q
+        self._targets = standing_targets(self.hierarchy, self.stance)
+        self.hierarchy.solver.reset(self._q)
+        if self.steps is not None:
+            self.steps.restart()
+        if self._stopping is not None:
+            self._stopping.begin(self._q)
+        self._asked = self.landmark_map.ask(human, 0.0)
+        self._reached = self._reader.read(self._q)
+        return self._posture(self._asked)
+
+    def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
+        """After `start`: the way to where the performer stands still, tick by tick, until the robot rests there (see
+        `arrival`). A hand that is asked high up is raised in good time, not chased from below."""
+        if self.steps is not None:
+            self.steps.waits = True
+        way = arrival(partial(self.step, human, dt), self._q, dt)
+        if self.steps is not None:
+            self.steps.waits = False
+        self.surroundings.begin()
+        return way
+
+    def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
+        """The posture after the next `dt` s."""
+        self._since_start += dt
+        self._asked = self.landmark_map.ask(human, dt)
+        haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
+        self._advance(self._asked, dt, haste=haste)
+        return self._posture(self._asked)
+
+    def _advance(self, asked: AskedLandmarks, dt: float, *, haste: float, lands: bool = False) -> None:
+        """Go on by `dt` s towards what is asked. lands: on the way to a stand."""
+        targets, hierarchy, pace = self._targets, self.hierarchy, self._time.pace
+        self.surroundings.tick(hierarchy, dt, pace=pace)
+        if self._second is not None:
+            self._second.around = self.surroundings.now
+        dt *= pace  # from here on the robot's own time
+        if self.steps is not None:
+            asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
+        elif self._balance is not None:
+            hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, lands=lands))
+        if self._strength is not None:
+            keeps = self.steps is None or not self.steps.onto_one
+            self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
+        self._chase.aim(targets, asked, self._reached, dt, haste=haste)
+        hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if lands else inf)
+        first = self._second.first(targets, self._q, dt) if self._second else hierarchy.solver.frame(targets, dt)
+        self._q = self._safe(first, dt)
+        self._reached = self._reader.read(self._q)
+
+    def land(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) on a way to a stand (see `landing`); None: the robot stands, or needs none."""
+        stands = self.steps is None or self.steps.wait()
+        landing, hierarchy = self._landing, self.hierarchy
+        if landing is None or not landing.goes_on(hierarchy.solver.velocity, dt, stands=stands):
+            return None
+        hierarchy.set_posture(self._targets, landing.lead(dt))
+        self._advance(landing.asked, dt, haste=1.0, lands=True)
+        return self._q
+
+    def begin_landing(self, q: FloatArray) -> None:
+        """Land from posture q (nq,), in which the robot stands, whether it has followed or not."""
+        self.reseed(q, np.zeros(self._robot.body.nv))
+        if self._landing is not None:
+            self._landing.begin(q)
+
+    def keep_pace(self, pace: float) -> None:
+        """Follow at a share (0, 1] of all speeds, from the next tick on."""
+        if pace == self._time.pace:
+            return
+        solver = self.hierarchy.solver
+        change = self._time.turn(pace, self._q, solver.velocity)
+        solver.reset(self._q, solver.velocity / change)
+        if self._stopping is not None:
+            self._stopping.keep_pace(change)
+
+    def halt(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
+        self.surroundings.tick(None, dt)
+        step = None if self._stopping is None else self._stopping.follow(dt * self._time.pace)
+        if step is None:
+            return None
+        self.part_limbs()
+        self._q, velocity = step
+        self.hierarchy.solver.reset(self._q, velocity)
+        self._reached = self._reader.read(self._q)
+        return self._q
+
+    def part_limbs(self) -> None:
+        """If the robot stands, since a goal was refused, let its next thought be of parting limbs."""
+        if self._second is not None and self._stopping is not None:
+            self._second.parts = self._stopping.stands
+
+    def pass_time(self, dt: float) -> None:
+        """Let obstacles move on in a tick in which somebody else leads the robot."""
+        self.surroundings.tick(None, dt)
+
+    def feel(self, soles: BoolArray | None) -> None:
+        """Which soles (k,) press on the floor from now on; None: nobody knows. Who steps waits for it."""
+        if self.steps is not None:
+            self.steps.felt = soles
+
+    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
+        """Go on from posture q (nq,), moving at velocity (nv,) per s: something else was sent than was asked."""
+        self._q = q
+        velocity = velocity / self._time.pace
+        self.hierarchy.solver.reset(q, velocity)
+        if self._stopping is not None:
+            self._stopping.begin(q, velocity)
+        self._reached = self._reader.read(q)
+
+    def _safe(self, q: FloatArray, dt: float) -> FloatArray:
+        """The posture q (nq,) if the robot can stop from it on its soles, else the next one on its way to a stop.
+
+        Where it knows none, each joint brakes by itself, as the gate would have it do.
+        """
+        if self._stopping is None or self._stopping.admits(q, self.hierarchy.solver.velocity, dt):
+            return q
+        second = self._think_again(dt)
+        if second is not None:
+            return second
+        step = self._stopping.follow(dt)
+        if step is None:
+            q = self._stopping.brake(dt)
+            plant_root(self._robot, self._q, q)
+            velocity = self._body.difference(self._q, q) / dt
+            self._stopping.begin(q, velocity)
+        else:
+            q, velocity = step
+        self.hierarchy.solver.reset(q, velocity)
+        return q
+
+    def _think_again(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) where the first that was thought of is not safe; None: no other is."""
+        stopping = self._stopping
+        assert stopping is not None and self._second is not None
+        thoughts = self._second.after(self._targets, self._q, stopping.velocity, dt, stands=stopping.stands)
+        for q, velocity in thoughts:
+            if stopping.admits(q, velocity, dt):
+                self.hierarchy.solver.reset(q, velocity)
+                return q
+        return None
+
+    def _mass(self) -> tuple[FloatArray, FloatArray]:
+        """The centre of mass (3,) m and its velocity (3,) m/s, where that counts."""
+        com = self._reached.centre_of_mass
+        if self._balance is None or not self._balance.looks_at_motion:
+            return com, np.zeros(3)
+        return com, self._body.centre_of_mass_jacobian(self._q) @ self.hierarchy.solver.velocity
+
+    def _support_distance(self, com: FloatArray) -> float:
+        """How far (m) a centre of mass (3,) is inside the outline of the soles that carry."""
+        keeper = self._balance if self.steps is None else self.steps
+        return np.inf if keeper is None else keeper.inside(com)
+
+    def _posture(self, asked: AskedLandmarks) -> RobotPosture:
+        q, reached = self._q, self._reached
+        root = (q[:3], q[3:7]) if self._root is None else self._root
+        return RobotPosture(
+            q=q,
+            joint_positions=q[self._servos],
+            root_position=root[0],
+            root_quaternion=root[1],
+            landmark_names=self.landmark_map.names,
+            landmarks_asked=np.array(asked.landmarks),
+            landmarks_reached=reached.points,
+            centre_of_mass=reached.centre_of_mass,
+            support_distance=self._support_distance(reached.centre_of_mass),
+            observer_modes=self.hierarchy.solver.observer_modes,
+        )

@@ -1,0 +1,162 @@
+"""The limits within which a robot follows: those of its servos, and limbs that never get quite straight."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hardware.servo import loop_lag
+from retarget.ik.gravity_torque import CarriedLoad
+from retarget.ik.support_polygon import Stance, plant
+from retarget.model.body import JointLimits
+from retarget.model.robot import RobotBody
+from retarget.robot.posture_reader import standing_dofs
+from retarget.schema.priorities import UpholdSettings
+from retarget.types import FloatArray
+
+__all__ = ["followed_speed", "following_limits", "loaded_speed", "off_stops"]
+
+
+# How fast joints may be planned that their servos are not taken for stuck: a servo lags behind a goal that moves.
+#
+# A position loop with a P gain is behind a goal of steady speed by its time constant, and by the time that goal and
+# reading take on the bus. The guard stops a robot one of whose servos is far from its goal for long; a plan that turns
+# a
+# joint so fast for so long would stop itself.
+
+SHARE = 0.95
+"""Of the error that the guard lets last, what a plan uses."""
+
+
+def followed_speed(robot: RobotBody, limits: JointLimits, *, late: float) -> JointLimits:
+    """Limits (nv,) with speeds at which every servo stays within the `following_error_lasting` of its profile, on a bus
+    that takes a cycle, and is `late` s beyond that. A profile that has none keeps its limits."""
+    safety = robot.profile.safety
+    if safety.following_error_lasting is None:
+        return limits
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    speed = limits.max_velocity.copy()
+    for servo in robot.joint_map.servos:
+        if servo.coupling is not None:  # its lag is not that of one joint
+            continue
+        behind = loop_lag(servo, protocol=protocols[servo.bus]) + 1.0 / safety.rate_hz + late
+        dof = robot.body.dof_index(servo.joint)
+        speed[dof] = min(speed[dof], SHARE * safety.following_error_lasting / behind)
+    return replace(limits, max_velocity=speed)
+
+
+# How fast the joints of a robot turn while they carry it: a motor under load is slower than one that runs free.
+
+SLOWEST = 0.25
+"""Share of its speed that a joint keeps, however heavy its load."""
+
+
+def loaded_speed(robot: RobotBody, limits: JointLimits, *, reserve: float) -> JointLimits:
+    """Limits (nv,) with the speeds at which servos hold the robot up in its lowest posture, on both soles.
+
+    A DC motor's speed falls in proportion to its torque, from the no-load speed to none at stall. reserve: share by
+    which the load in motion exceeds the one at rest. A robot that does not stand keeps its limits.
+    """
+    if not robot.stands:
+        return limits
+    postures = robot.profile.postures
+    loads = []
+    for angles in (postures.stand, postures.rest):
+        stance = plant(robot, angles)
+        loads.append(np.abs(CarriedLoad(robot, stance).torques(stance.q, np.zeros(3))))
+    load = (1.0 + reserve) * np.max(loads, axis=0)  # (nv,) [N m]
+    speed = limits.max_velocity.copy()
+    for servo in robot.joint_map.servos:
+        if servo.coupling is not None:  # two servos share its load
+            continue
+        dof = robot.body.dof_index(servo.joint)
+        share = max(1.0 - float(load[dof]) / (servo.model.stall_torque * servo.gear), SLOWEST)
+        speed[dof] = min(speed[dof], share * servo.model.no_load_speed / servo.gear)
+    return replace(limits, max_velocity=speed)
+
+
+# Joints that carry a robot keep off the ends of their range: a servo overshoots, and a stop that it hits throws the
+# robot off its soles.
+
+MOST_SHARE = 0.25
+"""Of a joint's range that it may lose at an end."""
+
+
+def off_stops(robot: RobotBody, limits: JointLimits, *, margin: float) -> JointLimits:
+    """Limits (nv,) with the joints between root and soles kept `margin` rad off both ends of the range of their servos,
+    MOST_SHARE of it at most, and as far as `stand` allows. A robot that does not stand keeps its limits."""
+    if not robot.stands or margin == 0.0:
+        return limits
+    lower, upper = limits.lower.copy(), limits.upper.copy()
+    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+    dofs = np.array([robot.body.dof_index(joint) for joint in robot.joint_map.joints], dtype=np.intp)
+    carrying = standing_dofs(robot)[dofs]
+    rows = dofs[carrying]
+    first, last = robot.limits.lower[carrying], robot.limits.upper[carrying]
+    off = np.minimum(margin, MOST_SHARE * (last - first))
+    lowest, highest = first + off, last - off
+    stand = stand[carrying]
+    lower[rows] = np.maximum(lower[rows], np.minimum(lowest, stand))
+    upper[rows] = np.minimum(upper[rows], np.maximum(highest, stand))
+    return replace(limits, lower=lower, upper=upper)
+
+
+LIMBS = {"knee": ("hip", "ankle"), "elbow": ("shoulder", "hand")}
+"""Middle joint of a limb, and the frames at its ends."""
+BENT = 0.2
+"""Bend (rad) that knees and elbows keep, towards where the standing robot bends them.
+
+A straight limb is singular: a straight leg could not move its hip on without turning its knee at once, and an arm that
+stretches for something out of reach would swing its elbow from one side to the other. It costs 0.5 % of the reach."""
+SAMPLES = 181
+"""Angles at which a joint is tried."""
+
+
+def following_limits(robot: RobotBody, stance: Stance, uphold: UpholdSettings | None = None) -> JointLimits:
+    """Limits of every DoF (nv,). A free root has none; speeds are capped by the profile's share for following. uphold:
+    of a robot with mass, which keeps off its stops, and to speeds of loaded servos."""
+    servos, body = robot.limits, robot.body
+    dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
+    columns = []
+    for values, none in (
+        (servos.lower, -np.inf),
+        (servos.upper, np.inf),
+        (servos.max_velocity * robot.profile.safety.speed_caps.follow, np.inf),
+        (servos.max_acceleration, np.inf),
+    ):
+        whole = np.full(body.nv, none)
+        whole[dofs] = values
+        columns.append(whole)
+    lower, upper, max_velocity, max_acceleration = columns
+    for middle, ends in LIMBS.items():
+        for side in ("l", "r"):
+            _keep_bent(robot, stance, [f"{side}_{part}" for part in (ends[0], middle, ends[1])], lower, upper)
+    limits = JointLimits(lower, upper, max_velocity, max_acceleration)
+    return limits if uphold is None else _upheld(robot, limits, uphold)
+
+
+def _upheld(robot: RobotBody, limits: JointLimits, uphold: UpholdSettings) -> JointLimits:
+    limits = loaded_speed(robot, limits, reserve=uphold.reserve)
+    limits = followed_speed(robot, limits, late=uphold.late)
+    return off_stops(robot, limits, margin=uphold.off_stops)
+
+
+def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:
+    """Draw in the limit (nv,) of a limb's middle joint on its straight side; not where the profile lacks its frames."""
+    body = robot.body
+    if not set(limb) <= set(robot.profile.frames):
+        return
+    start, middle, end = limb
+    joints = np.flatnonzero(body.joint_body == robot.frame(middle).body)
+    if joints.size != 1:
+        return
+    dof, column = int(body.joint_dof[joints[0]]), int(body.joint_qpos[joints[0]])
+    angles = np.linspace(lower[dof], upper[dof], SAMPLES)
+    postures = np.tile(stance.q, (SAMPLES, 1))
+    postures[:, column] = angles
+    near, far = np.moveaxis(robot.points(postures, (start, end)), 1, 0)
+    straight = float(angles[np.argmax(np.linalg.norm(near - far, axis=1))])
+    standing = float(stance.q[column])
+    if standing > straight:
+        lower[dof] = max(lower[dof], min(straight + BENT, standing))
+    else:
+        upper[dof] = min(upper[dof], max(straight - BENT, standing))

@@ -1,0 +1,397 @@
+"""Human posture -> landmarks asked of the robot, scaled limb by limb, in the robot's world frame.
+
+The robot's world has its origin on the ground between the planted soles, x forward. Landmarks follow from the performer
+and from constants of the robot (profile, stance, envelope), never from what the robot does: a robot that lags behind or
+stands still does not look better than it is.
+
+Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
+other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles by the length of the legs, its
+height within the robot's envelope. The trunk leans and twists as the line from the hips to the base of the neck and the
+chest do, its lean within the envelope at that height. The trunk carries the robot's own shoulders, and from each of
+them a hand is asked by the length of the arm. A trunk that stays where it is carries the head: it is asked where it
+stands.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import pairwise
+from math import atan2, copysign, exp, hypot, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from retarget.ik.support_polygon import Stance
+from retarget.model.human_dimensions import POINTS, HumanDimensions
+from retarget.robot.crouch_envelope import Envelope
+from retarget.rotations import Quat, Vector, arc, axis_turn, inverse, plus, product, rotated
+from retarget.schema.profile import RobotProfile
+from retarget.schema.profile_parts import Landmark
+from retarget.types import Carrying, FloatArray
+
+if TYPE_CHECKING:
+    from retarget.types import HumanPosture
+
+__all__ = ["AskedLandmarks", "Facing", "FeetApart", "LandmarkMap", "PelvisOverFoot", "feet_apart"]
+
+
+# Where a performer faces: the slow heading in which a planted robot mirrors the performer.
+#
+# A robot whose feet stay planted cannot turn with the performer. It keeps its stance and takes what the performer does
+# relative to this heading, so a performer who turns round slowly is followed as one who faces forward, while a quick
+# twist of the trunk is a twist of the robot's trunk.
+
+SETTLE_S = 1.0
+"""Time constant (s of the robot's clock) with which the heading follows: slower than a twist, faster than a stroll."""
+CLEAR = 0.2
+"""Length of the mean of the unit directions below which feet and pelvis tell no direction, and the heading is held."""
+
+
+class Facing:
+    """Mean ground direction of pelvis, left foot and right foot, through a first-order low pass.
+
+    The pelvis counts as much as both feet: each alone misleads, the feet of a wide stance, the pelvis of a twist.
+    """
+
+    def __init__(self) -> None:
+        self._x, self._y = 0.0, 0.0  # zero: not started
+
+    def restart(self) -> None:
+        """Take the next direction as it is."""
+        self._x, self._y = 0.0, 0.0
+
+    def update(
+        self, pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float], dt: float
+    ) -> tuple[float, float]:
+        """Heading (x, y), a unit vector on the ground, `dt` s after the last one.
+
+        pelvis: orientation wxyz, forward where its left axis has it, so that bending does not matter; feet: x, y, z of
+        any length, from ankle to toe. What is not finite takes no part.
+        """
+        x, y = _seen(pelvis, left_foot, right_foot)
+        length = hypot(x, y)
+        if length > CLEAR:
+            started = self._x != 0.0 or self._y != 0.0
+            share = 1.0 - exp(-dt / SETTLE_S) if started else 1.0
+            self._x += share * (x / length - self._x)
+            self._y += share * (y / length - self._y)
+        norm = hypot(self._x, self._y)
+        return (self._x / norm, self._y / norm) if norm > 1e-9 else (1.0, 0.0)
+
+
+def _seen(pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float]) -> tuple[float, float]:
+    """Mean of the unit directions on the ground; shorter than one where they disagree."""
+    w, qx, qy, qz = pelvis
+    left_x, left_y = 2.0 * (qx * qy - w * qz), 1.0 - 2.0 * (qx * qx + qz * qz)
+    x = y = 0.0
+    for dx, dy, share in (
+        (left_y, -left_x, 0.5),
+        (left_foot[0], left_foot[1], 0.25),
+        (right_foot[0], right_foot[1], 0.25),
+    ):
+        length = hypot(dx, dy)
+        if 1e-6 < length < float("inf"):
+            x += share * dx / length
+            y += share * dy / length
+    return x, y
+
+
+# The feet of a robot that hangs, no closer to each other sideways than it stands.
+#
+# Feet of performers pass each other within a hand's breadth, and cross; those of most robots are half as wide as their
+# hips are apart, and would meet. So what is asked of the left foot stays to the left of the right one's, at least by
+# the
+# way between both in the stance. What is asked farther apart stays as it is, and the middle of both feet always does.
+
+KNEE = 0.1
+"""Share of the least distance above which nothing changes; in between it is approached smoothly."""
+
+
+@dataclass(frozen=True)
+class FeetApart:
+    """Rows of the landmarks of the left and the right foot, and the least distance sideways between them, m."""
+
+    left: int
+    right: int
+    least: float
+
+    def ask(self, landmarks: list[Vector]) -> None:
+        """Move both feet of `landmarks`, m, x forward and y left, aside in place, as far as they lack, each by half."""
+        (lx, ly, lz), (rx, ry, rz) = landmarks[self.left], landmarks[self.right]
+        half = 0.5 * (_at_least(ly - ry, self.least) - (ly - ry))
+        landmarks[self.left], landmarks[self.right] = (lx, ly + half, lz), (rx, ry - half, rz)
+
+
+def feet_apart(profile: RobotProfile, stance: Stance, rows: Sequence[str]) -> FeetApart | None:
+    """Of a robot whose landmarks are `rows`; None where it does not have two feet among them, beside each other."""
+    soles = {foot.frame for foot in profile.feet.values()}
+    feet = [row for row, name in enumerate(rows) if profile.landmarks[name].frame in soles]
+    if len(feet) != 2:
+        return None
+    beside = {row: float(stance.points[profile.landmarks[rows[row]].frame][1]) for row in feet}
+    left, right = sorted(feet, key=lambda row: -beside[row])
+    least = beside[left] - beside[right]
+    return FeetApart(left, right, least) if least > 0.0 else None
+
+
+def _at_least(value: float, least: float) -> float:
+    """The value itself from a knee above `least` on; below, it approaches that smoothly."""
+    room = KNEE * least
+    lack = least + room - value
+    return value if lack <= 0.0 else least + room * exp(-lack / room)
+
+
+# The pelvis of a performer on one foot: over that foot, and as high above it as the leg holds it.
+#
+# Measured from the middle of both ankles, who lifts a foot would seem to crouch by half of that. Fore and aft a
+# walker's
+# feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis is over what it is
+# nearer
+# to, the foot or the middle.
+
+PELVIS_SETTLE_S = 0.2
+"""Time constant (s) with which the pelvis goes from both feet to one, and back."""
+_SIDE = {Carrying.LEFT: 1.0, Carrying.RIGHT: -1.0}
+
+
+class PelvisOverFoot:
+    """How far a pelvis is from where the middle of both ankles would have it, in the robot's world and size."""
+
+    def __init__(self, left: FloatArray, right: FloatArray) -> None:
+        """left, right (3,) m: ankles of the standing robot."""
+        self._aside = float(left[1] - right[1])
+        self.restart()
+
+    def restart(self) -> None:
+        """On both feet."""
+        self._side = 0.0
+
+    def step(self, pelvis: Vector, apart: Vector, carrying: Carrying, dt: float) -> Vector:
+        """Offset (m) after another `dt` s. pelvis: from the middle of both ankles, apart: the performer's left ankle
+        from the right one; both scaled as a leg, m."""
+        self._side += (1.0 - exp(-dt / PELVIS_SETTLE_S)) * (_SIDE.get(carrying, 0.0) - self._side)
+        half = 0.5 * self._side
+        ahead = pelvis[0]
+        nearer = sorted((ahead, ahead - half * apart[0], 0.0))[1]
+        return nearer - ahead, half * (self._aside - apart[1]), -half * apart[2]
+
+
+CROUCH_KNEE = 0.1
+"""Share of the robot's range of heights, from its bottom, in which what is asked lower is drawn together."""
+LEAN_KNEE = 0.3
+"""Share of the robot's lean, from its end, in which what is asked beyond is drawn together."""
+TRUNK = {"neck": 1.0, "l_hip": -0.5, "r_hip": -0.5}
+"""The line of the trunk, from the hips to the base of the neck, as a sum of joints."""
+FEET = ({"l_toe": 1.0, "l_ankle": -1.0}, {"r_toe": 1.0, "r_ankle": -1.0})
+"""The lines of the feet."""
+PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
+"""A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
+HEAD = ("head",)
+"""What a landmark follows that no joint of a limb moves."""
+APART = ("l_ankle", "r_ankle")
+"""What a robot that steps is told the distance of."""
+UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+class Role(Enum):
+    """How a landmark is asked: where it is planted, as the pelvis, by a limb that the trunk leans, by a limb alone."""
+
+    STILL = 0
+    PELVIS = 1
+    BORNE = 2
+    LIMB = 3
+
+
+@dataclass(frozen=True, eq=False)
+class AskedLandmarks:
+    """What is asked at one instant, in the robot's world frame.
+
+    landmarks: k points, m, in the order of the profile's landmarks. trunk: orientation wxyz of the trunk, the identity
+    when the performer stands upright and faces the heading. gaze: unit direction of the performer's eyes. apart: their
+    left ankle from the right one, scaled as a leg, m, told to a robot that steps; carrying: which feet of theirs do.
+    open: numbers of the landmarks that may be anywhere.
+    """
+
+    landmarks: list[Vector]
+    trunk: Quat
+    gaze: Vector
+    apart: Vector = (0.0, 0.0, 0.0)
+    carrying: Carrying = Carrying.BOTH
+    open: frozenset[int] = frozenset()
+
+    def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
+        """The same for a body that is led aside, m: its pelvis by all of that, all others by a share."""
+        x, y, z = aside
+        part = (share * x, share * y, share * z)
+        landmarks = [plus(place, aside if row == pelvis else part) for row, place in enumerate(self.landmarks)]
+        return replace(self, landmarks=landmarks)
+
+
+class LandmarkMap:
+    """From the postures of one performer to landmarks of one robot. Its only state is the performer's heading, and for
+    one that steps, which of the performer's feet carry."""
+
+    def __init__(
+        self,
+        profile: RobotProfile,
+        dimensions: HumanDimensions,
+        stance: Stance,
+        envelope: Envelope | None,
+        *,
+        steps: bool = False,
+    ) -> None:
+        """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone).
+        steps: whether the pelvis is asked over the foot that carries, and not over the middle of both."""
+        self.names = tuple(profile.landmarks)
+        self._envelope = envelope
+        self._facing = Facing()
+        rest = dict(zip(POINTS, dimensions.standing(), strict=True))
+        entries = list(profile.landmarks.values())
+        self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK, *FEET]
+        self._over_foot = PelvisOverFoot(*(stance.points[name] for name in APART)) if steps else None
+        if steps:
+            scale = _scale(profile.landmarks["pelvis"], rest)
+            self._sums.append({APART[0]: scale, APART[1]: -scale})
+        self._joint_names: tuple[str, ...] = ()
+        self._weights = np.zeros((len(self._sums), 0))
+        line = _weights([TRUNK], POINTS) @ dimensions.standing()
+        self._upright = arc(_vector(line[0]), UP)
+        self._plan(profile, entries, stance)
+        self._feet_apart = None if stance.soles else feet_apart(profile, stance, self.names)
+
+    def _plan(self, profile: RobotProfile, entries: list[Landmark], stance: Stance) -> None:
+        """What each landmark is, and where its anchor is in the stance."""
+        soles = {foot.frame for foot in profile.feet.values()} if stance.soles else set()
+        pelvis = profile.landmarks.get("pelvis")
+        place = np.zeros(3) if pelvis is None else stance.points[pelvis.frame]
+        anchors = [np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries]
+        self._pelvis = None if pelvis is None else self.names.index("pelvis")
+        self._pelvis_place = _vector(place)
+        self._feet = _vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
+        self._places = [_vector(stance.points[entry.frame]) for entry in entries]
+        self._offset = [entry.offset for entry in entries]
+        self._carried = [_vector(anchor - place) for anchor in anchors]  # in the frame of an upright trunk
+        self._roles = []
+        for name, entry in profile.landmarks.items():
+            if entry.frame in soles or (name == "pelvis" and self._envelope is None):
+                self._roles.append(Role.STILL)
+            elif name == "pelvis":
+                self._roles.append(Role.PELVIS)
+            elif self._envelope is None and entry.follows == HEAD:
+                self._roles.append(Role.STILL)
+            else:
+                self._roles.append(Role.BORNE if set(entry.measured_from) <= PELVIS_JOINTS else Role.LIMB)
+
+    @property
+    def standing(self) -> AskedLandmarks:
+        """What asks the robot to stand as in its stance."""
+        return AskedLandmarks(self._places, IDENTITY, FORWARD)
+
+    def restart(self) -> None:
+        """A new performance: take the heading of its first posture as it is."""
+        self._facing.restart()
+        if self._over_foot is not None:
+            self._over_foot.restart()
+
+    def ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
+        """What this posture asks of the robot, `dt` s of the robot's clock after the one before."""
+        if human.joint_names is not self._joint_names:
+            self._weights = _weights(self._sums, human.joint_names)
+            self._joint_names = human.joint_names
+        rows = (self._weights @ human.joints).tolist()  # k limbs, the trunk, two feet; performer's world
+        pelvis_seen, chest_seen, head_seen = (_quat(row) for row in human.orientations.tolist())
+        feet = len(self.names) + 1
+        x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt)
+        limbs: list[Vector] = [(x * a + y * b, x * b - y * a, c) for a, b, c in rows]
+        from_world = (sqrt(max(0.5 + 0.5 * x, 0.0)), 0.0, 0.0, -copysign(sqrt(max(0.5 - 0.5 * x, 0.0)), y))
+        chest = product(from_world, chest_seen)
+        seen = product(product(arc(rotated(chest, UP), limbs[feet - 1]), chest), self._upright)
+        gaze = rotated(product(from_world, head_seen), FORWARD)
+
+        apart = (0.0, 0.0, 0.0) if self._over_foot is None else limbs[-1]
+        aside = None
+        if self._over_foot is not None and self._pelvis is not None:
+            aside = self._over_foot.step(limbs[self._pelvis], apart, human.carrying, dt)
+        pelvis = self._pelvis_asked(limbs, aside)
+        trunk = self._trunk_asked(seen, pelvis[2])
+        lean_less = product(trunk, inverse(seen))
+        landmarks: list[Vector] = []
+        for row, role in enumerate(self._roles):
+            if role is Role.STILL:
+                landmarks.append(self._places[row])
+            elif role is Role.PELVIS:
+                landmarks.append(pelvis)
+            else:
+                limb = rotated(lean_less, limbs[row]) if role is Role.BORNE else limbs[row]
+                landmarks.append(plus(plus(pelvis, rotated(trunk, self._carried[row])), plus(limb, self._offset[row])))
+        if self._feet_apart is not None:
+            self._feet_apart.ask(landmarks)
+        return AskedLandmarks(landmarks, trunk, gaze, apart, human.carrying)
+
+    def _pelvis_asked(self, limbs: list[Vector], aside: Vector | None) -> Vector:
+        """The pelvis over the planted ankles, `aside` of their middle, no lower than the robot gets."""
+        if self._envelope is None or self._pelvis is None:
+            return self._pelvis_place
+        over = plus(plus(self._feet, limbs[self._pelvis]), self._offset[self._pelvis])
+        x, y, z = over if aside is None else plus(over, aside)
+        low, high = self._envelope.lowest, self._envelope.highest
+        return x, y, high - drawn_in(high - z, high - low, CROUCH_KNEE)
+
+    def _trunk_asked(self, seen: Quat, height: float) -> Quat:
+        """The trunk as seen on the performer, leaning no further than the robot can with its pelvis at `height`."""
+        if self._envelope is None:
+            return IDENTITY
+        x, y, z = rotated(seen, UP)
+        across = hypot(x, y)
+        if across < 1e-9:
+            return seen
+        lean = atan2(across, z)
+        less = drawn_in(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
+        return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
+
+
+def drawn_in(value: float, most: float, knee: float) -> float:
+    """The value itself up to the last share `knee` before `most`; beyond, it approaches `most` smoothly."""
+    free = (1.0 - knee) * most
+    if value <= free:
+        return value
+    room = most - free
+    if room <= 0.0:  # a robot that cannot crouch at all
+        return most
+    return most - room * exp(-(value - free) / room)
+
+
+def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:
+    """The limb vector of a landmark as a sum of human joints, scaled to the robot."""
+    scale = _scale(entry, rest)
+    total: dict[str, float] = {}
+    for names, sign in ((entry.follows, 1.0), (entry.measured_from, -1.0)):
+        for name in names:
+            total[name] = total.get(name, 0.0) + sign * scale / len(names)
+    return total
+
+
+def _scale(entry: Landmark, rest: Mapping[str, FloatArray]) -> float:
+    """The length of a robot's limb over that of the performer's."""
+    chain = [np.mean([rest[name] for name in point], axis=0) for point in entry.human_length]
+    return entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
+
+
+def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) -> FloatArray:
+    """The sums as a matrix (rows, m) over joints in this order."""
+    weights = np.zeros((len(sums), len(joint_names)))
+    for row, joints in enumerate(sums):
+        for name, weight in joints.items():
+            weights[row, joint_names.index(name)] = weight
+    return weights
+
+
+def _vector(array: FloatArray) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def _quat(values: list[float]) -> Quat:
+    w, x, y, z = values
+    return w, x, y, z

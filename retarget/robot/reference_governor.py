@@ -1,0 +1,212 @@
+"""The reference governor: what is asked, turned into goals that the robot can reach and brake before.
+
+See `pursuit`. The pace of a limb follows from the acceleration of its own servos, the weakest of them, and from its
+length, so a new robot needs no tuning.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import copysign, exp, floor, sqrt
+
+import numpy as np
+
+from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.tasks import SlotKind
+from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
+from retarget.robot.landmarks import AskedLandmarks
+from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
+from retarget.schema.profile_parts import Landmark
+from retarget.types import FloatArray
+
+__all__ = ["Chase", "Glide", "Pace", "Pursuit", "Reached", "braking_displacement"]
+
+
+# How fast to go after what is asked, so that whatever happens the robot arrives without overshoot.
+#
+# A solver that corrects all of an error at once, within the acceleration of its joints, arrives too fast to stop there
+# and swings about the goal. Here the step of a tick is the asked motion's own, as far as it is smooth, and beside it no
+# more than can be braked: v = sqrt(2 a gap). A motion within the limits is followed without any lag. A jump is neither
+# taken for motion nor followed at once: it is caught up with.
+
+SMOOTH_S = 0.04
+"""Time constant (s) of the asked motion's own velocity: shorter is noise. What this lags behind is caught up with."""
+RATE = 30.0
+"""Share of what is left that is caught up with, per s, where braking does not matter: the gain that noise meets."""
+STILL = 1e-12
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Limits of a channel, in m or rad. own: greatest acceleration of the asked motion that is believed, per s^2.
+
+    catch_up: acceleration and braking of the way to what is asked, per s^2; speed: greatest speed of it, per s.
+    """
+
+    own: float
+    catch_up: float
+    speed: float
+
+
+class Pursuit:
+    """Steps of one channel, a vector of three: a point, or a rotation as rotation vectors."""
+
+    def __init__(self, pace: Pace, *, ahead: float = 0.0) -> None:
+        """ahead: s; it aims at where the motion will be then, if it keeps its own velocity."""
+        self._pace, self._ahead = pace, ahead
+        self._own: Vector = (0.0, 0.0, 0.0)
+        self._before = 0.0
+
+    def restart(self) -> None:
+        """Start at rest, after something that stands still."""
+        self._own = (0.0, 0.0, 0.0)
+        self._before = 0.0
+
+    def step(self, moved: Vector, error: Vector, dt: float, *, haste: float = 1.0) -> Vector:
+        """Displacement to ask for in this tick of `dt` s.
+
+        moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
+        haste: share of the catching-up speed and acceleration.
+        """
+        pace = self._pace
+        ox, oy, oz = self._own
+        share = 1.0 - exp(-dt / SMOOTH_S)
+        cx, cy, cz = share * (moved[0] / dt - ox), share * (moved[1] / dt - oy), share * (moved[2] / dt - oz)
+        scale = min(1.0, pace.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
+        ox, oy, oz = self._own = (ox + scale * cx, oy + scale * cy, oz + scale * cz)
+
+        a = self._ahead
+        ex, ey, ez = error[0] + a * ox, error[1] + a * oy, error[2] + a * oz
+        ox, oy, oz = ox * dt, oy * dt, oz * dt
+        rx, ry, rz = ex - ox, ey - oy, ez - oz
+        gap = sqrt(rx * rx + ry * ry + rz * rz)
+        change = pace.catch_up * haste * dt * dt
+        ahead = min(braking_displacement(gap, change), self._before + change)
+        self._before = ahead = min(ahead, pace.speed * haste * dt, gap * min(1.0, RATE * dt))
+        share = ahead / max(gap, STILL)
+        return ox + share * rx, oy + share * ry, oz + share * rz
+
+
+def braking_displacement(gap: float, change: float) -> float:
+    """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`."""
+    ticks = floor(0.5 * (sqrt(1.0 + 8.0 * max(gap, 0.0) / change) - 1.0))
+    return (gap + 0.5 * change * ticks * (ticks + 1.0)) / (ticks + 1.0)
+
+
+STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
+"""Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
+its speed for catching up. Of a robot on its soles, and of one that something else holds.
+
+What a joint makes of a limb's acceleration depends on the posture; a fifth leaves room for unfavourable ones, and what
+swings then tips nobody who is held. The own motion of a limb is that of several joints, of which one alone is looked at
+here; a foot that kicks may have what two can."""
+FAR = 1e3
+"""How far (m) away the point is that the eyes are turned to: a direction."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Reached:
+    """Where the robot is, m, in its world.
+
+    points (k, 3), and the same as tuples in `landmarks`; trunk: wxyz relative to its stance; gaze: unit direction of
+    the eyes; centre_of_mass (3,).
+    """
+
+    points: FloatArray
+    landmarks: list[Vector]
+    trunk: Quat
+    gaze: Vector
+    centre_of_mass: FloatArray
+
+
+class Chase:
+    """Goals of the hands, the pelvis and other landmarks, of the trunk and of the eyes."""
+
+    def __init__(
+        self,
+        robot: RobotBody,
+        hierarchy: Hierarchy,
+        *,
+        still: frozenset[str],
+        trunk_at_stance: Quat,
+        ahead: float = 0.0,
+    ) -> None:
+        """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
+        ahead: s, see `Pursuit`."""
+        names = tuple(robot.profile.landmarks)
+        moving = [name for name in names if name not in still and hierarchy.uses(SlotKind.POSITION, name)]
+        soles = [foot.frame for foot in robot.profile.feet.values()]
+        self._rows = [names.index(name) for name in moving]
+        self._points = [Pursuit(_landmark_pace(robot, robot.profile.landmarks[name]), ahead=ahead) for name in moving]
+        self._trunk = Pursuit(_pace(robot, TRUNK, soles), ahead=ahead)
+        self._gaze = Pursuit(_pace(robot, HEAD, [TRUNK]), ahead=ahead)
+        self._source, self._slots = hierarchy.position_slots(moving)
+        self._hierarchy = hierarchy
+        self._trunk_at_stance = trunk_at_stance
+        self._before: AskedLandmarks | None = None
+
+    def restart(self) -> None:
+        """Start at rest."""
+        self._before = None
+        for pursuit in (*self._points, self._trunk, self._gaze):
+            pursuit.restart()
+
+    def aim(self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, haste: float) -> None:
+        """Write the goals of a tick of `dt` s into the target vector. haste: see `Pursuit`."""
+        before = asked if self._before is None else self._before
+        self._before = asked
+        goals = []
+        for row, pursuit in zip(self._rows, self._points, strict=True):
+            here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
+            x, y, z = pursuit.step(minus(there, last), minus(there, here), dt, haste=haste)
+            weight = 0.0 if row in asked.open else 1.0
+            goals.append((weight, here[0] + x, here[1] + y, here[2] + z))
+        targets[self._slots] = np.array(goals)[self._source]
+
+        moved = rotation_vector(product(asked.trunk, inverse(before.trunk)))
+        error = rotation_vector(product(asked.trunk, inverse(reached.trunk)))
+        trunk = product(turn(self._trunk.step(moved, error, dt, haste=haste)), reached.trunk)
+        self._hierarchy.set_orientation(targets, TRUNK, np.array(product(trunk, self._trunk_at_stance)))
+
+        moved, error = rotation_vector(arc(before.gaze, asked.gaze)), rotation_vector(arc(reached.gaze, asked.gaze))
+        x, y, z = rotated(turn(self._gaze.step(moved, error, dt, haste=haste)), reached.gaze)
+        self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
+
+
+def _landmark_pace(robot: RobotBody, landmark: Landmark) -> Pace:
+    return _pace(robot, landmark.frame, landmark.anchor, landmark.robot_length)
+
+
+def _pace(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0) -> Pace:
+    """Pace of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1)."""
+    limits, movers = robot.limits, joints_between(robot, frame, others)
+    acceleration = lever * float(limits.max_acceleration[movers].min())
+    speed = lever * float(limits.max_velocity[movers].min())
+    own, catch_up, fast = STANDING if robot.stands else HELD
+    return Pace(own * acceleration, catch_up * acceleration, fast * speed)
+
+
+# A point that goes to a goal which may leap, with bounded speed and acceleration along each axis, and stops there.
+
+
+class Glide:
+    """`at`: where the point is, m; `moved`: how far it went in the last tick, m. It starts at rest."""
+
+    def __init__(self, at: Sequence[float], *, acceleration: float, speed: float) -> None:
+        """acceleration, m/s^2, and speed, m/s: the most along each axis."""
+        self._acceleration, self._speed = acceleration, speed
+        self.restart(at)
+
+    def restart(self, at: Sequence[float], moved: Sequence[float] | None = None) -> None:
+        """Go on from a point. moved: how far it went in the last tick, m; absent: it rests there."""
+        self.at = [float(value) for value in at]
+        self.moved = [0.0] * len(self.at) if moved is None else [float(value) for value in moved]
+
+    def step(self, goal: Sequence[float], dt: float, *, haste: float = 1.0) -> list[float]:
+        """Where it is `dt` s later, on its way to a goal. haste: share of its speed."""
+        change, most = self._acceleration * dt * dt, haste * self._speed * dt
+        for axis, (at, moved) in enumerate(zip(self.at, self.moved, strict=True)):
+            gap = goal[axis] - at
+            wanted = copysign(min(braking_displacement(abs(gap), change), most), gap)
+            moved = min(max(wanted, moved - change), moved + change)
+            self.at[axis], self.moved[axis] = at + moved, moved
+        return self.at

@@ -1,0 +1,214 @@
+"""What a run is asked to be: checked by itself before any file is opened."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import get_args
+
+from retarget.errors import UsageError, suggest
+from retarget.human.samples import Parts, Playback
+from retarget.model.body_file import Root
+from retarget.model.robot import RobotBody
+from retarget.schema.catalogue import HUMAN
+from retarget.schema.priorities import Steps
+
+__all__ = [
+    "BUSES",
+    "HUMAN_PRIORITIES",
+    "MOUNTS",
+    "PHYSICS",
+    "SIMULATED",
+    "TROUBLES",
+    "PhysicsOptions",
+    "RunOptions",
+    "name_with_mass",
+    "priority_names",
+]
+
+
+# What a run with physics is asked to be: what the robot stands on, the seed, and trouble on purpose.
+
+MOUNTS: dict[str, Root] = {"floor": "free", "stand": "fixed", "gantry": "suspended"}
+"""What the robot is on, and the root with which it then follows."""
+TROUBLES = ("mass", "centre_of_mass", "friction", "latency", "push")
+MAX_SEED = 2**32 - 1
+
+
+@dataclass(frozen=True)
+class PhysicsOptions:
+    """Options of `--bus physics`, named as on the command line. Raises UsageError for a value that cannot be meant.
+
+    mount: of MOUNTS; None: as the profile's root says. hook: frame of the profile from which a gantry holds the robot;
+    None: its frame `hook`. seed: of friction, of where in its tick each servo begins, and of what `trouble` draws.
+    trouble: of TROUBLES, each at most once.
+    """
+
+    mount: str | None = None
+    hook: str | None = None
+    seed: int = 0
+    trouble: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.mount is not None and self.mount not in MOUNTS:
+            _refuse("unknown mount", "--mount", self.mount, tuple(MOUNTS))
+        for trouble in self.trouble:
+            if trouble not in TROUBLES:
+                _refuse("unknown kind of trouble", "--trouble", trouble, TROUBLES)
+        if len(set(self.trouble)) < len(self.trouble):
+            found = ", ".join(self.trouble)
+            raise UsageError("one kind of trouble twice", where="--trouble", found=found, next_step="Name each once")
+        if not 0 <= self.seed <= MAX_SEED:
+            raise UsageError("impossible seed", where="--seed", found=self.seed, allowed=f"0 to {MAX_SEED}")
+        if self.hook is not None and self.mount in ("floor", "stand"):
+            raise UsageError("only a gantry has a hook", where="--hook", found=f"--mount {self.mount}")
+
+    @property
+    def root(self) -> Root | None:
+        """The root with which the robot follows; None: that of its profile."""
+        return None if self.mount is None else MOUNTS[self.mount]
+
+
+def _refuse(what: str, option: str, found: str, allowed: tuple[str, ...]) -> None:
+    raise UsageError(
+        what,
+        where=option,
+        found=repr(found[:80]),
+        allowed=", ".join(allowed),
+        next_step=suggest(found, allowed),
+    )
+
+
+BUSES = ("mock", "emulator", "physics", "physics+wire", "none", "profile")
+"""Buses by name; any other is the path of a port."""
+SIMULATED = ("mock", "emulator", "physics", "physics+wire", "none")
+"""Those on which no servo exists: a recording is played as fast as the machine can."""
+PHYSICS = ("physics", "physics+wire")
+"""Those on which the robot has mass; on the second by way of the emulator's bytes."""
+WIRED = ("emulator", "physics+wire")
+"""Those with a wire, on which faults can happen."""
+SERVOLESS = ("mock", "none")
+"""Those that the virtual human is content with: the usual one, and none."""
+MAX_ITERATIONS = 100
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
+
+    priorities: of the last stage; None: those of the robot's profile. iterations: per frame, of both stages; None: as
+    the priority files say. scene: what is around the last stage's body. allow_contact: also where it touches at the
+    start. steps: what the robot's feet do when the performer lifts one; None: as its priority file says. bus: a name of
+    BUSES, or the path of a port: the robot's only one. faults: file of what goes wrong on the emulator. physics: of the
+    simulated mechanics.
+    """
+
+    robot: str
+    bus: str = "mock"
+    performer: str = "five"
+    priorities: str | None = None
+    iterations: int | None = None
+    parts: Parts = "whole"
+    steps: Steps | None = None
+    gate: bool = True
+    scene: str | None = None
+    allow_contact: bool = False
+    faults: Path | None = None
+    physics: PhysicsOptions = field(default_factory=PhysicsOptions)
+    playback: Playback = field(default_factory=Playback)
+
+    def __post_init__(self) -> None:
+        if "/" not in self.bus:
+            _one_of(self.bus, BUSES, "--bus", "bus", also="the path of a port such as /dev/ttyUSB0")
+        if self.faults is not None and self.bus not in WIRED:
+            raise UsageError("faults happen on the emulator", where="--faults", found=f"--bus {self.bus}")
+        if self.physics != PhysicsOptions() and not self.has_physics:
+            raise UsageError(
+                "only a robot with mass has these",
+                where="--mount, --hook, --seed, --trouble",
+                found=f"--bus {self.bus}",
+                allowed=" or ".join(f"--bus {bus}" for bus in PHYSICS),
+            )
+        if not self.gate and not self.simulated:
+            raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=f"--bus {self.bus}")
+        _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
+        if self.steps is not None:
+            self._check_steps(self.steps)
+        if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
+            allowed = f"1 to {MAX_ITERATIONS}"
+            raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
+        if self.is_human and self.parts != "whole":
+            raise UsageError("parts are parts of a robot", where="--parts", found=f"--robot {HUMAN}")
+        if self.is_human and self.bus not in SERVOLESS:
+            found = f"--robot {HUMAN}, --bus {self.bus}"
+            raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
+        if self.is_human and not self.gate:
+            raise UsageError("there is no gate to leave out", where="--no-gate", found=f"--robot {HUMAN}")
+
+    def _check_steps(self, steps: str) -> None:
+        _one_of(steps, get_args(Steps), "--steps", "way to step")
+        if self.is_human:
+            raise UsageError("a human's feet are the performer's", where="--steps", found=f"--robot {HUMAN}")
+        if steps == "shift" and self.parts != "whole":
+            raise UsageError("legs that are kept still make no steps", where="--steps", found=f"--parts {self.parts}")
+
+    @property
+    def simulated(self) -> bool:
+        """Whether no real servo is on the bus, so that time need not be real."""
+        return self.bus in SIMULATED
+
+    @property
+    def has_physics(self) -> bool:
+        """Whether the robot's mass is simulated, and it can fall."""
+        return self.bus in PHYSICS
+
+    @property
+    def has_mass(self) -> bool:
+        """Whether the robot has mass, real or simulated: it can tip, and falls from where it stands without torque."""
+        return self.has_physics or not self.simulated
+
+    @property
+    def root(self) -> Root | None:
+        """The root with which the robot follows; None: that of its profile."""
+        return self.physics.root
+
+    @property
+    def is_human(self) -> bool:
+        """Whether only the performer is reconstructed."""
+        return self.robot == HUMAN
+
+
+def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: str = "") -> None:
+    if value not in allowed:
+        raise UsageError(
+            f"unknown {what}",
+            where=option,
+            found=repr(value[:80]),
+            allowed=", ".join(allowed) + (f", or {also}" if also else ""),
+            next_step=suggest(value, allowed),
+        )
+
+
+# Which priority files a run uses: those of its options, else of the robot's profile.
+
+HUMAN_PRIORITIES = "human"
+WITHOUT_MASS = "servo"
+"""Looks at no motion. With mass another takes its place:"""
+STANDING_WITH_MASS, HELD_WITH_MASS = "steady", "held"
+"""of a robot on its own soles, and of one that hangs or is bolted down, whose servos lag behind."""
+
+
+def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, ...]:
+    """The priority files of the stages, by name or path; `--priorities` is the last one's."""
+    if robot is None:
+        return (options.priorities or HUMAN_PRIORITIES,)
+    usual = name_with_mass(robot) if options.has_mass or options.steps == "shift" else robot.profile.retarget
+    return robot.profile.reconstruct, options.priorities or usual
+
+
+def name_with_mass(robot: RobotBody) -> str:
+    """The priority file of a robot that has mass, by name or path, where no option names one."""
+    profile = robot.profile
+    if robot.stands and profile.standing is not None:
+        return profile.standing
+    if profile.retarget != WITHOUT_MASS:
+        return profile.retarget
+    return STANDING_WITH_MASS if robot.stands else HELD_WITH_MASS

@@ -1,0 +1,319 @@
+"""Everything a run needs, loaded and checked: what cannot run is refused here, before anything moves or is written."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hardware.arrays import FloatArray
+from hardware.bus import ServoBus
+from hardware.clock import Clock
+from hardware.guard import Guard
+from hardware.guard_state import GoalFilter
+from hardware.servo import loop_lag
+from retarget.errors import UsageError
+from retarget.frames import SensorFrames
+from retarget.human.calibration import calibrate
+from retarget.human.reconstruction import Reconstructor
+from retarget.human.samples import Performance, Samples, lay_on_ticks
+from retarget.human.sensor_intake import IntakeTimes
+from retarget.ik.hierarchy import Surroundings
+from retarget.model.human import Human, build_human, human_limits
+from retarget.model.observers import Observers
+from retarget.model.robot import RobotBody, load_robot
+from retarget.model.scene_state import SceneState
+from retarget.robot.deflection_compensation import HeldPath, UpheldGoals
+from retarget.robot.follower import Follower
+from retarget.robot.step_plan import StepTally, with_steps
+from retarget.run.loop import Pipeline, Watch
+from retarget.run.options import RunOptions, priority_names
+from retarget.run.rest_trajectory import LONGEST_HOME_S, not_parked
+from retarget.run.robot_side import RobotSide
+from retarget.run.run_result import RunResult
+from retarget.run.stages import FollowingStage, ReconstructingStage
+from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
+from retarget.safety.gate import Gate, OpenGate, PathCheck
+from retarget.schema.performer import Performer, load_performer
+from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
+from retarget.schema.scene import load_scene, on_floor
+
+__all__ = ["MakeBus", "Perform", "Prepared", "last_word", "prepare", "prepare_for"]
+
+
+# What a robot's goals pass last: the gate, with what it asks about collision, or none; and what holds the robot up.
+
+
+@dataclass(frozen=True, eq=False)
+class LastWord:
+    """goals: what the guard sends everything through. passes: whether it would hold the robot in a posture, None
+    without a gate. clearance: its look at collision, None without a gate or without observers."""
+
+    goals: GoalFilter
+    passes: Callable[[FloatArray], bool] | None
+    clearance: PathClearance | None
+
+
+def last_word(robot: RobotBody, follower: Follower, priorities: Priorities, *, gate: bool, dt: float) -> LastWord:
+    """Of one robot, in ticks of `dt` s. gate: whether there is one; without it goals are postures."""
+    servos, caps = robot.joint_map, robot.profile.safety.speed_caps
+    if not gate:
+        return LastWord(OpenGate(servos.max_acceleration, dt=dt), None, None)
+    observers, speed = follower.hierarchy.observers, max(caps.follow, caps.approach)
+    clearance = None if observers is None else PathClearance(robot, observers, follower.surroundings, dt=dt)
+
+    def gate_with(path_is_clear: PathCheck | None) -> Gate:
+        return Gate.for_servos(servos, dt=dt, speed=speed, path_is_clear=path_is_clear)
+
+    uphold = priorities.uphold
+    if uphold is None or not follower.stance.soles:
+        plain = gate_with(clearance)
+        return LastWord(plain, plain.passes, clearance)
+    held = None if clearance is None else HeldPath(clearance)
+    steps = follower.steps is not None
+    upheld = UpheldGoals(gate_with(held), robot, follower.stance, dt=dt, settle=uphold.settle, held=held, steps=steps)
+    return LastWord(upheld, upheld.passes, clearance)
+
+
+MakeBus = Callable[[RobotBody, Clock], ServoBus]
+"""From a robot to its bus."""
+
+Perform = Callable[[Performer, RobotBody | None], Performance]
+"""From who wears which sensors, and the robot (None: the human alone), to the performance."""
+
+Lead = Callable[[FollowingStage], FollowingStage]
+"""From the robot's own follower to who leads it."""
+
+Tell = Callable[[str], object]
+"""Hears a sentence."""
+
+LONGEST_HOLD_S = 4.8
+"""So long a robot waits for a performer who cannot be followed; then it is parked, 5 s after the last data."""
+
+
+def _to_nobody(text: str) -> None:
+    """Nobody listens."""
+
+
+def _by_itself(follower: FollowingStage) -> FollowingStage:
+    """It is led by its own follower."""
+    return follower
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A run that can start."""
+
+    samples: Samples
+    human: Human
+    performer: Performer
+    reconstructor: ReconstructingStage
+    side: RobotSide | None
+    priorities: tuple[Priorities, ...]
+    has_bus: bool
+    notes: tuple[str, ...]
+    scene: SceneState | None = None
+    observers: Observers | None = None
+    intake: IntakeTimes = field(default_factory=IntakeTimes)
+    surroundings: Surroundings | None = None
+    steps: StepTally | None = None
+    parks: bool = False
+
+    def run(self, watch: Watch | None = None) -> RunResult:
+        """Play it. Raises GuardError or BusError when the robot cannot be armed."""
+        ending = Pipeline(clip=self.samples, reconstructor=self.reconstructor, robot=self.side).run(watch)
+        return RunResult(
+            record=ending.record,
+            clip=self.samples.recorded(),
+            human=self.human,
+            human_limits=human_limits(self.human.body),
+            performer=self.performer,
+            robot=None if self.side is None else self.side.robot,
+            priorities=self.priorities,
+            state=ending.state,
+            reason=ending.reason,
+            wall_s=ending.wall_s,
+            has_bus=self.has_bus,
+            notes=self.notes + ending.record.lacks() + self._left(),
+            stop=None if self.side is None else self.side.guard.stop_reason,
+            scene=self.scene,
+            observers=self.observers,
+            steps=None if self.steps is None else replace(self.steps),
+        )
+
+    def _left(self) -> tuple[str, ...]:
+        """What is to be told of where the robot was left."""
+        states = None if self.side is None else self.side.guard.states
+        if self.side is None or states is None or not self.parks:
+            return ()
+        robot = self.side.robot
+        return not_parked(robot, robot.joint_map.to_radians(states.position), self.side.guard.stop_reason)
+
+
+@contextmanager
+def prepare(
+    read: Callable[[], SensorFrames],
+    options: RunOptions,
+    *,
+    clock: Clock,
+    make_bus: MakeBus,
+    parks: bool = False,
+    tell: Tell = _to_nobody,
+) -> Iterator[Prepared]:
+    """A run of a recorded performance, see `prepare_for`."""
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        frames, playback = read(), options.playback
+        rate = None if robot is None else robot.profile.safety.rate_hz
+        clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
+        return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
+
+    with prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=parks, tell=tell) as prepared:
+        yield prepared
+
+
+@contextmanager
+def prepare_for(
+    perform: Perform,
+    options: RunOptions,
+    *,
+    clock: Clock,
+    make_bus: MakeBus,
+    parks: bool = False,
+    tell: Tell = _to_nobody,
+    lead: Lead = _by_itself,
+    robot: RobotBody | None = None,
+) -> Iterator[Prepared]:
+    """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
+
+    parks: the end of a run, and a stop, is in the robot's rest posture. tell: hears of servos that are not well. lead:
+    who leads the robot instead of its follower. robot: instead of the one that the options name.
+    Raises RetargetError for whatever cannot be used.
+    """
+    performer = load_performer(options.performer)
+    if robot is None and not options.is_human:
+        robot = load_robot(options.robot, root=options.root)
+    for_human, for_robot, on_steps = _priorities(robot, options)
+    performance = perform(performer, robot)
+    samples, human = performance.samples, build_human(performance.dimensions)
+    scene = _scene(robot, options)
+    around_human = scene if robot is None else None
+    reconstructor = Reconstructor(
+        human, for_human, performer, iterations=options.iterations, scene=around_human, intake=performance.intake
+    )
+    _refuse_unobserved(reconstructor, around_human, for_human)
+    if around_human is not None and not options.allow_contact:
+        # Of its own, so that the run begins as if nobody had looked.
+        first = Reconstructor(human, for_human, performer, iterations=options.iterations, scene=around_human)
+        _refuse_swallowed(first, around_human, samples, human)
+    notes = (*performance.notes, *(() if robot is None else robot.body.notes), *on_steps)
+    stages = tuple(file for file in (for_human, for_robot) if file is not None)
+    if robot is None or for_robot is None:
+        worn, around = (reconstructor.observers, performance.intake), reconstructor.surroundings
+        yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, *worn, around)
+        return
+    bus = make_bus(robot, clock)
+    follower = _follower(robot, for_robot, human, options, scene)
+    if not options.allow_contact:
+        touching = contacts(robot.body, follower.observers, scene, follower.stance.q)
+        refuse_contact(touching, where=f"{robot.profile.name}, standing")
+        if scene is not None:
+            refuse_floor(robot, follower.observers, scene, follower.stance.q)
+    last = last_word(robot, follower, for_robot, gate=options.gate, dt=samples.dt)
+    side = _robot_side(robot, follower, last, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
+    bus.open()
+    failed = True
+    try:
+        has_bus = options.bus != "none"
+        around, steps = follower.surroundings, None if follower.steps is None else follower.steps.plan.tally
+        known = (has_bus, notes, scene, follower.observers, performance.intake, around, steps, parks)
+        yield Prepared(samples, human, performer, reconstructor, side, stages, *known)
+        failed = side.guard.stop_reason is not None
+    finally:
+        # What failed is in the run's result or on its way up; closing the bus once more must not lose that.
+        with suppress(Exception) if failed else nullcontext():
+            bus.close()
+
+
+def _scene(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
+    """What is around: the scene that the options name, and the floor under a robot with feet."""
+    scene = None if options.scene is None else load_scene(options.scene)
+    if robot is not None and robot.stands:
+        scene = on_floor(scene)
+    return None if scene is None else SceneState(scene)
+
+
+def _priorities(robot: RobotBody | None, options: RunOptions) -> tuple[Priorities, Priorities | None, tuple[str, ...]]:
+    """The priority files of both stages, and what is to be told of the robot's."""
+    names = priority_names(robot, options)
+    first, *others = (load_priorities(name) for name in names)
+    if robot is None:
+        check_for_human(first, names[0])
+    last = next(iter(others), None)
+    if robot is None or last is None:
+        return first, last, ()
+    return first, *with_steps(last, robot, options.steps, parts=options.parts)
+
+
+def _refuse_unobserved(reconstructor: Reconstructor, scene: SceneState | None, priorities: Priorities) -> None:
+    """Raise UsageError for a scene around a human who does not see it."""
+    if scene is not None and reconstructor.observers is None:
+        raise UsageError(
+            "a scene that nobody observes",
+            where="--scene",
+            found=f"priority file {priorities.name}, which gives a human no observers",
+            allowed="a priority file with observers: {human: lines, lines_and_head or capsules}",
+        )
+
+
+def _refuse_swallowed(reconstructor: Reconstructor, scene: SceneState, samples: Samples, human: Human) -> None:
+    """Raise UsageError where an obstacle touches the human even after it has got out of its way as well as it can."""
+    if reconstructor.observers is None:
+        return
+    sample = samples.sample(0)
+    assert sample is not None, "somebody is followed from the start"
+    start = reconstructor.start(sample).q
+    beside_itself = replace(reconstructor.observers, pairs=np.zeros((0, 2), dtype=np.int64))
+    refuse_contact(contacts(human.body, beside_itself, scene, start), where="human, first posture")
+
+
+def _follower(
+    robot: RobotBody, priorities: Priorities, human: Human, options: RunOptions, scene: SceneState | None
+) -> Follower:
+    with naming_file(options.priorities or robot.profile.retarget, robot=robot.profile.name):
+        return Follower(
+            robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
+        )
+
+
+def _robot_side(
+    robot: RobotBody,
+    follower: Follower,
+    last: LastWord,
+    *,
+    lead: Lead,
+    bus: ServoBus,
+    clock: Clock,
+    dt: float,
+    parks: bool,
+    tell: Tell,
+) -> RobotSide:
+    servos = robot.joint_map
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in servos.servos)
+    limits = replace(robot.profile.guard_limits(), lag=lag)
+    if parks:
+        limits = replace(limits, max_hold=LONGEST_HOLD_S, max_home_ticks=round(LONGEST_HOME_S / dt), period=dt)
+    guard = Guard(bus=bus, joint_map=servos, goal_filter=last.goals, clock=clock, limits=limits)
+    return RobotSide(
+        robot=robot,
+        follower=lead(follower),
+        goals=last.goals,
+        guard=guard,
+        clock=clock,
+        dt=dt,
+        clearance=last.clearance,
+        passes=last.passes,
+        parks=parks,
+        tell=tell,
+    )

@@ -1,0 +1,249 @@
+"""What happened in a run, one row per tick: arrays made before the first tick and filled in place."""
+
+from dataclasses import dataclass, fields, replace
+from enum import IntEnum
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardware.arrays import all_of, any_of
+from hardware.bus import ServoStates
+from hardware.joint_map import JointMap
+from retarget.types import BoolArray, FloatArray, IntArray, ModeArray
+
+__all__ = ["HumanRecord", "Phase", "Record", "RecordRows", "RobotRecord", "Timing"]
+
+
+ByteArray = NDArray[np.int8]
+
+
+class Phase(IntEnum):
+    """What a tick was for. A run goes through them in this order."""
+
+    APPROACH = 0
+    """Slowly to where following begins."""
+    FOLLOW = 1
+    BRAKE = 2
+    """To a stand, after the end of the clip or after a stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class HumanRecord:
+    """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
+
+    balance_error (T,) m: of the centre of mass from its goal. Outside of following the human stands still, and only the
+    error is NaN. observer_modes (T, o). sensors (T, s, 3) m, world: what the posture was made of; NaN: not believed.
+    """
+
+    joint_names: tuple[str, ...]
+    q: FloatArray
+    joints: FloatArray
+    balance_error: FloatArray
+    observer_modes: ModeArray
+    sensors: FloatArray
+
+    @classmethod
+    def empty(
+        cls, ticks: int, *, nq: int, joint_names: tuple[str, ...], observers: int = 0, sensors: int = 0
+    ) -> "HumanRecord":
+        """Room for so many ticks, not yet written: a long run is not filled before its first tick."""
+        return cls(
+            joint_names=joint_names,
+            q=np.empty((ticks, nq)),
+            joints=np.empty((ticks, len(joint_names), 3)),
+            balance_error=np.empty(ticks),
+            observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
+            sensors=np.empty((ticks, sensors, 3)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRecord:
+    """What was asked of the robot, what was sent, and where its servos were.
+
+    landmarks_asked (T, k, 3) m, world, NaN outside of following. q (T, nq): posture sent, before rounding to ticks,
+    with the root that the robot's stage believes in. goals (T, n) rad, servo order: what the filter returned, beside
+    the posture where it holds against a load; goal_ticks (T, n): the same, rounded; present (T, n) rad: read at the
+    start of the tick. gated (T,): the gate sent something else than was asked. unled (T,): nobody knew a goal, and the
+    filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,): servos that
+    were silent or alarmed. temperature (T, n) degrees Celsius, voltage (T, n) V; retries (T,): requests repeated on the
+    bus since it was opened. observer_modes (T, o): of the stage that asked. start (n,) rad: where the robot stood
+    before the first tick.
+    """
+
+    landmark_names: tuple[str, ...]
+    landmarks_asked: FloatArray
+    q: FloatArray
+    goals: FloatArray
+    goal_ticks: IntArray
+    present: FloatArray
+    gated: BoolArray
+    unled: BoolArray
+    bus_time: FloatArray
+    faults: IntArray
+    temperature: FloatArray
+    voltage: FloatArray
+    retries: IntArray
+    observer_modes: ModeArray
+    start: FloatArray
+
+    @classmethod
+    def empty(
+        cls, ticks: int, *, nq: int, start: FloatArray, landmark_names: tuple[str, ...], observers: int = 0
+    ) -> "RobotRecord":
+        """Room for so many ticks, not yet written, of a robot that stands at `start` (n,) rad, servo order."""
+        servos = start.size
+        return cls(
+            landmark_names=landmark_names,
+            landmarks_asked=np.empty((ticks, len(landmark_names), 3)),
+            q=np.empty((ticks, nq)),
+            goals=np.empty((ticks, servos)),
+            goal_ticks=np.empty((ticks, servos), dtype=np.int64),
+            present=np.empty((ticks, servos)),
+            gated=np.zeros(ticks, dtype=np.bool_),
+            unled=np.zeros(ticks, dtype=np.bool_),
+            bus_time=np.empty(ticks),
+            faults=np.zeros(ticks, dtype=np.int64),
+            temperature=np.empty((ticks, servos)),
+            voltage=np.empty((ticks, servos)),
+            retries=np.zeros(ticks, dtype=np.int64),
+            observer_modes=np.zeros((ticks, observers), dtype=np.uint8),
+            start=np.array(start, dtype=np.float64),
+        )
+
+    def keep_servos(self, row: int, states: ServoStates, joint_map: JointMap) -> None:
+        """Write what the servos said at the start of a tick into its row."""
+        self.bus_time[row] = states.time
+        self.present[row] = joint_map.to_radians(states.position)
+        self.temperature[row], self.voltage[row] = states.temperature, states.voltage
+        self.retries[row] = states.retries
+        if any_of(states.alert) or not all_of(states.valid):
+            self.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+        else:
+            self.faults[row] = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """Cost of each tick (T,), s: thread CPU of both stages, NaN where they did not run; wall time of the whole tick."""
+
+    reconstruct: FloatArray
+    retarget: FloatArray
+    cycle: FloatArray
+
+    @classmethod
+    def empty(cls, ticks: int) -> "Timing":
+        """Room for so many ticks."""
+        return cls(*(np.full(ticks, np.nan) for _ in fields(cls)))
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A run, a row for every tick that was sent. time (T,) s: 0 at the first tick of following, before it negative.
+
+    phase (T,): a `Phase`. robot is None when only the human was reconstructed; then every tick follows.
+    """
+
+    time: FloatArray
+    phase: ByteArray
+    human: HumanRecord
+    robot: RobotRecord | None
+    timing: Timing
+    from_start: bool = True
+    to_end: bool = True
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def following(self) -> slice:
+        """The rows of the ticks that followed the clip, from its first on."""
+        rows = np.flatnonzero(self.phase == Phase.FOLLOW)
+        return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
+
+    def lacks(self) -> tuple[str, ...]:
+        """What of the run is not in it, in words."""
+        way = () if self.from_start else ("the way to the performer took long: of its beginning no record is kept",)
+        end = () if self.to_end else (f"no record is kept of what came after the first {self.time[-1]:.0f} s",)
+        return way + end
+
+    def rows(self, first: int, end: int) -> "Record":
+        """The rows from `first` to before `end`, as views: for a run that ended early."""
+        return replace(
+            self,
+            time=self.time[first:end],
+            phase=self.phase[first:end],
+            human=_cut(self.human, first, end),
+            robot=None if self.robot is None else _cut(self.robot, first, end),
+            timing=_cut(self.timing, first, end),
+        )
+
+
+R = TypeVar("R", HumanRecord, RobotRecord, Timing)
+
+
+def _per_tick(record: HumanRecord | RobotRecord | Timing) -> dict[str, NDArray[Any]]:
+    """Every array that has one row per tick."""
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "start"}
+
+
+def _cut(record: R, first: int, end: int) -> R:
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    return type(record)(**values | {name: value[first:end] for name, value in _per_tick(record).items()})
+
+
+def arrays_per_tick(record: Record) -> list[NDArray[Any]]:
+    """Every array of the record that has one row per tick."""
+    parts = (record.human, record.timing) if record.robot is None else (record.human, record.timing, record.robot)
+    return [record.time, record.phase, *(array for part in parts for array in _per_tick(part).values())]
+
+
+# Which row of the record each tick fills, where a run lasts longer than there is room for.
+
+
+class RecordRows:
+    """Rows for so many ticks of approach, of following and of braking, filled one after the other.
+
+    What is kept has no gap, or rates, limits and missed ticks would be told of ticks that do not follow one another: of
+    an approach that was held up, the end is kept; of what comes after `close`, nothing.
+    """
+
+    def __init__(self, *, approach: int, follow: int, brake: int) -> None:
+        self.room = approach + follow + brake + 1
+        """Rows of the record; the last is for ticks that are not kept."""
+        self.row = 0
+        """The row that the next tick fills."""
+        self._approach, self._around = approach, False
+        self._oldest: int | None = None  # row of the approach, once it is over
+        self._end: int | None = None  # rows that are kept, once no more are
+
+    def filled(self, *, approaches: bool) -> None:
+        """A tick has filled its row. approaches: the tick that comes is still one of the approach."""
+        if self._end is not None or self.row == self.room - 1:
+            self.close()
+            return
+        self.row += 1
+        if approaches:
+            if self.row == self._approach:
+                self._around, self.row = True, 0
+        elif self._around and self._oldest is None:
+            self._oldest, self.row = self.row % self._approach, self._approach
+
+    def close(self) -> None:
+        """Keep none of the ticks that come."""
+        if self._end is None:
+            self._end, self.row = self.row, self.room - 1
+
+    def of(self, record: Record) -> Record:
+        """The rows of the record that are kept, in the order of their ticks; it is changed in place."""
+        end, first = self.row if self._end is None else self._end, 0
+        if self._around:
+            oldest, first = self.row if self._oldest is None else self._oldest, 1
+            end = end if self._oldest is not None else self._approach
+            for array in arrays_per_tick(record):
+                array[: self._approach] = np.roll(array[: self._approach], -oldest, axis=0)
+            if record.robot is not None:  # what the oldest row sent is where those that are kept begin
+                record.robot.start[:] = record.robot.goals[0]
+        return replace(record.rows(first, end), from_start=not self._around, to_end=self._end is None)

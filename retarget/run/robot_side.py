@@ -1,0 +1,291 @@
+"""The robot's half of a tick: follow, gate, guard, bus; and what was sent, kept row by row."""
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+
+from hardware.bus import ServoStates
+from hardware.clock import Clock
+from hardware.errors import TorqueError
+from hardware.guard import FOLLOWING, Guard, Think
+from hardware.guard_state import GoalFilter, GuardState, StopCause
+from retarget.ik.base_pose import plant_root
+from retarget.model.robot import RobotBody
+from retarget.run.record import Phase, RobotRecord
+from retarget.run.rest_trajectory import Parking
+from retarget.run.stages import FollowingStage
+from retarget.run.trajectory import PacedWay, SpeedShare, require_finite, slower_in_line, way_there
+from retarget.safety.clearance import PathClearance
+from retarget.types import FloatArray, HumanPosture, ModeArray, RobotPosture
+
+__all__ = ["GATED_RAD", "RobotSide"]
+
+INSISTED = "torque off before the robot stood, as the user insisted"
+GATED_RAD = 1e-8
+"""A goal that is sent differs from the one asked by more than this, rad, where the filter changed it."""
+
+
+class RobotSide:
+    """A robot that follows. `goals` is the filter that the guard sends everything through: the gate, or none.
+
+    clearance: what the gate asks about collision, told here where the robot is. parks: a stop ends in the profile's
+    rest posture, and not where the robot comes to a stand. passes: whether the gate would send a
+    goal; where it would not, the robot yields by itself, on its soles, before each joint is braked on its own. tell:
+    hears of servos that are not well, a sentence each.
+    """
+
+    def __init__(
+        self,
+        *,
+        robot: RobotBody,
+        follower: FollowingStage,
+        goals: GoalFilter,
+        guard: Guard,
+        clock: Clock,
+        dt: float,
+        clearance: PathClearance | None = None,
+        passes: Callable[[FloatArray], bool] | None = None,
+        parks: bool = False,
+        tell: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self.robot, self.guard = robot, guard
+        self.phase = Phase.APPROACH
+        """What the last tick was for."""
+        self._follower, self._goals = follower, goals
+        self._clearance, self._passes = clearance, passes
+        self._clock, self._dt = clock, dt
+        self._deadline, self._awake = clock.now(), False
+        self._kinematics = robot.body.solver_body()
+        self._share = SpeedShare(robot, dt=dt)
+        self._change = robot.joint_map.max_acceleration * dt**2  # (n,) [rad]
+        self._q = robot.body.qpos0.copy()
+        self._before = self._q.copy()
+        self._velocity = np.zeros(robot.body.nv)  # with which it got there
+        self._start = self._sent = self._moved = np.zeros(0)
+        self._first: RobotPosture
+        self._way: PacedWay
+        self._started = False
+        # Of the tick that runs: what is asked, whether its root is known, and whether just that was sent.
+        self._goal: FloatArray | None = None
+        self._asked: FloatArray | None = None
+        self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
+        self._rooted = self._passed = False
+        self._lost, self._parks, self._tell = 0, parks, tell  # lost: ticks in which no posture was found
+        self._parking = Parking(robot, follower, dt=dt, tell=tell)
+
+    @property
+    def stopping_ticks(self) -> int:
+        """Most ticks from the beginning of a stop to its end."""
+        limits = self.guard.limits
+        return limits.max_brake_ticks + (limits.max_brake_ticks + limits.max_home_ticks if self._parks else 0)
+
+    @property
+    def following(self) -> bool:
+        """Whether the guard still lets the robot follow."""
+        return self.guard.state in FOLLOWING
+
+    @property
+    def braking(self) -> bool:
+        """Whether the robot is on its way to a stand."""
+        return self.guard.state is GuardState.STOPPING
+
+    @property
+    def approaching(self) -> bool:
+        """Whether the robot is still on its way to the posture from which to follow."""
+        return not (self._started or self._way.done)
+
+    def begin(self, human: HumanPosture) -> int:
+        """Arm. Returns how many ticks of `approach` lead, slowly, to the posture from which to follow: at least.
+
+        Raises GuardError or BusError when the robot cannot be armed, RetargetError where nobody knows where to go.
+        """
+        posture = self._follower.start(human)
+        arrival = self._follower.arrive(human, self._dt)
+        require_finite(posture, *arrival)
+        if arrival:
+            # Following begins with a tick of rest there.
+            self._first = arrival[-1]
+            self._follower.reseed(self._first.q, np.zeros(self.robot.body.nv))
+        else:
+            self._first = posture
+        self._q[:] = self._before[:] = posture.q
+        self._start = self._sent = present = self.guard.arm()
+        self._moved = np.zeros_like(present)
+        if self._clearance is not None:
+            self._clearance.begin(self._before, present)
+        self._deadline = self._clock.now()
+        self._way = way_there(self.robot, present, [one.joint_positions for one in (posture, *arrival)], dt=self._dt)
+        return self._way.ticks
+
+    def new_record(self, rows: int) -> RobotRecord:
+        """Room for so many ticks of this run, after `begin`."""
+        names = self._first.landmark_names
+        modes = self._first.observer_modes.size
+        nq = self.robot.body.nq
+        return RobotRecord.empty(rows, nq=nq, start=self._start, landmark_names=names, observers=modes)
+
+    def follow(self, human: HumanPosture, *, settled: float = 1.0) -> FloatArray | None:
+        """Think: the goal, rad (n,), for the human's posture; at first, for the posture from which to follow. settled:
+        how much of its speed it may use beyond that of the approach, 0 to 1."""
+        self._follower.keep_pace(min(self.guard.health.slow, self._share.pace(settled)))
+        posture = self._follower.step(human, self._dt) if self._started else self._first
+        self.phase = Phase.FOLLOW
+        self._lost = 0 if np.isfinite(posture.q).all() else self._lost + 1
+        if self._lost > 1:  # nobody knows where to go; a single one is for the gate to refuse
+            self._follower.reseed(self._before.copy(), self._velocity.copy())
+            return None
+        self._asked, self._modes = posture.landmarks_asked, posture.observer_modes
+        may_yield, self._started = self._started, True
+        if not may_yield:  # it rests there
+            self._before[:] = posture.q
+        wanted, moved = posture.q, self._share.moved(self._before, posture.q, self._moved, settled=settled)
+        if moved is not None:
+            wanted = self._kinematics.integrate(self._before, moved)
+            self._follower.reseed(wanted.copy(), moved / self._dt)
+        goal = wanted[self.robot.servo_columns]
+        if may_yield and self._passes is not None and not self._passes(goal):
+            self._follower.reseed(self._before.copy(), self._velocity.copy())
+            q = self._follower.halt(self._dt)
+            if q is not None:
+                return self._take(q)
+        return self._take(wanted)
+
+    def wait(self) -> None:
+        """Until the tick that comes is due; what is late is not caught up with."""
+        if not self._awake:
+            self._deadline = max(self._deadline + self._dt, self._clock.now())
+            self._clock.sleep_until(self._deadline)
+        self._awake = True
+
+    def approach(self) -> FloatArray | None:
+        """A thought that is already finished: the next goal, rad (n,), on the way to where following begins; None while
+        somebody holds the robot there, and until it stands."""
+        if self.guard.paused or (self._way.left and not self._goals.at_rest):
+            return None
+        self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow, here=self._sent)
+        return self._goal
+
+    def act(self, think: Think) -> bool:
+        """One tick of the guard, when it is due: read the servos, let `think` find a goal, send what the filter makes
+        of it. Returns whether anything was sent."""
+        self.wait()
+        self._awake = False
+        self._goal, self._asked, self._rooted = None, None, False
+        before = self.guard.sent
+
+        def measured(states: ServoStates) -> FloatArray | None:
+            self._measure()
+            return think(states)
+
+        self.guard.tick(measured, self._halt)
+        with suppress(OSError):  # who hears nothing any more does not hinder a stop
+            for text in self.guard.health.warnings.take_news():
+                self._tell(text)
+        sent = self.guard.sent is not before
+        if sent:
+            self._went()
+        return sent
+
+    def stop(self, reason: str) -> None:
+        """Stop because somebody asked for it."""
+        self.guard.stop(reason, StopCause.REQUESTED)
+
+    def cut_short(self, asked: Callable[[], bool]) -> bool:
+        """Switch torque off without braking if that is `asked`. Returns whether it was."""
+        insisted = asked()
+        if insisted:
+            self.guard.cut(INSISTED)
+        return insisted
+
+    def finish(self, cut_asked: Callable[[], bool] = lambda: False) -> None:
+        """Come to a stand and switch torque off, whatever fails or interrupts; the guard has latched what did."""
+        try:
+            self.guard.rest()
+            while self.braking and not self.cut_short(cut_asked):
+                self.act(lambda states: None)
+        finally:
+            with suppress(Exception):
+                self.guard.release()
+
+    def give_up(self, error: BaseException, cut_asked: Callable[[], bool]) -> None:
+        """Come to a stand, torque off, because of an `error` outside of a tick, which the caller goes on raising.
+
+        Raises TorqueError from it where torque could not be switched off.
+        """
+        if self.guard.state is not GuardState.IDLE:
+            self.stop(str(error) or type(error).__name__)
+            self.finish(cut_asked)
+        stop = self.guard.stop_reason
+        if stop is not None and stop.powered:
+            raise TorqueError(stop.reason) from error
+
+    def keep(self, record: RobotRecord, row: int) -> None:
+        """Write what this tick asked and sent into its row."""
+        record.q[row] = self._q
+        followed = self.phase is Phase.FOLLOW and self._asked is not None
+        record.landmarks_asked[row] = self._asked if followed else np.nan
+        if followed:
+            record.observer_modes[row] = self._modes
+        record.gated[row] = self._goal is not None and not self._passed
+        record.unled[row] = self._goal is None
+        states = self.guard.states
+        assert self.guard.sent is not None and states is not None, "only what was sent is kept"
+        record.goals[row], record.goal_ticks[row] = self._goals.sent, self.guard.sent
+        record.keep_servos(row, states, self.robot.joint_map)
+
+    def _went(self) -> None:
+        """Something was sent: know where the robot is; tell the follower where it is something else than was asked."""
+        sent, goal = self._goals.position, self._goal
+        self._moved, self._sent = sent - self._sent, sent
+        self._passed = goal is not None and np.count_nonzero(np.abs(sent - goal) <= GATED_RAD) == sent.size  # not NaN
+        self._q[self.robot.servo_columns] = sent
+        if not (self._passed and self._rooted):
+            plant_root(self.robot, self._before, self._q)
+        if (self._started or self._parking.lands) and not self._passed:
+            moved = self._kinematics.difference(self._before, self._q)  # (nv,)
+            self._follower.reseed(self._q.copy(), moved / self._dt)
+        if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
+            self._velocity = self._kinematics.difference(self._before, self._q) / self._dt
+            self._before[:] = self._q
+        if self._clearance is not None:
+            self._clearance.sent(sent, self._before)
+
+    def _measure(self) -> None:
+        """Let the gate hear where the servos are, and the follower what the soles feel."""
+        states = self.guard.states
+        self._follower.feel(None if states is None else states.soles)
+        if self._clearance is not None and states is not None:
+            self._clearance.measure(self.robot.joint_map.to_radians(states.position))
+
+    def _halt(self) -> FloatArray | None:
+        """The next goal, rad (n,), on a way to a stop: on the soles, or back in the line of the approach; from there on
+        the way to where the robot is parked."""
+        self.phase = Phase.BRAKE
+        self._measure()
+        if self._goals.at_rest or self._parking.begun:
+            if self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home:
+                return self._homeward()
+            if self._goals.at_rest or not self._parking.lands:
+                return None
+        if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
+            return self._goal
+        if not (self._started or self._parking.lands):
+            self._way.leave()
+            self._goal = self._sent + slower_in_line(self._moved, self._change)
+            return self._goal
+        q = self._follower.halt(self._dt)
+        return None if q is None else self._take(q)
+
+    def _homeward(self) -> FloatArray | None:
+        """The next goal on the way to where the robot is parked; None: it is there, or cannot go on."""
+        lands = self._started or not self._way.straight  # from there it goes back as it came
+        stands, slow = self._goals.at_rest, self.guard.health.slow
+        q = self._parking.next(self._q, passed=self._passed, stands=stands, lands=lands, slow=slow)
+        return None if q is None else self._take(q)
+
+    def _take(self, q: FloatArray) -> FloatArray:
+        """Remember what is asked in this tick: posture (nq,). Returns of it the servos' joints, rad (n,)."""
+        self._q[:], self._rooted = q, True
+        self._goal = goal = q[self.robot.servo_columns]
+        return goal

@@ -1,0 +1,216 @@
+"""A finished run: what was asked, what happened, and to which bodies. Metrics, pictures and files read it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hardware.guard_state import Stop
+from retarget.human.samples import Clip
+from retarget.ik.base_pose import plant_roots
+from retarget.live.stream_report import LiveReport
+from retarget.model.body import BodyModel, JointLimits, JointType
+from retarget.model.human import Human
+from retarget.model.observers import Observers
+from retarget.model.robot import RobotBody
+from retarget.model.scene_state import ObstaclePoses, SceneState
+from retarget.robot.step_plan import StepTally
+from retarget.run.record import Record
+from retarget.schema.performer import Performer
+from retarget.schema.priorities import Priorities
+from retarget.types import FloatArray
+
+__all__ = ["Beside", "Fallen", "PhysicsRun", "RunResult", "Truth", "in_truth", "truth_names"]
+
+
+# What a simulation knows of a run that a robot cannot know of itself: falls, pressure, slip, torque, heat.
+
+
+@dataclass(frozen=True)
+class Fallen:
+    """A fall. time: s, on the run's time. how: in words, and whether that was without torque."""
+
+    time: float
+    how: str
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicsRun:
+    """A run of n servos and k soles, looked at T times from the first torque on.
+
+    mount: what the robot was on. seed, trouble: of what was different on purpose. fall: the first, None while it
+    stands; toppled: what a parked robot did when its torque went off, if it did not stay sitting. time (T,) s, on the
+    run's time. com (T, 3), pressure (T, 2): centre of mass and centre of pressure of the soles, m, world, the latter
+    NaN where none carried; margin (T,): of it inside the hull of the soles that carried, m. slip (k,) m: horizontal
+    way of each sole while it carried. tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees
+    Celsius, by a stated model that nobody has calibrated. self_contacts, fixture_contacts: looks with any.
+    """
+
+    mount: str
+    seed: int
+    trouble: tuple[str, ...]
+    fall: Fallen | None
+    toppled: Fallen | None
+    time: FloatArray
+    com: FloatArray
+    pressure: FloatArray
+    margin: FloatArray
+    slip: FloatArray
+    tilt: float
+    torque: FloatArray
+    hottest: FloatArray
+    self_contacts: int
+    fixture_contacts: int
+
+    @property
+    def least_margin(self) -> float | None:
+        """Of the centre of pressure until a fall, m; None where no sole carried."""
+        standing = np.isfinite(self.margin) & (self.time <= (np.inf if self.fall is None else self.fall.time))
+        known = self.margin[standing]
+        return float(known.min()) if known.size else None
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """A run. Everything per tick has the rows of `record`.
+
+    human_limits (nv,). robot: None where only the human was reconstructed. priorities: of the stages. state, reason:
+    how the run ended (see `StopReport`). wall_s: of the loop. has_bus: servos answered. stop: the guard's, None
+    without one. scene: what was around the last stage's body; observers: of that body. physics: what a simulation
+    saw, None without one; steps: None of a robot that makes none. live: what there is to tell of a stream, None of a
+    file.
+    """
+
+    record: Record
+    clip: Clip
+    human: Human
+    human_limits: JointLimits
+    performer: Performer
+    robot: RobotBody | None
+    priorities: tuple[Priorities, ...]
+    state: str | None
+    reason: str | None
+    wall_s: float
+    has_bus: bool
+    notes: tuple[str, ...] = field(default=())
+    stop: Stop | None = None
+    scene: SceneState | None = None
+    observers: Observers | None = None
+    physics: PhysicsRun | None = None
+    steps: StepTally | None = None
+    live: LiveReport | None = None
+
+    @property
+    def observer_names(self) -> tuple[str, ...]:
+        """Of the last stage's body, in the order of the recorded modes."""
+        return () if self.observers is None else self.observers.names
+
+    @property
+    def ticks_followed(self) -> int:
+        """Ticks that followed the clip, from its first on."""
+        following = self.record.following
+        return int(following.stop - following.start)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors that the performer wears."""
+        return self.clip.frames.names
+
+    @property
+    def sensors_asked(self) -> FloatArray:
+        """Sensor positions (T, k, 3) m, world; NaN where invalid and outside of following."""
+        return self._while_following(self.clip.frames.position[self.clip.rows(self.ticks_followed)])
+
+    @property
+    def sensors_reached(self) -> FloatArray:
+        """Positions (T, k, 3) m of the human's joints that wear the sensors."""
+        names = self.record.human.joint_names
+        columns = [names.index(self.performer.sensors[sensor].joint) for sensor in self.sensors]
+        return np.asarray(self.record.human.joints[:, columns])
+
+    @property
+    def human_truth(self) -> FloatArray | None:
+        """Recorded joint centres (T, m, 3) m, in the order of the record's; NaN or None where not known."""
+        truth = self.clip.truth(self.record.human.joint_names, self.ticks_followed)
+        return None if truth is None else self._while_following(truth)
+
+    @property
+    def landmarks_reached(self) -> FloatArray | None:
+        """Where the posture that was sent puts each landmark (T, k, 3) m; None without a robot."""
+        sent = self.record.robot
+        if self.robot is None or sent is None:
+            return None
+        return self.robot.points(sent.q, self.robot.landmark_frames(sent.landmark_names))
+
+    @property
+    def followed(self) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """What was followed: names, tracks asked and reached (T, k, 3) m. Landmarks of a robot, sensors of a human."""
+        reached, sent = self.landmarks_reached, self.record.robot
+        if reached is None or sent is None:
+            return self.sensors, self.sensors_asked, self.sensors_reached
+        return sent.landmark_names, sent.landmarks_asked, reached
+
+    @property
+    def present_q(self) -> FloatArray | None:
+        """Postures (T, nq) in which the servos stood, on the sole that is planted; None without servos that answer."""
+        sent = self.record.robot
+        if self.robot is None or sent is None or not self.has_bus:
+            return None
+        q = sent.q.copy()
+        q[:, self.robot.servo_columns] = sent.present
+        plant_roots(self.robot, sent.q, q)
+        return q
+
+    def _while_following(self, rows: FloatArray) -> FloatArray:
+        """Rows of the ticks that followed, with NaN in all others."""
+        padded = np.full((len(self.record), *rows.shape[1:]), np.nan)
+        padded[self.record.following] = rows
+        return padded
+
+
+# What is shown of a run beside the rows of its record: asked of it when a moment is shown, and only then.
+
+ROOT, PRESSURE = 7, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Where a simulated body really is. root (7,): xyz and wxyz of its root link; angles (j,): of its hinges and slides
+    in the order of the body; pressure (2,) m: centre of pressure of its soles, NaN where none carries."""
+
+    root: FloatArray
+    angles: FloatArray
+    pressure: FloatArray
+
+    def numbers(self) -> FloatArray:
+        """All of it, (7 + j + 2,)."""
+        return np.concatenate([self.root, self.angles, self.pressure])
+
+
+def truth_names(body: BodyModel) -> tuple[str, ...]:
+    """What the numbers of a `Truth` about a body are."""
+    joints = [name for name, kind in zip(body.joint_names, body.joint_type, strict=True) if kind > JointType.BALL]
+    return ("x", "y", "z", "qw", "qx", "qy", "qz", *joints, "pressure_x", "pressure_y")
+
+
+def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Posture (nq,) of a body by the numbers of a `Truth`, and the centre of pressure (2,).
+
+    A body whose root is held has the root of `goal`.
+    """
+    q = goal.copy()
+    if body.root == "free":
+        q[:ROOT] = numbers[:ROOT]
+    q[body.joint_qpos[body.joint_type > JointType.BALL]] = numbers[ROOT:-PRESSURE]
+    return q, numbers[-PRESSURE:]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """words: what the robot does now, and why. current: what its servos draw, (s,) A. around: where obstacles are.
+    truth: where a simulated body really is. None: nobody knows, or there is none."""
+
+    words: Callable[[], tuple[str, str]] = lambda: ("", "")
+    current: Callable[[], FloatArray | None] = lambda: None
+    around: Callable[[], ObstaclePoses | None] = lambda: None
+    truth: Callable[[], Truth | None] = lambda: None

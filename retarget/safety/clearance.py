@@ -1,0 +1,209 @@
+"""Clearance of what is about to be sent, and of where a motion begins."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget import _solver
+from retarget.errors import Problem, UsageError
+from retarget.ik.hierarchy import Surroundings
+from retarget.model.body import BodyModel
+from retarget.model.observers import Observers, placed
+from retarget.model.robot import RobotBody
+from retarget.model.scene_state import SceneState
+from retarget.types import FloatArray
+
+__all__ = [
+    "CONTACT_M",
+    "KEPT_SHARE",
+    "REMEMBERED_S",
+    "SERVOS_SHARE",
+    "Contact",
+    "FollowingError",
+    "PathClearance",
+    "contacts",
+    "refuse_contact",
+    "refuse_floor",
+]
+
+
+# How far servos are from where they were sent, and how much of that their lag does not explain.
+
+REMEMBERED_S = 0.25
+"""A servo that is where it was sent at most so long (s) ago lags; one that is elsewhere is off its way."""
+ROUNDING_TICKS = 2.0
+"""Encoder steps by which a servo that goes well may be off: its goal and its position are both rounded, and it holds
+within a step."""
+
+
+class FollowingError:
+    """The goals (n,) rad of the last ticks, a range for each joint. tick_rad (n,): rad per encoder step."""
+
+    def __init__(self, tick_rad: FloatArray, *, dt: float) -> None:
+        self._slack = ROUNDING_TICKS * np.abs(tick_rad)
+        self._goals = np.zeros((max(2, round(REMEMBERED_S / dt)), tick_rad.size))
+        self._row = 0
+
+    def seed(self, position: FloatArray) -> None:
+        """All that was ever sent is `position` (n,)."""
+        self._goals[:] = position
+
+    def sent(self, goal: FloatArray) -> None:
+        """Remember a goal (n,)."""
+        self._row = (self._row + 1) % len(self._goals)
+        self._goals[self._row] = goal
+
+    def unexplained(self, measured: FloatArray) -> FloatArray:
+        """How far `measured` (n,) is outside of what was sent lately, rad, signed; 0 within."""
+        lo, hi = self._goals.min(axis=0) - self._slack, self._goals.max(axis=0) + self._slack
+        off: FloatArray = measured - np.minimum(np.maximum(measured, lo), hi)
+        return off
+
+
+KEPT_SHARE = 0.25
+"""Of each pair's margin, what the gate insists on. The observers keep the whole margin and do the work; if the gate
+asked for as much, every rounding of theirs would be a refusal. It is the proof, not the control."""
+SERVOS_SHARE = 0.25
+"""The same for where servos are measured. The straight line from there to the goal cuts the corners of the way that
+they go, and the room that the gate keeps is there for just that."""
+
+
+class PathClearance:
+    """A `retarget.safety.gate.PathCheck` for one robot: the observers and the obstacles of its stage, and where it
+    stands.
+
+    Whoever sends tells it where the servos are (`measure`), before, and what was sent (`sent`), after.
+
+    Two ways are looked at. First the one of the goals: from the posture sent last to the goal and on to rest. The
+    servos are behind it, but where a goal went the robot passes later, so that lag alone asks for nothing more. What
+    lag does not explain (see `FollowingError`: droop under load, play, a servo that slips) is known in size and in
+    direction; it is not spread as a margin in all directions, which would stop a robot whose knees give a little. So
+    the second way is the one of the servos: from where they are straight to the goal, and if they are off their way,
+    on to rest, off by as much as they are now.
+    """
+
+    def __init__(
+        self, robot: RobotBody, observers: _solver.Observers, surroundings: Surroundings, *, dt: float
+    ) -> None:
+        """observers: of the robot's stage, with the obstacles of `surroundings`. dt: s per tick."""
+        feet = [robot.frame(foot.frame) for foot in robot.profile.feet.values()] if robot.stands else []
+        self._checker = _solver.PathChecker(
+            robot.body.solver_body(),
+            observers,
+            columns=robot.servo_columns,
+            sole_links=[foot.body for foot in feet],
+            sole_points=np.array([foot.position for foot in feet]).reshape(-1, 3),
+        )
+        self._around = surroundings
+        self._dt = dt
+        self._columns = robot.servo_columns
+        self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
+        self._standing = robot.body.qpos0.copy()
+        self._measured: FloatArray | None = None
+
+    def begin(self, standing: FloatArray, position: FloatArray) -> None:
+        """The robot stands as in `standing` (nq,), with its servos at `position` (n,) rad."""
+        self._checker.restart()
+        self._standing[:] = standing
+        self._following.seed(position)
+        self._measured = None
+
+    def measure(self, position: FloatArray) -> None:
+        """Where the servos (n,) rad are in the tick that begins."""
+        self._measured = position
+
+    def sent(self, position: FloatArray, standing: FloatArray) -> None:
+        """What was sent, (n,) rad; it stands as in `standing` (nq,)."""
+        self._following.sent(position)
+        self._standing[:] = standing
+
+    def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
+        """Whether a path (k, n) rad is clear; instead (k, n): what is followed if not."""
+        self._around.look()
+        poses = self._around.now
+        if poses is not None:
+            self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
+        if not self._checker.is_clear(self._standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead):
+            return False
+        return self._measured is None or self._servos_are_clear(path, instead, self._measured)
+
+    def _servos_are_clear(self, path: FloatArray, instead: FloatArray, measured: FloatArray) -> bool:
+        off = self._following.unexplained(measured)
+        rows = len(path) if off.any() else 2  # without, the rest of the way is the one that is clear already
+        way, other = path[:rows] + off, instead[:rows] + off
+        way[0] = other[0] = measured
+        return self._checker.is_clear(
+            self._standing, way, dt=self._dt, share=SERVOS_SHARE, instead=other, remember=False
+        )
+
+
+# What touches where a motion begins: parts of the body with each other, and with what is around it.
+
+CONTACT_M = 1e-4
+"""Deeper than this (m) is contact, as for the solver: rounding is not."""
+
+
+NEAR_SOLE_M = 1e-3
+"""What is so near (m) to a sole that stands carries it."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """An observer and what it touches (another, or an obstacle), and how deep, m."""
+
+    part: str
+    other: str
+    depth: float
+
+
+def contacts(
+    body: BodyModel, observers: Observers, scene: SceneState | None, q: FloatArray, *, deeper_than: float = CONTACT_M
+) -> tuple[Contact, ...]:
+    """What touches in posture q (nq,) at the scene's time 0: pairs that are looked at, and obstacles; deepest first."""
+    position, quat = placed(body, observers, q)
+    n, pairs = len(observers.names), observers.pairs
+    kinds, sizes, others = observers.kinds, observers.sizes, observers.names
+    if scene is not None:
+        poses, shapes = scene.at_rest(0.0), scene.shapes
+        kinds, sizes = np.concatenate([kinds, shapes.kinds]), np.concatenate([sizes, shapes.sizes])
+        position, quat = np.concatenate([position, poses.position]), np.concatenate([quat, poses.quat])
+        around, _ = observers.around(shapes)
+        pairs, others = np.concatenate([pairs, around + np.array([0, n])]), others + shapes.names
+    a, b = pairs[:, 0], pairs[:, 1]
+    depths = -_solver.shape_distances(
+        kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
+    )[0]
+    order = np.argsort(-depths)
+    touching = [row for row in order.tolist() if depths[row] > deeper_than]
+    return tuple(Contact(others[pairs[row, 0]], others[pairs[row, 1]], float(depths[row])) for row in touching)
+
+
+def refuse_contact(found: tuple[Contact, ...], *, where: str) -> None:
+    """Raise UsageError that names all of them, if there are any. where: what begins, for the message."""
+    if found:
+        raise UsageError.from_problems([_problem(contact, where) for contact in found])
+
+
+def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: FloatArray) -> None:
+    """Raise UsageError if a robot that stands in posture q (nq,) has an obstacle under its soles: it would keep off
+    it."""
+    soles = {robot.frame(foot.frame).body for foot in robot.profile.feet.values()}
+    feet = {name for name, link in zip(observers.names, observers.links.tolist(), strict=True) if link in soles}
+    for contact in contacts(robot.body, observers, scene, q, deeper_than=-NEAR_SOLE_M):
+        if contact.part in feet and contact.other in scene.shapes.names:
+            raise UsageError(
+                f"{contact.part} stands on {contact.other}",
+                where="--scene",
+                allowed="what the robot stands on is ground",
+                next_step=f"Write `ground: true` for {contact.other}, or leave it out: there is always a floor",
+            )
+
+
+def _problem(contact: Contact, where: str) -> Problem:
+    return Problem(
+        f"{contact.part} touches {contact.other} at the start",
+        where=where,
+        found=f"{1e3 * contact.depth:.1f} mm deep",
+        allowed="a start clear of contact",
+        next_step="Move the obstacle or the start, or give --allow-contact: then what touches is only let out",
+    )

@@ -1,0 +1,145 @@
+"""Where configurations are: shipped ones beside the package, the user's own in the XDG config folder; by name or path.
+
+Shipped: `configs/` inside the `retarget` package (an installed wheel) or beside it (a checkout). The user's:
+`$XDG_CONFIG_HOME/retarget/` (`~/.config/retarget/` by default), with the same folders inside; a user's file hides the
+shipped one of the same name. What belongs to one specimen of a robot, its calibration, is the user's own only.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from retarget.errors import UsageError, suggest
+from retarget.schema.strict_models import listed
+
+MAX_LISTED = 1000
+"""At most this many configurations of one kind are looked at in one folder."""
+
+MAX_SHOWN = 200
+"""At most this many characters of a user's path are repeated in a message."""
+
+
+HUMAN = "human"
+"""Stands where a robot's name does, and is none: the performer is reconstructed, and nothing else."""
+
+
+class Kind(StrEnum):
+    """Kinds of configuration; the value is the folder's name."""
+
+    ROBOT = "robots"
+    PRIORITIES = "priorities"
+    PERFORMER = "performers"
+    SCENE = "scenes"
+
+    @property
+    def label(self) -> str:
+        """One of them, in a message."""
+        return _LABELS[self]
+
+
+_LABELS = {
+    Kind.ROBOT: "robot",
+    Kind.PRIORITIES: "priority file",
+    Kind.PERFORMER: "performer",
+    Kind.SCENE: "scene",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A configuration that was found. `shipped`: part of this package, not the user's own."""
+
+    name: str
+    path: Path
+    shipped: bool
+
+
+def shipped_folder() -> Path:
+    """The folder `configs/` that comes with the package."""
+    return (Path(__file__).parent.parent / "configs").resolve()
+
+
+def user_folder(environment: Mapping[str, str] | None = None) -> Path:
+    """The user's own folder; relative values of XDG_CONFIG_HOME are ignored, as the XDG standard asks."""
+    variables = os.environ if environment is None else environment
+    base = Path(variables.get("XDG_CONFIG_HOME", ""))
+    if not base.is_absolute():
+        base = Path(variables.get("HOME", "~")).expanduser() / ".config"
+    return base / "retarget"
+
+
+def calibration_path(robot: str) -> Path:
+    """Where the calibration of the robot of that name is, or will be: always the user's own, never shipped."""
+    return user_folder() / "calibrations" / f"{robot}.yaml"
+
+
+def entries(kind: Kind) -> tuple[Entry, ...]:
+    """All configurations of a kind by name; a user's entry stands in place of the shipped one that it hides."""
+    found = {entry.name: entry for entry in _in_folder(kind, shipped_folder(), shipped=True)}
+    found |= {entry.name: entry for entry in _in_folder(kind, user_folder(), shipped=False)}
+    return tuple(found[name] for name in sorted(found))
+
+
+def find(kind: Kind, name_or_path: str | Path) -> Path:
+    """The file of a configuration given by name, or by the path of the file or of the robot's folder.
+
+    Raises UsageError: no such file, or an unknown name (with the nearest ones).
+    """
+    known = {entry.name: entry.path for entry in entries(kind)}
+    if str(name_or_path) in known:
+        return known[str(name_or_path)]
+    path = Path(name_or_path)
+    if kind is Kind.ROBOT and _is_file(_inside(path)):
+        return _inside(path)
+    if _is_file(path):
+        return path
+    text = str(name_or_path)
+    shown = text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."
+    if _looks_like_path(text):
+        raise UsageError(
+            f"there is no such {kind.label}",
+            where=shown,
+            allowed=f"the path of a YAML file, or a name: {listed(known)}",
+            next_step="Check the path",
+        )
+    also = {HUMAN: "which only reconstructs the performer"} if kind is Kind.ROBOT else {}
+    raise UsageError(
+        f"unknown {kind.label}",
+        found=repr(shown),
+        allowed=", or ".join([listed(known), *(f"{name}, {what}" for name, what in also.items())]),
+        next_step=suggest(text, [*known, *also]) or f"Give one of these, or the path of a {kind.label}",
+    )
+
+
+def kind_of(path: Path) -> Kind | None:
+    """The kind of a configuration file by the folder that it lies in; None when no folder tells."""
+    folders = [folder.name for folder in path.resolve().parents]
+    return next((kind for kind in Kind if kind.value in folders[:3]), None)
+
+
+def _in_folder(kind: Kind, folder: Path, *, shipped: bool) -> list[Entry]:
+    try:
+        items = sorted((folder / kind.value).iterdir())[:MAX_LISTED]
+    except OSError:
+        return []
+    if kind is Kind.ROBOT:
+        return [Entry(item.name, _inside(item), shipped) for item in items if _inside(item).is_file()]
+    return [Entry(item.stem, item, shipped) for item in items if item.suffix == ".yaml" and item.is_file()]
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a regular file is there; no for a path that the system cannot even look up (too long, a zero byte)."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _inside(robot: Path) -> Path:
+    return robot / "robot.yaml"
+
+
+def _looks_like_path(text: str) -> bool:
+    return "/" in text or os.sep in text or text.endswith((".yaml", ".yml"))

@@ -1,0 +1,76 @@
+"""A performer file: which sensors a person wears, and where. `configs/performers/*.yaml`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from retarget.errors import Problem
+from retarget.frames import JOINTS, SENSORS
+from retarget.schema.catalogue import Kind, find
+from retarget.schema.strict_models import Name, Schema, Switch, Text, read_model, unknown_name
+from retarget.schema.strict_yaml import Document
+
+__all__ = ["HELD", "Performer", "WornSensor", "load_performer"]
+
+
+HELD = ("head", "l_wrist", "r_wrist")
+"""Sensors that may sit beside their joints: a cap or headset, and controllers, which turn with head and hands."""
+
+
+class WornSensor(Schema):
+    """A sensor and the joint of the human that it sits on."""
+
+    joint: Name
+    """Human joint that it sits on."""
+    orientation: Switch = False
+    """Whether it is used how the sensor turns, where the source knows it."""
+    role: Text | None = None
+    """What a live sender calls it, where its convention does not say so already."""
+    beside: Switch = False
+    """It sits some centimetres beside its joint; where is found out while a live performer stands still (head and
+    wrists)."""
+
+
+class Performer(Schema):
+    """A performer: who wears what, in the order of the sample's rows."""
+
+    name: Name
+    """By which it is chosen."""
+    description: Text
+    """For whoever chooses."""
+    roles: Name | None = None
+    """Convention of a live sender's names (docs/live.md), where the kind of stream does not say so."""
+    partial: Switch = False
+    """What a live stream lacks takes no part, instead of being waited for."""
+    sensors: Annotated[dict[Name, WornSensor], Field(min_length=1, max_length=64)]
+    """Sensors that are worn, by canonical name."""
+
+    @property
+    def oriented(self) -> tuple[str, ...]:
+        """Sensors whose orientation is used."""
+        return tuple(name for name, sensor in self.sensors.items() if sensor.orientation)
+
+
+def load_performer(path_or_name: str | Path) -> Performer:
+    """A performer by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    performer, _ = read_model(Performer, find(Kind.PERFORMER, path_or_name), check=_check)
+    return performer
+
+
+def _check(performer: Performer, document: Document) -> list[Problem]:
+    problems = []
+    first: dict[str, str] = {}
+    for name, sensor in performer.sensors.items():
+        if name not in SENSORS:
+            problems.append(unknown_name(document, ("sensors", name), "sensor", name, SENSORS))
+        if sensor.joint not in JOINTS:
+            problems.append(unknown_name(document, ("sensors", name, "joint"), "joint", sensor.joint, JOINTS))
+        if sensor.beside and name not in HELD:
+            here, allowed = ("sensors", name, "beside"), ", ".join(HELD)
+            problems.append(document.problem(here, "only these may sit beside their joints", allowed=allowed))
+        earlier = first.setdefault(sensor.joint, name)
+        if earlier != name:
+            found = f"{sensor.joint}, which {earlier} sits on"
+            problems.append(document.problem(("sensors", name, "joint"), "two sensors on one joint", found=found))
+    return problems

@@ -1,0 +1,423 @@
+"""A priority file: the ordered levels of one stage, each a list of tasks. `configs/priorities/*.yaml`.
+
+Levels are data: level 1 is never traded for a lower one. What a task's `of` names depends on the stage: sensors for
+`reconstruct`, landmarks or frames of the robot for `retarget`. What is absent this frame takes no part; what the body
+does not have is refused when the hierarchy is built, unless the task is `optional`.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+from retarget.errors import ConfigError, Problem
+from retarget.frames import SENSORS
+from retarget.schema.catalogue import Kind, find
+from retarget.schema.strict_models import (
+    Integer,
+    Interval,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Schema,
+    Share,
+    Switch,
+    Text,
+    Vector3,
+    listed,
+    read_model,
+)
+from retarget.schema.strict_yaml import Document
+
+__all__ = [
+    "FOR_HUMANS",
+    "AxisTask",
+    "CentreOfMassTask",
+    "HeadingSettings",
+    "HeadingTask",
+    "Level",
+    "LookAtTask",
+    "ObserverSettings",
+    "OrientationTask",
+    "PositionTask",
+    "PostureTask",
+    "PreventiveTask",
+    "Priorities",
+    "ReactiveTask",
+    "Steps",
+    "StrengthTask",
+    "Task",
+    "UpholdSettings",
+    "check_for_human",
+    "load_priorities",
+    "naming_file",
+]
+
+
+# The tasks of a priority file: what each kind asks, and its keys. What `of` names depends on the stage: sensors for
+# `reconstruct`, landmarks or frames of the robot for `retarget`.
+
+
+def _per_row(value: Any) -> Any:
+    """One number weighs all rows alike."""
+    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _not_all_zero(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(value):
+        raise PydanticCustomError("zero", "all three are zero")
+    return value
+
+
+def _one_or_more(value: Any) -> Any:
+    return (value,) if isinstance(value, str) else value
+
+
+def _uniform() -> dict[str, float]:
+    return {"default": 1.0}
+
+
+RowWeights = Annotated[
+    tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_per_row), AfterValidator(_not_all_zero)
+]
+"""Weights of the x, y and z rows, or one number for all three; a row of weight 0 is not there."""
+Direction = Annotated[Vector3, AfterValidator(_not_all_zero)]
+"""A direction; its length does not matter."""
+Against = Literal["self", "scene", "all"]
+Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_length=1, max_length=64)]
+
+
+class _Weighed(Schema):
+    """Keys of every task that has rows of its own."""
+
+    gain: Share = 1.0
+    """Share of the error that is corrected per iteration."""
+    max_error: Positive | None = None
+    """[m or rad] Cap of the error asked per iteration; absent: the solver's own."""
+    optional: Switch = False
+    """What `of` names may be missing on the body or among the worn sensors."""
+
+
+class PositionTask(_Weighed):
+    """Points of the body go to the positions asked of them. Rows are the world's x, y, z."""
+
+    type: Literal["position"]
+    """Of the task."""
+    of: Names
+    """Sensors (of a human); landmarks or frames (of a robot). One name or a list."""
+    weight: RowWeights = (1.0, 1.0, 1.0)
+    """One number, or one per row x, y, z; a row of weight 0 is not there."""
+
+
+class OrientationTask(_Weighed):
+    """Frames of the body take the orientations asked of them. Rows are rotations about the world's x, y, z."""
+
+    type: Literal["orientation"]
+    """Of the task."""
+    of: Names
+    """As of position."""
+    weight: RowWeights = (1.0, 1.0, 1.0)
+    """One number, or one per row."""
+
+
+class AxisTask(_Weighed):
+    """`axis` of each frame points along `direction` in the heading frame (z up): soles flat, trunk upright."""
+
+    type: Literal["axis"]
+    """Of the task."""
+    of: Names
+    """As of position."""
+    axis: Direction
+    """In the frame of what `of` names; its length does not matter."""
+    direction: Direction
+    """In the heading frame, z up."""
+    weight: Positive = 1.0
+    """Of both rows."""
+
+
+class HeadingTask(_Weighed):
+    """The left axis of each frame points to the left of the heading estimate; bending forward stays free."""
+
+    type: Literal["heading"]
+    """Of the task."""
+    of: Names
+    """As of position."""
+    weight: Positive = 1.0
+    """Of its rows."""
+
+
+class LookAtTask(_Weighed):
+    """`axis` of each frame aims at the point asked of it."""
+
+    type: Literal["look_at"]
+    """Of the task."""
+    of: Names
+    """As of position."""
+    axis: Direction = (1.0, 0.0, 0.0)
+    """In the frame of what `of` names."""
+    weight: Positive = 1.0
+    """Of both rows."""
+
+
+class CentreOfMassTask(_Weighed):
+    """The centre of mass is kept over the root, over the feet, or inside their support polygon."""
+
+    type: Literal["centre_of_mass"]
+    """Of the task."""
+    mode: Literal["over_root", "over_feet", "support"]
+    """Over the root as in the paper; over the middle of the feet; or inside the support polygon, as inequalities."""
+    weight: RowWeights = (1.0, 1.0, 0.0)
+    """Of x, y, z."""
+    forward: Number = 0.0
+    """[m] Of over_feet: so far along the heading."""
+    margin: NotNegative = 0.0
+    """[m] Of support: so far inside the edge."""
+    moving: Annotated[Positive, Field(le=1.0)] | None = None
+    """Of support: share of the polygon, about its middle, in which capture point and zero-moment point stay; absent: as
+    at rest."""
+    fade_speed: Positive | None = None
+    """[m/s] The weight falls as 1 / (1 + (v / fade_speed)^4) with the speed v of the body; absent: never."""
+
+
+class StrengthTask(Schema):
+    """Joints of the legs carry no more than their servos can for long, of a robot that stands on two soles (see
+    `retarget.robot.balance`)."""
+
+    type: Literal["strength"]
+    """Of the task."""
+    share: Annotated[Positive, Field(le=1.0)]
+    """Of the stall torque of each servo, what it may carry for long; more only where `stand` alone needs it."""
+
+
+class PostureTask(_Weighed):
+    """Joints are drawn to a posture of the body."""
+
+    type: Literal["posture"]
+    """Of the task."""
+    towards: Name = "attractor"
+    """Name of the posture."""
+    lowered: Name | None = None
+    """Name of what it becomes as the head comes down; absent: it stays."""
+    stiffness: Annotated[dict[Name, NotNegative], Field(max_length=300, default_factory=_uniform)]
+    """Weight by joint or group of joints; `default` is that of all others, and of a free root 0."""
+    settle: NotNegative = 0.0
+    """[s] Time constant with which free joints approach it; 0: at once."""
+
+
+class ReactiveTask(Schema):
+    """Observers that touch push their part out."""
+
+    type: Literal["reactive"]
+    """Of the task."""
+    of: Names | None = None
+    """Observers; absent: all."""
+    against: Against = "all"
+    """Each other, what the scene holds, or both."""
+    speed: Positive = 0.1
+    """[m/s] Of the way out, at most."""
+
+
+class PreventiveTask(Schema):
+    """Observers inside influence damp the approach of their part."""
+
+    type: Literal["preventive"]
+    """Of the task."""
+    of: Names | None = None
+    """Observers; absent: all."""
+    against: Against = "all"
+    """Each other, what the scene holds, or both."""
+    speed: Positive = 0.5
+    """[m/s] With `activation: all`: approach permitted where influence begins; it falls to nothing at the margin."""
+
+
+Task = Annotated[
+    PositionTask
+    | OrientationTask
+    | AxisTask
+    | HeadingTask
+    | LookAtTask
+    | CentreOfMassTask
+    | StrengthTask
+    | PostureTask
+    | ReactiveTask
+    | PreventiveTask,
+    Field(discriminator="type"),
+]
+
+
+# How the heading is told from the sensors: weights of what hints at it. The `heading` section of a priority file.
+
+
+def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] < 0.0:
+        raise ValueError("a speed is not negative")
+    return pair
+
+
+class HeadingSettings(Schema):
+    """Each hint is a vector on the ground; their weighted sum points to the left, or forward, of the body."""
+
+    pairs: dict[Name, NotNegative] = Field(default_factory=lambda: {"ankle": 0.5, "wrist": 1.0}, max_length=16)
+    """[1/m] By part with a left and a right sensor: weight of the line between the two."""
+    hands: NotNegative = 1.0
+    """[1/m] Weight of how far ahead of the ankles the hands are."""
+    velocity: NotNegative = 0.5
+    """[s/m] Weight of the way the head moves."""
+    walking: Annotated[Interval, AfterValidator(_not_negative)] = (0.5, 1.0)
+    """[m/s] Speeds of the head at which that begins to count, and counts wholly."""
+    facing: dict[Name, NotNegative] = Field(
+        default_factory=lambda: {"head": 1.0, "chest": 2.0, "pelvis": 2.0}, max_length=16
+    )
+    """By sensor with an orientation: weight of its forward axis."""
+    settle: Positive = 0.2
+    """[s] Time constant of the low-pass."""
+    velocity_settle: Positive = 0.05
+    """[s] Of that of the velocity."""
+
+
+Steps = Literal["planted", "shift", "follow"]
+"""What the feet of a robot do when its performer lifts one: stay; lift as well, once the mass is over the other; or,
+where something else carries the robot, whatever the performer's do."""
+
+
+class ObserverSettings(Schema):
+    """What this file asks of observers."""
+
+    human: Literal["none", "lines", "lines_and_head", "capsules"] = "none"
+    """What a human wears: nothing, lines along the limbs, those and a ball for the head, or its own capsules. A robot
+    brings its own."""
+    influence: Positive = 0.08
+    """[m] Of those of the human."""
+    margin: NotNegative | None = None
+    """[m] Of all observers; absent: each its own."""
+    obstacle_margin: NotNegative | None = None
+    """[m] Of all obstacles; absent: each its own."""
+
+
+class UpholdSettings(Schema):
+    """Goals that hold a robot on its soles up where its servos give way (see
+    `retarget.robot.deflection_compensation`)."""
+
+    settle: Annotated[Positive, Field(le=1.0)] = 0.02
+    """[s] Time constant with which goals follow the load."""
+    reserve: NotNegative = 0.25
+    """Share by which the load of a crouch is exceeded in motion; what carries it is planned no faster than its motors
+    turn under that."""
+    off_stops: Annotated[NotNegative, Field(le=0.5)] = 0.05
+    """[rad] What carries the robot keeps so far off the ends of its range, for what its servos overshoot."""
+    late: Annotated[NotNegative, Field(le=1.0)] = 0.03
+    """[s] So late its bus may be before a servo at the speed of the plan is so far behind that the guard stops it."""
+
+
+class Level(Schema):
+    """Tasks of equal rank. A level without tasks keeps its place and asks nothing."""
+
+    name: Text
+    """For messages and reports."""
+    tasks: Annotated[tuple[Task, ...], Field(max_length=32)]
+    """Of equal rank; none: the level keeps its place and asks nothing."""
+
+
+class Priorities(Schema):
+    """A priority file."""
+
+    name: Name
+    """By which it is chosen."""
+    description: Text
+    """For whoever chooses."""
+    iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
+    """Per frame, at most (the paper's N_IK)."""
+    activation: Literal["closest", "ranked", "all"] = "closest"
+    """Which preventive observers put up their row: the closest per obstacle (paper), one after the other by distance,
+    or all."""
+    observers: ObserverSettings = ObserverSettings()
+    """Which they are, and what they keep."""
+    heading: HeadingSettings = HeadingSettings()
+    """How the heading of a performer is told from the sensors."""
+    uphold: UpholdSettings | None = None
+    """Goals that hold up a robot with mass on its own soles; absent: goals are postures."""
+    steps: Steps | None = None
+    """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
+    of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
+    ahead: Annotated[NotNegative, Field(le=0.2)] = 0.0
+    """[s] So far ahead of what is asked a robot aims, by the asked motion's own velocity: its servos are behind it."""
+    levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
+    """Highest first: a level is never traded for a lower one."""
+
+    def tasks(self) -> Iterator[tuple[int, int, Task]]:
+        """All tasks with their places: (level, index in the level, task), from 0."""
+        for level, entry in enumerate(self.levels):
+            for index, task in enumerate(entry.tasks):
+                yield level, index, task
+
+
+def load_priorities(path_or_name: str | Path) -> Priorities:
+    """A priority file by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    priorities, _ = read_model(Priorities, find(Kind.PRIORITIES, path_or_name), check=_check)
+    return priorities
+
+
+def _check(priorities: Priorities, document: Document) -> list[Problem]:
+    problems = []
+    first: dict[str, int] = {}
+    for index, level in enumerate(priorities.levels):
+        earlier = first.setdefault(level.name, index)
+        if earlier != index:
+            here = ("levels", index, "name")
+            found = f"{level.name!r}, also of level {earlier + 1}"
+            problems.append(document.problem(here, "duplicate level name", found=found))
+    if priorities.levels and not any(level.tasks for level in priorities.levels):
+        problems.append(document.problem(("levels",), "no level has a task", allowed="at least one task"))
+    return problems
+
+
+# Whether a priority file is for the body that it was given to: a robot's file moves no human, nor the other way.
+
+FOR_HUMANS = "human, paper"
+"""The shipped priority files of the human's stage."""
+
+_GIVE_HUMAN = f"Give the human a priority file of its own (shipped: {FOR_HUMANS})"
+
+
+def check_for_human(priorities: Priorities, name: str) -> None:
+    """Raise ConfigError for tasks of which no performer can wear anything, and which would do nothing.
+
+    name: of the priority file, or its path.
+    """
+    where = str(find(Kind.PRIORITIES, name))
+    problems = [
+        Problem(
+            f"task {task.type} of level {priorities.levels[level].name!r} names nothing that a performer wears",
+            where=where,
+            found=listed(task.of),
+            allowed=listed(SENSORS),
+            next_step=_GIVE_HUMAN,
+        )
+        for level, _, task in priorities.tasks()
+        if isinstance(task, PositionTask | OrientationTask | LookAtTask)
+        and not task.optional
+        and not set(task.of) & set(SENSORS)
+    ]
+    if problems:
+        raise ConfigError.from_problems(problems, title=f"{where}: {len(problems)} problems")
+
+
+@contextmanager
+def naming_file(name: str, *, robot: str) -> Iterator[None]:
+    """What a robot refuses in a priority file is said with the file, and with what to do. name: of it, or its path."""
+    try:
+        yield
+    except ConfigError as error:
+        where = str(find(Kind.PRIORITIES, name))
+        own = f"{robot} brings its own (those of the human are {FOR_HUMANS})"
+        step = f"Name frames of {robot}, or leave --priorities out: {own}"
+        problems = [
+            problem if problem.where else replace(problem, where=where, next_step=f"{problem.next_step} {step}".strip())
+            for problem in error.problems
+        ]
+        raise ConfigError.from_problems(problems) from error

@@ -1,0 +1,340 @@
+"""Cross checks of a robot profile that need no body file: names that refer to each other, limits, soles, landmarks.
+
+Every check takes the sound part of a profile and its document, and returns problems with their places. Names are looked
+up among the keys of the document, so that an entry with an error of its own is not called unknown as well.
+"""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from hardware.bus import BAUDS, WATCHDOG_STEP, fastest_baud
+from hardware.errors import HardwareError
+from hardware.joint_map import coupling_problems
+from hardware.servo import HOMING_REACH, SERVO_MODELS, ServoModel, find_model
+from retarget.errors import Problem
+from retarget.frames import JOINTS
+from retarget.schema.profile_parts import Bus, Landmark, Point2, Servo, servo_specs
+from retarget.schema.profile_safety import check_safety
+from retarget.schema.strict_models import keys_of, listed, unknown_name
+from retarget.schema.strict_yaml import Document, KeyPath
+
+if TYPE_CHECKING:
+    from retarget.schema.profile import RobotProfile
+
+
+# Cross checks of a profile's servos, couplings and buses: what the servo side itself would refuse, with its place.
+#
+# Every check takes the sound part of a profile and its document, and returns problems with their places.
+
+MAX_GAIN_1 = 254
+"""Highest gain of a Protocol 1.0 servo (e-Manual, MX-28, registers 26 to 28)."""
+TOLERANCE = 1e-9  # [s] by which a watchdog may miss a multiple of its step
+
+
+def check_servos(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    """Names and ids, and what model, protocol and mode cannot do."""
+    yield from _duplicate_ids(document)
+    buses = keys_of(document, "buses")
+    coupled = {joint for coupling in profile.couplings for joint in coupling.joints}
+    for joint, servo in profile.servos.items():
+        here: KeyPath = ("servos", joint)
+        bus = profile.buses.get(servo.bus)
+        if servo.bus not in buses:
+            yield unknown_name(document, (*here, "bus"), "bus", servo.bus, buses)
+        elif bus is not None and servo.id not in bus.ids:
+            found = f"{servo.id}, which is not among the ids of bus {servo.bus!r}"
+            yield document.problem((*here, "id"), "servo id not on its bus", found=found)
+        try:
+            model = find_model(servo.model)
+        except HardwareError:
+            yield unknown_name(document, (*here, "model"), "servo model", servo.model, SERVO_MODELS)
+            continue
+        yield from _mode(here, servo, model, document)
+        if bus is not None:
+            yield from _protocol(here, servo, model, bus, document)
+        if joint not in coupled:
+            yield from _travel(here, servo, model, document)
+
+
+def check_couplings(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    """Joints that exist, each in one coupling only; matrices that can be inverted; limits that the servos can serve."""
+    joints = keys_of(document, "servos")
+    holder: dict[str, int] = {}
+    for index, coupling in enumerate(profile.couplings):
+        here: KeyPath = ("couplings", index)
+        sound = True
+        for place, joint in enumerate(coupling.joints):
+            if joint not in joints:
+                yield unknown_name(document, (*here, "joints", place), "joint", joint, joints)
+            elif holder.setdefault(joint, index) != index:
+                yield document.problem((*here, "joints", place), "the joint is coupled already", found=joint)
+            servo = profile.servos.get(joint)
+            if servo is not None and servo.gear != 1.0:
+                step = "Leave it out: it is part of the coupling's matrix"
+                where: KeyPath = ("servos", joint, "gear")
+                yield document.problem(where, "a coupled servo has no gear", found=str(servo.gear), next_step=step)
+            sound = sound and servo is not None and servo.gear == 1.0 and holder[joint] == index
+        if sound and all(_known(profile.servos[joint].model) for joint in coupling.joints):
+            specs = servo_specs({joint: profile.servos[joint] for joint in coupling.joints}, (coupling,))
+            for text in coupling_problems(specs):
+                yield document.problem(here, text, next_step="Check joints, matrix, limits, zero_tick and direction")
+
+
+def _known(model: str) -> bool:
+    try:
+        find_model(model)
+    except HardwareError:
+        return False
+    return True
+
+
+def check_buses(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    """Ids, speed, watchdog and power switch of each bus."""
+    for name, bus in profile.buses.items():
+        here: KeyPath = ("buses", name)
+        twice = sorted({number for number in bus.ids if bus.ids.count(number) > 1})
+        if twice:
+            yield document.problem((*here, "ids"), "an id is listed twice", found=", ".join(map(str, twice)))
+        servos = [servo for servo in profile.servos.values() if servo.bus == name]
+        yield from _baud(here, bus, servos, document)
+        yield from _watchdog(here, bus, document)
+        yield from _power(here, bus, servos, document)
+
+
+def _duplicate_ids(document: Document) -> Iterable[Problem]:
+    """Looked for among all entries of the file, so that another fault of a servo hides none."""
+    servos = document.data.get("servos")
+    first: dict[tuple[str, int], str] = {}
+    for joint, servo in servos.items() if isinstance(servos, dict) else ():
+        if not isinstance(servo, dict):
+            continue
+        number, bus = servo.get("id"), servo.get("bus")
+        if not isinstance(number, int) or isinstance(number, bool) or not isinstance(bus, str):
+            continue
+        holder = first.setdefault((bus, number), joint)
+        if holder != joint:
+            found = f"{number}, also of {holder} on bus {bus!r}"
+            step = "Give each servo of a bus its own id"
+            yield document.problem(("servos", joint, "id"), "duplicate servo id", found=found, next_step=step)
+
+
+def _mode(here: KeyPath, servo: Servo, model: ServoModel, document: Document) -> Iterable[Problem]:
+    """What model and mode cannot do."""
+    if servo.mode == "position" and abs(servo.homing_offset) > HOMING_REACH:
+        what, allowed = "more than this mode honours", f"{-HOMING_REACH} to {HOMING_REACH} ticks"
+        yield document.problem((*here, "homing_offset"), what, found=str(servo.homing_offset), allowed=allowed)
+    if model.current_unit is None:
+        limited = [entry for entry in SERVO_MODELS.values() if entry.current_unit is not None]
+        names = ", ".join(entry.name for entry in limited)
+        if servo.mode == "current_based_position":
+            what, allowed = f"the {model.name} has no such mode", "position, extended_position, or one of " + names
+            yield document.problem((*here, "mode"), what, found=servo.mode, allowed=allowed)
+        if servo.current is not None:
+            what = f"the {model.name} limits no current"
+            yield document.problem((*here, "current"), what, found=f"{servo.current} A", next_step="Leave it out")
+    elif servo.mode == "current_based_position" and servo.current is None:
+        step = "Add the most that the servo may draw, in A"
+        yield document.problem((*here, "current"), "missing key: this mode needs it", next_step=step)
+
+
+def _protocol(here: KeyPath, servo: Servo, model: ServoModel, bus: Bus, document: Document) -> Iterable[Problem]:
+    """What the bus's protocol cannot do."""
+    if bus.protocol not in model.protocols:
+        spoken = " and ".join(map(str, model.protocols))
+        found = f"{model.name} on bus {servo.bus!r} of protocol {bus.protocol}"
+        yield document.problem((*here, "model"), "the servo speaks another protocol", found=found, allowed=spoken)
+    if bus.protocol != 1:
+        return
+    reason = "servos of protocol 1 have none"
+    if servo.mode != "position":
+        what = "servos of protocol 1 hold positions within one turn only"
+        yield document.problem((*here, "mode"), what, found=servo.mode, allowed="position")
+    if servo.current is not None and model.current_unit is not None:
+        yield document.problem((*here, "current"), f"no current limit: {reason}", found=f"{servo.current} A")
+    if servo.homing_offset:
+        yield document.problem((*here, "homing_offset"), f"no homing offset: {reason}", found=str(servo.homing_offset))
+    for key, value in servo.gains.model_dump(exclude_none=True).items():
+        if model.name.startswith("AX-") or key.startswith("feedforward"):
+            yield document.problem((*here, "gains", key), f"the {model.name} has no such gain", found=str(value))
+        elif value > MAX_GAIN_1:
+            what, allowed = "wrong value for protocol 1", f"0 to {MAX_GAIN_1}"
+            yield document.problem((*here, "gains", key), what, found=str(value), allowed=allowed)
+
+
+def _travel(here: KeyPath, servo: Servo, model: ServoModel, document: Document) -> Iterable[Problem]:
+    """Limits beyond the servo's travel, a speed beyond its own."""
+    fastest = model.no_load_speed / servo.gear
+    if servo.max_velocity > fastest:
+        yield document.problem(
+            (*here, "max_velocity"),
+            "faster than the servo",
+            found=f"{servo.max_velocity} rad/s",
+            allowed=f"at most {fastest:.2f} rad/s ({model.name} without load at {model.voltage:g} V)",
+        )
+    (spec,) = servo_specs({str(here[-1]): servo}, ())
+    for index, limit in enumerate(servo.limits):
+        tick = servo.zero_tick + spec.ticks_per_rad * limit
+        if not spec.lowest_tick - 0.5 <= tick <= spec.highest_tick + 0.5:
+            yield document.problem(
+                (*here, "limits", index),
+                "limit beyond the servo's travel",
+                found=f"{limit} rad, which is tick {tick:.0f}",
+                allowed=f"ticks {spec.lowest_tick} to {spec.highest_tick}",
+                next_step="Check limits, zero_tick, direction, gear and mode",
+            )
+
+
+def _baud(here: KeyPath, bus: Bus, servos: list[Servo], document: Document) -> Iterable[Problem]:
+    allowed = BAUDS[bus.protocol]
+    if bus.baud not in allowed:
+        what, speeds = f"no speed of protocol {bus.protocol} servos", ", ".join(map(str, allowed))
+        yield document.problem((*here, "baud"), what, found=str(bus.baud), allowed=speeds)
+        return
+    for name in dict.fromkeys(servo.model for servo in servos):
+        most = fastest_baud(find_model(name)) if _known(name) else bus.baud
+        if bus.baud > most:
+            what = f"too fast for the {name} on this bus"
+            yield document.problem((*here, "baud"), what, found=str(bus.baud), allowed=f"at most {most}")
+
+
+def _watchdog(here: KeyPath, bus: Bus, document: Document) -> Iterable[Problem]:
+    silence = bus.watchdog_s
+    if silence is None:
+        return
+    if bus.protocol == 1 and silence > 0:
+        what, step = "servos of protocol 1 have no watchdog", "Leave it out, or write 0"
+        yield document.problem((*here, "watchdog_s"), what, found=f"{silence:g} s", next_step=step)
+    elif abs(silence - round(silence / WATCHDOG_STEP) * WATCHDOG_STEP) > TOLERANCE:
+        allowed = "a multiple of 0.02 s up to 2.54 s, or 0 for none"
+        yield document.problem((*here, "watchdog_s"), "wrong value", found=f"{silence:g} s", allowed=allowed)
+
+
+def _power(here: KeyPath, bus: Bus, servos: list[Servo], document: Document) -> Iterable[Problem]:
+    if bus.power is None:
+        return
+    number = bus.power.id
+    if number not in bus.ids:
+        found = f"{number}, which is not among the ids of the bus"
+        yield document.problem((*here, "power", "id"), "the power switch is not on its bus", found=found)
+    elif any(servo.id == number for servo in servos):
+        found = f"{number}, the id of a servo"
+        yield document.problem((*here, "power", "id"), "a servo cannot switch the servos' power", found=found)
+
+
+LANDMARKS = ("l_hand", "r_hand", "head")
+"""Landmarks that every robot needs; one that stands on its feet needs the next ones too."""
+STANDING_LANDMARKS = ("pelvis", "l_sole", "r_sole")
+MIN_AREA = 1e-9  # [m^2] twice the area of the smallest triangle that counts as a turn
+
+
+def check_parts(profile: "RobotProfile", document: Document) -> list[Problem]:
+    """All problems of the profile by itself."""
+    checks = (
+        check_servos,
+        check_buses,
+        check_couplings,
+        _frame_names,
+        _feet,
+        _postures,
+        _landmarks,
+        _observers,
+        _ignore_pairs,
+        check_safety,
+    )
+    return [problem for check in checks for problem in check(profile, document)]
+
+
+def _frame_names(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    frames = keys_of(document, "frames")
+    for name, foot in profile.feet.items():
+        if foot.frame not in frames:
+            yield unknown_name(document, ("feet", name, "frame"), "frame", foot.frame, frames)
+    for name, landmark in profile.landmarks.items():
+        for key, named in (("frame", (landmark.frame,)), ("anchor", landmark.anchor)):
+            for frame in named:
+                if frame not in frames:
+                    yield unknown_name(document, ("landmarks", name, key), "frame", frame, frames)
+
+
+def _feet(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    for name, foot in profile.feet.items():
+        if not is_convex(foot.polygon):
+            yield document.problem(
+                ("feet", name, "polygon"),
+                "the sole's outline is not convex and counter-clockwise",
+                found=" ".join(f"({x:g}, {y:g})" for x, y in foot.polygon),
+                allowed="corners in counter-clockwise order seen from above, without dents",
+                next_step="Reorder the corners, or leave out those that dent",
+            )
+
+
+def is_convex(polygon: tuple[Point2, ...]) -> bool:
+    """Whether no three neighbours are in line and every corner lies to the left of every edge (or on it)."""
+    edges = list(zip(polygon, polygon[1:] + polygon[:1], strict=True))
+    after = polygon[2:] + polygon[:2]
+    turns_left = all(_side(*edge, corner) > MIN_AREA for edge, corner in zip(edges, after, strict=True))
+    return turns_left and all(_side(*edge, corner) > -MIN_AREA for edge in edges for corner in polygon)
+
+
+def _side(start: Point2, end: Point2, point: Point2) -> float:
+    """Twice the signed area of the triangle, m^2: positive where `point` is left of the line from `start` to `end`."""
+    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])
+
+
+def _postures(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    joints = keys_of(document, "servos")
+    for name in ("neutral", "stand", "rest", "attractor"):
+        posture = getattr(profile.postures, name, None)  # absent where the section is unsound
+        if posture is None:
+            continue
+        for joint in posture:
+            if joint not in joints:
+                yield unknown_name(document, ("postures", name, joint), "joint", joint, joints)
+        for joint, servo in profile.servos.items():
+            angle = posture.get(joint, 0.0)
+            if not servo.limits[0] <= angle <= servo.limits[1]:
+                yield document.problem(
+                    ("postures", name, joint),
+                    "posture outside the joint's limits",
+                    found=f"{angle} rad" + ("" if joint in posture else " (not named, so 0)"),
+                    allowed=f"{servo.limits[0]} to {servo.limits[1]} rad",
+                )
+
+
+def _landmarks(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    present = keys_of(document, "landmarks")
+    needed = LANDMARKS + (STANDING_LANDMARKS if profile.root == "free" else ())
+    missing = [name for name in needed if name not in present]
+    if missing and "landmarks" in document.data:
+        step = f"Add {', '.join(missing)}"
+        yield document.problem(
+            ("landmarks",), "landmarks are missing", found=listed(present), allowed=listed(needed), next_step=step
+        )
+    for name, landmark in profile.landmarks.items():
+        for key, joint in _human_joints(landmark):
+            if joint not in JOINTS:
+                yield unknown_name(document, ("landmarks", name, key), "human joint", joint, JOINTS)
+
+
+def _human_joints(landmark: Landmark) -> Iterable[tuple[str, str]]:
+    yield from (("follows", joint) for joint in landmark.follows)
+    yield from (("from", joint) for joint in landmark.measured_from)
+    yield from (("human_length", joint) for point in landmark.human_length for joint in point)
+
+
+def _observers(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    for name, observer in profile.observers.items():
+        if observer.margin >= observer.influence:
+            yield document.problem(
+                ("observers", name, "margin"),
+                "the margin must be smaller than the influence",
+                found=f"{observer.margin} m",
+                allowed=f"less than {observer.influence} m",
+            )
+
+
+def _ignore_pairs(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    for index, ignored in enumerate(profile.ignore_pairs):
+        if ignored.pair[0] == ignored.pair[1]:
+            found = f"{ignored.pair[0]} twice"
+            yield document.problem(("ignore_pairs", index, "pair"), "a pair needs two different links", found=found)

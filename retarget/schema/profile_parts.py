@@ -1,0 +1,310 @@
+"""Models of the sections of a robot profile, one for each kind of entry. SI units; frames as each docstring says."""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+import hardware.servo
+from hardware.bus import MAX_WATCHDOG, BusSpec, PowerSwitch
+from hardware.servo import MULTI_TURN_REACH, ServoGains, ServoMode, ServoSpec, find_model
+from retarget.schema.shapes import SolidShape
+from retarget.schema.strict_models import (
+    Integer,
+    Interval,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Quaternion,
+    Schema,
+    Text,
+    Vector3,
+)
+
+MAX_HOMING_OFFSET = 1_044_479
+"""Of register 20, ticks either way (e-Manual)."""
+ServoId = Annotated[Integer, Field(ge=0, le=252)]
+Point2 = tuple[Number, Number]
+Register = Annotated[Integer, Field(ge=0, le=16383)]
+Tick = Annotated[Integer, Field(ge=-MULTI_TURN_REACH, le=MULTI_TURN_REACH)]
+Row = tuple[Number, Number]
+
+
+def _one_or_more(value: Any) -> Any:
+    """`name` means the same as `[name]`."""
+    return (value,) if isinstance(value, str) else value
+
+
+def _chain(value: Any) -> Any:
+    return (
+        [_one_or_more(point) for point in value]
+        if isinstance(value, Sequence) and not isinstance(value, str)
+        else value
+    )
+
+
+Names = Annotated[tuple[Name, ...], BeforeValidator(_one_or_more), Field(min_length=1, max_length=8)]
+"""One name, or several whose mean point is meant."""
+
+
+class Frame(Schema):
+    """A named point on a link. Sole frames have z up, x to the toes."""
+
+    link: Name
+    """Link of the body file that carries it."""
+    pos: Vector3 = (0.0, 0.0, 0.0)
+    """[m] Where it is in the link's frame."""
+    quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """How it is turned in the link's frame, wxyz."""
+
+
+class Gains(Schema):
+    """Gains as register values (e-Manual: Position P, I, D Gain, Feedforward 1st and 2nd Gain; Protocol 1.0: P, I, D
+    Gain); absent: the servo keeps its own."""
+
+    p: Register | None = None
+    """Proportional, as the register holds it."""
+    i: Register | None = None
+    """Integral."""
+    d: Register | None = None
+    """Derivative."""
+    feedforward_1: Register | None = None
+    """Of velocity."""
+    feedforward_2: Register | None = None
+    """Of acceleration."""
+
+
+class Servo(Schema):
+    """The servo of one joint.
+
+    shaft tick = zero_tick + direction * gear * q / (angle of one tick). Of a joint in one of the `couplings` the servo
+    is one of the two that turn it; limits and speeds are the joint's.
+    """
+
+    id: ServoId
+    """On its bus."""
+    model: Name
+    """Model by name (docs/dynamixel.md lists them)."""
+    bus: Name
+    """Name of its bus."""
+    direction: Literal[1, -1]
+    """1: ticks rise with the joint's angle, -1: they fall."""
+    zero_tick: Tick
+    """[tick] What the servo reports where the joint's angle is 0. A calibration replaces it."""
+    gear: Positive = 1.0
+    """Turns of the shaft per turn of the joint."""
+    limits: Interval
+    """[rad] Lowest and highest angle of the joint."""
+    max_velocity: Positive
+    """[rad/s] Of the joint."""
+    max_acceleration: Positive
+    """[rad/s^2] Of the joint."""
+    gains: Gains = Gains()
+    """Of its position loop."""
+    current: Positive | None = None
+    """[A] Most that it may draw; absent: its own limit."""
+    mode: Literal["position", "extended_position", "current_based_position"] = "position"
+    """Within one turn; many turns; many turns with the current bounded, which needs `current`."""
+    homing_offset: Annotated[Integer, Field(ge=-MAX_HOMING_OFFSET, le=MAX_HOMING_OFFSET)] = 0
+    """[tick] What the servo's own register holds; it is part of zero_tick."""
+
+
+class Coupling(Schema):
+    """Two joints that their two servos turn together: angles of `joints` = matrix @ shaft angles, rad.
+
+    The shaft angle of a servo is direction * (tick - zero_tick) * (angle of one tick), and its gear is 1. Rows are the
+    two joints, columns their servos, both in the order of `joints`. A waist whose roll is a quarter of the difference
+    and whose yaw a quarter of the sum: {joints: [roll, yaw], matrix: [[-0.25, 0.25], [0.25, 0.25]]}.
+    """
+
+    joints: tuple[Name, Name]
+    """The two joints; each has an entry in `servos`."""
+    matrix: tuple[Row, Row]
+    """Rows: the two joints; columns: their servos, in the same order."""
+
+
+class Power(Schema):
+    """A switch for the servos' power: device `id` of the bus gets `value` at `register` before anything else."""
+
+    id: ServoId
+    """Of the device on this bus that switches."""
+    register_: Annotated[Integer, Field(ge=0, le=65535, alias="register")]
+    """Address of one byte."""
+    value: Annotated[Integer, Field(ge=0, le=255)]
+    """What is written there."""
+    wait_s: Annotated[NotNegative, Field(le=10)] = 0.5
+    """[s] That servos take to start."""
+
+
+class Bus(Schema):
+    """A line of servos."""
+
+    port: Text
+    """Path of the serial port."""
+    baud: Integer
+    """[bit/s] One of those of the protocol."""
+    protocol: Literal[1, 2]
+    """Dynamixel protocol of all servos on it."""
+    ids: Annotated[tuple[ServoId, ...], Field(min_length=1, max_length=253)]
+    """Every device that is expected to answer, servos and others."""
+    watchdog_s: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_WATCHDOG)] | None = None
+    """[s] Silence after which servos stop by themselves, a multiple of 0.02, 0: never. Absent: 0.1; 0 with protocol 1,
+    which has none."""
+    return_delay_us: Annotated[Integer, Field(ge=0, le=508, multiple_of=2)] = 0
+    """[us] Pause before an answer, even."""
+    power: Power | None = None
+    """Switch for the servos' power; absent: there is none."""
+
+
+class Shape(SolidShape):
+    """Exactly one of the shapes; `geom` takes over the named geom of the body file."""
+
+    geom: Name | None = None
+    """Takes over the geom of this name from the body file."""
+
+
+def _one_shape(shape: Shape) -> Shape:
+    if len(shape.model_fields_set) != 1:
+        raise PydanticCustomError(
+            "shape", "a shape needs exactly one of: segment, capsule, cylinder, sphere, box, geom"
+        )
+    return shape
+
+
+AnyShape = Annotated[Shape, AfterValidator(_one_shape)]
+
+
+class Observer(Schema):
+    """A collision observer on a link."""
+
+    link: Name
+    """Link that carries it."""
+    shape: AnyShape
+    """In the frame of the link."""
+    influence: Positive
+    """[m] Distance at which it acts."""
+    margin: NotNegative
+    """[m] Distance that it keeps."""
+
+
+class IgnorePair(Schema):
+    """Two links that are never checked against each other, and why."""
+
+    pair: tuple[Name, Name]
+    """Two links."""
+    reason: Text
+    """Why, for whoever reads the file."""
+
+
+class Foot(Schema):
+    """A sole."""
+
+    frame: Name
+    """Its frame, z up and x to the toes."""
+    polygon: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=16)]
+    """[m] Outline in the x-y plane of the frame, convex, counter-clockwise seen from above."""
+
+
+Posture = dict[Name, Number]
+"""Joint -> rad; joints that are not named are 0."""
+
+
+class Postures(Schema):
+    """The robot's own postures: angle by joint, rad; joints that are not named are 0."""
+
+    neutral: Posture
+    """[rad] In which servos are homed; pairs of links that touch here are dropped."""
+    stand: Posture
+    """[rad] From which a run begins."""
+    rest: Posture
+    """[rad] In which it is parked."""
+    attractor: Posture
+    """[rad] To which free joints are drawn."""
+
+
+class Landmark(Schema):
+    """How one robot frame follows the human, limb by limb.
+
+    asked = mean of `anchor` + (mean of `follows` - mean of `from`) * robot_length / (human length) + offset,
+    all in the heading frame. The human length is the sum of the rest-pose distances along the chain `human_length`.
+    """
+
+    frame: Name
+    """Robot frame that follows."""
+    follows: Names
+    """Human joints whose mean is followed."""
+    measured_from: Names = Field(alias="from")
+    """Human joints from whose mean the human limb is measured."""
+    anchor: Names
+    """Robot frames from whose mean the robot's limb begins."""
+    robot_length: Positive
+    """[m] How far `frame` gets from `anchor` when the human's limb is stretched."""
+    human_length: Annotated[tuple[Names, ...], BeforeValidator(_chain), Field(min_length=2, max_length=10)]
+    """Chain of human joints, or of means of joints, whose rest-pose distances add up to the human's limb."""
+    offset: Vector3 = (0.0, 0.0, 0.0)
+    """[m] From the robot's counterpart of the human point to `frame`, in the heading frame."""
+
+
+# What the servo side needs of a profile: its servos and buses as the hardware's own data.
+
+DEFAULT_WATCHDOG = 0.1  # [s]
+
+
+def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> tuple[ServoSpec, ...]:
+    """The servos in the profile's order. Raises HardwareError for an unknown model."""
+    coupled = {
+        joint: hardware.servo.Coupling(coupling.joints, coupling.matrix)
+        for coupling in couplings
+        for joint in coupling.joints
+    }
+    return tuple(
+        ServoSpec(
+            joint=joint,
+            id=servo.id,
+            model=find_model(servo.model),
+            bus=servo.bus,
+            direction=servo.direction,
+            zero_tick=servo.zero_tick,
+            lower=servo.limits[0],
+            upper=servo.limits[1],
+            max_velocity=servo.max_velocity,
+            max_acceleration=servo.max_acceleration,
+            gear=servo.gear,
+            gains=ServoGains(
+                servo.gains.p, servo.gains.i, servo.gains.d, servo.gains.feedforward_1, servo.gains.feedforward_2
+            ),
+            current_limit=servo.current,
+            mode=ServoMode(servo.mode),
+            homing_offset=servo.homing_offset,
+            coupling=coupled.get(joint),
+        )
+        for joint, servo in servos.items()
+    )
+
+
+def bus_specs(buses: Mapping[str, Bus]) -> tuple[BusSpec, ...]:
+    """The buses in the profile's order."""
+    return tuple(
+        BusSpec(
+            name=name,
+            port=bus.port,
+            baud=bus.baud,
+            protocol=bus.protocol,
+            ids=bus.ids,
+            watchdog=_watchdog(bus),
+            return_delay=bus.return_delay_us * 1e-6,
+            power=None
+            if bus.power is None
+            else PowerSwitch(bus.power.id, bus.power.register_, bus.power.value, bus.power.wait_s),
+        )
+        for name, bus in buses.items()
+    )
+
+
+def _watchdog(bus: Bus) -> float:
+    """Longest silence in s; servos of Protocol 1.0 have no watchdog."""
+    if bus.watchdog_s is not None:
+        return bus.watchdog_s
+    return DEFAULT_WATCHDOG if bus.protocol == 2 else 0.0

@@ -1,0 +1,152 @@
+"""A profile's `safety`: its keys, its levels in the guard's own terms, and warnings that come before stops."""
+
+from collections.abc import Iterable
+from math import inf
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from hardware.guard_state import GuardLimits
+from retarget.errors import Problem
+from retarget.schema.strict_models import Interval, Positive, Schema, Share
+from retarget.schema.strict_yaml import Document
+
+if TYPE_CHECKING:
+    from retarget.schema.profile import RobotProfile
+
+__all__ = ["Safety", "SpeedCaps", "check_safety", "guard_limits", "safety_facts"]
+
+WARN_BEFORE_C = 5.0
+"""[degrees Celsius] so much before the stop a servo is warm, where the profile does not say."""
+WITHIN = (
+    ("freshness_warn", "freshness", "s"),
+    ("temperature_warn_c", "temperature_c", "degrees Celsius"),
+    ("following_error_lasting", "following_error", "rad"),
+    ("following_error_warn", "following_error_lasting", "rad"),
+    ("following_error_warn", "following_error", "rad"),
+    ("current_warn_a", "current_a", "A"),
+)
+"""Keys whose value must be below that of another, and their unit."""
+
+
+class SpeedCaps(Schema):
+    """Shares (0, 1] of each servo's max_velocity."""
+
+    follow: Share = 1.0
+    """While following."""
+    approach: Share = 0.2
+    """On the way to a posture (start, rest) and to the performer."""
+    warm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.25, le=1)] = 0.5
+    """Of the speed of following, left while a servo is too warm or draws too much."""
+
+
+class Safety(Schema):
+    """Bounds of operation; beyond one of them the guard stops the robot. What is left out is not watched."""
+
+    rate_hz: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=1000)]
+    """[Hz] Ticks of the robot."""
+    freshness: Positive
+    """[s] Oldest state of a servo that is acted on, and most that a goal may take from the start of its tick. Beyond
+    it: stop."""
+    freshness_warn: Positive | None = None
+    """[s] From here on it is told."""
+    speed_caps: SpeedCaps = SpeedCaps()
+    """Shares of each servo's max_velocity, kept by stages and gate."""
+    temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
+    """[degrees Celsius] Hottest servo; beyond it: stop."""
+    temperature_warn_c: Positive | None = None
+    """[degrees Celsius] From here on it is told and the robot goes slower. Absent: 5 below temperature_c."""
+    voltage: Interval
+    """[V] Lowest and highest supply; outside: stop."""
+    voltage_warn: Interval | None = None
+    """[V] Outside it is told."""
+    following_error: Positive
+    """[rad] Largest distance between goal and present position; beyond it: stop."""
+    following_error_lasting: Positive | None = None
+    """[rad] A smaller one that stops only if it lasts."""
+    following_error_s: Annotated[Positive, Field(le=10)] = 0.2
+    """[s] So long."""
+    following_error_warn: Positive | None = None
+    """[rad] One that lasts and is told."""
+    current_a: Positive | None = None
+    """[A] Most that a servo may draw for long; beyond it: stop."""
+    current_warn_a: Positive | None = None
+    """[A] From here on it is told and the robot goes slower."""
+    current_s: Annotated[Positive, Field(le=60)] = 1.0
+    """[s] What is long."""
+
+
+def guard_limits(safety: Safety) -> GuardLimits:
+    """What the guard tolerates."""
+    return GuardLimits(
+        max_age=safety.freshness,
+        max_temperature=safety.temperature_c,
+        voltage=safety.voltage,
+        following_error=safety.following_error,
+        lasting_error=_or_any(safety.following_error_lasting),
+        lasting_time=safety.following_error_s,
+        max_current=_or_any(safety.current_a),
+        current_time=safety.current_s,
+        warn_age=_or_any(safety.freshness_warn),
+        warn_temperature=_warm(safety),
+        warn_voltage=safety.voltage_warn or (-inf, inf),
+        warn_current=_or_any(safety.current_warn_a),
+        warn_following_error=_or_any(safety.following_error_warn),
+        slow_share=safety.speed_caps.warm,
+    )
+
+
+def check_safety(profile: "RobotProfile", document: Document) -> Iterable[Problem]:
+    """Warnings that would come only after the stop."""
+    safety: Safety | None = getattr(profile, "safety", None)  # absent where the section is unsound
+    if safety is None:
+        return
+    for key, other, unit in WITHIN:
+        value, most = getattr(safety, key, None), getattr(safety, other, None)
+        if value is not None and most is not None and value >= most:
+            yield document.problem(
+                ("safety", key),
+                f"must be below {other}",
+                found=f"{value:g} {unit}",
+                allowed=f"less than {most:g} {unit}",
+            )
+    warn, stop = getattr(safety, "voltage_warn", None), getattr(safety, "voltage", None)
+    if warn is not None and stop is not None and not (stop[0] <= warn[0] and warn[1] <= stop[1]):
+        yield document.problem(
+            ("safety", "voltage_warn"),
+            "must lie within voltage",
+            found=f"{warn[0]:g} to {warn[1]:g} V",
+            allowed=f"{stop[0]:g} to {stop[1]:g} V",
+        )
+
+
+def safety_facts(safety: Safety) -> dict[str, str]:
+    """What warns, slows and stops, in words for a person."""
+    low, high = safety.voltage
+    warns = [f"{_warm(safety):g} degrees Celsius"]
+    warns += [] if safety.current_warn_a is None else [f"{safety.current_warn_a:g} A for {safety.current_s:g} s"]
+    stops = [f"{safety.temperature_c:g} degrees Celsius", f"outside {low:g} to {high:g} V"]
+    stops += [] if safety.current_a is None else [f"{safety.current_a:g} A for {safety.current_s:g} s"]
+    stops += [f"{safety.following_error:g} rad from the goal"]
+    if safety.following_error_lasting is not None:
+        stops += [f"{safety.following_error_lasting:g} rad for {safety.following_error_s:g} s"]
+    stops += [f"silent for {safety.freshness:g} s"]
+    told = [] if safety.voltage_warn is None else ["outside {:g} to {:g} V".format(*safety.voltage_warn)]
+    if safety.following_error_warn is not None:
+        told += [f"{safety.following_error_warn:g} rad from the goal for {safety.following_error_s:g} s"]
+    told += [] if safety.freshness_warn is None else [f"silent for {safety.freshness_warn:g} s"]
+    return {
+        "slows": f"to {safety.speed_caps.warm:.0%} at {', '.join(warns)}",
+        "warns": ", ".join(told) or "as it slows",
+        "stops": ", ".join(stops),
+    }
+
+
+def _warm(safety: Safety) -> float:
+    """Where a servo is warm, degrees Celsius."""
+    given = safety.temperature_warn_c
+    return safety.temperature_c - WARN_BEFORE_C if given is None else given
+
+
+def _or_any(level: float | None) -> float:
+    return inf if level is None else level

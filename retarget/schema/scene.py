@@ -1,0 +1,375 @@
+"""A scene file: what stands or moves around the robot. `configs/scenes/*.yaml`.
+
+Frames. `world` is the world of the run: for a robot its own, with the origin on the ground between its soles at the
+start, x forward, y left, z up; for the virtual human the performer's. `stand` is fixed to what the robot stands or
+hangs on: the mount of its base for a fixed or suspended root; for a free one the point on the ground between the soles
+at the start, x forward. Time 0 is when the clip begins; before it, every obstacle is where it begins.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from math import sqrt
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+from retarget.errors import Problem
+from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated, rotation_vector
+from retarget.schema.catalogue import Kind, find
+from retarget.schema.shapes import Distance, Keys, Point, Size, SolidShape
+from retarget.schema.strict_models import Name, Quaternion, Schema, Switch, Text, read_model
+from retarget.schema.strict_yaml import Document, KeyPath
+
+__all__ = [
+    "FLOOR",
+    "HERE",
+    "STILL",
+    "HalfSpace",
+    "MovingPose",
+    "Obstacle",
+    "ObstacleShape",
+    "PathPoint",
+    "Place",
+    "Pose",
+    "Scene",
+    "carried_by",
+    "cross",
+    "load_scene",
+    "on_body",
+    "on_floor",
+    "unit",
+]
+
+
+# Models of the entries of a scene: shapes, places and motions of obstacles. SI units.
+#
+# A shape is written in the obstacle's own frame, which `at`, `path` or a live update places in the world or on the
+# stand.
+
+MAX_SPEED = 100.0
+"""Fastest obstacle of a file, m/s."""
+MAX_TURN = 100.0
+"""Fastest turn of an obstacle of a file, rad/s."""
+MIN_NORMAL = 1e-6
+"""Shortest vector that still has a direction."""
+
+Speed = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_SPEED, le=MAX_SPEED)]
+Turn = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_TURN, le=MAX_TURN)]
+Instant = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)]
+
+
+def _shape_mapping(value: Any) -> Any:
+    if not isinstance(value, dict):
+        allowed = "one shape with its measures, such as {sphere: {radius: 0.1}}"
+        raise PydanticCustomError("mapping", "not a shape", {"allowed": allowed})
+    return value
+
+
+def _direction(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if sum(part * part for part in value) < MIN_NORMAL**2:
+        raise PydanticCustomError("zero", "a direction without length", {"allowed": "such as [0, 0, 1]"})
+    return value
+
+
+def _timed(value: Any) -> Any:
+    if value is None:
+        allowed = "time: seconds from the start, rising from point to point"
+        raise PydanticCustomError("time", "a moving obstacle without time", {"allowed": allowed})
+    return value
+
+
+Direction = Annotated[Point, AfterValidator(_direction)]
+
+
+class HalfSpace(Schema):
+    """All that is behind a plane."""
+
+    point: Point = (0.0, 0.0, 0.0)
+    """[m] Of its plane."""
+    normal: Direction
+    """Points out of the solid; its length does not matter."""
+
+
+class ObstacleShape(SolidShape):
+    """Exactly one of the shapes: those of a profile's observers, and the half-space."""
+
+    half_space: Annotated[HalfSpace, Keys] | None = None
+    """All that is behind a plane."""
+
+
+def _one_shape(shape: ObstacleShape) -> ObstacleShape:
+    if len(shape.model_fields_set) != 1:
+        allowed = "exactly one of: " + ", ".join(ObstacleShape.model_fields)
+        raise PydanticCustomError("shape", "not one shape", {"allowed": allowed})
+    return shape
+
+
+class Place(Schema):
+    """Where an obstacle's own frame is, in the frame that the obstacle names."""
+
+    pos: Point = (0.0, 0.0, 0.0)
+    """[m] Of the obstacle's origin."""
+    quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Of its axes, wxyz."""
+
+
+class PathPoint(Schema):
+    """Where an obstacle's own frame is at a time."""
+
+    time: Annotated[Instant, BeforeValidator(_timed)] = Field(default=None, validate_default=True)
+    """[s] From the start, rising from point to point."""
+    pos: Point
+    """[m] Of the obstacle's origin."""
+    quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Of its axes, wxyz."""
+
+
+class Obstacle(Schema):
+    """Something that the robot must not touch. Velocities hold between `from` and `until`; a `path` takes the place of
+    both.
+    """
+
+    shape: Annotated[ObstacleShape, BeforeValidator(_shape_mapping), AfterValidator(_one_shape)]
+    """Exactly one, in the obstacle's own frame."""
+    frame: Literal["world", "stand"] = "world"
+    """What `at`, `path`, `velocity` and live updates are written in: the world, or the robot's stand."""
+    at: Annotated[Place, Keys] = Place()
+    """Where the obstacle's own frame is at the start."""
+    influence: Size = 0.1
+    """[m] Distance at which observers begin to yield."""
+    margin: Distance = 0.01
+    """[m] Distance that they keep."""
+    ground: Switch = False
+    """The robot stands on it: its soles do not keep away from it, everything else does."""
+    velocity: tuple[Speed, Speed, Speed] | None = None
+    """[m/s] Of the obstacle's origin, along the axes of `frame`."""
+    angular_velocity: tuple[Turn, Turn, Turn] | None = None
+    """[rad/s] About those axes."""
+    start: Instant = Field(default=0.0, alias="from")
+    """[s] When it begins to move."""
+    until: Instant | None = None
+    """[s] When it stops; absent: never."""
+    path: Annotated[tuple[Annotated[PathPoint, Keys], ...], Field(max_length=10_000)] | None = None
+    """Poses at times, instead of `at` and velocities."""
+    loop: Switch = False
+    """The path again and again."""
+
+
+Obstacles = Annotated[dict[Name, Annotated[Obstacle, Keys]], Field(max_length=256)]
+"""Obstacles by name."""
+
+
+# Poses of a single obstacle at a single instant, resting or moving, and how they are chained.
+
+STILL: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A frame in its parent: position m, unit quaternion wxyz."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    quat: Quat = (1.0, 0.0, 0.0, 0.0)
+
+    def inside(self, child: "Pose") -> "Pose":
+        """Where a pose given in this frame is in the parent: T_parent_this T_this_child."""
+        return Pose(plus(self.position, rotated(self.quat, child.position)), product(self.quat, child.quat))
+
+
+HERE = Pose()
+"""The parent's own frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class MovingPose:
+    """A pose and how it moves: velocity of its origin, m/s, and angular velocity, rad/s, along the parent's axes."""
+
+    pose: Pose
+    linear: Vector = STILL
+    angular: Vector = STILL
+
+
+def carried_by(parent: Pose, moving: MovingPose) -> MovingPose:
+    """What moves in a frame that rests, seen from that frame's own parent."""
+    return MovingPose(
+        parent.inside(moving.pose), rotated(parent.quat, moving.linear), rotated(parent.quat, moving.angular)
+    )
+
+
+def on_body(moving: MovingPose, child: Pose) -> MovingPose:
+    """A pose that is fixed to what moves: v_child = v + w x r, the same w."""
+    arm = rotated(moving.pose.quat, child.position)
+    return MovingPose(moving.pose.inside(child), plus(moving.linear, cross(moving.angular, arm)), moving.angular)
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """The vector product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def unit(quat: Quat) -> Quat:
+    """The quaternion (not zero) at length 1."""
+    w, x, y, z = quat
+    norm = sqrt(w * w + x * x + y * y + z * z)
+    return (w / norm, x / norm, y / norm, z / norm)
+
+
+# Cross checks of a scene's obstacles: distances, lengths, keys that go together, times that rise.
+
+MIN_LENGTH = 1e-6
+"""Shortest segment, capsule or cylinder that has a direction, m."""
+SAME_POINT = 1e-6
+"""Positions (m) and orientations (rad) closer than this are the same: where a loop closes."""
+
+
+def check_obstacles(obstacles: Mapping[str, Obstacle], document: Document) -> list[Problem]:
+    """All problems of the obstacles that are sound by themselves."""
+    problems = []
+    if document.data.get("obstacles") == {}:
+        problems.append(document.problem(("obstacles",), "a scene without obstacles", allowed="one obstacle at least"))
+    for name, obstacle in obstacles.items():
+        for check in (_distances, _length, _motion, _path):
+            problems += check(obstacle, document, ("obstacles", name))
+    return problems
+
+
+def _distances(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Problem]:
+    if obstacle.influence > obstacle.margin:
+        return
+    key = "influence" if "influence" in obstacle.model_fields_set else "margin"
+    yield document.problem(
+        (*here, key),
+        "the influence must be larger than the margin",
+        found=f"influence {obstacle.influence} m, margin {obstacle.margin} m",
+        allowed=f"influence above {obstacle.margin} m",
+        next_step="Observers yield from the influence on, down to the margin",
+    )
+
+
+def _length(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Problem]:
+    shape = obstacle.shape
+    for label in ("segment", "capsule", "cylinder"):
+        line = getattr(shape, label)
+        if line is not None and math.dist(line.start, line.end) < MIN_LENGTH:
+            yield document.problem(
+                (*here, "shape", label, "to"),
+                f"a {label} without length",
+                found=f"{list(line.end)}, where it begins",
+                allowed="two different points",
+                next_step="" if label == "segment" else "A ball is a sphere",
+            )
+
+
+def _motion(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Problem]:
+    given = {type(obstacle).model_fields[key].alias or key for key in obstacle.model_fields_set}
+    if obstacle.path is not None:
+        for key in ("at", "velocity", "angular_velocity", "from", "until"):
+            if key in given:
+                step = f"Remove {key!r} or 'path'"
+                yield document.problem((*here, key), f"'path' and {key!r} exclude each other", next_step=step)
+        return
+    if obstacle.loop:
+        yield document.problem((*here, "loop"), "a loop without a path", next_step="Add 'path', or remove 'loop'")
+    if obstacle.velocity is None and obstacle.angular_velocity is None:
+        for key in ("from", "until"):
+            if key in given:
+                step = f"Add 'velocity', or remove {key!r}"
+                yield document.problem((*here, key), "a time without a velocity", next_step=step)
+    elif obstacle.until is not None and obstacle.until <= obstacle.start:
+        found, allowed = f"{obstacle.until} s", f"later than 'from', {obstacle.start} s"
+        yield document.problem((*here, "until"), "the motion ends before it begins", found=found, allowed=allowed)
+
+
+def _path(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Problem]:
+    path = obstacle.path
+    if path is None:
+        return
+    here = (*here, "path")
+    if len(path) < 2:
+        step = "An obstacle that stays has 'at' instead"
+        yield document.problem(here, "a path of fewer than two points", found=str(len(path)), next_step=step)
+        return
+    for index, (before, after) in enumerate(pairwise(path), 1):
+        place = (*here, index, "time")
+        if after.time <= before.time:
+            yield document.problem(
+                place,
+                "a moving obstacle whose times do not rise",
+                found=f"{after.time} s after {before.time} s",
+                allowed=f"more than {before.time} s",
+            )
+        else:
+            yield from _speeds(before, after, document, place)
+    if obstacle.loop and max(_apart(path[0], path[-1])) > SAME_POINT:
+        yield document.problem(
+            (*here, len(path) - 1),
+            "the loop does not close",
+            found=f"pos {list(path[-1].pos)}, quat {list(path[-1].quat)}",
+            allowed=f"the first pose: pos {list(path[0].pos)}, quat {list(path[0].quat)}",
+        )
+
+
+def _speeds(before: PathPoint, after: PathPoint, document: Document, place: KeyPath) -> Iterable[Problem]:
+    step = after.time - before.time
+    way, turn = _apart(before, after)
+    for value, limit, unit_name in ((way / step, MAX_SPEED, "m/s"), (turn / step, MAX_TURN, "rad/s")):
+        if value > limit:
+            what, found = "the path is too fast", f"{value:.4g} {unit_name} since the point before"
+            yield document.problem(place, what, found=found, allowed=f"at most {limit:g} {unit_name}")
+
+
+def _apart(a: PathPoint, b: PathPoint) -> tuple[float, float]:
+    """Distance, m, and angle, rad, between two poses."""
+    turn = rotation_vector(product(unit(b.quat), inverse(unit(a.quat))))
+    return math.hypot(*minus(b.pos, a.pos)), math.hypot(*turn)
+
+
+FLOOR = "floor"
+"""The obstacle on which a robot with feet stands, in every scene."""
+FLOOR_MARGIN_M = 0.005
+"""What is no sole keeps this distance from the floor: what servos sag by under load, and a hand's own skin."""
+FLOOR_INFLUENCE_M = 0.05
+"""Where observers begin to yield to it, as those of the shipped robots do to each other."""
+
+
+class Scene(Schema):
+    """Obstacles, by name."""
+
+    name: Name
+    """By which it is chosen."""
+    description: Text
+    """For whoever chooses."""
+    obstacles: Obstacles
+    """What is there, by name."""
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """A scene by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
+    scene, _ = read_model(
+        Scene,
+        find(Kind.SCENE, name_or_path),
+        check=lambda scene, document: check_obstacles(scene.obstacles, document),
+    )
+    return scene
+
+
+def on_floor(scene: Scene | None) -> Scene:
+    """A scene for a robot that stands on its feet: with the floor z = 0, unless the scene has an obstacle of that name.
+
+    scene: None, where nothing but the floor is around.
+    """
+    floor = {
+        "shape": {"half_space": {"normal": (0.0, 0.0, 1.0)}},
+        "influence": FLOOR_INFLUENCE_M,
+        "margin": FLOOR_MARGIN_M,
+        "ground": True,
+    }
+    if scene is None:
+        return Scene.model_validate(
+            {"name": FLOOR, "description": "Nothing but the floor", "obstacles": {FLOOR: floor}}
+        )
+    return scene.model_copy(update={"obstacles": {FLOOR: Obstacle.model_validate(floor)} | dict(scene.obstacles)})

@@ -1,0 +1,196 @@
+"""The calibration of one specimen of a robot: which tick each servo reads in a known posture. The user's own file.
+
+`$XDG_CONFIG_HOME/retarget/calibrations/<robot>.yaml`, written by `retarget servo home`; it takes the place of the
+profile's zero ticks. The file of another robot is refused.
+"""
+
+import json
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field
+
+from hardware.errors import HardwareError
+from hardware.joint_map import JointMap, coupling_problems
+from hardware.servo import ServoSpec, find_model
+from retarget.errors import Problem
+from retarget.schema.catalogue import calibration_path
+from retarget.schema.files import make_folder, write_atomic, write_stream
+from retarget.schema.profile_parts import ServoId, Tick
+from retarget.schema.strict_models import Integer, Name, Number, Schema, read_model, unknown_name
+from retarget.schema.strict_yaml import Document, KeyPath
+
+if TYPE_CHECKING:
+    from retarget.schema.profile import RobotProfile
+
+__all__ = [
+    "HomedServo",
+    "ServoCalibration",
+    "calibrated",
+    "impossible_zeros",
+    "previous_path",
+    "read_calibration",
+    "write_calibration",
+]
+
+OPTION = "calibration"
+STEP = "Was it made with another robot or profile? Remove the file, or home the robot anew: retarget servo home"
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
+_WORDS = {"null", "true", "false"}
+Day = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
+
+
+class HomedServo(Schema):
+    """One servo: at `tick` its joint was at `angle`, rad, because the robot was placed in `posture` on that day.
+
+    id, model, homing_offset: of the servo then; with another one the tick means nothing.
+    """
+
+    id: ServoId
+    model: Name
+    homing_offset: Integer = 0
+    posture: Name
+    angle: Number
+    tick: Tick
+    date: Day
+
+
+class ServoCalibration(Schema):
+    """A robot's name and its homed servos by joint; a joint that is not named keeps the profile's zero tick."""
+
+    robot: Name
+    servos: Annotated[dict[Name, HomedServo], Field(min_length=1, max_length=250)]
+
+
+def read_calibration(profile: "RobotProfile", path: Path | None = None) -> ServoCalibration | None:
+    """The calibration of this robot; None where the user has none. path: this file instead of the user's.
+
+    Raises ConfigError: unsound, or of another robot.
+    """
+    path = calibration_path(profile.name) if path is None else path
+    if not os.path.lexists(path):
+        return None
+    calibration, _ = read_model(ServoCalibration, path, check=lambda read, document: _problems(profile, read, document))
+    return calibration
+
+
+def calibrated(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> tuple[ServoSpec, ...]:
+    """The servos with the zero ticks that the calibration says. Raises HardwareError where servos do not fit at all."""
+    homed = [calibration.servos.get(spec.joint) for spec in specs]
+    positions = np.array([0.0 if servo is None else servo.angle for servo in homed])
+    zeros = JointMap(specs).zeros(np.array([0 if servo is None else servo.tick for servo in homed]), positions)
+    return tuple(
+        spec if servo is None else replace(spec, zero_tick=int(zero))
+        for spec, servo, zero in zip(specs, homed, zeros, strict=True)
+    )
+
+
+def write_calibration(calibration: ServoCalibration, path: Path | None = None) -> Path:
+    """Write the robot's own file, whole or not at all; the one that was there stays beside it. Returns its path.
+
+    path: write this file instead, and no other. Raises UsageError with the system's reason.
+    """
+    if path is None:
+        path = calibration_path(calibration.robot)
+        make_folder(path.parent, option=OPTION)
+        if path.is_file():
+            write_atomic(previous_path(path), path.read_bytes(), option=OPTION)
+    content = _as_yaml(calibration).encode()
+
+    def write(stream: IO[bytes]) -> None:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+    write_stream(path, write, option=OPTION)
+    return path
+
+
+def previous_path(path: Path) -> Path:
+    """Where the calibration that a new one replaced is kept."""
+    return path.with_suffix(".previous.yaml")
+
+
+def _problems(profile: "RobotProfile", read: ServoCalibration, document: Document) -> list[Problem]:
+    """Everything by which the file is of another robot."""
+    found: list[Problem] = []
+    if read.robot and read.robot != profile.name:
+        allowed = profile.name
+        found.append(
+            document.problem(("robot",), "of another robot", found=read.robot, allowed=allowed, next_step=STEP)
+        )
+    for joint, servo in read.servos.items():
+        here: KeyPath = ("servos", joint)
+        own = profile.servos.get(joint)
+        if own is None:
+            found.append(unknown_name(document, here, "joint of this robot", joint, profile.servos))
+            continue
+        for key, theirs, ours in (
+            ("id", servo.id, own.id),
+            ("model", _model(servo.model), _model(own.model)),
+            ("homing_offset", servo.homing_offset, own.homing_offset),
+        ):
+            if theirs != ours:
+                what = f"another {key.replace('_', ' ')} than in the profile"
+                found.append(document.problem((*here, key), what, found=str(theirs), allowed=str(ours), next_step=STEP))
+    for coupling in profile.couplings:
+        homed = [joint for joint in coupling.joints if joint in read.servos]
+        if len(homed) == 1:
+            what, allowed = "half of a coupled pair", " and ".join(coupling.joints) + ", or none of them"
+            found.append(document.problem(("servos", homed[0]), what, found=homed[0], allowed=allowed, next_step=STEP))
+    return found or _beyond_the_servos(profile, read, document)
+
+
+def _beyond_the_servos(profile: "RobotProfile", read: ServoCalibration, document: Document) -> list[Problem]:
+    """What the servos could not reach with these zero ticks."""
+    if document.problems or not read.servos:
+        return []
+    return [
+        document.problem(("servos", joint, "tick"), f"impossible zero: {text}", next_step=STEP)
+        for joint, text in impossible_zeros(profile.servo_specs(), read)
+    ]
+
+
+def impossible_zeros(specs: Sequence[ServoSpec], calibration: ServoCalibration) -> list[tuple[str, str]]:
+    """Joints that could not reach their limits with the calibrated zero ticks, each with the reason."""
+    try:
+        zeroed = calibrated(specs, calibration)
+    except HardwareError:
+        return []  # the profile itself is at fault, and says so
+    found = [(spec.joint, text) for spec in zeroed for text in spec.problems()]
+    return found + [(text.split(":")[0], text) for text in coupling_problems(zeroed)]
+
+
+def _model(name: str) -> str:
+    """Its name in the table of models, without the connector's suffix."""
+    try:
+        return find_model(name).name
+    except HardwareError:
+        return name
+
+
+def _as_yaml(calibration: ServoCalibration) -> str:
+    """The file's text: one line for each servo."""
+    lines = [
+        "# Which tick each servo reads in a known posture of this one robot; instead of the profile's zero_tick.",
+        "# Written by: retarget servo home. angle: rad.",
+        f"robot: {_text(calibration.robot)}",
+        "servos:",
+    ]
+    for joint, servo in calibration.servos.items():
+        entry = ", ".join(
+            f"{key}: {_text(value) if isinstance(value, str) else repr(value)}"
+            for key, value in servo.model_dump(exclude_defaults=True).items()
+        )
+        lines.append(f"  {_text(joint)}: {{{entry}}}")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: str) -> str:
+    """A text in YAML: bare where nothing else could be meant."""
+    return value if _PLAIN.fullmatch(value) and value.lower() not in _WORDS else json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,95 @@
+"""Models of bounded shapes: of the observers of a profile and of the obstacles of a scene. SI units."""
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+from retarget.schema.strict_models import Quaternion, Schema
+
+__all__ = [
+    "MAX_COORDINATE",
+    "Ball",
+    "Box",
+    "Coordinate",
+    "Distance",
+    "Keys",
+    "Line",
+    "Point",
+    "Rod",
+    "Size",
+    "SolidShape",
+]
+
+MAX_COORDINATE = 1000.0
+"""Largest coordinate and size, m: far beyond any room, so that no distance ever overflows."""
+
+Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
+Size = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=MAX_COORDINATE)]
+Distance = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_COORDINATE)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+
+
+def _mapping(value: Any) -> Any:
+    if not isinstance(value, dict):
+        raise PydanticCustomError("mapping", "keys are missing", {"allowed": "a mapping of keys"})
+    return value
+
+
+Keys = BeforeValidator(_mapping)
+
+
+class Line(Schema):
+    """A line without thickness between two points."""
+
+    start: Point = Field(alias="from")
+    """[m] One end."""
+    end: Point = Field(alias="to")
+    """[m] The other."""
+
+
+class Rod(Line):
+    """A line with a radius: a capsule (round ends) or a cylinder (flat ends)."""
+
+    radius: Size
+    """[m] Around the line."""
+
+
+class Ball(Schema):
+    """A ball."""
+
+    at: Point = (0.0, 0.0, 0.0)
+    """[m] Its centre."""
+    radius: Size
+    """[m] Of the ball."""
+
+
+class Box(Schema):
+    """A box, by half of its sizes."""
+
+    pos: Point = (0.0, 0.0, 0.0)
+    """[m] Its centre."""
+    quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """How it is turned, wxyz."""
+    size: tuple[Size, Size, Size]
+    """[m] Half of its sizes along its own x, y, z."""
+
+
+class SolidShape(Schema):
+    """Exactly one of the shapes, which whoever takes it checks."""
+
+    segment: Annotated[Line, Keys] | None = None
+    """A line without thickness."""
+    capsule: Annotated[Rod, Keys] | None = None
+    """A line with a radius and round ends."""
+    cylinder: Annotated[Rod, Keys] | None = None
+    """The same with flat ends."""
+    sphere: Annotated[Ball, Keys] | None = None
+    """A ball."""
+    box: Annotated[Box, Keys] | None = None
+    """A box."""
+
+    @property
+    def label(self) -> str:
+        """Its name in a file."""
+        return next(iter(self.model_fields_set))

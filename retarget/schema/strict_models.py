@@ -1,0 +1,261 @@
+"""Models of configuration files: strict pydantic models, read through the strict YAML reader.
+
+`Schema` is the base of every model; `read_model` reads a file as one. Cross checks that look at several keys are plain
+functions from a model to problems (see `profile_checks`): they run on whatever part of the file is sound, so that a
+user sees all errors of a file at once.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, StrictInt, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from retarget.errors import ConfigError, Problem, suggest
+from retarget.schema.strict_yaml import MAX_PROBLEMS, Document, KeyPath, read_text, scan
+
+# pydantic's errors in our words: the place in the file, what stands there, what may, and the nearest valid name.
+
+_PLAIN_WORDS = {
+    "tuple": "a list",
+    "dictionary": "a mapping of keys",
+    "string": "text",
+    "integer": "a whole number",
+    "number": "a number",
+    "boolean": "true or false",
+}
+"""pydantic's names of types (after "a valid") for a reader of YAML."""
+
+
+def in_our_words(model: type[BaseModel], error: ValidationError, document: Document) -> list[Problem]:
+    """The errors of `model` in `document`, at most MAX_PROBLEMS of them."""
+    details = error.errors(include_url=False, include_input=False)[:MAX_PROBLEMS]
+    inside = {detail["loc"][:end] for detail in details for end in range(len(detail["loc"]))}
+    # A list whose entries are all wrong is also reported as too short: that adds nothing.
+    telling = [detail for detail in details if not (detail["type"] == "too_short" and detail["loc"] in inside)]
+    return [_problem(model, detail, document) for detail in telling]
+
+
+def unknown_name(document: Document, key_path: KeyPath, kind: str, name: str, known: Iterable[str]) -> Problem:
+    """The problem that `name`, at `key_path`, is none of the `known` names of that `kind`."""
+    names = tuple(known)
+    step = suggest(name, names) or f"Name a known {kind}"
+    return document.problem(key_path, f"unknown {kind}", found=repr(name), allowed=listed(names), next_step=step)
+
+
+def listed(names: Iterable[str], *, limit: int = 30) -> str:
+    """Names for a message, in their own order, cut to `limit`."""
+    every = tuple(names)
+    more = f" and {len(every) - limit} more" if len(every) > limit else ""
+    return ", ".join(every[:limit]) + more if every else "none"
+
+
+def keys_of(document: Document, section: str) -> tuple[str, ...]:
+    """The names that a section of the file gives entries to, sound or not."""
+    entries = document.data.get(section)
+    return tuple(entries) if isinstance(entries, dict) else ()
+
+
+def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -> Problem:
+    key_path = _key_path(detail["loc"], document.data)
+    kind, message = detail["type"], detail["msg"]
+    if kind == "extra_forbidden":
+        known = keys_at(model, detail["loc"][:-1])
+        name = str(key_path[-1])
+        step = suggest(name, known) or "Remove the key"
+        return document.problem(key_path, "unknown key", found=repr(name), allowed=listed(known), next_step=step)
+    if kind == "union_tag_not_found":
+        key_path = (*key_path, "type")
+    if kind in ("missing", "union_tag_not_found"):
+        return document.problem(key_path, "missing key", next_step=f"Add {str(key_path[-1])!r}")
+    expected = message.removeprefix("Input should be ").removeprefix("a valid ")
+    expected = _PLAIN_WORDS.get(expected, expected)
+    if kind == "union_tag_invalid":
+        expected = str(detail.get("ctx", {}).get("expected_tags", ""))
+        key_path = (*key_path, "type")
+    elif not message.startswith(
+        "Input should be "
+    ):  # not pydantic's own "should be": one of our validators, whose message says it all
+        expected = ""
+    allowed = str(detail.get("ctx", {}).get("allowed", expected))  # our validators bring theirs
+    found = _value_at(document.data, key_path)
+    names = re.findall(r"'([^']+)'", expected)
+    return document.problem(
+        key_path,
+        "wrong value" if expected else message,
+        found=_shown(found),
+        allowed=allowed,
+        next_step=suggest(found, names) if isinstance(found, str) else "",
+    )
+
+
+def _key_path(loc: tuple[int | str, ...], data: object) -> KeyPath:
+    """pydantic's place without what is not in the file (names of union members)."""
+    path: list[int | str] = []
+    for index, part in enumerate(loc):
+        last = index == len(loc) - 1
+        if isinstance(data, dict) and part in data:
+            data = data[str(part)]
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        elif not last or not isinstance(data, dict) or part == "[key]":
+            continue
+        path.append(part)
+    return tuple(path)
+
+
+def _value_at(data: object, key_path: KeyPath) -> object:
+    for part in key_path:
+        if isinstance(data, dict):
+            data = data.get(str(part))
+        elif isinstance(data, list) and isinstance(part, int):
+            data = data[part]
+    return data
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def keys_at(kind: Any, loc: tuple[int | str, ...]) -> list[str]:
+    """The keys that the model at pydantic's place `loc` accepts."""
+    for part in loc:
+        kind = _inner(kind, part)
+    model = model_of(kind)
+    return [field.alias or name for name, field in model.model_fields.items()] if model else []
+
+
+def _inner(kind: Any, part: int | str) -> Any:
+    """The type one step further down: a field, an entry of a container, or the named member of a union."""
+    leaves = members(kind)
+    for member in leaves:
+        if isinstance(member, type) and issubclass(member, BaseModel):
+            for name, field in member.model_fields.items():
+                if part in (name, field.alias):
+                    return field.annotation
+            tag = member.model_fields.get("type")
+            if tag is not None and part in get_args(tag.annotation):
+                return member
+        elif get_origin(member) in (dict, list, tuple):
+            arguments = [argument for argument in get_args(member) if argument is not Ellipsis]
+            return arguments[-1]
+    return None
+
+
+def model_of(kind: Any) -> type[BaseModel] | None:
+    """The only model among the members of a type; None where there is none, or a choice."""
+    models = [member for member in members(kind) if isinstance(member, type) and issubclass(member, BaseModel)]
+    return models[0] if len(models) == 1 else None
+
+
+def members(kind: Any) -> list[Any]:
+    """The members of a union, the type itself otherwise; annotations are stripped."""
+    if get_origin(kind) is Annotated:
+        return members(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return [leaf for member in get_args(kind) for leaf in members(member)]
+    return [kind]
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Share = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)]
+Integer = StrictInt
+Switch = StrictBool
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\s/\\]+$")]
+Text = Annotated[str, Field(min_length=1, max_length=2000)]
+Vector3 = tuple[Number, Number, Number]
+
+
+class Schema(BaseModel):
+    """Base of all configuration models: frozen, no unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+M = TypeVar("M", bound=Schema)
+Check = Callable[[M, Document], list[Problem]]
+
+
+def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] >= pair[1]:
+        raise PydanticCustomError(
+            "inverted", "inverted limits", {"allowed": "[lower, upper], the lower one first and below the upper one"}
+        )
+    return pair
+
+
+def _unit(quat: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if abs(sum(part * part for part in quat) - 1.0) > 1e-3:
+        raise PydanticCustomError(
+            "quaternion",
+            "not a unit quaternion",
+            {"allowed": "[w, x, y, z] whose squares sum to 1; no turn: [1, 0, 0, 0]"},
+        )
+    return quat
+
+
+Interval = Annotated[tuple[Number, Number], AfterValidator(_ascending)]
+"""Lower and upper limit; the lower one first and below the upper one."""
+Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_unit)]
+"""Rotation as w x y z."""
+
+
+def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> tuple[M, Document]:
+    """Read a YAML file as `model`. Raises ConfigError with all problems of the file, those of `check` included."""
+    document = scan(read_text(path), path)
+    problems = list(document.problems)
+    try:
+        read = model.model_validate(document.data)
+    except ValidationError as error:
+        read = _sound_part(model, document.data)
+        told = {problem.where for problem in problems}
+        found = in_our_words(model, error, document)
+        problems += [problem for problem in found if problem.where not in told]
+    if check is not None:
+        problems += check(read, document)
+    if problems:
+        raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
+    return read, document
+
+
+def _sound_part(model: type[M], data: Mapping[str, Any]) -> M:
+    """The model with what is sound in `data`; an unsound section is empty. Only cross checks ever see it."""
+    sound: dict[str, Any] = {}
+    for name, field in model.model_fields.items():
+        section = data.get(field.alias or name)
+        if field.annotation is None or section is None:
+            sound[name] = None if field.is_required() else field.get_default(call_default_factory=True)
+        else:
+            sound[name] = _sound(Annotated[field.annotation, field], section)
+        if sound[name] is None and get_origin(field.annotation) in (dict, tuple):
+            sound[name] = get_origin(field.annotation)()  # type: ignore[misc]
+    return model.model_construct(**sound)
+
+
+def _sound(kind: Any, data: Any) -> Any:
+    """`data` as `kind`; of a mapping its sound entries; None when nothing is sound."""
+    try:
+        return TypeAdapter(kind).validate_python(data)
+    except ValidationError:
+        pass
+    leaves = members(kind)
+    if get_origin(leaves[0]) is dict and isinstance(data, dict):
+        value_kind = get_args(leaves[0])[1]
+        entries = {name: _sound(value_kind, value) for name, value in data.items()}
+        return {name: value for name, value in entries.items() if value is not None}
+    model = model_of(kind)
+    if model is not None and isinstance(data, dict):
+        keys = set(keys_at(model, ()))
+        if not keys >= data.keys():
+            return _sound(kind, {key: value for key, value in data.items() if key in keys})
+    return None

@@ -1,0 +1,426 @@
+"""The doctor looks at this machine: findings on cores, scheduler, clock, disk, firewall, serial ports and solver."""
+
+import errno
+import grp
+import importlib
+import os
+import platform
+import shutil
+import stat
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from serial.tools.list_ports import comports
+
+import retarget
+from hardware.clock import Clock, thread_cpu
+from hardware.dynamixel import serial_port
+from hardware.errors import HardwareError
+from hardware.realtime import HOW_TO_PERMIT, PROCESSES, USUAL_PRIORITY, Scheduling, refuse_scheduling
+from retarget.errors import Problem
+from retarget.live.udp import RECEIVE_BUFFER
+
+__all__ = [
+    "Finding",
+    "Level",
+    "firewall_findings",
+    "frame_findings",
+    "lateness_finding",
+    "machine_findings",
+    "mend",
+    "mend_all",
+    "note",
+    "ok",
+    "port_findings",
+    "python_findings",
+    "seconds_per_frame",
+    "serial_findings",
+]
+
+
+# One thing that was looked at: sound, worth knowing, or to be mended; and a line of text for it.
+
+
+class Level(StrEnum):
+    """How a thing is. Only MEND counts as wrong."""
+
+    OK = "ok"
+    NOTE = "note"
+    MEND = "mend"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """subject: what was looked at, a word or two. what: how it is. then: what to do, "" where nothing is."""
+
+    level: Level
+    subject: str
+    what: str
+    then: str = ""
+
+    def render(self) -> str:
+        """One line, printable whatever a sender's names are made of."""
+        step = self.then + "." if self.then and self.then[-1] not in ".?" else self.then
+        told = f"{self.level:<4} {self.subject}: {self.what}" + (f". {step}" if step else "")
+        return "".join(letter if letter.isprintable() else "?" for letter in told)
+
+
+def ok(subject: str, what: str) -> Finding:
+    """Nothing to do."""
+    return Finding(Level.OK, subject, what)
+
+
+def note(subject: str, what: str, then: str = "") -> Finding:
+    """Worth knowing; a run may go well all the same."""
+    return Finding(Level.NOTE, subject, what, then)
+
+
+def mend(subject: str, what: str, then: str) -> Finding:
+    """Wrong, and what to do."""
+    return Finding(Level.MEND, subject, what, then)
+
+
+def mend_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
+    """The problems of a refusal, each as one that is to be mended."""
+    return [Finding(Level.MEND, subject, problem.render()) for problem in problems]
+
+
+ROOT = Path("/")
+GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "hyperv_clocksource")
+USUAL_BUFFER = 212_992
+"""Bytes of rmem_max that Linux has from the start: a quarter of a second of SlimeVR's VMC, with the kernel's share."""
+PER_HOUR = 2.3e9
+"""Bytes of an hour of SlimeVR's VMC (2.6 kB, 232 a second, and the header of each)."""
+TICKS, TICK_S = 100, 0.01
+LATE_S = 0.003
+
+
+def machine_findings(folder: Path, *, root: Path = ROOT) -> list[Finding]:
+    """folder: where recordings would go. root: of the kernel's files."""
+    return [
+        _cores(root),
+        *_governor(root),
+        _scheduler(root),
+        _realtime(),
+        _clock_source(root),
+        _receive_buffer(root),
+        _disk(folder),
+    ]
+
+
+def lateness_finding(clock: Clock) -> Finding:
+    """How late this process wakes up, for a second of ticks of 100 Hz in which it does nothing."""
+    start, late = clock.now(), []
+    for tick in range(1, TICKS + 1):
+        clock.sleep_until(start + tick * TICK_S)
+        late.append(clock.now() - start - tick * TICK_S)
+    p50, p99 = np.percentile(late, (50, 99))
+    told = f"wakes up {1e3 * p50:.2f} ms late (p99 {1e3 * p99:.2f} ms) at 100 Hz"
+    if p99 > LATE_S:
+        step = "End what else runs, set the governor to performance, use --realtime and --core"
+        return mend("ticks", told, step)
+    return ok("ticks", told)
+
+
+def _cores(root: Path) -> Finding:
+    usable, there = len(os.sched_getaffinity(0)), os.cpu_count() or 1
+    told = f"{usable} of {there}"
+    quota = _text(root / "sys/fs/cgroup/cpu.max").split()
+    if len(quota) == 2 and quota[0].isdigit() and int(quota[1]) > 0:
+        told += f", limited to {int(quota[0]) / int(quota[1]):.1f} by a cgroup"
+        usable = min(usable, int(int(quota[0]) / int(quota[1])))
+    load = float((_text(root / "proc/loadavg").split() or ["0"])[0])
+    told += f"; load {load:.1f}"
+    if usable < 2:
+        return mend("cores", told, "Give it a core of its own beside one for everything else")
+    if load > usable:
+        return note("cores", told, "More wants to run than there are cores: end what else runs")
+    return ok("cores", told)
+
+
+def _governor(root: Path) -> list[Finding]:
+    paths = (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    names = sorted({_text(path) for path in paths} - {""})
+    if not names:
+        return [ok("governor", "none: the clock of the cores is not ours to set")]
+    told = ", ".join(names)
+    if set(names) <= {"performance", "schedutil"}:
+        return [ok("governor", told)]
+    return [note("governor", f"{told}: cores slow down between ticks", "sudo cpupower frequency-set -g performance")]
+
+
+def _scheduler(root: Path) -> Finding:
+    version = _text(root / "proc/version")
+    kind = next((word for word in ("PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT") if word in version), "not preemptible")
+    if _text(root / "sys/kernel/realtime") == "1":
+        kind = "PREEMPT_RT"
+    return ok("scheduler", f"Linux {platform.release()}, {kind}")
+
+
+def _realtime() -> Finding:
+    try:
+        refuse_scheduling(Scheduling(priority=USUAL_PRIORITY))
+    except HardwareError:
+        return note("real time", f"priority {USUAL_PRIORITY} not permitted", f"For --realtime: {HOW_TO_PERMIT}")
+    return ok("real time", f"priority {USUAL_PRIORITY} permitted (--realtime)")
+
+
+def _clock_source(root: Path) -> Finding:
+    name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
+    if not name or name in GOOD_CLOCKS:
+        return ok("clock", f"source {name or 'not told'}")
+    return note("clock", f"source {name}, slow to read or coarse", "See in dmesg why tsc was given up")
+
+
+def _receive_buffer(root: Path) -> Finding:
+    text = _text(root / "proc/sys/net/core/rmem_max")
+    if not text.isdigit():
+        return ok("UDP buffer", "limit not told")
+    most, step = int(text), f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}"
+    told = f"net.core.rmem_max {most} bytes"
+    if most < USUAL_BUFFER:
+        return mend("UDP buffer", f"{told}: bursts are lost", step)
+    if most < RECEIVE_BUFFER:
+        return note("UDP buffer", f"{told}, and {RECEIVE_BUFFER} are asked for", f"To have them: {step}")
+    return ok("UDP buffer", told)
+
+
+def _disk(folder: Path) -> Finding:
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        return note("disk", f"{folder}: {error.strerror or error}", "Record to another folder")
+    hours = free / PER_HOUR
+    told = f"{free / 1e9:.0f} GB free here, {hours:.0f} h of --record-raw of SlimeVR's VMC"
+    return ok("disk", told) if hours > 1.0 else mend("disk", told, "Make room, or record to another disk")
+
+
+def _text(path: Path) -> str:
+    with suppress(OSError):
+        return path.read_text(encoding="utf-8", errors="replace")[:4096].strip()
+    return ""
+
+
+# Whether this user may open the serial ports of this machine: the group that owns them (dialout, mostly).
+
+GROUP = "dialout"
+"""Owner of serial ports where none is plugged in to look at."""
+
+
+def serial_findings(ports: Iterable[str] | None = None) -> list[Finding]:
+    """ports: paths; None: those that are there."""
+    paths = sorted(port.device for port in comports()) if ports is None else list(ports)
+    refused = [path for path in paths if not os.access(path, os.R_OK | os.W_OK)]
+    found = []
+    if refused:
+        groups = sorted({group for path in refused if (group := _group(path))})
+        told = f"{', '.join(refused)} not for this user (group {', '.join(groups) or 'none'})"
+        step = f'Run "sudo usermod -aG {groups[0] if groups else GROUP} $USER", then log out and in again'
+        found.append(mend("serial", told, step))
+    usable = [path for path in paths if path not in refused]
+    if usable:
+        found.append(ok("serial", f"{', '.join(usable)} for this user"))
+    if not paths:
+        found.append(_nothing_there())
+    return found
+
+
+def _group(path: str) -> str:
+    """The group that may open a port; "" where its mode gives groups no right, or its name is not known."""
+    try:
+        mode = Path(path).stat().st_mode
+        return Path(path).group() if mode & stat.S_IRGRP and mode & stat.S_IWGRP else ""
+    except (OSError, KeyError):
+        return ""
+
+
+def _nothing_there() -> Finding:
+    """No port to look at: is this user in the group, at least."""
+    if os.geteuid() == 0:
+        return ok("serial", "no serial port here; root may open any")
+    try:
+        number = grp.getgrnam(GROUP).gr_gid
+    except KeyError:
+        return ok("serial", "no serial port here")
+    if number in {*os.getgroups(), os.getegid()}:
+        return ok("serial", f"no serial port here; this user is in {GROUP}")
+    step = f'For servos: "sudo usermod -aG {GROUP} $USER", then log out and in again'
+    return note("serial", f"no serial port here, and this user is not in {GROUP}", step)
+
+
+# Python and the compiled solver: are they there, and what does a frame cost on this machine.
+
+OLDEST = (3, 11)
+FRAMES = 100
+SLOW_S, TOO_SLOW_S = 0.003, 0.008
+"""CPU time of both stages for a frame: from where on it is tight, and too much, of the 10 ms of a tick."""
+AMPLITUDE_M = 0.05
+
+
+def python_findings(version: tuple[int, ...] = sys.version_info[:3]) -> list[Finding]:
+    """Version of Python, and whether the compiled core can be imported."""
+    told = f"{'.'.join(map(str, version))} ({platform.python_implementation()}, {platform.machine()})"
+    found = []
+    if version < OLDEST:
+        found.append(mend("Python", told, "Install Python 3.11 or newer, and retarget into it"))
+    else:
+        found.append(ok("Python", told))
+    try:
+        importlib.import_module("retarget._solver")
+    except ImportError as error:
+        step = "Install the wheel for this machine, or build it: make install (needs cargo)"
+        return [*found, mend("wheel", f"the compiled solver cannot be imported ({error})", step)]
+    return [*found, ok("wheel", f"retarget {retarget.__version__}, compiled solver there")]
+
+
+def frame_findings(measure: "Callable[[], float] | None" = None) -> list[Finding]:
+    """What a frame costs. measure: returns s; None: `seconds_per_frame`."""
+    try:
+        cost = (measure or seconds_per_frame)()
+    except ImportError:
+        return []
+    told = f"{1e3 * cost:.2f} ms of CPU per frame, performer to OP3"
+    if cost > TOO_SLOW_S:
+        return [
+            mend("solver", f"{told}, of a tick of 10 ms", "Use a faster computer, or a lower rate_hz in the profile")
+        ]
+    if cost > SLOW_S:
+        return [note("solver", told, "Little room is left in a tick of 10 ms: end what else runs")]
+    return [ok("solver", told)]
+
+
+def seconds_per_frame(frames: int = FRAMES) -> float:
+    """Median CPU time, s, of both stages for a performer who waves while OP3 follows. Takes about a second."""
+    from retarget.frames import SensorSample
+    from retarget.human.reconstruction import Reconstructor
+    from retarget.model.human import build_human
+    from retarget.model.human_dimensions import proportional_dimensions
+    from retarget.model.robot import load_robot
+    from retarget.robot.follower import Follower
+    from retarget.schema.performer import load_performer
+    from retarget.schema.priorities import load_priorities
+
+    size = proportional_dimensions(1.75)
+    human, performer = build_human(size), load_performer("five")
+    names = tuple(performer.sensors)
+    kinematics, q = human.body.solver_body(), human.posture("attractor")
+    joints = [human.body.frame(name) for name in names]
+    rest = kinematics.points(q[None], [one.body for one in joints], np.array([one.position for one in joints]))[0]
+    wrists = [names.index("l_wrist"), names.index("r_wrist")]
+    blank, valid = np.full((len(names), 4), np.nan), np.ones(len(names), dtype=bool)
+
+    def sample(tick: int) -> SensorSample:
+        place = np.array(rest)
+        place[wrists, 2] += AMPLITUDE_M * np.sin(0.05 * tick)
+        return SensorSample(names, place, blank, valid)
+
+    reconstructor = Reconstructor(human, load_priorities("human"), performer)
+    robot = load_robot("op3")
+    follower = Follower(robot, load_priorities(robot.profile.retarget), size)
+    follower.start(reconstructor.start(sample(0)))
+    costs = []
+    for tick in range(1, frames + 1):
+        before = thread_cpu()
+        follower.step(reconstructor.step(sample(tick), 0.01), 0.01)
+        costs.append(thread_cpu() - before)
+    return float(np.median(costs))
+
+
+# A serial port for servos: is it there, may it be opened, who has it, how long its adapter keeps bytes.
+#
+# Nothing is opened: opening moves the lines of some adapters, and a byte might reach the servos.
+
+SUBJECT = "port"
+NOBODY = "another process"
+"""What is said of holders when none can be seen."""
+
+
+def port_findings(
+    path: str, *, baud: int | None = None, devices: Path = serial_port.DEVICES, processes: Path = PROCESSES
+) -> list[Finding]:
+    """baud: of the profile's bus, None: not known."""
+    trouble = _trouble(path, baud or 57_600)
+    if trouble is not None:
+        return [trouble]
+    target = Path(path).resolve()
+    found = [ok(path, f"there ({target}), and this user may open it")]
+    found += _holders(path, processes)
+    timer = serial_port.latency_timer_ms(path, devices)
+    if timer is None:
+        found.append(ok(path, "no latency timer (the adapter is no FTDI)"))
+    elif timer > serial_port.WANTED_MS:
+        told = f"the adapter keeps bytes for up to {timer} ms, and {serial_port.WANTED_MS} ms is needed"
+        step = f"Type: {serial_port.timer_command(path, devices)}"
+        found.append(mend(path, told, step + " (docs/wiring.md has a rule that makes it stay)"))
+    else:
+        found.append(ok(path, f"latency timer {timer} ms"))
+    if baud is not None:
+        found.append(ok(path, f"{baud} baud in the profile; retarget servo scan asks who answers"))
+    return found
+
+
+def _trouble(path: str, baud: int) -> Finding | None:
+    """Why the port could not be opened, in the words of opening."""
+    try:
+        there = Path(path).exists()
+        is_device = there and Path(path).is_char_device()
+    except (OSError, ValueError):
+        there = is_device = False
+    if not there:
+        return Finding(Level.MEND, SUBJECT, str(serial_port.no_such_port(path)))
+    if not is_device:
+        cause = OSError(errno.ENOTTY, os.strerror(errno.ENOTTY))
+    elif not os.access(path, os.R_OK | os.W_OK):
+        cause = OSError(errno.EACCES, os.strerror(errno.EACCES))
+    else:
+        return None
+    return Finding(Level.MEND, SUBJECT, str(serial_port.why_not_open(path, baud, cause)))
+
+
+def _holders(path: str, processes: Path) -> list[Finding]:
+    """Who has it open; the other end of a pseudo-terminal is not in the way."""
+    told = serial_port.holders(path, processes)
+    holder, _, behind = told.partition("; ")
+    found = [note(path, behind)] if behind else []
+    if holder != NOBODY:
+        return [mend(path, f"in use by {holder}", "Stop it, or wait"), *found]
+    return [*found, ok(path, "nobody that can be seen has it open")]
+
+
+# What may stand between a sender and a port of this machine: its firewalls, a container, a virtual machine.
+
+FIREWALL = "firewall"
+
+
+def firewall_findings(port: int, *, protocol: Literal["udp", "tcp"] = "udp", root: Path = ROOT) -> list[Finding]:
+    """Which are there, as far as files that anybody may read tell, and the command that opens the port."""
+    found = []
+    if "ENABLED=yes" in _config_text(root / "etc/ufw/ufw.conf"):
+        found.append(note(FIREWALL, "ufw is on", f"Open the port: sudo ufw allow {port}/{protocol}"))
+    if (root / "run/firewalld").is_dir():
+        step = f"Open the port: sudo firewall-cmd --add-port={port}/{protocol}"
+        found.append(note(FIREWALL, "firewalld runs", step))
+    if "microsoft" in _config_text(root / "proc/version").lower():
+        step = "Set networkingMode=mirrored in .wslconfig, and open the port in Windows Defender Firewall"
+        found.append(note(FIREWALL, "this is WSL, which the network does not reach by itself", step))
+    if (root / ".dockerenv").exists() or (root / "run/.containerenv").exists():
+        step = f"Start it with --network host, or with -p {port}:{port}/{protocol}"
+        found.append(note(FIREWALL, "this is a container, which the network does not reach by itself", step))
+    if not found:
+        step = f"sudo nft list ruleset shows what lets {protocol.upper()} port {port} in"
+        found.append(note(FIREWALL, "no ufw and no firewalld here; other rules can only be seen by root", step))
+    sender = "On a sender with Windows, allow its program in Windows Defender Firewall, for private and public networks"
+    found.append(note(FIREWALL, "the sender's computer has one too", sender))
+    return found
+
+
+def _config_text(path: Path) -> str:
+    with suppress(OSError):
+        return path.read_text(encoding="utf-8", errors="replace")[:4096]
+    return ""

@@ -1,0 +1,374 @@
+"""The doctor looks at a stream: silence, wrong senders and protocols; its address is opened, listened to, and
+judged.
+"""
+
+from collections import Counter
+from collections.abc import Iterable
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
+from ipaddress import AddressValueError, IPv4Address
+
+from hardware.clock import Clock
+from retarget.errors import InputError, UsageError
+from retarget.live.address import EVERYWHERE, KINDS, LOOPBACK, StreamAddress, for_others, local_interfaces
+from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
+from retarget.live.datagram_kinds import DAMAGED, SENDERS, Recognised, advice_for, recognise
+from retarget.live.open_stream import open_stream, stream_kinds
+from retarget.live.raw_recording import recorded_kind
+from retarget.live.receivers import NatnetReceiver
+from retarget.live.roles import roles_of
+from retarget.live.stream import LiveStream
+from retarget.live.udp import UdpReceiver, port_holder
+from retarget.schema.performer import Performer, WornSensor
+from retarget.setup.doctor_listening import Listening, listen_to
+from retarget.setup.doctor_machine import Finding, firewall_findings, mend, mend_all, note, ok
+from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
+from retarget.sources.json_pose import DEFAULT_PORT
+from retarget.sources.natnet_decoder import NatnetDecoder
+from retarget.sources.natnet_session import natnet_problems
+from retarget.sources.natnet_wire import DATA_PORT
+from retarget.sources.vmc import VmcDecoder
+
+__all__ = [
+    "USUAL_PORTS",
+    "Elsewhere",
+    "Stray",
+    "judge",
+    "sender_findings",
+    "silence_findings",
+    "stray_finding",
+    "stream_findings",
+]
+
+
+# Listens beside a stream's own address, for a sender that sends to another port or to another interface.
+#
+# Nothing that is heard here is decoded or kept; only who sends what, and where to, is noted.
+
+USUAL_PORTS = (
+    *(kind.port for kind in KINDS.values() if kind.port is not None),
+    *(DEFAULT_PORT, 39_540, 14_043, 12_351),
+)
+"""Where senders send to unless told otherwise: those that are read, VMC's other port, Rokoko Studio and mocopi."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stray:
+    """Datagrams from `host` to `port` of this machine. interface: own address that they came to, EVERYWHERE: any."""
+
+    host: str
+    interface: str
+    port: int
+    got: Recognised
+
+
+class Elsewhere:
+    """Sockets at the same port of other interfaces, and at the usual ports. What cannot be opened is left out.
+
+    everywhere: listen beyond the interface of `address`, which the user must have asked for.
+    """
+
+    def __init__(self, address: StreamAddress, *, everywhere: bool, ports: Iterable[int] = USUAL_PORTS) -> None:
+        self._receivers: list[tuple[str, int, UdpReceiver]] = []
+        self._found: dict[tuple[str, int], Stray] = {}
+        if address.kind == "replay":
+            return
+        places = [
+            (EVERYWHERE if everywhere else address.bind, port) for port in dict.fromkeys(ports) if port != address.port
+        ]
+        if everywhere and address.bind == LOOPBACK and address.port:
+            places += [(own, address.port) for own in local_interfaces().values() if not IPv4Address(own).is_loopback]
+        plain = replace(address, multicast=None, host=None)
+        for bind, port in places:
+            with suppress(InputError):
+                self._receivers.append((bind, port, UdpReceiver(replace(plain, bind=bind, port=port))))
+
+    def poll(self, now: float) -> None:
+        """Note what has arrived until `now`, s."""
+        for bind, port, receiver in self._receivers:
+            for datagram in receiver.poll(now)[:4]:
+                key = (datagram.source[0], port)
+                if key not in self._found and len(self._found) < 16:
+                    self._found[key] = Stray(datagram.source[0], bind, port, recognise(datagram.payload))
+
+    def close(self) -> None:
+        """Close all."""
+        for _, _, receiver in self._receivers:
+            receiver.close()
+
+    @property
+    def strays(self) -> tuple[Stray, ...]:
+        """Each sender at each port once."""
+        return tuple(self._found.values())
+
+
+# Nothing arrives: where the sender may be sending instead, and what may be in the way.
+
+
+def silence_findings(
+    address: StreamAddress, strays: tuple[Stray, ...], *, seconds: float, answered: bool = False
+) -> list[Finding]:
+    """Why an address hears nothing, the surest cause first. answered: what is wrong was told in another way."""
+    found = []
+    if not answered:
+        found.append(mend("stream", f"nothing arrives in {seconds:.1f} s at {_place(address)}", _start(address)))
+    found += [stray_finding(address, stray) for stray in strays]
+    if strays or address.kind == "replay":
+        return found
+    if IPv4Address(address.bind).is_loopback:
+        if address.kind != "natnet":
+            option = "allow" if _protocol(address) == "UDP" else "tcp"
+            step = for_others(address.kind, address.port, option=option)
+            found.append(note("network", f"only this machine is heard; its own addresses are {_interfaces()}", step))
+        return found
+    allowed = ", ".join(str(network) for network in address.allow)
+    found.append(note("network", f"this machine is {_interfaces()}; allowed to send: {allowed}", "Compare both ends"))
+    port = address.port or DATA_PORT
+    return found + firewall_findings(port, protocol="udp" if _protocol(address) == "UDP" else "tcp")
+
+
+def _place(address: StreamAddress) -> str:
+    if address.kind == "replay":
+        return address.text
+    if not address.port:
+        return f"{address.bind}, any UDP port"
+    return f"{address.bind}, {_protocol(address)} port {address.port}"
+
+
+def _start(address: StreamAddress) -> str:
+    """What is to be done at the sender."""
+    if address.kind == "replay":
+        return "Record anew: there is no datagram in it"
+    if address.kind == "natnet":
+        return "Start Motive, switch its streaming on, and see that this is its computer"
+    return f"Start {SENDERS[address.kind]}, and let it send to {_target(address)}, port {address.port}"
+
+
+def stray_finding(address: StreamAddress, stray: Stray) -> Finding:
+    """One who sends to another place than is listened on."""
+    what = f"{stray.host} sends {stray.got.text} to port {stray.port}"
+    if stray.port == address.port:
+        what += f" of {stray.interface}, and {address.bind} is listened on"
+        return mend("network", what, f"Use {address.kind}://0.0.0.0:{address.port}?allow={stray.host}")
+    if not stray.got.kind:
+        return note("network", what, "It is not read here")
+    if stray.got.kind == "natnet":
+        return mend("network", what, f"Use natnet://{stray.host}, with ?multicast=GROUP where Motive streams multicast")
+    local = IPv4Address(stray.host).is_loopback
+    use = (
+        f"{stray.got.kind}://:{stray.port}" if local else f"{stray.got.kind}://0.0.0.0:{stray.port}?allow={stray.host}"
+    )
+    if stray.got.kind != address.kind:
+        return note("network", what, f"To use that: {use}")
+    return mend("network", what, f"Use {use}, or let it send to port {address.port}")
+
+
+def _protocol(address: StreamAddress) -> str:
+    return "TCP" if address.kind == "mvn" and address.host is not None else "UDP"
+
+
+def _target(address: StreamAddress) -> str:
+    if address.bind == LOOPBACK:
+        return LOOPBACK
+    return "one of this machine's addresses" if address.bind == EVERYWHERE else address.bind
+
+
+def _interfaces() -> str:
+    return ", ".join(f"{number} ({name})" for name, number in local_interfaces().items()) or "none"
+
+
+# Who sends and what: the wrong protocol, refused senders, damaged or large datagrams, what the kernel lost.
+
+UNFRAGMENTED = 1472
+"""Bytes of a UDP payload that fit one Ethernet frame of 1500."""
+DAMAGED_SHARE = 0.01
+"""Of the datagrams, from where on what is dropped is a fault of the stream."""
+_HARMLESS = ("not used", "none of 1 to 8 and head", "type ", "late", "repeated")
+"""Parts of reasons of what a healthy sender sends beside its poses."""
+
+
+def sender_findings(address: StreamAddress, kind: str, listening: Listening) -> list[Finding]:
+    """kind: of the stream; of a replay, what it holds."""
+    found = _refused(address, listening) + _foreign(kind, listening, address)
+    if listening.frames:
+        senders = ", ".join(dict.fromkeys(host for host, _ in listening.sources))
+        found.append(ok("stream", f"{listening.stream.frames} frames from {senders}"))
+    elif not found:
+        reasons = "; ".join(reason for reason, _ in listening.stream.decoder.dropped.reasons.most_common(3))
+        what = f"{listening.arrived} datagrams arrive, and none holds a pose" + (f" ({reasons})" if reasons else "")
+        found.append(mend("stream", what, f"Look at the settings of {SENDERS[kind]}"))
+    if listening.frames:
+        found += _dropped(listening)
+    return found + _lost(listening) + _large(listening) + _states(listening)
+
+
+def _refused(address: StreamAddress, listening: Listening) -> list[Finding]:
+    """Senders that were not listened to."""
+    found = []
+    for (host, port), reason in listening.stream.admission.news():
+        if reason == NOT_ALLOWED:
+            step = f"Add {host} to ?allow= of the address if it is the sender, else stop it"
+            found.append(mend("sender", f"{host}, port {port}, sends, and is not on the allow-list", step))
+        elif reason == SECOND_SOURCE:
+            owner = listening.stream.admission.owner
+            first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
+            step = "Let only one send here: stop the other, or give it another port"
+            found.append(mend("sender", f"{host}, port {port}, is a second source{first}", step))
+    too_many = listening.stream.admission.refused.reasons["more datagrams than the rate allows"]
+    if too_many:
+        step = "Lower the sender's rate, or see whether a second copy of it runs"
+        found.append(mend("sender", f"{too_many} datagrams beyond the rate that is taken", step))
+    others = listening.stream.receiver.dropped.reasons
+    found += [
+        mend("sender", f"{reason} ({count} times)", f"Stop that one, or correct {address.text}")
+        for reason, count in others.items()
+    ]
+    return found
+
+
+def _foreign(kind: str, listening: Listening, address: StreamAddress) -> list[Finding]:
+    """What is no part of the protocol, or another part than is read."""
+    found, looked, counts = [], listening.kinds.total(), Counter[str]()
+    for got, count in listening.kinds.items():
+        counts[got.name] += count
+    seen, recording = set[str](), "" if address.path is None else str(address.path)
+    for got, _ in listening.kinds.most_common():
+        advice = advice_for(kind, got, port=address.port, recording=recording)
+        mixed = bool(listening.frames) and (got.kind == kind or got.name.startswith(DAMAGED))
+        if not advice or mixed or got.name in seen:
+            continue
+        seen.add(got.name)
+        told = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
+        told += f", and {kind}:// is {'read' if recording else 'listened for'}" if got.kind != kind else ""
+        if listening.frames and not got.kind:
+            found.append(note("protocol", f"also: {told}", advice))
+        else:
+            found.append(mend("protocol", told, advice))
+    return found
+
+
+def _dropped(listening: Listening) -> list[Finding]:
+    """What the decoder could not use, though frames came."""
+    found = []
+    for reason, count in listening.stream.decoder.dropped.reasons.most_common(8):
+        told = f"{reason}: {count} times in {listening.arrived} datagrams"
+        if any(part in reason for part in _HARMLESS):
+            found.append(ok("decoder", told))
+        elif count > DAMAGED_SHARE * listening.arrived:
+            found.append(mend("decoder", told, "Look at the sender's settings and version"))
+        else:
+            found.append(note("decoder", told))
+    return found
+
+
+def _lost(listening: Listening) -> list[Finding]:
+    overflowed = int(getattr(listening.stream.receiver, "overflowed", 0))
+    if not overflowed:
+        return []
+    step = "End what else runs, and raise the buffer: sudo sysctl -w net.core.rmem_max=1048576"
+    return [mend("buffer", f"the kernel lost {overflowed} datagrams that were not fetched in time", step)]
+
+
+def _large(listening: Listening) -> list[Finding]:
+    """Datagrams that travel in pieces, of which one that is lost costs the whole."""
+    found = []
+    for host, size in listening.largest.items():
+        if size > UNFRAGMENTED and not _is_here(host):
+            step = "Use a cable, not Wi-Fi; let the sender tell less, if it can"
+            what = f"{host} sends datagrams of {size} bytes, in IP fragments: one lost piece loses the frame"
+            found.append(note("network", what, step))
+    return found
+
+
+def _is_here(host: str) -> bool:
+    try:
+        return IPv4Address(host).is_loopback
+    except AddressValueError:
+        return False
+
+
+def _states(listening: Listening) -> list[Finding]:
+    """What the sender says of itself."""
+    decoder = listening.stream.decoder
+    if isinstance(decoder, VmcDecoder):
+        if decoder.loaded is False:
+            return [mend("sender", "it says that no avatar is loaded: no pose counts", "Load one in the sender")]
+        if decoder.tracking is False:
+            return [mend("sender", "it says that its tracking is bad: no pose counts", "Look at its trackers")]
+    if isinstance(decoder, NatnetDecoder) and decoder.names_missing:
+        step = "See that nothing drops large UDP datagrams from port 1510, and that the bodies are streamed"
+        return [mend("sender", "bodies have numbers and no names", step)]
+    return []
+
+
+def stream_findings(
+    address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float, everywhere: bool = False
+) -> list[Finding]:
+    """Listen for so long and judge. Raises InputError for a recording that cannot be read."""
+    kind = recorded_kind(address) if address.kind == "replay" else address.kind
+    convention = performer.roles or stream_kinds()[kind].roles
+    holder = _holder(address)
+    try:
+        stream = open_stream(address, named_for(performer, convention), clock=clock)
+    except InputError as error:
+        if address.kind == "replay":
+            raise
+        return mend_all("port", error.problems)
+    with closing(stream.receiver), closing(Elsewhere(address, everywhere=everywhere)) as elsewhere:
+        heard = listen_to(stream, clock=clock, seconds=seconds, beside=elsewhere.poll)
+        found = judge(address, performer, convention, heard, kind=kind)
+        if not heard.arrived:
+            found += silence_findings(address, elsewhere.strays, seconds=heard.seconds, answered=bool(found))
+        elif not heard.frames:
+            found += [stray_finding(address, stray) for stray in elsewhere.strays]
+    return found + holder
+
+
+def judge(
+    address: StreamAddress, performer: Performer, convention: str, listening: Listening, *, kind: str
+) -> list[Finding]:
+    """What was heard, judged; nothing where nothing arrived and nobody answered."""
+    found = _motive(address, listening.stream, listening.ended)
+    if listening.arrived:
+        found += sender_findings(address, kind, listening) if not (found and not listening.frames) else []
+        found += rate_findings(kind, listening)
+        found += role_findings(performer, convention, listening)
+        found += invented_findings(convention, listening)
+    return found
+
+
+def named_for(performer: Performer, convention: str) -> Performer:
+    """The performer, with a role that nobody tells for each sensor that this convention does not name: it is then
+    found missing, beside what the sender tells instead."""
+    sensors = dict[str, WornSensor]()
+    for name, sensor in performer.sensors.items():
+        alone = performer.model_copy(update={"sensors": {name: sensor}})
+        try:
+            roles_of(alone, convention, where=performer.name)
+        except UsageError:
+            sensor = sensor.model_copy(update={"role": UNNAMED})
+        sensors[name] = sensor
+    return performer.model_copy(update={"sensors": sensors})
+
+
+def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Finding]:
+    receiver = stream.receiver
+    if not isinstance(receiver, NatnetReceiver):
+        return []
+    found = mend_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
+    if receiver.trouble:
+        found.append(mend("multicast", receiver.trouble, "Add interface=ADDRESS of the card that faces Motive"))
+    return found
+
+
+def _holder(address: StreamAddress) -> list[Finding]:
+    """Who else has the port, on another address of this machine: looked at before it is opened."""
+    if address.kind == "replay" or not address.port:
+        return []
+    protocol = "tcp" if address.kind == "mvn" and address.host is not None else "udp"
+    holder = port_holder(address.port, protocol="tcp" if protocol == "tcp" else "udp")
+    if holder == "another process":
+        return []
+    return [
+        note("port", f"{holder} has a socket on port {address.port} too", "What is sent to that one is not heard here")
+    ]

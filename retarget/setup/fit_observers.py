@@ -1,0 +1,363 @@
+"""A robot's body in, its observers and pairs to ignore out."""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from retarget.errors import UsageError
+from retarget.model.body import BodyModel, body_from_file
+from retarget.model.body_file import BodyFile, compile_body
+from retarget.model.observers import NEAR_LINKS, NEVER_NEAR, steps_between
+from retarget.schema.catalogue import HUMAN
+from retarget.schema.profile import RobotProfile, load_profile
+from retarget.setup.enclosing_shapes import Box, Capsule, LinkGeometry, Lone, link_geometries
+from retarget.setup.observer_proposals import DIGITS, Pair, Proposal, Zones, flattened, propose
+from retarget.setup.survey import SAFETY_FACTOR, OwnDistances, PairRecord, joint_ranges, own_distances, survey
+from retarget.types import FloatArray
+
+__all__ = ["DEFAULT_SAMPLES", "MAX_PAIRS", "Fit", "Subject", "Verdict", "find_subject", "fit", "fragment", "verdicts"]
+
+
+# Which pairs of links need no check, each with the numbers that say so.
+
+Kind = Literal["always", "excluded", "neighbours", "never"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A pair of links that is proposed to be ignored. warning: what is lost by that, else empty."""
+
+    kind: Kind
+    links: tuple[str, str]
+    reason: str
+    warning: str = ""
+
+
+def always_overlapping(records: Sequence[PairRecord]) -> list[PairRecord]:
+    """The pairs whose shapes were never apart."""
+    return [record for record in records if record.largest is not None]
+
+
+def verdicts(
+    records: Sequence[PairRecord],
+    proposals: tuple[Proposal, ...],
+    body: BodyModel,
+    *,
+    near: float,
+    own: Sequence[OwnDistances],
+    excluded: set[tuple[int, int]],
+) -> tuple[Verdict, ...]:
+    """The pairs to ignore: first those that always overlap, last those that never come as near as `near`, m.
+
+    own: of the pairs that always overlap, in their order. excluded: sorted link numbers of the body file's own pairs.
+    """
+    by_pair = {record.pair: distances for record, distances in zip(always_overlapping(records), own, strict=True)}
+    found = []
+    for record in records:
+        first, second = (proposals[place] for place in record.pair)
+        names = (first.link_name, second.link_name)
+        if record.largest is not None:
+            found.append(_always(record, record.largest, names, by_pair[record.pair]))
+        elif (min(first.link, second.link), max(first.link, second.link)) in excluded:
+            found.append(Verdict("excluded", names, f"the body file excludes their contact, {_closest(record)}"))
+        elif record.at_neutral <= 0.0 and _neighbours(record.pair, proposals, body):
+            reason = f"neighbours along the tree with no volume between them, {_closest(record)}"
+            found.append(Verdict("neighbours", names, reason))
+        elif record.smallest > near:
+            reason = f"{NEVER_NEAR}, {_closest(record)}"
+            found.append(Verdict("never", names, reason))
+    order: tuple[Kind, ...] = ("always", "excluded", "neighbours", "never")
+    return tuple(sorted(found, key=lambda verdict: order.index(verdict.kind)))
+
+
+def _always(record: PairRecord, largest: float, names: tuple[str, str], own: OwnDistances) -> Verdict:
+    deep = f"{_mm(-largest)} to {_mm(-record.smallest)} mm deep"
+    reason = f"overlap at every posture, {deep} ({_looks(record)})"
+    if own.largest <= 0.0:
+        return Verdict("always", names, f"{reason}, and so do the links' own geoms")
+    if not own.may_collide:
+        return Verdict("always", names, f"{reason}; their own geoms stay {_mm(own.smallest)} mm apart")
+    apart = f"their own geoms come {_mm(own.largest)} mm apart and {_mm(-own.smallest)} mm into each other"
+    warning = f"{names[0]} and {names[1]} can collide, which these shapes cannot tell: give one a tighter shape"
+    return Verdict("always", names, f"{reason}; {apart}", warning)
+
+
+def _neighbours(pair: Pair, proposals: tuple[Proposal, ...], body: BodyModel) -> bool:
+    """Whether no link with a shape lies between the second link and the first on the way to the root."""
+    shaped = {proposal.link for proposal in proposals}
+    above = body.chain_to_root(proposals[pair[1]].link)[1:]
+    return next((link for link in above if link in shaped), 0) == proposals[pair[0]].link
+
+
+def _closest(record: PairRecord) -> str:
+    if record.smallest < 0.0:
+        return f"at most {_mm(-record.smallest)} mm deep ({_looks(record)})"
+    return f"at least {_mm(record.smallest)} mm apart ({_looks(record)})"
+
+
+def _looks(record: PairRecord) -> str:
+    return f"{record.samples} postures" + (f", {record.searches} searches" if record.searches else "")
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.1f}"
+
+
+# The proposal as a part of a robot profile: `observers` and `ignore_pairs` in YAML, with comments that say why.
+
+MAX_PAIRS = 500
+"""A profile ignores no more pairs."""
+WIDTH = 116
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
+_RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+
+
+def fragment(
+    head: Iterable[str],
+    proposals: Sequence[Proposal],
+    pairs: Sequence[Verdict],
+    zones: Zones,
+    *,
+    tail: Iterable[str] = (),
+) -> str:
+    """YAML text; head, tail: paragraphs of comment before and after it. What a profile cannot hold is left out."""
+    lines = [line for paragraph in head for line in _comment(paragraph, "")]
+    lines += ["", "observers:"]
+    for proposal in proposals:
+        lines += _observer(proposal, zones)
+    kept, dropped = pairs[:MAX_PAIRS], len(pairs) - MAX_PAIRS
+    lines += ["", "ignore_pairs:" if kept else "ignore_pairs: []"]
+    for verdict in kept:
+        if verdict.warning:
+            lines += _comment(f"Beware: {verdict.warning}.", "  ")
+        pair = ", ".join(map(_name, verdict.links))
+        lines += [f"  - pair: [{pair}]", f"    reason: {json.dumps(verdict.reason)}"]
+    closing = list(tail)
+    if dropped > 0:
+        closing.append(f"{dropped} more pairs are never near: a profile holds {MAX_PAIRS}, and they only cost time.")
+    lines += ["", *(line for paragraph in closing for line in _comment(paragraph, ""))] if closing else []
+    return "\n".join(lines) + "\n"
+
+
+def _observer(proposal: Proposal, zones: Zones) -> list[str]:
+    ratio = "flat geometry" if proposal.ratio is None else f"{proposal.ratio:.2f} times the volume of the geometry"
+    size = f"{ratio}, stands out by {1e3 * proposal.stands_out:.0f} mm at most"
+    about = f"{proposal.why}; this: {size}" if proposal.why else size
+    return [
+        *_comment(about[0].upper() + about[1:] + ".", "  "),
+        f"  {_name(proposal.name)}: {{link: {_name(proposal.link_name)},",
+        f"      shape: {_shape(proposal.shape)},",
+        f"      influence: {zones.influence!r}, margin: {zones.margin!r}}}",
+    ]
+
+
+def _shape(shape: Capsule | Box | Lone) -> str:
+    if isinstance(shape, Lone):
+        return f"{{geom: {_name(shape.geom)}}}"
+    if isinstance(shape, Box):
+        quat = ", ".join(f"{part:.9g}" for part in shape.quat)
+        turn = "" if abs(abs(shape.quat[0]) - 1.0) < 1e-12 else f" quat: [{quat}],"
+        return f"{{box: {{pos: {_vector(shape.pos)},{turn} size: {_vector(shape.size)}}}}}"
+    if shape.is_ball:
+        return f"{{sphere: {{at: {_vector(shape.start)}, radius: {_number(shape.radius)}}}}}"
+    return f"{{capsule: {{from: {_vector(shape.start)}, to: {_vector(shape.end)}, radius: {_number(shape.radius)}}}}}"
+
+
+def _vector(values: Iterable[float]) -> str:
+    return "[" + ", ".join(map(_number, values)) + "]"
+
+
+def _number(value: float) -> str:
+    text = f"{value:.{DIGITS}f}".rstrip("0").rstrip(".")
+    return "0" if text in ("-0", "") else text
+
+
+def _name(name: str) -> str:
+    return name if _PLAIN.fullmatch(name) and name.lower() not in _RESERVED else json.dumps(name)
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    """A paragraph as lines of comment."""
+    lines, line = [], ""
+    for word in text.split():
+        if line and len(indent) + len(line) + len(word) > WIDTH:
+            lines.append(line)
+            line = ""
+        line = f"{line} {word}" if line else word
+    return [f"{indent}# {line}" for line in [*lines, line]]
+
+
+DEFAULT_SAMPLES = 4000
+MAX_SAMPLES = 1_000_000
+BODY_SUFFIXES = (".xml", ".mjcf", ".urdf")
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What is fitted: a body, and where there is a profile, its joint limits and its neutral posture."""
+
+    name: str
+    file: BodyFile
+    profile: RobotProfile | None
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The files that it was read from."""
+        profile = () if self.profile is None else (self.profile.path,)
+        return (Path(self.file.source), *profile)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """observers and the pairs to ignore, every pair that was looked at, and all as `text` for a profile."""
+
+    observers: tuple[Proposal, ...]
+    ignored: tuple[Verdict, ...]
+    records: tuple[PairRecord, ...]
+    text: str
+
+
+def find_subject(robot: str) -> Subject:
+    """A robot by name, by its profile, or by an MJCF or URDF file. Raises UsageError, ConfigError, InputError."""
+    if robot == HUMAN:
+        raise UsageError("the human is no robot", found=HUMAN, next_step="Give a robot's name, its profile or its body")
+    path = Path(robot)
+    if path.suffix.lower() in BODY_SUFFIXES:
+        return Subject(path.name, compile_body(path), None)
+    profile = load_profile(robot)
+    return Subject(profile.name, compile_body(profile.body_path, root=profile.root), profile)
+
+
+def fit(
+    subject: Subject,
+    zones: Zones,
+    *,
+    samples: int = DEFAULT_SAMPLES,
+    seed: int = 0,
+    thickest: float = inf,
+    tight: frozenset[str] = frozenset(),
+    progress: Callable[[float], None] = lambda share: None,
+) -> Fit:
+    """Propose observers and pairs to ignore. The same input gives the same text.
+
+    No capsule has more than `thickest` times its link's volume, and none is on a link of `tight`. Raises InputError,
+    UsageError.
+    """
+    if not 1 <= samples <= MAX_SAMPLES:
+        raise UsageError(
+            "no usable number of samples", where="--samples", found=str(samples), allowed=f"1 to {MAX_SAMPLES}"
+        )
+    if seed < 0:
+        raise UsageError("no usable seed", where="--seed", found=str(seed), allowed="0 or more")
+    model, body = subject.file.model, body_from_file(subject.file)
+    geometries, notes = link_geometries(model)
+    observers = tuple(
+        flattened(proposal, geometry, "a capsule would stand out too far, or touch another link where the robot stands")
+        if isinstance(proposal.shape, Capsule) and (proposal.link_name in tight or (proposal.ratio or 0.0) > thickest)
+        else proposal
+        for proposal, geometry in zip(propose(geometries, zones), geometries, strict=True)
+    )
+    ranges = joint_ranges(body, _limits(subject.profile))
+    near = SAFETY_FACTOR * zones.influence
+    neutral = ranges.clipped(_neutral(subject.profile, body))
+    for last in (False, True):
+        records = survey(
+            body, observers, ranges, neutral=neutral, near=near, samples=samples, seed=seed, progress=progress
+        )
+        overlapping = always_overlapping(records)
+        links = [(observers[record.pair[0]].link, observers[record.pair[1]].link) for record in overlapping]
+        own = own_distances(model, ranges, links, seed=seed)
+        hidden = [record.pair for record, distances in zip(overlapping, own, strict=True) if distances.may_collide]
+        tighter = observers if last else _tightened(observers, geometries, hidden)
+        if tighter == observers:
+            break
+        observers = tighter
+    ignored = verdicts(records, observers, body, near=near, own=own, excluded=_excluded(model))
+    assumed = (*notes, *ranges.notes, *subject.file.notes)
+    head = _head(subject, zones, samples=samples, seed=seed, notes=assumed)
+    tail = _tail(observers, ignored[:MAX_PAIRS], records, body)
+    return Fit(observers, ignored, records, fragment(head, observers, ignored, zones, tail=tail))
+
+
+def _tightened(
+    observers: tuple[Proposal, ...], geometries: tuple[LinkGeometry, ...], hidden: list[Pair]
+) -> tuple[Proposal, ...]:
+    """Observers in which, of each pair that overlaps always though its geoms do not, the larger capsule gives way."""
+    tighter = list(observers)
+    for pair in hidden:
+        capsules = [place for place in pair if isinstance(observers[place].shape, Capsule)]
+        if not capsules or any(tighter[place] is not observers[place] for place in pair):
+            continue
+        place = max(capsules, key=lambda place: observers[place].stands_out)
+        other = observers[pair[0] if place == pair[1] else pair[1]]
+        why = f"a capsule would overlap {other.link_name} at every posture, which the links themselves do not"
+        tighter[place] = flattened(observers[place], geometries[place], why)
+    return tuple(tighter)
+
+
+def _limits(profile: RobotProfile | None) -> dict[str, tuple[float, float]]:
+    return {} if profile is None else {joint: servo.limits for joint, servo in profile.servos.items()}
+
+
+def _neutral(profile: RobotProfile | None, body: BodyModel) -> FloatArray:
+    q = body.qpos0.copy()
+    angles = {} if profile is None else profile.postures.neutral
+    for joint, angle in angles.items():
+        q[body.joint_qpos[body.joint_index(joint)]] = angle
+    return q
+
+
+def _excluded(model: Any) -> set[tuple[int, int]]:
+    """Sorted link numbers of the pairs that the body file excludes from contact (`exclude_signature`, 16 bits each)."""
+    pairs = ((int(code) >> 16, int(code) & 0xFFFF) for code in np.asarray(model.exclude_signature))
+    return {(min(pair), max(pair)) for pair in pairs}
+
+
+def _head(subject: Subject, zones: Zones, *, samples: int, seed: int, notes: tuple[str, ...]) -> list[str]:
+    return [
+        f"Proposed by retarget fit-observers for {subject.name}: put it in place of the profile's own two sections.",
+        f"Influence {zones.influence:g} m, margin {zones.margin:g} m, {samples} postures, seed {seed}. A pair is never "
+        f"near if it keeps {SAFETY_FACTOR:g} times the influence in every posture and in every search that drives it "
+        "together; that is strong evidence, not a proof.",
+        *(f"Note: {note}." for note in notes),
+    ]
+
+
+def _tail(
+    observers: tuple[Proposal, ...], ignored: tuple[Verdict, ...], records: tuple[PairRecord, ...], body: BodyModel
+) -> list[str]:
+    skipped = {verdict.links for verdict in ignored}
+    checked = [
+        record for record in records if tuple(observers[place].link_name for place in record.pair) not in skipped
+    ]
+    touching = [record.pair for record in checked if record.at_neutral <= 0.0]
+    dropped = [pair for pair in touching if _steps(body, observers, pair) <= NEAR_LINKS]
+    refused = [pair for pair in touching if pair not in dropped]
+    looked_at = {record.pair for record in records}
+    everything = [(first, second) for second in range(len(observers)) for first in range(second)]
+    neighbours = [pair for pair in everything if pair not in looked_at]
+    lines = [
+        f"{len(checked)} pairs are left to check.",
+        f"Of these, overlapping in the neutral posture, so dropped when a run starts: {_listed(observers, dropped)}.",
+        f"At most one joint apart, never checked, so not listed: {_listed(observers, neighbours)}.",
+    ]
+    if refused:
+        lines.append(
+            f"Beware: more than {NEAR_LINKS} joints apart and overlapping in the neutral posture, so a run would not "
+            f"start: {_listed(observers, refused)}. Choose another neutral posture, or tighter shapes."
+        )
+    return lines
+
+
+def _steps(body: BodyModel, observers: tuple[Proposal, ...], pair: Pair) -> int:
+    return steps_between(body, observers[pair[0]].link, observers[pair[1]].link)
+
+
+def _listed(observers: tuple[Proposal, ...], pairs: list[Pair]) -> str:
+    return ", ".join(f"{observers[first].name} - {observers[second].name}" for first, second in pairs) or "none"

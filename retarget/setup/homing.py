@@ -1,0 +1,170 @@
+"""Homing: a person places the limp robot in a known posture; what the servos then read becomes their calibration."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardware.arrays import BoolArray, FloatArray, TickArray
+from hardware.bus import ServoBus
+from hardware.clock import Clock
+from hardware.errors import BusError, HardwareError, describe
+from hardware.joint_map import JointMap
+from retarget.schema.servo_calibration import HomedServo, ServoCalibration
+
+__all__ = ["FAR", "Homing", "calibration_of", "home", "homed_columns"]
+
+READS = 25
+"""Cycles that are read once the robot is in place."""
+PERIOD = 0.02  # [s] between them
+STILL = 0.01  # [rad] most that a joint may move meanwhile
+TRIES = 5
+"""How often the person is asked to keep still."""
+FAR = 0.35
+"""A joint farther than this, rad, from where the profile has it was probably not placed, or is another one."""
+FULL_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Homing:
+    """What was read, for all servos (n,), those that were not to be homed included.
+
+    ticks: as the servos said, on the turn that is nearest to the profile's zero. zero: the zero ticks that follow.
+    off: by how much the joints are then shifted from the profile's zero, rad. chosen: which were to be homed.
+    """
+
+    ticks: TickArray
+    zero: TickArray
+    off: FloatArray
+    chosen: BoolArray
+
+    @property
+    def far(self) -> BoolArray:
+        """Chosen servos (n,) that are far from the profile's zero."""
+        return np.asarray(self.chosen & (np.abs(self.off) > FAR))
+
+
+def homed_columns(joint_map: JointMap, names: Sequence[str]) -> BoolArray:
+    """Mask (n,) of the joints of these names, all when there are none. Raises HardwareError: unknown, half a pair."""
+    unknown = [name for name in names if name not in joint_map.joints]
+    if unknown:
+        raise HardwareError(
+            describe(
+                what="unknown joints", where="homing", found=", ".join(unknown), allowed=", ".join(joint_map.joints)
+            )
+        )
+    for servo in joint_map.servos:
+        pair = servo.coupling.joints if servo.coupling is not None else ()
+        if len(set(pair) & set(names)) == 1:
+            pair_text = " and ".join(pair)
+            raise HardwareError(
+                describe(what="coupled joints are homed together", where="homing", then=f"Name both: {pair_text}")
+            )
+    return np.array([not names or joint in names for joint in joint_map.joints])
+
+
+def home(
+    bus: ServoBus,
+    joint_map: JointMap,
+    posture: FloatArray,
+    ask: Callable[[str, bool], bool],
+    tell: Callable[[str], object],
+    *,
+    clock: Clock,
+    chosen: BoolArray,
+    name: str = "neutral",
+) -> Homing | None:
+    """Read the servos of an open bus while a person holds the robot in `posture` (n,), rad, called `name`.
+
+    joint_map: with the zero ticks of the profile. ask: whether the person agrees to go on; None is returned if not. It
+    gets the question, and whether ENTER alone may be a yes: not where torque goes off.
+    Torque is off afterwards, unless nobody agreed to that. Raises BusError: torque not off, a servo that is silent;
+    HardwareError: the robot is never still.
+    """
+    if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
+        return None
+    bus.torque(False)
+    tell("Torque is off.")
+    for _ in range(TRIES):
+        if not ask(f"Place the robot in the posture {name!r} and keep it still. Read now?", True):
+            return None
+        read = _read(bus, joint_map, clock, chosen)
+        moved: FloatArray = np.ptp(joint_map.to_radians(read), axis=0)
+        restless = chosen & (moved > STILL)
+        if not restless.any():
+            return _homing(joint_map, np.rint(np.median(read, axis=0)).astype(np.int64), posture, chosen)
+        joints = _named(joint_map, restless)
+        tell(f"It moved: {joints} by up to {moved[restless].max():.3f} rad; {STILL:g} is still enough.")
+    raise HardwareError(
+        describe(what="the robot is never still", where="homing", found=joints, then="Support it, and try again")
+    )
+
+
+def calibration_of(
+    robot: str, joint_map: JointMap, homing: Homing, posture: FloatArray, *, name: str, date: str
+) -> ServoCalibration:
+    """What was read, as the calibration of the robot called `robot`; only servos that were to be homed are in it."""
+    return ServoCalibration(
+        robot=robot,
+        servos={
+            servo.joint: HomedServo(
+                id=servo.id,
+                model=servo.model.name,
+                homing_offset=servo.homing_offset,
+                posture=name,
+                angle=float(posture[index]),
+                tick=int(homing.ticks[index]),
+                date=date,
+            )
+            for index, servo in enumerate(joint_map.servos)
+            if homing.chosen[index]
+        },
+    )
+
+
+def _read(bus: ServoBus, joint_map: JointMap, clock: Clock, chosen: BoolArray) -> TickArray:
+    """Ticks (READS, n), without jumps of a whole turn. A servo may be silent in less than half of the cycles: then what
+    it said before stands in."""
+    rows, answers = [], []
+    begun = clock.now()
+    for index in range(READS):
+        clock.sleep_until(begun + index * PERIOD)
+        states = bus.read()
+        rows.append(states.position)
+        answers.append(states.valid)
+    read, heard = np.array(rows), np.array(answers)
+    silent = chosen & (2 * heard.sum(axis=0) < READS)
+    if silent.any():
+        raise BusError(
+            describe(
+                what=f"no answer from {_named(joint_map, silent)}",
+                where="homing",
+                then="Check power and wiring, or home the others with --joints",
+            )
+        )
+    first = read[heard.argmax(axis=0), np.arange(len(joint_map))]  # (n,) before it, nothing was said
+    read = np.where(np.maximum.accumulate(heard, axis=0), read, first)
+    steady: TickArray = first + _without_turns(joint_map, read - first)
+    return steady
+
+
+def _homing(joint_map: JointMap, ticks: TickArray, posture: FloatArray, chosen: BoolArray) -> Homing:
+    """Zero ticks nearest to the profile's."""
+    profile = np.array([servo.zero_tick for servo in joint_map.servos])
+    far = joint_map.zeros(ticks, posture) - profile
+    near = _without_turns(joint_map, far)
+    return Homing(ticks - (far - near), profile + near, joint_map.turned(near), chosen)
+
+
+def _without_turns(joint_map: JointMap, ticks: TickArray) -> TickArray:
+    """Differences of ticks (..., n) within half a turn, where the encoder turns endlessly."""
+    models = [servo.model for servo in joint_map.servos]
+    turn = np.array([model.ticks if np.isclose(model.travel, FULL_TURN) else 0 for model in models])
+    near: TickArray = ticks - turn * np.rint(ticks / np.maximum(turn, 1)).astype(np.int64)
+    return near
+
+
+def _named(joint_map: JointMap, which: BoolArray) -> str:
+    return ", ".join(
+        f"{servo.joint} (id {servo.id})" for servo, named in zip(joint_map.servos, which, strict=True) if named
+    )

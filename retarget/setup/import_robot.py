@@ -1,0 +1,262 @@
+"""A body file in, a folder with a drafted profile out; written whole or not at all."""
+
+import re
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from retarget.errors import ConfigError, InputError, UsageError
+from retarget.ik.support_polygon import check_stand
+from retarget.model.body_file import Root, compile_body
+from retarget.model.robot import load_uncalibrated
+from retarget.rotations import from_matrix
+from retarget.schema.catalogue import Kind, entries
+from retarget.schema.files import check_folder, check_path, umask
+from retarget.schema.profile import RobotProfile, marked_lines, read_profile
+from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
+from retarget.setup.draft import (
+    Draft,
+    FootDraft,
+    FrameDraft,
+    LandmarkDraft,
+    find_landmarks,
+    observer_text,
+    profile_text,
+)
+from retarget.setup.fit_observers import Subject, fit
+from retarget.setup.frames import Found, Posed, find_frames
+from retarget.setup.limbs import UP, Anatomy, find_anatomy
+from retarget.setup.observer_proposals import Zones
+from retarget.setup.postures import SPREADS, Cleared, Postures, clear_postures, find_postures, leg_length
+from retarget.setup.robot_file import Relaxed, read_source, stated_speeds
+from retarget.setup.servo_guess import guess_servos
+from retarget.setup.tree import read_tree
+
+__all__ = ["DEFAULT_SAMPLES", "Imported", "import_robot"]
+
+DEFAULT_SAMPLES = 2000
+ZONES = Zones(influence=0.04, margin=0.005)
+OPTION = "--out"
+FACING = 0.999
+"""Least x of the direction in which a body faces that is written as it is."""
+THICK = 1.6
+"""A capsule of so many times the volume of its link gives way to a box: a draft had better not be in its own way."""
+SHAPELESS = "no link has a shape, so there are no observers, and nothing keeps the robot off itself"
+ROUNDS = 2
+"""Links that touch in a posture are looked at again, without capsules."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The folder that was written, and what is in its profile.
+
+    problems: what keeps it from being used, as `retarget check` says it; empty: it can be run. margin: how far (m) the
+    centre of mass is inside the soles, None without soles or with problems. drafts: lines that are marked so.
+    """
+
+    folder: Path
+    draft: Draft
+    problems: tuple[str, ...]
+    margin: float | None
+    drafts: int
+
+
+def import_robot(
+    path: Path,
+    out: Path | None = None,
+    *,
+    relaxed: Relaxed | None = None,
+    name: str | None = None,
+    samples: int = DEFAULT_SAMPLES,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Imported:
+    """Draft a profile of a body file into the new folder `out`; None: named for the robot, here.
+
+    relaxed: what the user lets go; None: nothing. Raises InputError, UsageError, and leaves nothing behind.
+    """
+    if out is not None:
+        _check_out(out)
+    source = read_source(path)
+    robot = _plain(name or source.name)
+    if out is None:
+        out = Path(robot)
+        _check_out(out)
+    body = draft_body(source, relaxed or Relaxed())
+    body = replace(body, notes=(*_taken(robot), *body.notes))
+    speeds = stated_speeds(source) if source.kind == "urdf" else {}
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name[:50]}."))
+    except OSError as error:
+        raise UsageError("cannot write here", where=OPTION, found=f"{out}: {error.strerror}") from error
+    try:
+        draft = _drafted(folder, robot, path.name, body, speeds, samples=samples, progress=progress)
+        problems, margin = _checked(folder)
+        folder.chmod(0o777 & ~umask())
+        _check_out(out)
+        folder.rename(out)
+    except OSError as error:
+        raise UsageError("cannot write here", where=OPTION, found=f"{out}: {error.strerror}") from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return Imported(out, draft, problems, margin, len(marked_lines(profile_text(draft))))
+
+
+def _plain(name: str) -> str:
+    """A name that a profile and a folder can bear."""
+    return re.sub(r"[\s/\\]+", "_", name.strip())[:80].strip(".") or "robot"
+
+
+def _taken(name: str) -> tuple[str, ...]:
+    """A note where a robot of that name is known already: calibrations go by names."""
+    if name not in {entry.name for entry in entries(Kind.ROBOT)}:
+        return ()
+    told = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
+    return (f"{told}; give this one another --name",)
+
+
+def _checked(folder: Path) -> tuple[tuple[str, ...], float | None]:
+    """What `retarget check` would say, without the folder's passing name; how safely it stands."""
+    try:
+        return (), check_stand(load_uncalibrated(folder))
+    except ConfigError as error:
+        texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
+        return tuple(text.replace(f"{folder}/", "") for text in texts), None
+
+
+def _check_out(out: Path) -> None:
+    check_path(out, option=OPTION)
+    if out.exists() or out.is_symlink():
+        step = "Give a folder that is not there yet; nothing is overwritten"
+        raise UsageError("this is there already", where=OPTION, found=str(out), next_step=step)
+    check_folder(out, option=OPTION)
+
+
+def _drafted(
+    folder: Path,
+    name: str,
+    source: str,
+    body: BodyDraft,
+    speeds: dict[str, float],
+    *,
+    samples: int,
+    progress: Callable[[float], None],
+) -> Draft:
+    """Write body and profile into the folder."""
+    tree = read_tree(body.model, source=source)
+    anatomy = find_anatomy(tree)
+    if anatomy.forward[0] < FACING:
+        body = facing_x(body, anatomy.forward)
+        tree = read_tree(body.model)
+        anatomy = replace(find_anatomy(tree), facing=anatomy.facing)
+    found = find_frames(tree, anatomy)
+    servos = guess_servos(body.model, tree, anatomy, speeds)
+    posed = Posed(body.model, tree, anatomy, found, {servo.joint: servo.limits for servo in servos})
+    (folder / body.file).write_bytes(body.content)
+    root, notes = _root(folder / body.file, anatomy, found)
+    soles = root == "free"
+    postures = find_postures(posed, spread=SPREADS[0], soles=soles)
+    draft = Draft(
+        name=name,
+        source=source,
+        body=body.file,
+        root=root,
+        frames=_frames(body, posed, found),
+        servos=servos,
+        feet=_feet(found) if soles else (),
+        postures=postures.angles,
+        landmarks=(),
+        facing=anatomy.facing,
+        missing=found.missing,
+        notes=(*body.notes, *notes, *_odd(anatomy), *(() if body.model.ngeom else (SHAPELESS,))),
+    )
+    draft = replace(draft, landmarks=_landmarks(posed, draft))
+    profile = _written(folder, draft)
+    if body.model.ngeom:
+        subject = Subject(name, compile_body(folder / body.file, root=root), profile)
+        draft = _observed(folder, draft, subject, posed, postures, samples=samples, progress=progress)
+    draft = replace(draft, landmarks=_landmarks(posed, draft))
+    _written(folder, draft)
+    return draft
+
+
+def _observed(
+    folder: Path,
+    draft: Draft,
+    subject: Subject,
+    posed: Posed,
+    first: Postures,
+    *,
+    samples: int,
+    progress: Callable[[float], None],
+) -> Draft:
+    """With observers, and with postures in which these do not touch."""
+    tight: frozenset[str] = frozenset()
+    for _ in range(ROUNDS):
+        fitted = fit(subject, ZONES, samples=samples, thickest=THICK, tight=tight, progress=progress)
+        profile = _written(folder, replace(draft, observers=observer_text(fitted.text, ())))
+        cleared = clear_postures(profile, posed, first)
+        touching = frozenset(link for pair in cleared.touching for link in pair)
+        if touching <= tight:
+            break
+        tight |= touching
+    return _settled(draft, cleared, observer_text(fitted.text, cleared.touching))
+
+
+def _settled(draft: Draft, cleared: Cleared, observers: str) -> Draft:
+    notes = draft.notes
+    if draft.feet and not cleared.postures.stands:
+        notes = (*notes, "no posture was found in which it stands with flat soles: mend `postures`")
+    return replace(draft, postures=cleared.postures.angles, observers=observers, notes=notes)
+
+
+def _written(folder: Path, draft: Draft) -> RobotProfile:
+    path = folder / "robot.yaml"
+    path.write_text(profile_text(draft), encoding="utf-8")
+    return read_profile(path)
+
+
+def _root(body: Path, anatomy: Anatomy, found: Found) -> tuple[Root, tuple[str, ...]]:
+    """How it stands in the world: free on two soles, if the body can be set free."""
+    if not anatomy.legs:
+        return "fixed", ()
+    if len(found.soles) < 2:
+        return "suspended", ()
+    try:
+        compile_body(body, root="free")
+    except InputError as error:
+        return "suspended", (f"the body cannot be set free: {error.problems[0].what}, {error.problems[0].found}",)
+    return "free", ()
+
+
+def _frames(body: BodyDraft, posed: Posed, found: Found) -> tuple[FrameDraft, ...]:
+    drafts = []
+    for name, frame in found.frames.items():
+        link, position, axes = posed.on_link(name)
+        quat = from_matrix(axes)
+        drafts.append(
+            FrameDraft(name, body.model.body(link).name, tuple(position.tolist()), tuple(quat.tolist()), frame.about)
+        )
+    return tuple(drafts)
+
+
+def _feet(found: Found) -> tuple[FootDraft, ...]:
+    return tuple(
+        FootDraft(side, sole.frame, tuple(tuple(corner) for corner in sole.polygon.round(4).tolist()))
+        for side, sole in zip(("left", "right"), found.soles, strict=True)
+    )
+
+
+def _landmarks(posed: Posed, draft: Draft) -> tuple[LandmarkDraft, ...]:
+    anatomy = posed.anatomy
+    leg = leg_length(posed) if anatomy.legs else 0.0
+    axes = np.stack([anatomy.forward, anatomy.left, UP], axis=1)
+    return find_landmarks(posed.place(draft.postures["stand"]), leg, axes)
+
+
+def _odd(anatomy: Anatomy) -> tuple[str, ...]:
+    return (f"joints without a counterpart on the other side: {', '.join(anatomy.odd[:10])}",) if anatomy.odd else ()

@@ -1,0 +1,318 @@
+"""Which branches of a robot are its legs, its arms and its head, and which way it faces."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget.setup.tree import BASE, Mirror, Tree, find_mirror, flat_underside
+from retarget.types import FloatArray
+
+__all__ = ["Anatomy", "ArmRoles", "LegRoles", "Limb", "arm_roles", "crossing", "find_anatomy", "leg_roles", "tip"]
+
+
+UP = np.array([0.0, 0.0, 1.0])
+HIPS = 0.6
+"""Of the trunk's height: legs begin no higher."""
+LOW = 0.1
+"""Of the robot's height: feet end so near to its lowest point."""
+FINGERS = 0.3
+"""Of a limb's length: branches that reach no further are fingers, and the limb ends before them."""
+LEAST_LEG, LEAST_ARM = 2, 2
+"""Joints that make a leg, and an arm."""
+_SIDE = {"l": 1, "left": 1, "r": -1, "right": -1}
+
+
+@dataclass(frozen=True)
+class Limb:
+    """nodes: of its hinges, from the trunk outwards. parent: the node that it hangs on. ends: its last node and what
+    hangs on that: the foot, or the hand with its fingers."""
+
+    nodes: tuple[int, ...]
+    parent: int
+    ends: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Anatomy:
+    """forward, left (3,): the robot's axes in its zero pose, z up. legs, arms: left and right one, or none; an arm
+    alone is one. pelvis, chest: nodes that carry legs and arms. head: nodes of the neck and head, from the chest on;
+    empty where there is none. facing: what told `forward`. odd: joints without a counterpart."""
+
+    forward: FloatArray
+    left: FloatArray
+    mirror: Mirror | None
+    legs: tuple[Limb, ...]
+    arms: tuple[Limb, ...]
+    pelvis: int
+    chest: int
+    head: tuple[int, ...]
+    facing: str
+    odd: tuple[str, ...]
+
+
+def find_anatomy(tree: Tree) -> Anatomy:
+    """Legs, arms and head of a body, by its topology and geometry; names only help to tell left from right."""
+    mirror = find_mirror(tree)
+    if mirror is None:
+        arm = _limb(tree, _deepest(tree, BASE))
+        forward, left = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+        alone = (arm,) if len(arm.nodes) >= LEAST_ARM else ()
+        return Anatomy(forward, left, None, (), alone, BASE, BASE, (), "assumed: x is forward", ())
+    pairs = [(_limb(tree, a), _limb(tree, b)) for a, b in mirror.pairs(tree)]
+    legs = _legs(tree, pairs, [node for node, other in mirror.partner.items() if node == other])
+    rest = [pair for pair in pairs if pair != legs and len(pair[0].nodes) >= LEAST_ARM]
+    arms = max(rest, key=lambda pair: _reach(tree, pair[0]), default=None)
+    forward, facing = _forward(tree, mirror, legs, arms)
+    left = np.cross(UP, forward)
+    pelvis = legs[0].parent if legs else BASE
+    chest = arms[0].parent if arms else BASE
+    turned = bool(left @ mirror.normal < 0.0)
+    return Anatomy(
+        forward=forward,
+        left=left,
+        mirror=mirror,
+        legs=_sides(legs, turned),
+        arms=_sides(arms, turned),
+        pelvis=pelvis,
+        chest=chest,
+        head=_head(tree, mirror, chest, pelvis),
+        facing=facing,
+        odd=tuple(node.joint for number, node in enumerate(tree.nodes) if number not in mirror.partner),
+    )
+
+
+def _sides(pair: tuple[Limb, Limb] | None, turned: bool) -> tuple[Limb, ...]:
+    return () if pair is None else pair[::-1] if turned else pair
+
+
+def _limb(tree: Tree, first: int) -> Limb:
+    """From its first node outwards, to where it ends in fingers or in nothing."""
+    nodes, length = [first], 0.0
+    while branches := tree.children(nodes[-1]):
+        spans = [_span(tree, branch) for branch in branches]
+        onward = branches[int(np.argmax(spans))]
+        length += float(np.linalg.norm(tree.nodes[onward].anchor - tree.nodes[nodes[-1]].anchor))
+        if len(branches) > 1 and max(spans) < FINGERS * (length + max(spans)):
+            break
+        nodes.append(onward)
+    return Limb(tuple(nodes), tree.nodes[first].parent, tuple(tree.below(nodes[-1])))
+
+
+def _span(tree: Tree, branch: int) -> float:
+    """How far (m) a branch reaches from its first axis."""
+    return float(np.linalg.norm(tree.points(tree.below(branch)) - tree.nodes[branch].anchor, axis=1).max())
+
+
+def _deepest(tree: Tree, node: int) -> int:
+    """The child whose branch has most joints."""
+    return max(tree.children(node), key=lambda child: len(tree.below(child)))
+
+
+def _legs(tree: Tree, pairs: list[tuple[Limb, Limb]], trunk: list[int]) -> tuple[Limb, Limb] | None:
+    """The pair that ends at the bottom of the robot and begins low on its trunk; arms that hang begin high up."""
+    heights = tree.points(range(len(tree.nodes)))[:, 2]
+    floor, height = float(heights.min()), float(np.ptp(heights))
+    middle = tree.points(trunk)[:, 2]
+    highest = float(middle.min()) + HIPS * float(np.ptp(middle))
+    standing = []
+    for pair in pairs:
+        root = float(tree.nodes[pair[0].nodes[0]].anchor[2])
+        low = _lowest(tree, pair[0])
+        if len(pair[0].nodes) >= LEAST_LEG and low <= floor + LOW * height < root + 1e-9 and root <= highest + 1e-9:
+            standing.append(pair)
+    return min(standing, key=lambda pair: tree.nodes[pair[0].nodes[0]].anchor[2], default=None)
+
+
+def _lowest(tree: Tree, limb: Limb) -> float:
+    return float(tree.points(limb.ends)[:, 2].min())
+
+
+def _reach(tree: Tree, limb: Limb) -> float:
+    """Length (m) along a limb, joint by joint, to its farthest point."""
+    anchors = np.array([tree.nodes[node].anchor for node in limb.nodes])
+    tip = float(np.linalg.norm(tree.points(limb.ends) - anchors[-1], axis=1).max())
+    return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).sum()) + tip
+
+
+def _head(tree: Tree, mirror: Mirror, chest: int, pelvis: int) -> tuple[int, ...]:
+    """The branch in the middle that reaches highest, from the chest on, and is neither chest nor pelvis."""
+    ways = {*tree.way(chest), *tree.way(pelvis)}
+    middle = [node for node, other in mirror.partner.items() if node == other and node not in ways]
+    first = [node for node in middle if tree.nodes[node].parent in ways]
+    above = [
+        node for node in first if tree.points(tree.below(node))[:, 2].max() > tree.nodes[chest].points[:, 2].mean()
+    ]
+    if not above:
+        return ()
+    nodes = [max(above, key=lambda node: float(tree.points(tree.below(node))[:, 2].max()))]
+    while onward := [child for child in tree.children(nodes[-1]) if child in middle]:
+        nodes.append(onward[0])
+    return tuple(nodes)
+
+
+def _forward(
+    tree: Tree, mirror: Mirror, legs: tuple[Limb, Limb] | None, arms: tuple[Limb, Limb] | None
+) -> tuple[FloatArray, str]:
+    """Forward (3,), and what told it. Of two ways across the plane's normal, that with more evidence."""
+    ahead = np.cross(mirror.normal, UP)  # forward, if the normal points left
+    evidence: list[tuple[float, str]] = []
+    if named := _named(tree, mirror):
+        evidence.append((3.0 * named, "names of left and right"))
+    if legs is not None:
+        feet = _feet_ahead(tree, legs[0], ahead)
+        if abs(feet) > 0.02:
+            evidence.append((float(np.sign(feet)) * 2.0, "feet, longer ahead of the ankle"))
+        knee = _knee_ahead(tree, legs[0], ahead)
+        if knee:
+            evidence.append((2.0 * knee, "knees, which bend backwards"))
+    if arms is not None:
+        hands = _hands_ahead(tree, arms[0], ahead)
+        if hands:
+            evidence.append((hands, "hands, ahead of the shoulders"))
+    total = sum(weight for weight, _ in evidence)
+    if total == 0.0:
+        usual = ahead if ahead @ np.array([1.0, 1.0, 0.0]) > 0.0 else -ahead
+        return usual, "assumed, as nothing tells front from back"
+    told = ", ".join(text for weight, text in evidence if weight * total > 0.0)
+    return (ahead if total > 0.0 else -ahead), told
+
+
+def _named(tree: Tree, mirror: Mirror) -> float:
+    """1 where names say that the normal points left, -1 where right, 0 where they say nothing or both."""
+    votes = 0
+    for first, second in mirror.pairs(tree):
+        votes += _side(tree.nodes[first].joint) - _side(tree.nodes[second].joint)
+    return float(np.sign(votes))
+
+
+def _side(name: str) -> int:
+    """1 for a name of the left, -1 of the right, 0 of neither."""
+    words = re.findall(r"[a-z]+|[A-Z]+(?![a-z])|[A-Z][a-z]*", name)
+    split = [part.lower() for word in words for part in ([word[0], word] if re.match(r"[LR][A-Z]", word) else [word])]
+    if re.match(r"[LR][A-Z][a-z]", name):
+        split.insert(0, name[0].lower())
+    return next((_SIDE[word] for word in split if word in _SIDE), 0)
+
+
+def _feet_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
+    """How far the middle of the sole is ahead of the last joint across it, as a share of the sole's length."""
+    sole = flat_underside(tree, leg.ends)
+    if sole is None:
+        return 0.0
+    across = np.cross(UP, ahead)
+    pitches = [tree.nodes[node] for node in leg.nodes if abs(tree.nodes[node].axis @ across) > 0.8]
+    if not pitches:
+        return 0.0
+    along = sole.corners @ ahead
+    middle = 0.5 * (along.min() + along.max())
+    return float((middle - pitches[-1].anchor @ ahead) / max(float(np.ptp(along)), 1e-6))
+
+
+def _hands_ahead(tree: Tree, arm: Limb, ahead: FloatArray) -> float:
+    """1 where the hand is well ahead of the shoulder, -1 where behind, else 0."""
+    way = float((tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.nodes[0]].anchor) @ ahead)
+    return float(np.sign(way)) if abs(way) > 0.2 * _reach(tree, arm) else 0.0
+
+
+def _knee_ahead(tree: Tree, leg: Limb, ahead: FloatArray) -> float:
+    """1 where the knee's range says that the shin goes back as it bends, -1 where ahead, 0 where it says nothing."""
+    across = np.cross(UP, ahead)
+    pitches = [tree.nodes[node] for node in leg.nodes if abs(tree.nodes[node].axis @ across) > 0.8]
+    if len(pitches) < 3 or not np.isfinite([pitches[1].lower, pitches[1].upper]).all():
+        return 0.0
+    middle = 0.5 * (pitches[1].lower + pitches[1].upper) * np.sign(pitches[1].axis @ across)
+    return float(np.sign(middle)) if abs(middle) > 0.3 else 0.0
+
+
+# Which joint of a limb does what: hip, knee and ankle across the way of walking; elbow and wrist.
+
+ACROSS = 0.8
+"""Least cosine between an axis and the left of the robot that makes it one of hip, knee or ankle pitch."""
+AT_FOOT = 0.25
+"""Of a leg's length: a joint so near to its end is at the ankle."""
+LEVER = 0.2
+"""Of an arm's length: a joint that moves the hand less is a twist or a wrist."""
+
+
+@dataclass(frozen=True)
+class LegRoles:
+    """Nodes of the pitch axes of hip, knee and ankle; None where the leg has none."""
+
+    hip: int
+    knee: int | None
+    ankle: int | None
+
+
+@dataclass(frozen=True)
+class ArmRoles:
+    """Nodes of the first shoulder joint, the elbow and the first wrist joint that moves the hand; None: has none."""
+
+    shoulder: int
+    elbow: int | None
+    wrist: int | None
+
+
+def leg_roles(tree: Tree, leg: Limb, left: FloatArray) -> LegRoles:
+    """By the axes across the robot, from the hip down."""
+    across = [node for node in leg.nodes if abs(tree.nodes[node].axis @ left) > ACROSS]
+    if not across:
+        return LegRoles(leg.nodes[0], None, None)
+    floor = tree.points(leg.ends)[:, 2].min()
+    heights = {node: float(tree.nodes[node].anchor[2] - floor) for node in across}
+    length = max(float(tree.nodes[node].anchor[2] - floor) for node in leg.nodes)
+    ankle = across[-1] if len(across) > 1 and heights[across[-1]] < AT_FOOT * length else None
+    between = across[1:-1] if ankle is not None else across[1:]
+    hip, low = across[0], heights[ankle] if ankle is not None else 0.0
+    knee = max(between, key=lambda node: min(heights[hip] - heights[node], heights[node] - low), default=None)
+    return LegRoles(hip, knee, ankle)
+
+
+def arm_roles(tree: Tree, arm: Limb) -> ArmRoles:
+    """The elbow is the joint nearest to the middle of the arm that moves the hand; the wrist one behind it."""
+    hand = tree.points(arm.ends).mean(axis=0)
+    start = tree.nodes[arm.nodes[0]].anchor
+    length = sum(
+        float(np.linalg.norm(tree.nodes[b].anchor - tree.nodes[a].anchor))
+        for a, b in zip(arm.nodes, arm.nodes[1:], strict=False)
+    ) + float(np.linalg.norm(hand - tree.nodes[arm.nodes[-1]].anchor))
+    outer = [node for node in arm.nodes[1:] if _distance(tree, node, hand) > LEVER * length]
+    inner = {node: _distance(tree, node, start) for node in outer}
+    elbow = max(outer, key=lambda node: min(inner[node], _distance(tree, node, hand)), default=None)
+    if elbow is None or inner[elbow] < LEVER * length:
+        return ArmRoles(arm.nodes[0], None, None)
+    behind = arm.nodes[arm.nodes.index(elbow) + 1 :]
+    forearm = hand - tree.nodes[elbow].anchor
+    forearm = forearm / max(float(np.linalg.norm(forearm)), 1e-9)
+    wrist = next((node for node in behind if abs(tree.nodes[node].axis @ forearm) < ACROSS), None)
+    return ArmRoles(arm.nodes[0], elbow, wrist)
+
+
+def tip(tree: Tree, arm: Limb, start: FloatArray) -> FloatArray:
+    """The middle (3,) of the far end of a hand, seen from `start`."""
+    points = tree.points(arm.ends)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    way = middle - start
+    length = float(np.linalg.norm(way))
+    if length < 1e-6:
+        return np.asarray(middle)
+    way = way / length
+    return np.asarray(start + float(((points - start) @ way).max()) * way)
+
+
+def crossing(tree: Tree, node: int, other: int) -> FloatArray:
+    """The point (3,) of the axis of `node` that is nearest to the axis of `other`; where both are parallel, the one
+    nearest to the other's anchor."""
+    a, b = tree.nodes[node], tree.nodes[other]
+    way, cosine = b.anchor - a.anchor, float(a.axis @ b.axis)
+    if 1.0 - cosine * cosine < 1e-3:
+        along = float(way @ a.axis)
+    else:
+        along = float((way @ a.axis - cosine * (way @ b.axis)) / (1.0 - cosine * cosine))
+    return np.asarray(a.anchor + along * a.axis)
+
+
+def _distance(tree: Tree, node: int, point: FloatArray) -> float:
+    """Of a point from a node's axis, m."""
+    way = point - tree.nodes[node].anchor
+    return float(np.linalg.norm(way - (way @ tree.nodes[node].axis) * tree.nodes[node].axis))

@@ -1,0 +1,350 @@
+"""Postures of a drafted robot: stand, neutral, rest and attractor, clear of itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from hardware.joint_map import JointMap
+from retarget import _solver
+from retarget.model.body import load_body
+from retarget.model.observers import NEAR_LINKS, Observers, placed, robot_observers, steps_between
+from retarget.model.robot import RobotBody
+from retarget.schema.profile import RobotProfile
+from retarget.schema.profile_parts import IgnorePair
+from retarget.setup.frames import Angles, Posed
+from retarget.setup.limbs import UP, arm_roles, leg_roles
+from retarget.types import FloatArray
+
+__all__ = [
+    "SPREADS",
+    "Cleared",
+    "Postures",
+    "Standing",
+    "arm_posture",
+    "clear_postures",
+    "find_postures",
+    "leg_length",
+    "stand",
+]
+
+
+# Arms beside the trunk with bent elbows: the joint angles of it, whatever joints the arms have.
+
+REST = 0.02
+"""Weight of staying near the middle of 0: joints that do not matter stay there."""
+STARTS = 6
+"""Guesses that the search starts from; an elbow may bend either way."""
+GOOD = 2e-3
+"""Cost of a posture that is near enough: elbow and hand within a few hundredths of the arm's length."""
+SIGNIFICANT = 1e-3
+"""[rad] Less is 0."""
+
+
+def arm_posture(posed: Posed, *, spread: float, ahead: float, bend: float) -> dict[str, float]:
+    """Angles (rad) of both arms: upper arms down, `spread` out to the side and `ahead` to the front, elbows bent to the
+    front by `bend`, rad. As near to that as the arms get; mirrored."""
+    anatomy, tree = posed.anatomy, posed.tree
+    if not anatomy.arms:
+        return {}
+    side = "l" if len(anatomy.arms) == 2 else "r"
+    arm = anatomy.arms[0]
+    joints = [tree.nodes[node].joint for node in arm.nodes]
+    last = arm_roles(tree, arm).wrist
+    if last is not None:
+        joints = joints[: arm.nodes.index(last)]
+    zero = posed.place({})
+    shoulder, hand = zero.positions[f"{side}_shoulder"], f"{side}_hand"
+    elbow = f"{side}_elbow" if f"{side}_elbow" in zero.positions else None
+    outward = anatomy.left if side == "l" else -anatomy.left
+    upper = float(np.linalg.norm(zero.positions[elbow] - shoulder)) if elbow else 0.0
+    lower = float(np.linalg.norm(zero.positions[hand] - (zero.positions[elbow] if elbow else shoulder)))
+    length = max(upper + lower, 1e-6)
+    at_elbow = shoulder + upper * _down(anatomy.forward, outward, ahead, spread)
+    at_hand = at_elbow + lower * _down(anatomy.forward, outward, ahead + bend, spread)
+    low, high = np.array([posed.limits[joint] for joint in joints]).T
+    middle = np.clip(0.0, low, high)
+
+    def off(angles: FloatArray) -> FloatArray:
+        there = posed.place(dict(zip(joints, angles.tolist(), strict=True))).positions
+        parts = [there[hand] - at_hand] + ([there[elbow] - at_elbow] if elbow else [])
+        return np.concatenate([*(part / length for part in parts), REST * (angles - middle)])
+
+    rng, best = np.random.default_rng(0), None
+    for number in range(1 + STARTS):
+        start = middle if number == 0 else rng.uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
+        found = least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=60)
+        best = found if best is None or found.cost < best.cost else best
+        if best.cost < GOOD:
+            break
+    assert best is not None
+    angles = {
+        joint: posed.inside(joint, round(float(angle), 3))
+        for joint, angle in zip(joints, best.x, strict=True)
+        if abs(angle) > SIGNIFICANT
+    }
+    return posed.mirrored(angles)
+
+
+def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float) -> FloatArray:
+    """Direction (3,) from straight down, `ahead` to the front and `spread` outwards."""
+    return np.asarray(np.cos(spread) * (np.sin(ahead) * forward - np.cos(ahead) * UP) + np.sin(spread) * outward)
+
+
+# Standing: legs bent so far, trunk upright, soles flat, and the centre of mass over the middle of the soles.
+
+BENDS = (0.4, 0.9, 1.6)
+"""[rad] of the knee, from which the search starts."""
+LEG_REST = 0.003
+FLAT, OVER = 0.01, 0.01
+"""A sole is flat within so much (rad), the centre of mass over its middle within so much of the leg's length."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """angles of the legs, rad. flat (rad): how far the soles are from it, off: how far the centre of mass is from the
+    middle of the soles and the legs from the length asked, m."""
+
+    angles: dict[str, float]
+    flat: float
+    off: float
+    length: float
+
+    @property
+    def stands(self) -> bool:
+        """Whether this is the posture that was asked for."""
+        return self.flat <= FLAT and self.off <= OVER * self.length
+
+
+def leg_length(posed: Posed) -> float:
+    """Longest distance (m) from hip to ankle, by the knee alone."""
+    joint = _knee(posed)
+    low, high = posed.limits[joint] if joint else (0.0, 0.0)
+    spans = []
+    for angle in np.linspace(low, high, 181):
+        there = posed.place({joint: float(angle)} if joint else {}).positions
+        spans.append(float(np.linalg.norm(there["l_hip"] - there["l_ankle"])))
+    return max(spans)
+
+
+def stand(posed: Posed, others: Angles, *, share: float) -> Standing:
+    """The legs with hip and ankle `share` of their longest distance apart; others: angles of the other joints, rad."""
+    anatomy, tree = posed.anatomy, posed.tree
+    leg = anatomy.legs[0]
+    joints = [tree.nodes[node].joint for node in leg.nodes]
+    longest = leg_length(posed)
+    low, high = np.array([posed.limits[joint] for joint in joints]).T
+    sideways = float(posed.place({}).positions["l_hip"] @ anatomy.left)
+
+    def both(angles: FloatArray) -> dict[str, float]:
+        return {**others, **posed.mirrored(dict(zip(joints, angles.tolist(), strict=True)))}
+
+    def parts(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+        placed = posed.place(both(angles))
+        sole, at = placed.axes["l_sole"], placed.positions
+        tilt = np.array([sole[:, 2] @ anatomy.forward, sole[:, 2] @ anatomy.left, sole[:, 0] @ anatomy.left])
+        middle = 0.5 * (at["l_sole"] + at["r_sole"])
+        ahead = (placed.centre_of_mass - middle) @ anatomy.forward / longest
+        reach = float(np.linalg.norm(at["l_hip"] - at["l_ankle"])) / longest - share
+        width = (float(at["l_ankle"] @ anatomy.left) - sideways) / longest
+        behind = max(0.0, sole[:, 2] @ -UP)  # upside down
+        return tilt, np.array([2.0 * ahead, 2.0 * reach, 0.3 * width, 10.0 * behind])
+
+    def off(angles: FloatArray) -> FloatArray:
+        tilt, rest = parts(angles)
+        return np.concatenate([tilt, rest, LEG_REST * (angles - np.clip(0.0, low, high))])
+
+    best = min(
+        (
+            least_squares(off, start, bounds=(low - 1e-9, high + 1e-9), max_nfev=80)
+            for start in _starts(posed, low, high)
+        ),
+        key=lambda result: float(result.cost) + _backward_knee(posed, both(result.x)),
+    )
+    angles = {
+        joint: posed.inside(joint, round(float(angle), 3))
+        for joint, angle in zip(joints, best.x, strict=True)
+        if abs(angle) > SIGNIFICANT
+    }
+    tilt, rest = parts(np.array([angles.get(joint, posed.inside(joint, 0.0)) for joint in joints]))
+    return Standing(
+        posed.mirrored(angles), float(np.abs(tilt[:2]).max()), 0.5 * longest * float(np.abs(rest[:2]).max()), longest
+    )
+
+
+def _knee(posed: Posed) -> str | None:
+    roles = leg_roles(posed.tree, posed.anatomy.legs[0], posed.anatomy.left)
+    return None if roles.knee is None else posed.tree.nodes[roles.knee].joint
+
+
+def _starts(posed: Posed, low: FloatArray, high: FloatArray) -> list[FloatArray]:
+    """Thigh ahead, shin back, foot flat, with the knee bent less and more, from a straight leg."""
+    tree, leg, left = posed.tree, posed.anatomy.legs[0], posed.anatomy.left
+    roles = leg_roles(tree, leg, left)
+    share = {roles.hip: -0.5, roles.knee: 1.0, roles.ankle: -0.5}
+    starts = []
+    for bend in BENDS:
+        turn = [
+            bend * share[node] * float(np.sign(tree.nodes[node].axis @ left)) if node in share else 0.0
+            for node in leg.nodes
+        ]
+        starts.append(np.clip(np.array(turn), low, high))
+    return starts
+
+
+def _backward_knee(posed: Posed, angles: Angles) -> float:
+    """A large cost where the knee is behind the line from hip to ankle, as a bird's."""
+    at = posed.place(angles).positions
+    if "l_knee" not in at:
+        return 0.0
+    knee = (at["l_knee"] - 0.5 * (at["l_hip"] + at["l_ankle"])) @ posed.anatomy.forward
+    return 1.0 if knee < -0.02 * float(np.linalg.norm(at["l_hip"] - at["l_ankle"])) else 0.0
+
+
+SPREADS = (0.3, 0.5, 0.75, 1.1)
+"""[rad] How far upper arms are from the side, tried one after the other until nothing touches."""
+CROUCHES = (0.5, 0.58, 0.66, 0.74, 0.82, 0.9)
+"""Shares of the stretched leg, deepest first, tried for the posture at rest."""
+ARMS = {"neutral": (0.0, 0.0, 0.6), "stand": (0.0, 0.1, 0.9), "rest": (0.05, 0.0, 0.5), "attractor": (0.25, 0.5, 1.0)}
+"""What is added to the spread, how far ahead the upper arm is, and how far the elbow bends, rad."""
+LEGS = {"neutral": 0.968, "stand": 0.955, "attractor": 0.87}
+"""Shares of the stretched leg."""
+
+
+@dataclass(frozen=True)
+class Postures:
+    """angles: posture -> joint -> rad. flat: whether it stands in them as meant. crouch: share of the leg at rest."""
+
+    angles: dict[str, dict[str, float]]
+    stands: bool
+    crouch: float
+
+
+def find_postures(posed: Posed, *, spread: float, crouches: tuple[float, ...] = CROUCHES, soles: bool) -> Postures:
+    """All four. soles: whether it stands; crouches: tried for the rest, the first in which it stands counts."""
+    angles: dict[str, dict[str, float]] = {}
+    stands, crouch = True, 1.0
+    for name, (further, ahead, bend) in ARMS.items():
+        arms = arm_posture(posed, spread=spread + further, ahead=ahead, bend=bend)
+        legs: dict[str, float] = {}
+        if soles and name != "rest":
+            standing = stand(posed, arms, share=LEGS[name])
+            legs, stands = standing.angles, stands and standing.stands
+        elif soles:
+            for crouch in crouches:
+                standing = stand(posed, arms, share=crouch)
+                legs = standing.angles
+                if standing.stands:
+                    break
+        angles[name] = _whole(posed, {**arms, **legs})
+    return Postures(angles, stands, crouch)
+
+
+def _whole(posed: Posed, angles: dict[str, float]) -> dict[str, float]:
+    """With the joints whose limits leave 0 out, inside them; in the order of the body."""
+    whole = {}
+    for node in posed.tree.nodes[1:]:
+        angle = angles.get(node.joint, posed.inside(node.joint, 0.0))
+        if angle != 0.0:
+            low, high = posed.limits[node.joint]
+            whole[node.joint] = min(max(round(angle, 3), low), high)
+    return whole
+
+
+# Postures in which a drafted robot does not touch itself, in the shapes of its observers.
+
+NEAREST_M = 0.002
+"""Parts that are nearer than this to each other in a posture touch."""
+
+Links = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Cleared:
+    """The postures, and pairs of links that touch in them whatever the arms do."""
+
+    postures: Postures
+    touching: tuple[Links, ...]
+
+
+def clear_postures(profile: RobotProfile, posed: Posed, first: Postures) -> Cleared:
+    """Arms as near to the trunk, and the crouch at rest as deep, as nothing touches. profile: with its observers.
+    first: the postures with the arms nearest to the trunk."""
+    bench, soles = _Bench(profile), bool(profile.feet)
+    best, spread = Cleared(first, bench.touching(first.angles)), SPREADS[0]
+    for further in SPREADS[1:] if posed.anatomy.arms else ():
+        if not best.touching:
+            break
+        postures = find_postures(posed, spread=further, soles=soles)
+        touching = bench.touching(postures.angles)
+        if len(touching) < len(best.touching):
+            best, spread = Cleared(postures, touching), further
+    while soles and bench.touches_at_rest(best.postures.angles):
+        crouches = tuple(share for share in CROUCHES if share > best.postures.crouch)
+        if not crouches:
+            break
+        postures = find_postures(posed, spread=spread, crouches=crouches, soles=soles)
+        best = Cleared(postures, best.touching)
+    return best
+
+
+class _Bench:
+    """The observers of a profile, looked at in any posture."""
+
+    def __init__(self, profile: RobotProfile) -> None:
+        body = load_body(profile.body_path, root=profile.root)
+        servos = JointMap(profile.servo_specs())
+        columns = body.joint_qpos[[body.joint_index(joint) for joint in servos.joints]]
+        links = list(dict.fromkeys(entry.link for entry in profile.observers.values()))
+        everything = tuple(
+            IgnorePair(pair=(a, b), reason="not now") for place, a in enumerate(links) for b in links[:place]
+        )
+        blind = profile.model_copy(update={"ignore_pairs": everything})
+        self._robot = RobotBody(blind, body, servos, columns)
+        self._observers: Observers = robot_observers(self._robot)
+        ignored = {frozenset(entry.pair) for entry in profile.ignore_pairs}
+        first, second = np.triu_indices(len(self._observers.names), 1)
+        names = body.body_names
+        of = [names[int(link)] for link in self._observers.links]
+        steps = np.array(
+            [
+                steps_between(body, int(self._observers.links[a]), int(self._observers.links[b]))
+                if frozenset((of[a], of[b])) not in ignored
+                else 0
+                for a, b in zip(first, second, strict=True)
+            ],
+            dtype=int,
+        )
+        looked = steps > 1
+        self._pairs, self._steps = np.stack([first, second], axis=1)[looked], steps[looked]
+        self._of = of
+
+    def touching(self, postures: dict[str, dict[str, float]]) -> tuple[Links, ...]:
+        """Pairs of links that keep a run from beginning: they touch, farther apart along the body than neighbours."""
+        neighbours = self._steps <= NEAR_LINKS
+        neutral = self._distances(postures["neutral"])
+        found = (neutral <= NEAREST_M) & ~neighbours
+        for name in ("stand", "attractor"):
+            distance = self._distances(postures[name])
+            # Neighbours that touch in the neutral posture are never looked at, and others may well be near.
+            found |= np.where(neighbours, (distance <= 0.0) & (neutral > 0.0), distance <= NEAREST_M)
+        return self._named(found)
+
+    def touches_at_rest(self, postures: dict[str, dict[str, float]]) -> bool:
+        """Whether the posture at rest touches where the neutral one does not."""
+        rest, neutral = self._distances(postures["rest"]), self._distances(postures["neutral"])
+        return bool(((rest <= NEAREST_M) & (neutral > NEAREST_M)).any())
+
+    def _distances(self, angles: dict[str, float]) -> FloatArray:
+        """Signed distance (p,) m of each pair in a posture."""
+        observers = self._observers
+        position, quat = placed(self._robot.body, observers, self._robot.posture(angles))
+        a, b = (np.ascontiguousarray(column) for column in self._pairs.T)
+        kinds, sizes = observers.kinds, observers.sizes
+        return _solver.shape_distances(
+            kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
+        )[0]
+
+    def _named(self, found: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[Links, ...]:
+        pairs = ((self._of[int(a)], self._of[int(b)]) for a, b in self._pairs[found])
+        return tuple(dict.fromkeys(pairs))

@@ -1,0 +1,422 @@
+"""The body file that is imported: looked at as XML first, its meshes found, and a URDF made ready for MuJoCo."""
+
+import copy
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from retarget.errors import InputError, Problem
+from retarget.model.body_file import MAX_BYTES
+
+__all__ = ["MeshFile", "ReadyUrdf", "Relaxed", "Source", "find_mesh", "read_source", "ready_urdf", "stated_speeds"]
+
+
+MAX_DEPTH = 100
+"""Elements inside each other: more overflows the stack of parsers."""
+MAX_ELEMENTS = 500_000
+MAX_INCLUDES = 50
+KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
+XACRO = "of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
+HELP = "Give a URDF (<robot>) or MJCF (<mujoco>) file"
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A body file. kind: urdf or mjcf; root: its outermost element; included: whether it names other MJCF files."""
+
+    path: Path
+    kind: str
+    content: bytes
+    root: ElementTree.Element
+    included: bool
+
+    @property
+    def name(self) -> str:
+        """What the file calls its robot, else its own name."""
+        return (self.root.get("name") or self.root.get("model") or self.path.stem).strip() or self.path.stem
+
+
+def read_source(path: Path) -> Source:
+    """Read a body file, and look at every file that it includes. Raises InputError."""
+    content = _content(path)
+    kind = KINDS.get(_scanned(path, content))
+    if kind is None:
+        tag = _scanned(path, content)
+        raise InputError(
+            "neither URDF nor MJCF", where=str(path), found=f"the outermost element is <{tag[:80]}>", next_step=HELP
+        )
+    root = _tree(path, content)
+    return Source(path, kind, content, root, _look_at_includes(path, root, []))
+
+
+def _content(path: Path) -> bytes:
+    """Raises InputError for what is no regular file of a usable size."""
+    try:
+        if path.exists() and not path.is_file():
+            found = "a folder" if path.is_dir() else "not a regular file"
+            raise InputError("cannot read the body", where=str(path), found=found, next_step=HELP)
+        size = path.stat().st_size
+        if not 0 < size <= MAX_BYTES:
+            raise InputError(
+                "cannot read the body", where=str(path), found=f"{size} bytes", allowed=f"1 to {MAX_BYTES} bytes"
+            )
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=HELP) from error
+
+
+def _scanned(path: Path, content: bytes) -> str:
+    """The outermost tag of sound and harmless XML. Raises InputError."""
+    parser: Any = expat.ParserCreate()
+    depth, count, outermost = 0, 0, ""
+
+    def start(tag: str, _: dict[str, str]) -> None:
+        nonlocal depth, count, outermost
+        depth, count, outermost = depth + 1, count + 1, outermost or tag
+        if depth > MAX_DEPTH or count > MAX_ELEMENTS:
+            what = f"elements more than {MAX_DEPTH} deep" if depth > MAX_DEPTH else f"more than {MAX_ELEMENTS} elements"
+            raise InputError("not a usable body", where=f"{path}:{parser.CurrentLineNumber}", found=what)
+
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def doctype(*_: object) -> None:
+        raise InputError(
+            "not a usable body",
+            where=f"{path}:{parser.CurrentLineNumber}",
+            found="a document type, which may define entities",
+            next_step="Remove <!DOCTYPE ...>: neither URDF nor MJCF needs it",
+        )
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, UnicodeDecodeError, LookupError) as error:
+        raise _unreadable(path, error) from error
+    return outermost
+
+
+def _tree(path: Path, content: bytes) -> ElementTree.Element:
+    """The elements of XML that was scanned. Raises InputError for prefixes that mean nothing, and for xacro."""
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise _unreadable(path, error) from error
+    for element in root.iter():
+        space, _, tag = str(element.tag).rpartition("}")
+        if "xacro" in space:
+            raise InputError(
+                "xacro, from which the URDF has yet to be made",
+                where=str(path),
+                found=f"<xacro:{tag[:80]}>",
+                next_step=f"Give the URDF; {XACRO}",
+            )
+    return root
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    step = f"Mend the XML; {XACRO}"
+    return InputError("not XML that can be read", where=str(path), found=str(error), next_step=step)
+
+
+def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -> bool:
+    """Scan every file that an MJCF includes, and those that these include. Raises InputError."""
+    names = [element.get("file", "") for element in root.iter("include")]
+    for name in names:
+        other = path.parent / name
+        if len(seen) >= MAX_INCLUDES or other in seen:
+            raise InputError(
+                "includes that never end", where=str(path), found=name[:200], allowed=f"{MAX_INCLUDES} files, each once"
+            )
+        seen.append(other)
+        content = _content(other)
+        _scanned(other, content)
+        _look_at_includes(path, _tree(other, content), seen)
+    return bool(names)
+
+
+# The files of meshes that a URDF names: where they are, and what of them MuJoCo reads.
+
+READABLE = (".stl", ".obj", ".msh")
+"""Meshes that MuJoCo reads."""
+PACKAGE_DEPTH = 6
+"""Folders above the body in which its package may be."""
+STL_HEAD = 84
+"""Bytes before the first triangle of a binary STL."""
+STL_TRIANGLE = struct.Struct("<12fH")
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """path: what is read. twin: it stands beside the file that was named, which is of a kind that is not read."""
+
+    path: Path
+    twin: bool
+
+    def content(self) -> bytes:
+        """As MuJoCo reads it: an STL of text becomes one of bytes. Raises OSError."""
+        content = self.path.read_bytes()
+        return _binary(content) if self.path.suffix.lower() == ".stl" else content
+
+
+def find_mesh(name: str, body: Path) -> MeshFile | None:
+    """The mesh of a name: beside the body file, or in a folder above it that holds the package's path.
+
+    Of another kind (`.dae`): the mesh of the same name beside it that can be read. None: there is no such file.
+    """
+    plain = name.removeprefix("file://")
+    parts = Path(name.split("://", 1)[1]).parts if name.startswith(("package://", "model://")) else None
+    places = [body.parent / plain]
+    if parts is not None:
+        above = body.absolute().parents[:PACKAGE_DEPTH]
+        places = [folder.joinpath(*rest) for folder in above for rest in (parts, parts[1:])]
+    readable = Path(plain).suffix.lower() in READABLE
+    for place in places:
+        if not place.name:
+            continue
+        for one in (place,) if readable else tuple(place.with_suffix(kind) for kind in READABLE):
+            try:
+                if one.is_file() and 0 < one.stat().st_size <= MAX_BYTES:
+                    return MeshFile(one, twin=not readable)
+            except (OSError, ValueError):
+                continue
+    return None
+
+
+def _binary(content: bytes) -> bytes:
+    """An STL of text as one of bytes; what is none stays, and MuJoCo says what is wrong with it."""
+    is_binary = len(content) >= STL_HEAD and len(content) == STL_HEAD + STL_TRIANGLE.size * _count(content)
+    if is_binary or content.lstrip()[:5].lower() != b"solid":
+        return content
+    words = content.split()
+    try:
+        corners = [tuple(map(float, words[at + 1 : at + 4])) for at, word in enumerate(words) if word == b"vertex"]
+        triangles = [corners[at : at + 3] for at in range(0, len(corners), 3)]
+        rows = [STL_TRIANGLE.pack(0.0, 0.0, 0.0, *a, *b, *c, 0) for a, b, c in triangles]
+    except (ValueError, struct.error):
+        return content
+    return bytes(STL_HEAD - 4) + struct.pack("<I", len(rows)) + b"".join(rows) if rows else content
+
+
+def _count(content: bytes) -> int:
+    """How many triangles a binary STL says that it has."""
+    return int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
+
+
+# A URDF made ready for import: joints that no servo turns, links without mass, meshes that are found or missing.
+
+TURNS = ("revolute", "continuous")
+KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
+DROPPED = "collision meshes that cannot be read are left out, these links have other shapes"
+TWINS = "meshes of a kind that is not read were read from the file of the same name beside them"
+INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+@dataclass(frozen=True)
+class Relaxed:
+    """What the user lets go: joints that no servo turns are made rigid; meshes that cannot be read are left out."""
+
+    freeze: bool = False
+    no_meshes: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class ReadyUrdf:
+    """text: URDF whose meshes are the keys of `meshes` (name -> content). changed: whether it differs from the file in
+    more than their names. notes: what was changed."""
+
+    text: str
+    meshes: dict[str, bytes]
+    changed: bool
+    notes: tuple[str, ...]
+
+
+def ready_urdf(source: Source, relaxed: Relaxed) -> ReadyUrdf:
+    """The URDF that is imported. Raises InputError with all that is wrong with it."""
+    root = copy.deepcopy(source.root)
+    problems: list[Problem] = []
+    notes: list[str] = []
+    problems += _joints(root, source, relaxed, notes)
+    problems += _masses(root, source, notes)
+    meshes = _meshes(root, source.path)
+    if meshes.missing and not relaxed.no_meshes:
+        problems.append(_missing_meshes(source, meshes.missing))
+    elif meshes.missing:
+        _drop(root, meshes.missing)
+        notes.append(f"{len(meshes.missing)} meshes that cannot be read are left out: {_listed(meshes.missing)}")
+    for told, names in ((DROPPED, meshes.dropped), (TWINS, meshes.twins)):
+        notes += [f"{told}: {_listed(names)}"] if names else []
+    if problems:
+        raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
+    text = ElementTree.tostring(root, encoding="unicode")
+    return ReadyUrdf(text, meshes.contents, bool(notes) or bool(meshes.contents), tuple(notes))
+
+
+def stated_speeds(source: Source) -> dict[str, float]:
+    """Joint -> rad/s, as far as the file says it."""
+    speeds = {}
+    for joint in source.root.iter("joint"):
+        limit = joint.find("limit")
+        try:
+            speed = float(limit.get("velocity", "nan")) if limit is not None else 0.0
+        except ValueError:
+            continue
+        if 0.0 < speed < 1e3:
+            speeds[joint.get("name", "")] = speed
+    return speeds
+
+
+def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: list[str]) -> Iterator[Problem]:
+    found: dict[str, list[str]] = {}
+    for joint in root.findall("joint"):
+        kind, name = joint.get("type", ""), joint.get("name", "without a name")
+        if kind not in KNOWN:
+            yield Problem("no such type of joint", str(source.path), f"{name}: {kind!r}", ", ".join(KNOWN))
+        mimic = joint.find("mimic")
+        if mimic is not None and kind in TURNS:
+            kind = "mimic"
+        if kind not in (*TURNS, "fixed") and kind in (*KNOWN, "mimic"):
+            found.setdefault(kind, []).append(name)
+            if relaxed.freeze:
+                joint.set("type", "fixed")
+                for part in ("mimic", "limit", "axis", "dynamics", "safety_controller"):
+                    for element in joint.findall(part):
+                        joint.remove(element)
+    for kind, names in found.items():
+        if relaxed.freeze:
+            notes.append(f"{kind} joints made rigid: {_listed(names)}")
+        else:
+            yield Problem(
+                f"{kind} joints, which no servo of a profile drives",
+                str(source.path),
+                _listed(names),
+                "joints of type revolute, continuous or fixed",
+                "Make them fixed in the file, or give --freeze, which imports them as rigid",
+            )
+
+
+def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
+    """A robot without any mass cannot be balanced; a link without one is told, if it has a shape."""
+    links = root.findall("link")
+    yield from _unsound_inertias(links, source)
+    masses = {link.get("name", ""): link.find("inertial/mass") for link in links}
+    if links and not any(mass is not None and _positive(mass.get("value")) for mass in masses.values()):
+        yield Problem(
+            "no link has a mass, so nothing tells whether the robot stands",
+            str(source.path),
+            f"{len(links)} links without <inertial>, or with a mass of 0",
+            next_step="Add <inertial> with mass, origin and inertia to every link that weighs something",
+        )
+        return
+    bare = [
+        link.get("name", "")
+        for link in links
+        if link.find("inertial") is None and any(link.find(kind) is not None for kind in ("collision", "visual"))
+    ]
+    if bare:
+        notes.append(f"links with a shape but without <inertial> weigh nothing here: {_listed(bare)}")
+
+
+def _unsound_inertias(links: list[ElementTree.Element], source: Source) -> Iterator[Problem]:
+    """Parts of <inertial> that are missing or no numbers, each told once with its links."""
+    found: dict[str, list[str]] = {}
+    for link in links:
+        inertial, name = link.find("inertial"), link.get("name", "without a name")
+        if inertial is None:
+            continue
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
+        if mass is None or not 0.0 <= _number(mass.get("value")) < float("inf"):
+            found.setdefault("no <mass> of 0 kg or more", []).append(name)
+        if inertia is None or not all(isfinite(_number(inertia.get(key, "0"))) for key in INERTIA):
+            found.setdefault("no <inertia> of six numbers", []).append(name)
+    for what, names in found.items():
+        step = "Mend it, or remove <inertial>: then the link weighs nothing"
+        yield Problem(f"links with an <inertial> that has {what}", str(source.path), _listed(names), "", step)
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return float("nan")
+
+
+def _positive(text: str | None) -> bool:
+    try:
+        return float(text or "0") > 0.0
+    except ValueError:
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class _Meshes:
+    """contents: by new names, which the elements now bear. missing: names of those that cannot be read. dropped:
+    shapes, told by link, that cannot be read and whose links have others. twins: those read in the place of others."""
+
+    contents: dict[str, bytes] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+    twins: list[str] = field(default_factory=list)
+
+
+def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
+    """Find them. A picture that cannot be read is no loss where the link has another shape: of that nothing is told."""
+    found = _Meshes()
+    missing: dict[str, None] = {}
+    for link in root.findall("link"):
+        unread, usable = [], 0
+        for shape in [shape for kind in ("collision", "visual") for shape in link.findall(kind)]:
+            mesh = shape.find("geometry/mesh")
+            name = "" if mesh is None else mesh.get("filename", "")
+            file = None if mesh is None else find_mesh(name, path)
+            if mesh is not None and file is None:
+                unread.append((shape, name))
+                continue
+            usable += 1
+            if mesh is not None and file is not None:
+                key = f"mesh_{len(found.contents)}{file.path.suffix.lower()}"
+                found.contents[key] = file.content()
+                mesh.set("filename", key)
+                if file.twin and file.path.name not in found.twins:
+                    found.twins.append(file.path.name)
+        for shape, name in unread:
+            if not usable:
+                missing[name] = None
+                continue
+            link.remove(shape)
+            if shape.tag == "collision":
+                found.dropped.append(f"{link.get('name', 'without a name')} ({name})")
+    found.missing.extend(missing)
+    return found
+
+
+def _missing_meshes(source: Source, missing: list[str]) -> Problem:
+    return Problem(
+        "meshes that cannot be read, without which soles and hands cannot be found",
+        str(source.path),
+        _listed(missing),
+        f"files {', '.join(READABLE)}, beside the URDF, or in its package above it",
+        "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl of the same name "
+        "in the same folder (Blender, MeshLab, or trimesh: see docs/own-robot.md); the URDF may stay as it is",
+    )
+
+
+def _drop(root: ElementTree.Element, missing: list[str]) -> None:
+    for link in root.findall("link"):
+        for kind in ("collision", "visual"):
+            for shape in link.findall(kind):
+                mesh = shape.find("geometry/mesh")
+                if mesh is not None and mesh.get("filename", "") in missing:
+                    link.remove(shape)
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(name if len(name) <= 60 else f"...{name[-57:]}" for name in names[:8])
+    return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")

@@ -1,0 +1,167 @@
+"""A draft of every servo: a model whose torque is that of the body file, limits and speeds that it can serve."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hardware.dynamixel.control_table import find_table
+from hardware.servo import SERVO_MODELS, ServoModel
+from retarget.setup.limbs import Anatomy
+from retarget.setup.tree import Tree
+
+__all__ = ["ServoDraft", "guess_servos"]
+
+SPARE_SPEED = 0.9
+"""Share of the no-load speed: the rest leaves the servo some torque."""
+SPARE_TORQUE = 0.5
+"""Share of the stall torque that accelerates; the rest is for gravity."""
+ACCELERATIONS = (8.0, 40.0)
+IN_LEGS = 30.0
+"""[rad/s^2] most in legs and trunk, which carry more than hangs on them."""
+ALIKE = 1.35
+"""A stated torque so many times a model's, or less, tells the model."""
+UNKNOWN = "XM430-W350"
+LOW_VOLTAGE = 9.0
+"""[V] servos made for less do not share a line with the others."""
+END_TICKS = 4
+"""Limits stay so many ticks inside the servo's travel."""
+
+
+@dataclass(frozen=True)
+class ServoDraft:
+    """A servo as drafted. why: what told the model. note: what was changed of the joint, for a comment."""
+
+    joint: str
+    number: int
+    model: ServoModel
+    why: str
+    limits: tuple[float, float]
+    max_velocity: float
+    max_acceleration: float
+    note: str = ""
+
+    @property
+    def position_p(self) -> int | None:
+        """The maker's default of the register Position P Gain."""
+        return find_table(self.model.name, 2)["position_p_gain"].initial
+
+
+def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, float]) -> tuple[ServoDraft, ...]:
+    """A servo for each hinge, ids from 1 in the order of the body. speeds: rad/s that the file states."""
+    torques = _torques(model)
+    stated = [torque for torque in torques.values() if torque > 0.0]
+    candidates = _candidates(max(stated, default=0.0))
+    inertias = _inertias(model)
+    carrying = {node for leg in anatomy.legs for node in leg.nodes}
+    carrying |= {*tree.way(anatomy.chest), *tree.way(anatomy.pelvis)}
+    drafts = []
+    for number, node in enumerate(tree.nodes[1:], 1):
+        chosen, why = _chosen(candidates, torques.get(node.joint, 0.0), speeds.get(node.joint, 0.0))
+        limits, note = _limits(node.lower, node.upper, chosen)
+        speed = math.floor(10.0 * SPARE_SPEED * chosen.no_load_speed) / 10.0
+        most = IN_LEGS if number in carrying else ACCELERATIONS[1]
+        can = SPARE_TORQUE * chosen.stall_torque / max(inertias[node.joint], 1e-6)
+        drafts.append(
+            ServoDraft(
+                joint=node.joint,
+                number=number,
+                model=chosen,
+                why=why,
+                limits=limits,
+                max_velocity=min(speed, speeds.get(node.joint, math.inf)),
+                max_acceleration=float(math.floor(min(max(can, ACCELERATIONS[0]), most))),
+                note=note,
+            )
+        )
+    return tuple(drafts)
+
+
+def _candidates(strongest: float) -> list[ServoModel]:
+    """Models of protocol 2 of one supply: 5 V only where no joint is strong."""
+    low = 0.0 < strongest <= 0.6
+    return [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols and (entry.voltage < LOW_VOLTAGE) == low]
+
+
+def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[ServoModel, str]:
+    """The model whose stall torque, and speed if told, is nearest by ratio."""
+    if torque <= 0.0:
+        return SERVO_MODELS[UNKNOWN], "nothing tells the model"
+
+    def off(entry: ServoModel) -> float:
+        fast = abs(math.log(speed / entry.no_load_speed)) if 0.5 < speed < 20.0 else 0.0
+        return abs(math.log(torque / entry.stall_torque)) + 0.5 * fast
+
+    best = min(candidates, key=off)
+    if abs(math.log(torque / best.stall_torque)) > math.log(ALIKE):
+        return best, f"no known model has {torque:.3g} N m, the nearest {best.stall_torque:g}"
+    return best, f"by its {torque:.3g} N m"
+
+
+def _torques(model: Any) -> dict[str, float]:
+    """Most torque (N m) that the file states for each joint."""
+    import mujoco
+
+    torques = {}
+    for joint in range(model.njnt):
+        if model.jnt_actfrclimited[joint]:
+            torques[model.joint(joint).name] = float(np.abs(model.jnt_actfrcrange[joint]).max())
+    for index in range(model.nu):
+        if model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_forcelimited[index]:
+            name = model.joint(int(model.actuator_trnid[index, 0])).name
+            force = float(np.abs(model.actuator_forcerange[index]).max())
+            torques[name] = force * abs(float(model.actuator_gear[index, 0]))
+    return torques
+
+
+def _inertias(model: Any) -> dict[str, float]:
+    """Inertia (kg m^2) about each hinge of all that hangs on it, in the zero pose, with the armature."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    inertias = {}
+    for joint in range(model.njnt):
+        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+            continue
+        axis, anchor = data.xaxis[joint], data.xanchor[joint]
+        total = float(model.dof_armature[model.jnt_dofadr[joint]])
+        for body in range(int(model.jnt_bodyid[joint]), model.nbody):
+            if not _carries(model, int(model.jnt_bodyid[joint]), body):
+                continue
+            way = data.xipos[body] - anchor
+            across = way - (way @ axis) * axis
+            local = data.ximat[body].reshape(3, 3).T @ axis
+            total += float(model.body_mass[body] * (across @ across) + local**2 @ model.body_inertia[body])
+        inertias[model.joint(joint).name] = total
+    return inertias
+
+
+def _carries(model: Any, link: int, body: int) -> bool:
+    while body > link:
+        body = int(model.body_parentid[body])
+    return body == link
+
+
+def _limits(lower: float, upper: float, model: ServoModel) -> tuple[tuple[float, float], str]:
+    """The joint's range inside the servo's travel with 0 at its middle."""
+    half = 0.5 * model.travel - END_TICKS * model.tick_rad
+    low, high = max(lower, -half), min(upper, half)
+    if not (math.isfinite(lower) and math.isfinite(upper)):
+        return (_down(low), _up(high)), "the body sets no limits"
+    if low >= high:  # all beyond half a turn: another zero_tick is needed
+        return (lower, upper), "beyond half a turn: choose another zero_tick, or mode extended_position"
+    changed = (low, high) != (lower, upper)
+    return (_down(low), _up(high)), "drawn into the servo's turn" if changed else ""
+
+
+def _down(value: float) -> float:
+    """Rounded inwards from below to 1e-6 rad."""
+    return math.ceil(value * 1e6 - 1e-3) / 1e6
+
+
+def _up(value: float) -> float:
+    return math.floor(value * 1e6 + 1e-3) / 1e6

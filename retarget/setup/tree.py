@@ -1,0 +1,386 @@
+"""A body as a tree of hinges in its zero pose: its mirror plane, and its soles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from retarget.errors import InputError
+from retarget.setup.enclosing_shapes import directions, link_geometries
+from retarget.types import FloatArray
+
+__all__ = ["BASE", "Mirror", "Node", "Sole", "Tree", "find_mirror", "flat_underside", "outline", "read_tree"]
+
+
+BASE = 0
+"""Number of the node that no joint moves: the base."""
+MAX_JOINTS = 250
+"""A profile holds no more servos."""
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A hinge and the links that it carries rigidly, or the base.
+
+    joint: its name, empty for the base. parent: number of a node, -1 for the base. axis, anchor (3,): direction and a
+    point of its axis. links: numbers of bodies, the moved one first; its last one carries the next hinges too. centres
+    (k, 3), radii (k,): balls whose hull is the geometry. All in the world of the zero pose, m.
+    """
+
+    joint: str
+    parent: int
+    axis: FloatArray
+    anchor: FloatArray
+    links: tuple[int, ...]
+    lower: float
+    upper: float
+    centres: FloatArray
+    radii: FloatArray
+
+    @property
+    def points(self) -> FloatArray:
+        """Where it is, (k, 3): its geometry, or else the anchor of its axis."""
+        return self.centres if len(self.centres) else self.anchor[None]
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """Nodes, a parent before its children; the first is the base. size: diagonal (m) of the box around everything."""
+
+    nodes: tuple[Node, ...]
+    size: float
+
+    def children(self, node: int) -> list[int]:
+        """The nodes that hang on a node."""
+        return [number for number, other in enumerate(self.nodes) if other.parent == node]
+
+    def below(self, node: int) -> list[int]:
+        """A node and all that it carries."""
+        found = [node]
+        for number in range(node + 1, len(self.nodes)):
+            if self.nodes[number].parent in found:
+                found.append(number)
+        return found
+
+    def way(self, node: int) -> list[int]:
+        """The nodes from the base to a node, both included."""
+        found = [node]
+        while self.nodes[found[-1]].parent >= 0:
+            found.append(self.nodes[found[-1]].parent)
+        return found[::-1]
+
+    def points(self, nodes: Sequence[int]) -> FloatArray:
+        """Where nodes are, (k, 3) m."""
+        return np.concatenate([self.nodes[node].points for node in nodes])
+
+
+def read_tree(model: Any, *, source: str = "") -> Tree:
+    """The tree of a compiled `mujoco.MjModel` in its zero pose; source names it in messages.
+
+    Raises InputError: joints that no servo turns, or none that one turns.
+    """
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    hinges = [index for index in range(model.njnt) if model.jnt_type[index] == mujoco.mjtJoint.mjJNT_HINGE]
+    _refuse_others(model, hinges, source)
+    last: dict[int, int] = {}  # body -> node of its last hinge
+    nodes = [(-1, -1)]  # joint, parent
+    for joint in hinges:
+        body = int(model.jnt_bodyid[joint])
+        nodes.append((joint, last[body] if body in last else _node_above(model, last, body)))
+        last[body] = len(nodes) - 1
+    carried: dict[int, list[int]] = {number: [] for number in range(len(nodes))}
+    for body in range(1, model.nbody):
+        carried[last[body] if body in last else _node_above(model, last, body)].append(body)
+    balls = _balls(model, data)
+    found = tuple(
+        _node(model, data, joint, parent, carried[number], balls) for number, (joint, parent) in enumerate(nodes)
+    )
+    around = np.concatenate([node.points for node in found])
+    return Tree(found, float(np.linalg.norm(np.ptp(around, axis=0))))
+
+
+def _refuse_others(model: Any, hinges: list[int], source: str) -> None:
+    import mujoco
+
+    allowed = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)}
+    others = [model.joint(index).name for index in range(model.njnt) if int(model.jnt_type[index]) not in allowed]
+    if others:
+        raise InputError(
+            "joints that no servo turns",
+            where=source,
+            found=f"sliding or ball joints: {', '.join(others[:10])}",
+            allowed="hinges",
+            next_step="Make them fixed in the file, or give --freeze",
+        )
+    if not 1 <= len(hinges) <= MAX_JOINTS:
+        raise InputError(
+            "no robot of servos",
+            where=source,
+            found=f"{len(hinges)} hinges",
+            allowed=f"1 to {MAX_JOINTS}",
+            next_step="Give the body of a whole robot, whose moving joints are revolute or continuous (MJCF: hinge)",
+        )
+
+
+def _node_above(model: Any, last: dict[int, int], body: int) -> int:
+    while body > 0:
+        body = int(model.body_parentid[body])
+        if body in last:
+            return last[body]
+    return BASE
+
+
+def _balls(model: Any, data: Any) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """Centres (k, 3) in the world and radii (k,) of each body with geometry."""
+    try:
+        geometries, _ = link_geometries(model)
+    except InputError:  # no geometry at all
+        return {}
+    return {
+        geometry.link: (
+            geometry.centres @ data.xmat[geometry.link].reshape(3, 3).T + data.xpos[geometry.link],
+            geometry.radii,
+        )
+        for geometry in geometries
+    }
+
+
+def _node(
+    model: Any, data: Any, joint: int, parent: int, links: list[int], balls: dict[int, tuple[FloatArray, FloatArray]]
+) -> Node:
+    parts = [balls[link] for link in links if link in balls]
+    base = np.array(data.xpos[links[0]]) if links else np.zeros(3)
+    limited = joint >= 0 and bool(model.jnt_limited[joint])
+    body = int(model.jnt_bodyid[joint]) if joint >= 0 else -1
+    return Node(
+        joint=model.joint(joint).name if joint >= 0 else "",
+        parent=parent,
+        axis=np.array(data.xaxis[joint]) if joint >= 0 else np.array([0.0, 0.0, 1.0]),
+        anchor=np.array(data.xanchor[joint]) if joint >= 0 else base,
+        links=tuple(links) if links else ((body,) if body >= 0 else ()),
+        lower=float(model.jnt_range[joint, 0]) if limited else -np.inf,
+        upper=float(model.jnt_range[joint, 1]) if limited else np.inf,
+        centres=np.concatenate([part[0] for part in parts]) if parts else np.zeros((0, 3)),
+        radii=np.concatenate([part[1] for part in parts]) if parts else np.zeros(0),
+    )
+
+
+# Left and right: the plane that mirrors a robot onto itself, and which joint is whose mirror image.
+#
+# Only lines of axes and the places of what they carry are compared, so names and link frames do not matter.
+
+TOLERANCE = 0.03
+"""Of the robot's size: so far a mirrored part may be from its counterpart."""
+PARALLEL = 0.97
+"""Least cosine between a mirrored axis and its counterpart."""
+NORMALS = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+"""A robot looks along x (REP-103), or along y."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """The plane normal @ point = offset (m), and `partner[node]`: the node's mirror image, itself in the middle.
+
+    What has none is in neither. sign[node]: 1 or -1; mirrored postures have the angle times it at the partner.
+    """
+
+    normal: FloatArray
+    offset: float
+    partner: dict[int, int]
+    sign: dict[int, float]
+
+    def pairs(self, tree: Tree) -> list[tuple[int, int]]:
+        """Limbs: first nodes of mirrored branches that hang on the same node of the middle; the one with the larger
+        coordinate along the normal first."""
+        found = []
+        for node, other in self.partner.items():
+            parent = tree.nodes[node].parent
+            if node < other and parent == tree.nodes[other].parent and self.partner.get(parent) == parent:
+                ahead = (_mark(tree, node) - _mark(tree, other)) @ self.normal > 0.0
+                found.append((node, other) if ahead else (other, node))
+        return found
+
+
+def find_mirror(tree: Tree) -> Mirror | None:
+    """The plane with the most mirrored joints; None where there are no two limbs that mirror each other."""
+    best: tuple[int, Mirror] | None = None
+    for normal in NORMALS:
+        for offset in _offsets(tree, normal):
+            mirror = _matched(tree, normal, offset)
+            count = len(mirror.partner)
+            if mirror.pairs(tree) and (best is None or count > best[0]):
+                best = (count, mirror)
+    return None if best is None else best[1]
+
+
+def _offsets(tree: Tree, normal: FloatArray) -> list[float]:
+    """Where the plane may be: through the base's origin, or mid-way between two branches of one node."""
+    found = [float(tree.nodes[BASE].anchor @ normal)]
+    for node in range(len(tree.nodes)):
+        marks = [float(_mark(tree, child) @ normal) for child in tree.children(node)]
+        found += [0.5 * (first + second) for place, first in enumerate(marks) for second in marks[:place]]
+    return found[:200]
+
+
+def _matched(tree: Tree, normal: FloatArray, offset: float) -> Mirror:
+    mirror = Mirror(normal, offset, {BASE: BASE}, {BASE: 1.0})
+    waiting = [(BASE, BASE)]
+    while waiting:
+        node, other = waiting.pop()
+        theirs = tree.children(other)
+        costs = [
+            (cost, mine, their)
+            for mine in tree.children(node)
+            for their in theirs
+            if (cost := _apart(tree, mirror, mine, their)) is not None
+        ]
+        for _, mine, their in sorted(costs):
+            if mine in mirror.partner or their in mirror.partner:
+                continue
+            sign = _sign(tree, normal, mine, their)
+            mirror.partner.update({mine: their, their: mine})
+            mirror.sign.update({mine: sign, their: sign})
+            waiting.append((mine, their))
+    return mirror
+
+
+def _apart(tree: Tree, mirror: Mirror, node: int, other: int) -> float | None:
+    """How far (m) a node's mirror image is from another node; None where they are no images of each other."""
+    mine, theirs, normal = tree.nodes[node], tree.nodes[other], mirror.normal
+    most = TOLERANCE * tree.size
+    axis = mine.axis - 2.0 * (mine.axis @ normal) * normal
+    if abs(axis @ theirs.axis) < PARALLEL:
+        return None
+    way = _image(mine.anchor, mirror) - theirs.anchor
+    line = float(np.linalg.norm(way - (way @ theirs.axis) * theirs.axis))
+    mark = float(np.linalg.norm(_image(_mark(tree, node), mirror) - _mark(tree, other)))
+    return mark if line <= most and mark <= most else None
+
+
+def _image(point: FloatArray, mirror: Mirror) -> FloatArray:
+    return np.asarray(point - 2.0 * (point @ mirror.normal - mirror.offset) * mirror.normal)
+
+
+def _mark(tree: Tree, node: int) -> FloatArray:
+    """Where a branch is: the mean of the middles of its parts."""
+    middles = [0.5 * (tree.nodes[n].points.min(axis=0) + tree.nodes[n].points.max(axis=0)) for n in tree.below(node)]
+    return np.asarray(np.mean(middles, axis=0))
+
+
+def _sign(tree: Tree, normal: FloatArray, node: int, other: int) -> float:
+    """A turn is a pseudovector: its mirror image is minus that of its axis."""
+    axis = tree.nodes[node].axis
+    return 1.0 if (2.0 * (axis @ normal) * normal - axis) @ tree.nodes[other].axis > 0.0 else -1.0
+
+
+# The sole: the flat underside that a foot stands on, as the hull of the balls that its geometry is made of.
+
+STEEPEST = np.cos(np.radians(50.0))
+"""A foot is turned no further from flat than this in the zero pose."""
+ALIKE = np.cos(np.radians(8.0))
+"""Faces whose normals are so near to each other are one underside."""
+TOUCHING_M = 0.0015
+"""What is so near to the ground touches it."""
+ROUNDS = 4
+MAX_CORNERS = 16
+"""Of the outline in a profile."""
+MIN_AREA = 1e-4
+"""[m^2] Less is a point or an edge, which nobody stands on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sole:
+    """up (3,): the normal of the sole, into the foot. corners (k, 3) m: of its convex outline, all in the world of the
+    zero pose. area, m^2."""
+
+    up: FloatArray
+    corners: FloatArray
+    area: float
+
+
+def flat_underside(tree: Tree, nodes: Sequence[int]) -> Sole | None:
+    """The largest flat underside of these nodes together; None where they have no geometry that could stand."""
+    solid = [node for node in nodes if len(tree.nodes[node].centres)]
+    if not solid:
+        return None
+    centres = np.concatenate([tree.nodes[node].centres for node in solid])
+    radii = np.concatenate([tree.nodes[node].radii for node in solid])
+    down = _facing_down(centres, radii)
+    if down is None:
+        return None
+    for _ in range(ROUNDS):
+        touching = _touching(centres, radii, down)
+        if len(touching) < 3:
+            return None
+        middle = touching.mean(axis=0)
+        normal = np.linalg.svd(touching - middle)[2][2]
+        normal = normal if normal @ down > 0.0 else -normal
+        if normal @ down < ALIKE:
+            break
+        down = normal
+    touching = _touching(centres, radii, down)
+    corners, area = outline(touching, -down)
+    return None if area < MIN_AREA else Sole(-down, corners, area)
+
+
+def outline(points: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
+    """Corners (k, 3) of the convex outline of points (n, 3) seen along `up`, counter-clockwise, at most MAX_CORNERS,
+    and its area, m^2; no corners and 0 where it is an edge."""
+    first = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.8 else [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    flat = points @ np.stack([first, np.cross(up, first)], axis=1)
+    try:
+        hull = ConvexHull(flat)
+    except (QhullError, ValueError):
+        return np.zeros((0, 3)), 0.0
+    ring = _thinned([int(vertex) for vertex in hull.vertices], flat)
+    height = float(np.mean(points @ up))
+    level = points[ring] + (height - points[ring] @ up)[:, None] * up
+    return np.asarray(level), float(hull.volume)
+
+
+def _thinned(ring: list[int], flat: FloatArray) -> list[int]:
+    """Without the corners whose loss costs least area: those in line, and those beyond MAX_CORNERS."""
+    while len(ring) > 3:
+        a, b, c = (flat[np.roll(ring, shift)] for shift in (1, 0, -1))
+        lost = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+        least = int(np.argmin(lost))
+        if len(ring) <= MAX_CORNERS and lost[least] > 2e-6:
+            break
+        del ring[least]
+    return ring
+
+
+def _facing_down(centres: FloatArray, radii: FloatArray) -> FloatArray | None:
+    """Outward normal (3,) of the largest part of the hull that looks down in the zero pose."""
+    ball = directions()[::8]
+    surface = np.concatenate(
+        [centres[radii == 0.0], *(c + r * ball for c, r in zip(centres, radii, strict=True) if r > 0.0)]
+    )
+    try:
+        hull = ConvexHull(surface)
+    except (QhullError, ValueError):
+        return np.array([0.0, 0.0, -1.0])
+    normals = hull.equations[:, :3]
+    corners = surface[hull.simplices]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    looking = np.flatnonzero(normals[:, 2] <= -STEEPEST)
+    if not len(looking):
+        return None
+    alike = normals[looking] @ normals[looking].T > ALIKE
+    sums = alike @ areas[looking]
+    best = looking[alike[int(np.argmax(sums))]]
+    normal = (normals[best] * areas[best][:, None]).sum(axis=0)
+    return np.asarray(normal / np.linalg.norm(normal))
+
+
+def _touching(centres: FloatArray, radii: FloatArray, down: FloatArray) -> FloatArray:
+    """The lowest points (k, 3) of the balls that touch the ground below."""
+    lowest = centres + radii[:, None] * down
+    depth = lowest @ down
+    return np.asarray(lowest[depth >= depth.max() - TOUCHING_M])

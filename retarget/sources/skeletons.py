@@ -1,0 +1,448 @@
+"""Skeletons as trees of joints: forward kinematics, and the canonical joints found by name or by shape.
+
+A name is compared in lower case, without its name space (`mixamorig:`), blanks, points, dashes and underscores, and
+without a prefix that all joints share (`Bip01`). In a side's entry `{s}` stands for the style's word of that side.
+Where several names are given, the first that occurs counts.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from retarget import rotations
+from retarget.types import FloatArray
+
+__all__ = [
+    "STYLES",
+    "JointTree",
+    "NamingStyle",
+    "Pose",
+    "forward_kinematics",
+    "joints_by_name",
+    "joints_by_shape",
+    "plain_names",
+]
+
+
+REQUIRED = (
+    "pelvis",
+    "head",
+    *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in "lr"),
+)
+"""Joints that a style must find before it counts."""
+
+
+@dataclass(frozen=True)
+class NamingStyle:
+    """One family of joint names. words: what stands for left and right. middle, sided: canonical joint -> names."""
+
+    name: str
+    words: tuple[str, str]
+    middle: Mapping[str, tuple[str, ...]]
+    sided: Mapping[str, tuple[str, ...]]
+
+
+def _style(name: str, *, words: tuple[str, str], middle: dict[str, str], **sided: str) -> NamingStyle:
+    """A row of the table below; names that mean the same are separated by blanks."""
+    return NamingStyle(
+        name,
+        words,
+        {joint: tuple(names.split()) for joint, names in middle.items()},
+        {part: tuple(names.split()) for part, names in sided.items()},
+    )
+
+
+STYLES: tuple[NamingStyle, ...] = (
+    _style(
+        "CMU ASF",
+        words=("l", "r"),
+        middle={"pelvis": "root", "neck": "lowerneck", "head": "head"},
+        collar="{s}clavicle",
+        shoulder="{s}humerus",
+        elbow="{s}radius",
+        wrist="{s}hand",
+        hand="{s}fingers",
+        hip="{s}femur",
+        knee="{s}tibia",
+        ankle="{s}foot",
+        toe="{s}toes",
+    ),
+    _style(
+        "HumanIK (MotionBuilder, Mixamo, CMU BVH)",
+        words=("left", "right"),
+        middle={"pelvis": "hips", "neck": "neck", "head": "head", "head_top": "headtopend headend headtop"},
+        collar="{s}shoulder",
+        shoulder="{s}arm",
+        elbow="{s}forearm",
+        wrist="{s}hand",
+        hand="{s}handmiddle1 {s}handindex1",
+        hip="{s}upleg",
+        knee="{s}leg",
+        ankle="{s}foot",
+        toe="{s}toebase",
+    ),
+    _style(
+        "joints by anatomy (Biovision, Mocapbank, SMPL)",
+        words=("left", "right"),
+        middle={"pelvis": "hips pelvis", "neck": "neck neck1", "head": "head"},
+        collar="{s}collar",
+        shoulder="{s}shoulder",
+        elbow="{s}elbow",
+        wrist="{s}wrist",
+        hand="{s}middle1 {s}index1",
+        hip="{s}hip",
+        knee="{s}knee",
+        ankle="{s}ankle",
+        toe="{s}toe {s}foot",
+    ),
+    _style(
+        "Xsens MVN",
+        words=("left", "right"),
+        middle={"pelvis": "hips pelvis", "neck": "neck", "head": "head"},
+        collar="{s}shoulder",
+        shoulder="{s}upperarm",
+        elbow="{s}forearm",
+        wrist="{s}hand",
+        hip="{s}upperleg",
+        knee="{s}lowerleg",
+        ankle="{s}foot",
+        toe="{s}toe",
+    ),
+    _style(
+        "Daz / Poser",
+        words=("l", "r"),
+        middle={"pelvis": "hip", "neck": "neck necklower", "head": "head"},
+        collar="{s}collar",
+        shoulder="{s}shldr {s}shldrbend",
+        elbow="{s}forearm {s}forearmbend",
+        wrist="{s}hand",
+        hand="{s}mid1",
+        hip="{s}thigh {s}thighbend",
+        knee="{s}shin",
+        ankle="{s}foot",
+        toe="{s}toe",
+    ),
+    _style(
+        "OptiTrack Motive",
+        words=("l", "r"),
+        middle={"pelvis": "hip", "neck": "neck", "head": "head"},
+        collar="{s}shoulder",
+        shoulder="{s}uarm",
+        elbow="{s}farm",
+        wrist="{s}hand",
+        hip="{s}thigh",
+        knee="{s}shin",
+        ankle="{s}foot",
+        toe="{s}toe",
+    ),
+    _style(
+        "3ds Max Biped",
+        words=("l", "r"),
+        middle={"pelvis": "pelvis", "neck": "neck", "head": "head"},
+        collar="{s}clavicle",
+        shoulder="{s}upperarm",
+        elbow="{s}forearm",
+        wrist="{s}hand",
+        hand="{s}finger2 {s}finger1",
+        hip="{s}thigh",
+        knee="{s}calf",
+        ankle="{s}foot",
+        toe="{s}toe0",
+    ),
+    _style(
+        "Unreal",
+        words=("l", "r"),
+        middle={"pelvis": "pelvis", "neck": "neck01", "head": "head"},
+        collar="clavicle{s}",
+        shoulder="upperarm{s}",
+        elbow="lowerarm{s}",
+        wrist="hand{s}",
+        hand="middle01{s}",
+        hip="thigh{s}",
+        knee="calf{s}",
+        ankle="foot{s}",
+        toe="ball{s}",
+    ),
+    _style(
+        "endorphin",
+        words=("left", "right"),
+        middle={"pelvis": "root", "neck": "lowerneckjoint", "head": "upperneckjoint"},
+        collar="{s}claviclejoint",
+        shoulder="{s}shoulderjoint",
+        elbow="{s}elbowjoint",
+        wrist="{s}wristjoint",
+        hand="{s}fingersjoint",
+        hip="{s}hipjoint",
+        knee="{s}kneejoint",
+        ankle="{s}anklejoint",
+        toe="{s}toesjoint",
+    ),
+)
+
+
+def plain_names(names: tuple[str, ...]) -> list[str]:
+    """Joint names as they are compared with the tables."""
+    plain = [re.sub(r"[\s._\-]", "", name.rsplit(":", 1)[-1]).lower() for name in names]
+    shared = _shared_start([name for name in plain if name])
+    if len(shared) < 3 or len(plain) < 2:
+        return plain
+    return [name.removeprefix(shared) for name in plain]
+
+
+def _shared_start(names: list[str]) -> str:
+    """The longest start that all names share."""
+    first, last = min(names, default=""), max(names, default="")
+    length = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
+    return first[:length]
+
+
+def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
+    """Canonical joint (and `head_top`) -> index in `names`, by the style that knows the most; None if none fits."""
+    plain = plain_names(names)
+    index: dict[str, int] = {}
+    for i, name in enumerate(plain):
+        index.setdefault(name, i)
+    found = [joints for style in STYLES if set(REQUIRED) <= set(joints := _apply(style, index))]
+    return max(found, key=len, default=None)
+
+
+def _apply(style: NamingStyle, index: Mapping[str, int]) -> dict[str, int]:
+    """The joints of one style that occur."""
+    wanted = dict(style.middle)
+    for side, word in zip("lr", style.words, strict=True):
+        wanted |= {
+            f"{side}_{part}": tuple(name.format(s=word) for name in names) for part, names in style.sided.items()
+        }
+    joints = {}
+    for joint, candidates in wanted.items():
+        match = next((index[name] for name in candidates if name in index), None)
+        if match is not None:
+            joints[joint] = match
+    # The pelvis is the root whatever it is called (a Biped's own root carries no name of its own).
+    joints.setdefault("pelvis", 0)
+    return joints
+
+
+# A skeleton as a tree of joints, and its forward kinematics over all frames at once.
+#
+# The common form of ASF and BVH: a joint turns everything below it, and its offset is constant in its parent's frame.
+# Axes and units are those of the file.
+
+
+@dataclass(frozen=True)
+class JointTree:
+    """n joints, parents before children, joint 0 the root.
+
+    names (n): as in the file. parents (n): index, -1 for the root. offsets (n, 3): joint centre in the parent joint's
+    frame. ends (n): for each joint the ends of bones that have no joint there (leaves: fingertip, top of the head),
+    each (3,).
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: FloatArray
+    ends: tuple[tuple[FloatArray, ...], ...]
+
+    def path(self, joint: int) -> list[int]:
+        """Joints from the root to `joint`, both included."""
+        path = [joint]
+        while self.parents[path[-1]] >= 0:
+            path.append(self.parents[path[-1]])
+        return path[::-1]
+
+    def children(self, joint: int) -> list[int]:
+        """Joints directly below `joint`."""
+        return [child for child, parent in enumerate(self.parents) if parent == joint]
+
+    def rest_positions(self) -> FloatArray:
+        """Joint centres (n, 3) with all rotations zero and the root at the origin."""
+        position = np.zeros((len(self.names), 3))
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                position[joint] = position[parent] + self.offsets[joint]
+        return position
+
+
+@dataclass(frozen=True)
+class Pose:
+    """World position (T, n, 3) and orientation (T, n, 4) wxyz of every joint's frame."""
+
+    position: FloatArray
+    orientation: FloatArray
+
+    def point(self, joint: int, local: FloatArray) -> FloatArray:
+        """World track (T, 3) of a point (3,) fixed in a joint's frame."""
+        if not local.any():
+            return np.array(self.position[:, joint])
+        return np.asarray(self.position[:, joint] + rotations.rotate(self.orientation[:, joint], local))
+
+
+def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation: FloatArray) -> Pose:
+    """World pose of every joint.
+
+    local_rotation (T, n, 4): joint frame in the parent's frame. translation (T, n, 3) or (n, 3): joint centre in the
+    parent's frame (the root's: in the world); usually `tree.offsets` with the root's track.
+    """
+    frames, joints = local_rotation.shape[:2]
+    translation = np.broadcast_to(translation, (frames, joints, 3))
+    # Joint-major, so that one joint's track is contiguous.
+    position, orientation = np.empty((joints, frames, 3)), np.empty((joints, frames, 4))
+    for joint, parent in enumerate(tree.parents):
+        if parent < 0:
+            position[joint], orientation[joint] = translation[:, joint], local_rotation[:, joint]
+            continue
+        position[joint] = position[parent] + rotations.rotate(orientation[parent], translation[:, joint])
+        orientation[joint] = rotations.multiply(orientation[parent], local_rotation[:, joint])
+    return Pose(position.swapaxes(0, 1), orientation.swapaxes(0, 1))
+
+
+# Finding a human in a joint tree without knowing a name: by symmetry, extent and bone lengths of its rest pose.
+
+MIN_SPREAD = 0.15
+"""Least distance of paired leaves from the middle plane, as a share of the body's size."""
+MIDDLE = 0.04
+"""Greatest distance of a middle leaf (the head) from the middle plane, as a share of the body's size."""
+
+SHOULDER = 0.1
+"""Least distance of a shoulder from the middle plane, as a share of the body's size: nearer joints are collars."""
+
+
+@dataclass(frozen=True)
+class _Leaf:
+    """A leaf of the tree: its joint and the outermost point (3,) there, relative to the root."""
+
+    joint: int
+    point: FloatArray
+
+
+@dataclass(frozen=True)
+class _Stance:
+    """How the rest pose stands: axis across the body, axis along it and the sign of up on it, size of the body."""
+
+    side_axis: int
+    up_axis: int
+    up: float
+    size: float
+
+
+def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
+    """Canonical joint -> joint of the tree, or None if the tree does not look like a body.
+
+    The mirror plane of the leaves gives the sides (left and right by the direction of the toes), the middle leaf
+    farthest from the root is the head, the lowest leaf of each side ends a leg, the farthest other one an arm; the two
+    longest bones of a limb are thigh and shank, or upper arm and forearm.
+    """
+    leaves = _leaves(tree)
+    size = max((float(np.linalg.norm(leaf.point)) for leaf in leaves), default=0.0)
+    if len(leaves) < 5 or not 0.0 < size < np.inf:
+        return None
+    side_axis = _mirror_axis(leaves, size)
+    if side_axis is None:
+        return None
+    middle = [leaf for leaf in leaves if abs(leaf.point[side_axis]) < MIDDLE * size]
+    if not middle:
+        return None
+    head = max(middle, key=lambda leaf: float(np.linalg.norm(leaf.point)))
+    up_axis = max({0, 1, 2} - {side_axis}, key=lambda axis: abs(float(head.point[axis])))
+    stance = _Stance(side_axis, up_axis, float(np.sign(head.point[up_axis])), size)
+
+    limbs: dict[str, int] = {}
+    for sign in (1.0, -1.0):
+        own = [leaf for leaf in leaves if leaf.point[side_axis] * sign > MIDDLE * size]
+        limb = _limbs_of_side(tree, own, head.joint, stance)
+        if limb is None:
+            return None
+        limbs |= {f"{'+' if sign > 0 else '-'}{part}": joint for part, joint in limb.items()}
+    left = _left_sign(tree, limbs, stance)
+    sides = {("+" if left > 0 else "-"): "l_", ("-" if left > 0 else "+"): "r_"}
+    joints = {sides[name[0]] + name[1:]: joint for name, joint in limbs.items()}
+    trunk = _shared_path(tree, [joints["l_hip"], joints["r_hip"], head.joint])
+    has_end = any(end.any() for end in tree.ends[head.joint])
+    top = head.joint if has_end else tree.parents[head.joint]
+    if not trunk or top in (trunk[-1], -1):
+        return None
+    joints |= {"pelvis": trunk[-1], "head": top}
+    return joints if has_end else joints | {"head_top": head.joint}
+
+
+def _leaves(tree: JointTree) -> list[_Leaf]:
+    rest = tree.rest_positions()
+    inner = set(tree.parents)
+    leaves = []
+    for joint in range(len(tree.names)):
+        if joint in inner:
+            continue
+        end = max(tree.ends[joint], key=lambda end: float(np.linalg.norm(end)), default=np.zeros(3))
+        leaves.append(_Leaf(joint, rest[joint] + end))
+    return leaves
+
+
+def _mirror_axis(leaves: list[_Leaf], size: float) -> int | None:
+    """The axis across the plane in which the leaves mirror each other best; None if they spread along none."""
+    points = np.stack([leaf.point for leaf in leaves])
+    best, best_error = None, 0.1 * size
+    for axis in range(3):
+        spread = np.sort(np.abs(points[:, axis]))
+        if spread[-4:].min() < MIN_SPREAD * size * 0.5 or spread[-1] < MIN_SPREAD * size:
+            continue
+        mirrored = points * np.where(np.arange(3) == axis, -1.0, 1.0)
+        error = float(np.linalg.norm(points[:, None] - mirrored[None], axis=-1).min(axis=1).mean())
+        if error < best_error:
+            best, best_error = axis, error
+    return best
+
+
+def _limbs_of_side(tree: JointTree, leaves: list[_Leaf], head: int, stance: _Stance) -> dict[str, int] | None:
+    """Hip, knee, ankle, shoulder, elbow and wrist of one side."""
+    if len(leaves) < 2:
+        return None
+    foot = min(leaves, key=lambda leaf: stance.up * float(leaf.point[stance.up_axis]))
+    hip_branch = len(_shared_path(tree, [foot.joint, head]))
+    arms = [leaf for leaf in leaves if len(_shared_path(tree, [leaf.joint, foot.joint])) <= hip_branch]
+    if not arms:
+        return None
+    hand = max(arms, key=lambda leaf: _path_length(tree, leaf.joint))
+    leg = _two_longest_bones(tree, tree.path(foot.joint)[hip_branch:])
+    rest = tree.rest_positions()
+    above_trunk = tree.path(hand.joint)[len(_shared_path(tree, [hand.joint, head])) :]
+    far = [abs(rest[joint][stance.side_axis]) > SHOULDER * stance.size for joint in above_trunk]
+    arm = _two_longest_bones(tree, above_trunk[far.index(True) :] if True in far else [])
+    if leg is None or arm is None:
+        return None
+    return dict(zip(("hip", "knee", "ankle", "shoulder", "elbow", "wrist"), (*leg, *arm), strict=True))
+
+
+def _two_longest_bones(tree: JointTree, chain: list[int]) -> tuple[int, int, int] | None:
+    """Start and end of the first, and end of the second, of the two longest bones of a chain."""
+    if len(chain) < 3:
+        return None
+    lengths = [float(np.linalg.norm(tree.offsets[joint])) for joint in chain[1:]]
+    first, second = sorted(sorted(range(len(lengths)), key=lengths.__getitem__)[-2:])
+    return (chain[first], chain[first + 1], chain[second + 1]) if lengths[first] > 0.0 else None
+
+
+def _left_sign(tree: JointTree, limbs: dict[str, int], stance: _Stance) -> float:
+    """Sign of the side axis on the body's left: left = up x forward, forward being where the feet point."""
+    forward_axis = 3 - stance.side_axis - stance.up_axis
+    toes = 0.0
+    for side in "+-":
+        joint = limbs[f"{side}ankle"]
+        while children := tree.children(joint):
+            joint = children[0]
+            toes += float(tree.offsets[joint][forward_axis])
+        toes += sum(float(end[forward_axis]) for end in tree.ends[joint])
+    forward, vertical = np.zeros(3), np.zeros(3)
+    forward[forward_axis], vertical[stance.up_axis] = np.sign(toes), stance.up
+    return float(np.cross(vertical, forward)[stance.side_axis]) or 1.0
+
+
+def _shared_path(tree: JointTree, joints: list[int]) -> list[int]:
+    """Joints from the root down to the last common ancestor."""
+    paths = [tree.path(joint) for joint in joints]
+    return [step[0] for step in zip(*paths, strict=False) if len(set(step)) == 1]
+
+
+def _path_length(tree: JointTree, joint: int) -> float:
+    return sum(float(np.linalg.norm(tree.offsets[step])) for step in tree.path(joint)[1:])

@@ -1,0 +1,164 @@
+"""What there is to see: what stays the same, and one moment of it."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from retarget.model.body import BodyModel, body_from_file
+from retarget.model.body_file import BodyFile
+from retarget.model.robot import RobotBody
+from retarget.model.scene_shapes import SceneShapes
+from retarget.model.scene_state import ObstaclePoses
+from retarget.run.record import Phase
+from retarget.schema.scene import FLOOR
+from retarget.types import FloatArray, ModeArray
+from retarget.viewer.meshes import LinkMesh, Mesh, link_meshes, shape_mesh
+
+__all__ = [
+    "PHASE_WORDS",
+    "Actor",
+    "Cast",
+    "Moment",
+    "Obstacle",
+    "Tracks",
+    "Viewed",
+    "actor",
+    "drawn",
+    "obstacles",
+    "placed",
+]
+
+PHASE_WORDS = {Phase.APPROACH: "approaching", Phase.FOLLOW: "following", Phase.BRAKE: "stopping"}
+"""What a robot does in a tick of that phase."""
+LEAST_M = 0.05
+"""Height of a body that has none: something to scale by."""
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """A body that moves. meshes: of its links. height: from its lowest to its highest link as the file has it, m."""
+
+    body: BodyModel
+    meshes: tuple[LinkMesh, ...]
+    height: float
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """Of a scene: its mesh, in its own frame."""
+
+    name: str
+    mesh: Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """Who and what is seen. robot: None for a human alone. joints: n that a plot can show, landmarks (k) of the robot
+    and sensors (s) of the performer: names.
+
+    profile: of the robot, where it is known: its soles, observers and servos. around: obstacles in its world.
+    simulated: it has mass, and its moments know where it really is. servos_told: its moments know how warm servos are
+    and what they draw.
+    """
+
+    title: str
+    robot: Actor | None
+    human: Actor
+    joints: tuple[str, ...]
+    landmarks: tuple[str, ...]
+    profile: RobotBody | None = None
+    around: tuple[Obstacle, ...] = ()
+    simulated: bool = False
+    sensors: tuple[str, ...] = ()
+    servos_told: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One tick. time: s of following. state: what the robot does, a word; why: of a stop, or "".
+
+    robot, goal (nq,): posture of the robot as its servos say, or as its physics has it, and as it was told; human
+    (nq,). present, sent (n,): rad, of the joints that a plot can show; NaN: no servo said. asked, reached (k, 3) m:
+    landmarks. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre of pressure of the soles of
+    a simulated robot, NaN where not known. sensors (s, 3) m: of the performer, NaN: not believed. around (o, 7):
+    position, m, and quaternion of the obstacles. modes (o,) of the observers, temperature (s,), degrees Celsius, and
+    current (s,), A, of the servos. None: not known.
+    """
+
+    time: float
+    state: str
+    robot: FloatArray
+    goal: FloatArray
+    human: FloatArray
+    present: FloatArray
+    sent: FloatArray
+    asked: FloatArray
+    reached: FloatArray
+    com: FloatArray
+    why: str = ""
+    zmp: FloatArray | None = None
+    pressure: FloatArray | None = None
+    sensors: FloatArray | None = None
+    around: FloatArray | None = None
+    modes: ModeArray | None = None
+    temperature: FloatArray | None = None
+    current: FloatArray | None = None
+
+    @property
+    def off(self) -> float:
+        """Farthest that a servo is from what it was told, rad; NaN where none said."""
+        gap = np.abs(self.present - self.sent)
+        return float(np.nanmax(gap)) if np.isfinite(gap).any() else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """One joint over T moments, for a plot: time (T,) s; sent, present (T,) rad; temperature (T,) degrees Celsius and
+    current (T,) A of its servo, NaN where not known."""
+
+    time: FloatArray
+    sent: FloatArray
+    present: FloatArray
+    temperature: FloatArray
+    current: FloatArray
+
+
+def actor(file: BodyFile) -> Actor:
+    """Of a compiled body."""
+    body = body_from_file(file)
+    positions, _ = body.solver_body().forward(body.qpos0)
+    return Actor(body, link_meshes(file.model), max(float(np.ptp(positions[1:, 2])), LEAST_M))
+
+
+def drawn(shapes: SceneShapes) -> list[int]:
+    """Numbers of the obstacles that are drawn: all but the floor, which the page has anyway."""
+    return [row for row, name in enumerate(shapes.names) if name != FLOOR]
+
+
+def obstacles(shapes: SceneShapes) -> tuple[Obstacle, ...]:
+    """Of a scene, those that are `drawn`."""
+    return tuple(
+        Obstacle(shapes.names[row], shape_mesh(int(shapes.kinds[row]), shapes.sizes[row])) for row in drawn(shapes)
+    )
+
+
+def placed(poses: ObstaclePoses) -> FloatArray:
+    """Where obstacles are, (o, 7)."""
+    return np.column_stack([poses.position, poses.quat])
+
+
+class Viewed(Protocol):
+    """A run that can be looked at, whole."""
+
+    cast: Cast
+    times: FloatArray
+    """Of its T moments, s."""
+    notes: tuple[str, ...]
+    """What is missing of it."""
+
+    def moment(self, row: int) -> Moment:
+        """One of them."""
+
+    def track(self, joint: int) -> Tracks:
+        """A joint over all of them."""

@@ -1,0 +1,104 @@
+"""A robot's bus above emulated servos, and above its simulated mechanics."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from hardware.arrays import TickArray
+from hardware.bus import BusSpec
+from hardware.clock import Clock
+from hardware.dynamixel.bus import DynamixelBus
+from retarget.model.robot import RobotBody
+from retarget.schema.scene import Scene
+from sim.emulator.fault_state import load_fault_plan
+from sim.emulator.line import Timing
+from sim.emulator.ports import EmulatedPort
+from sim.emulator.robot_lines import robot_lines
+from sim.physics.bus import PhysicsBus, drive_shafts
+from sim.physics.mount import Mount, mount_of
+from sim.physics.perturbation import NOMINAL, Perturbation
+from sim.physics.simulation import Simulation
+from sim.physics.witness import Witness, WitnessedBus
+from sim.physics.world import build_world
+
+__all__ = ["emulated_bus", "physics_bus", "physics_wire_bus", "simulation_of"]
+
+
+def emulated_bus(
+    robot: RobotBody,
+    clock: Clock,
+    *,
+    start: TickArray,
+    faults: Path | None = None,
+    timing: Timing | None = None,
+    simulation: Simulation | None = None,
+    tell: Callable[[str], object] = lambda note: None,
+) -> DynamixelBus:
+    """The bus of a robot whose emulated servos begin at `start`, ticks (n,). timing: of the wires; None: the usual.
+    simulation: what turns their shafts, begun at the same ticks; None: the emulator's own motion.
+
+    Raises ConfigError for a bad file of faults.
+    """
+    servos, buses = robot.joint_map.servos, robot.profile.bus_specs()
+    plan = None if faults is None else load_fault_plan(faults, {bus.name: bus.ids for bus in buses})
+    lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan, timing=timing)
+    if simulation is not None:
+        drive_shafts(simulation, servos, lines, now=clock.now())
+
+    def port(bus: BusSpec) -> EmulatedPort:
+        return EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}")
+
+    return DynamixelBus(robot.joint_map, buses, port, tell=tell)
+
+
+# A robot's bus above its simulated mechanics: what `--bus physics` opens.
+
+
+def physics_bus(simulation: Simulation, clock: Clock) -> PhysicsBus:
+    """The bus of a robot with mass. Goals take effect one cycle of the robot after they are written."""
+    return PhysicsBus(simulation, clock, latency=1.0 / simulation.world.robot.profile.safety.rate_hz)
+
+
+def physics_wire_bus(
+    simulation: Simulation,
+    clock: Clock,
+    *,
+    faults: Path | None = None,
+    timing: Timing | None = None,
+    tell: Callable[[str], object] = lambda note: None,
+) -> WitnessedBus:
+    """As `physics_bus`, through the bytes of emulated servos: the robot's own driver above (see `emulated_bus`).
+
+    Latency is that of the wires. Raises ConfigError as `emulated_bus` does.
+    """
+    robot = simulation.world.robot
+    start = robot.joint_map.to_ticks(simulation.world.start_angles)
+    bus = emulated_bus(robot, clock, start=start, faults=faults, timing=timing, simulation=simulation, tell=tell)
+    return WitnessedBus(bus, Witness(simulation))
+
+
+def simulation_of(
+    robot: RobotBody,
+    *,
+    start: TickArray,
+    scene: Scene | None = None,
+    mount: Mount | None = None,
+    perturbation: Perturbation | None = None,
+    seed: int = 0,
+    tell: Callable[[str], object] = lambda note: None,
+) -> Simulation:
+    """The mechanics of a robot whose servos begin at `start`, ticks (n,), as its profile's root says or on `mount`.
+
+    tell: hears what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
+    """
+    trouble = NOMINAL if perturbation is None else perturbation
+    world = build_world(
+        robot,
+        np.asarray(robot.joint_map.to_radians(start)),
+        mount=mount_of(robot) if mount is None else mount,
+        perturbation=trouble,
+        scene=scene,
+        tell=tell,
+    )
+    return Simulation(world, perturbation=trouble, seed=seed)

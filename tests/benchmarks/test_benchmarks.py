@@ -1,0 +1,155 @@
+"""The benchmark compares like with like: one body in two formats, motions in reach, errors measured once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.bodies import BenchBody, Floats, bench_human, bench_op3
+from benchmarks.cost import Cost, slope
+from benchmarks.iterations import broken_limits, reconstruct, row
+from benchmarks.measure import run
+from benchmarks.motion import RATE, crouch_and_reach, out_of_reach
+from benchmarks.ours import Ours
+from benchmarks.real_frame import real_frame
+from benchmarks.recording import followed
+from benchmarks.table import print_costs, print_outcomes, print_real_frame
+from benchmarks.textbook import Textbook
+from benchmarks.unsensed import unsensed_mm
+from benchmarks.urdf import write_urdf
+from retarget.human.calibration import calibrate
+from retarget.model.body import load_body_text
+from retarget.model.human import build_human
+from sim.performer import synthetic_performer
+
+
+@pytest.fixture(scope="module", params=[bench_human, bench_op3], ids=["human", "op3"])
+def body(request: pytest.FixtureRequest) -> BenchBody:
+    made: BenchBody = request.param()
+    return made
+
+
+def test_the_peers_body_moves_as_ours(body: BenchBody) -> None:
+    model = load_body_text(write_urdf(body), source="urdf", root="free")
+    rng = np.random.default_rng(7)
+    ours, theirs = body.model.solver_body(), model.solver_body()
+    for _ in range(5):
+        q, q_urdf = body.model.qpos0.copy(), model.qpos0.copy()
+        q[:3], q[3:7] = rng.normal(size=3), rng.normal(size=4)
+        q[3:7] /= np.linalg.norm(q[3:7])
+        q_urdf[:7] = q[:7]
+        for name in model.joint_names[1:]:
+            angle = rng.uniform(-1.0, 1.0)
+            q[body.model.joint_qpos[body.model.joint_index(name)]] = angle
+            q_urdf[model.joint_qpos[model.joint_index(name)]] = angle
+        expected = ours.points(q[None], body.links(), body.offsets())[0]
+        links = [model.body_index(f"bench_{point.name}") for point in body.points]
+        assert theirs.points(q_urdf[None], links, np.zeros((5, 3)))[0] == pytest.approx(expected, abs=1e-9)
+        assert theirs.centre_of_mass(q_urdf[None]) == pytest.approx(ours.centre_of_mass(q[None]), abs=1e-6)
+
+
+def test_the_reduced_model_has_only_what_moves(body: BenchBody) -> None:
+    assert body.reduced_model().nv == body.degrees_of_freedom
+
+
+def test_the_easy_motion_is_in_reach_and_in_speed(body: BenchBody) -> None:
+    peak = body.attractor.copy()
+    for joint, angle in body.swing.items():
+        index = body.model.joint_index(joint)
+        peak[body.model.joint_qpos[index]] += angle
+    assert np.all((peak[7:] >= body.model.lower[6:]) & (peak[7:] <= body.model.upper[6:]))
+    motion = crouch_and_reach(body, 240)
+    speed = np.linalg.norm(np.diff(motion.points, axis=0), axis=2) * RATE
+    assert 0.05 < speed.max() < 3.0
+    assert np.ptp(motion.com[:, 2]) > 0.01
+
+
+def test_wrists_alone_are_out_of_reach(body: BenchBody) -> None:
+    easy = crouch_and_reach(body, 3)
+    moved = np.linalg.norm(out_of_reach(body, easy).points - easy.points, axis=2)[0]
+    assert moved == pytest.approx([0.0, 0.0, 2.0, 2.0, 0.0])
+
+
+def test_a_short_run_reports_every_side(body: BenchBody, capsys: pytest.CaptureFixture[str]) -> None:
+    outcomes = run(body, crouch_and_reach(body, 40), [Ours, Textbook])
+    assert [outcome.side for outcome in outcomes] == [Ours.name, Textbook.name]
+    for outcome in outcomes:
+        assert outcome.com_mm < 1.0 and outcome.ankles_mm < 1.0
+        assert outcome.speed <= 1.0 + 1e-9 and outcome.beyond_limits_rad < 1e-12
+    print_outcomes(outcomes, ours=Ours.name)
+    assert Textbook.name in capsys.readouterr().out
+
+
+class Late(Ours):
+    """Ours, a metre aside in its first frame."""
+
+    def posture(self) -> Floats:
+        q = super().posture().copy()
+        q[0] += 1.0 if self.solver.stats["frames"] == 1 else 0.0
+        return q
+
+
+def test_errors_count_from_the_first_frame(body: BenchBody) -> None:
+    (late,) = run(body, crouch_and_reach(body, 40), [Late], repeats=2)
+    assert late.com_max_mm == pytest.approx(1000.0, abs=1.0) and late.ankles_max_mm == pytest.approx(1000.0, abs=1.0)
+    assert late.wrists_mm == pytest.approx(1000.0 / 40, abs=1.0)
+
+
+def test_a_robot_is_asked_what_the_recording_asks(shared: Path) -> None:
+    body, motion = followed(bench_op3(), shared / "mocap" / "cmu_asfamc" / "02_06.amc")
+    assert [point.name for point in body.points] == ["l_ankle", "r_ankle", "l_wrist", "r_wrist", "head"]
+    assert motion.frames == 2235 and np.isfinite(motion.points).all() and np.isfinite(motion.com).all()
+    travel = np.ptp(motion.points, axis=0).max(axis=1)
+    assert (travel[:2] == 0.0).all() and (travel[2:] > 0.1).all()
+    at_start = body.model.solver_body().points(motion.start[None], body.links(), body.offsets())[0]
+    np.testing.assert_allclose(at_start[:2], motion.points[0, :2], atol=1e-9)
+
+
+def test_the_real_frame_is_more_than_its_solver(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    costs = real_frame(shared / "mocap" / "cmu_asfamc" / "02_06.amc", end=1.0)
+    assert [cost.stage for cost in costs] == ["human", "robot", "both"]
+    for cost in costs:
+        assert 0.0 < cost.solver_median_us < cost.median_us <= cost.p99_us
+    assert costs[2].median_us > max(costs[0].median_us, costs[1].median_us)
+    print_real_frame(costs)
+    assert f"| both | {costs[2].median_us:.0f} |" in capsys.readouterr().out
+
+
+def test_tables_are_markdown(body: BenchBody, capsys: pytest.CaptureFixture[str]) -> None:
+    print_outcomes(run(body, crouch_and_reach(body, 30), [Ours]), ours=Ours.name)
+    print_costs([Cost("human", k, 51, 10.0 * k) for k in (1, 2)], [Cost("human", 5, k, 2.0 * k) for k in (16, 51)])
+    lines = capsys.readouterr().out.splitlines()
+    rows = [line.count("|") for line in lines if line.startswith("|")]
+    assert len(rows) == 9 and rows[0] == rows[1] == rows[2]
+    assert "| us | 10 | 20 |" in lines and "10.0 us per sensor" in "".join(lines)
+
+
+def test_more_iterations_are_no_worse() -> None:
+    frames = synthetic_performer().cut(0.0, 2.0)
+    human = build_human(calibrate(frames))
+    once, many = (reconstruct(frames, human, "paper", iterations) for iterations in (1, 5))
+    assert list(once[0]) == ["CoM", "ankles", "wrists", "head"] and once[1] == many[1] == 0
+    assert once[0]["ankles"].shape == (len(frames), 2)
+    for group, errors in many[0].items():
+        assert errors.mean() <= once[0][group].mean() + 1e-6 and errors.max() < 0.1, group
+    assert len(list(row(frames, human, 2))) == 8
+
+
+def test_broken_limits_are_counted() -> None:
+    human = build_human(calibrate(synthetic_performer()))
+    postures = np.tile(human.posture("natural"), (3, 1))
+    assert broken_limits(human, postures, 0.01) == 0
+    knee = human.body.joint_qpos[human.body.joint_index("l_knee_flexion")]
+    postures[1, knee] -= 3.0
+    assert broken_limits(human, postures, 0.01) == 3  # out of range, there and back too fast
+
+
+def test_slope_is_per_unit() -> None:
+    costs = [Cost("human", sensors, 51, 10.0 + 3.0 * sensors) for sensors in range(1, 5)]
+    assert slope(costs, "sensors") == pytest.approx(3.0)
+
+
+def test_more_sensors_leave_less_unsensed() -> None:
+    frames = synthetic_performer().cut(0.0, 2.0)
+    five, everything = (unsensed_mm(frames, "human", sensors) for sensors in ("five", "all"))
+    assert 0.0 < everything < 5.0 < five < 90.0

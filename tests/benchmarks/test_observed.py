@@ -1,0 +1,218 @@
+"""The observed benchmark: obstacles stand where they should, peers look at our pairs, tables say what was asked."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from benchmarks.bodies import Floats
+from benchmarks.measure import play
+from benchmarks.motion import Motion, crouch_and_reach
+from benchmarks.observed_body import (
+    Watched,
+    exact_self_distances,
+    scene_distances,
+    self_distances,
+    watched_human,
+    watched_op3,
+)
+from benchmarks.observed_cases import BASE, Entry, Observed, entries, run_observed, settled
+from benchmarks.observed_check import Looking, check_pairs
+from benchmarks.observed_cost import ObstacleCost, obstacle_cost, plot_costs
+from benchmarks.observed_obstacles import FAR, NEAR, around_arms, influence, size_of, sphere_at_hand
+from benchmarks.observed_ours import observed
+from benchmarks.observed_shapes import PREFIX, THIN, mujoco_model, urdf_names, urdf_shapes
+from benchmarks.observed_table import print_observed, print_obstacle_costs
+from benchmarks.urdf import write_urdf
+from messages import refuses
+from retarget.model.body import load_body_text
+from retarget.model.scene_shapes import ShapeKind
+
+FRAMES = 200
+"""Past the farthest place of the hand."""
+BODIES: dict[str, Callable[[], Watched]] = {
+    "lines": partial(watched_human, "lines_and_head"),
+    "capsules": partial(watched_human, "capsules"),
+    "op3": watched_op3,
+}
+
+
+@pytest.fixture(scope="module", params=list(BODIES))
+def watched(request: pytest.FixtureRequest) -> Watched:
+    name: str = request.param
+    return BODIES[name]()
+
+
+@pytest.fixture(scope="module")
+def motion(watched: Watched) -> Motion:
+    return crouch_and_reach(watched.body, FRAMES)
+
+
+@pytest.fixture(scope="module")
+def free(watched: Watched, motion: Motion) -> Floats:
+    """Postures (T, nq) without observers."""
+    _, _, postures = play(watched.body, motion, [observed("free", watched, None)])
+    alone: Floats = postures[0]
+    return alone
+
+
+def test_the_bodies_are_those_that_were_asked_for() -> None:
+    made = [make() for make in BODIES.values()]
+    sizes = [(len(w.observers.names), len(w.observers.pairs), w.body.degrees_of_freedom) for w in made]
+    assert sizes[0][::2] == (9, 51) and sizes[1][::2] == (19, 51) and sizes[2][::2] == (23, 26)
+    assert sizes[2][1] > 150  # every pair but neighbours, ignored ones and those that touch at rest
+
+
+def test_distances_are_exact_within_influence(watched: Watched, free: Floats) -> None:
+    seen = watched.observers
+    zone = np.maximum(*(seen.influence[k] for k in seen.pairs.T))
+    for q in free[::50]:
+        exact, found = exact_self_distances(watched, q), self_distances(watched, q[None])[0]
+        near = exact <= zone
+        np.testing.assert_array_equal(found[near], exact[near])
+        assert np.all(found <= exact + 1e-12) and np.all(found[~near] > 0.0)
+
+
+@pytest.mark.parametrize("share", [0.4, -0.6])
+def test_the_sphere_is_as_near_the_hand_as_asked(watched: Watched, free: Floats, share: float) -> None:
+    gap = share * size_of(watched)
+    distance = scene_distances(watched, np.ascontiguousarray(free[::10]), sphere_at_hand(watched, free, gap))[..., 0]
+    assert distance.min() == pytest.approx(gap, abs=1e-6)
+    names = watched.observers.names
+    assert names[distance.min(axis=0).argmin()] in ("r_elbow", "r_wrist", "r_forearm")
+    assert distance[0].min() > influence(watched), "the start is out of influence"
+
+
+def test_every_other_obstacle_is_within_influence(watched: Watched) -> None:
+    calm = replace(watched.body, swing={name: 0.1 * angle for name, angle in watched.body.swing.items()})
+    postures = play(calm, crouch_and_reach(calm, 60), [observed("free", watched, None)])[2][0]
+    around, zone = around_arms(watched, postures, 6), influence(watched)
+    nearest = scene_distances(watched, np.ascontiguousarray(postures[::10]), around).min(axis=1) / zone
+    assert nearest.shape == (6, 6) and set(around.kinds.tolist()) <= {ShapeKind.CAPSULE, ShapeKind.BOX}
+    assert np.all((nearest[:, ::2] >= NEAR[0]) & (nearest[:, ::2] <= NEAR[1]))
+    assert np.all(nearest[:, 1::2] >= FAR[0])
+
+
+def test_observers_hold_the_hand_off_the_sphere(watched: Watched, motion: Motion, free: Floats) -> None:
+    deep = -0.6 * size_of(watched)
+    sphere = sphere_at_hand(watched, free, deep)
+    sides = [Entry(observed(BASE, watched, "all")), Entry(observed("sphere", watched, "all", sphere), sphere)]
+    alone, held = run_observed(watched, motion, sides)
+    assert alone.scene_mm is None and held.scene_mm is not None and held.scene_mm > -0.5 > 1e3 * deep
+    assert held.pairs == alone.pairs + len(watched.observers.names) and held.near > alone.near
+    assert held.outcome.com_max_mm < 1.0 and held.outcome.ankles_max_mm < 1.0
+    assert held.outcome.beyond_limits_rad < 1e-9 and held.outcome.speed < 1.0 + 1e-9
+
+
+def test_settling_leaves_no_overlap(watched: Watched, motion: Motion) -> None:
+    assert exact_self_distances(watched, settled(watched, motion).start).min() > 0.0
+
+
+def test_mujoco_has_our_shapes_and_masses(watched: Watched, motion: Motion) -> None:
+    model = mujoco_model(watched)
+    assert model.ngeom == len(watched.observers.names) and model.nv == watched.body.degrees_of_freedom
+    assert model.body_mass.sum() == pytest.approx(watched.body.model.mass.sum())
+    data = mujoco.MjData(model)
+    joints = [watched.body.model.joint_index(model.joint(i).name) for i in range(1, model.njnt)]
+    data.qpos[:7], data.qpos[7:] = motion.start[:7], motion.start[watched.body.model.joint_qpos[joints]]
+    mujoco.mj_forward(model, data)
+    names = [PREFIX + name for name in watched.observers.names]
+    theirs = [
+        mujoco.mj_geomDistance(model, data, model.geom(names[a]).id, model.geom(names[b]).id, 100.0, np.zeros(6))
+        for a, b in watched.observers.pairs.tolist()
+    ]
+    np.testing.assert_allclose(theirs, exact_self_distances(watched, motion.start), atol=1e-6)
+
+
+def test_the_urdf_has_our_shapes(watched: Watched) -> None:
+    shapes = urdf_shapes(watched)
+    text, plain = write_urdf(watched.body, shapes), write_urdf(watched.body)
+    assert text.count("<collision ") == len(watched.observers.names) == len(set(urdf_names(watched)))
+    assert "<collision " not in plain
+    model = load_body_text(text, source="urdf", root="free")
+    sizes = sorted(float(size) for geom in model.geoms for size in geom.size)
+    assert sizes[-1] == pytest.approx(float(watched.observers.sizes.max()))
+    assert THIN <= 1e-6 / 2.0  # two lines are no nearer each other than distances may differ
+
+
+def test_peers_look_at_our_pairs(watched: Watched, motion: Motion) -> None:
+    pytest.importorskip("placo")
+    pytest.importorskip("mink")
+    short = replace(motion, com=motion.com[:30], points=motion.points[:30])
+    sides = entries(watched, motion)
+    rows = run_observed(watched, short, sides)  # raises where pairs or distances are not ours
+    assert [row.outcome.side for row in rows[-3:]] == ["PlaCo hard", "PlaCo soft", "mink"]
+    assert all(row.outcome.com_mm < 1.0 and row.outcome.failures == 0 for row in rows)
+    assert {row.pairs for row in rows[-3:]} == {len(watched.observers.pairs)}
+    for side in sides[-3:]:
+        peer = side.make(watched.body, motion)
+        assert isinstance(peer, Looking)
+        np.testing.assert_allclose(peer.distances(), exact_self_distances(watched, motion.start), atol=1e-6)
+
+
+class Blind:
+    """A peer that leaves one pair out, or sees all a little too far."""
+
+    name, failures = "blind", 0
+
+    def __init__(self, watched: Watched, q: Floats, *, missing: int = 0, off: float = 0.0) -> None:
+        self.q, self.found = q, exact_self_distances(watched, q) + off
+        self.pair_count = len(self.found) - missing
+
+    def aim(self, com: Floats, points: Floats) -> None:
+        """See `Side`."""
+
+    def solve(self) -> None:
+        """See `Side`."""
+
+    def posture(self) -> Floats:
+        """See `Side`."""
+        return self.q
+
+    def distances(self) -> Floats:
+        """See `Looking`."""
+        return self.found
+
+
+def test_a_peer_that_looks_at_less_is_told(watched: Watched, motion: Motion) -> None:
+    check_pairs(watched, Blind(watched, motion.start))
+    with refuses(RuntimeError):
+        check_pairs(watched, Blind(watched, motion.start, missing=1))
+    with refuses(RuntimeError):
+        check_pairs(watched, Blind(watched, motion.start, off=1e-4))
+    with refuses(RuntimeError):
+        check_pairs(watched, Blind(watched, motion.start, off=np.nan))
+
+
+def test_the_cost_of_obstacles_is_a_table_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cost = obstacle_cost(watched_op3(), "all", frames=40, repeats=2, counts=(1, 4))
+    assert cost.near[1] > cost.near[0] > 0.0 and min(cost.median_us) > 0.0
+    print_obstacle_costs([cost, replace(cost, median_us=(10.0, 41.0))])
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in lines}) == 1 and lines[-1].endswith("| 4.10 | <= 4 ! |")
+    plot_costs([cost], tmp_path / "cost.png")
+    assert (tmp_path / "cost.png").stat().st_size > 1000
+
+
+def test_what_is_not_met_is_marked(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = watched_human("lines_and_head")
+    motion = crouch_and_reach(lines.body, 30)
+    made = run_observed(lines, motion, [Entry(observed(BASE, lines, "all"), asked_us=(1e9, 1e-3))])
+    print_observed([*made, _slower(made[0])])
+    printed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in printed}) == 1
+    assert "<= 1e+09 / <= 0.001 !" in printed[2] and "| 0.50 | <= 0.2 ! |" in printed[3]
+
+
+def _slower(row: Observed) -> Observed:
+    """A peer that takes twice as long."""
+    outcome = replace(row.outcome, side="peer", median_us=2.0 * row.outcome.median_us)
+    return replace(row, outcome=outcome, asked_us=None, asked_share=0.2)
+
+
+def test_obstacle_growth_is_last_over_first() -> None:
+    assert ObstacleCost("op3", "boxes", "all", (1, 64), (20.0, 60.0), (1.0, 9.0)).growth == 3.0

@@ -1,0 +1,126 @@
+"""`retarget servo reboot` on the emulator: errors in words, cleared, and seen to be cleared."""
+
+import signal
+from collections.abc import Callable
+
+import pytest
+
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.single_requests import OneOff
+from hardware.dynamixel.torque import Restarted, restart
+from messages import shows
+from retarget.cli.servo import reboot as reboot_file
+from servo_lab import ServoLab
+from sim.emulator.faults import Fault, FaultKind
+
+
+@pytest.fixture
+def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
+    return ServoLab(monkeypatch, capsys)
+
+
+HOT = Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0, end=0.3)
+
+
+def test_a_latched_error_is_explained_and_cleared(lab: ServoLab) -> None:
+    lab.faults = [HOT]
+    code, out, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "7", typed="y\n")
+    assert (code, err) == (0, "")
+    shows(out, "OVERHEATING", 1)
+    assert lab.memory(7).value("hardware_error_status") == 0
+
+
+def test_a_cause_that_lasts_is_told(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--yes")
+    assert code == 2 and "id 8" not in err
+    shows(err, 7, "OVERHEATING")
+
+
+def test_torque_is_not_dropped_unasked(lab: ServoLab) -> None:
+    lab.before = {(13, "torque_enable"): 1}
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", typed="y\n")
+    assert code == 2
+    shows(err, "r_knee", 13)
+    assert Instruction.REBOOT not in lab.instructions()
+    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+    assert code == 0 and lab.memory(13).value("torque_enable") == 0
+    shows(out)
+
+
+def test_a_servo_that_switches_its_torque_on_at_start_is_told(lab: ServoLab) -> None:
+    lab.before = {(13, "startup_configuration"): 1}
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+    assert code == 2
+    shows(err, "r_knee", 13)
+
+
+def test_a_servo_that_does_not_come_back_is_told(lab: ServoLab) -> None:
+    lab.upon = {Instruction.REBOOT: Fault(FaultKind.MISSING, ids=(13,))}
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "13", "--yes")
+    assert code == 2
+    shows(err, "r_knee", 13)
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ((), "either --id 1,2 or --all"),
+        (("--all", "--id", "3"), "either --id 1,2 or --all"),
+        (("--id", "33"), "no servo answers to id 33"),
+        (("--id", "254"), "--id: these are no ids; found '254'; allowed: such as 1,2,5-9; 0 to 252"),
+        (("--id", "200"), "no servo answers to id 200"),
+    ],
+)
+def test_bad_options(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
+    code, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", *words)
+    assert code == 2 and text in err and Instruction.REBOOT not in lab.instructions()
+
+
+def test_no_and_dry_run_restart_nothing(lab: ServoLab) -> None:
+    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", typed="n\n")
+    assert code == 0 and Instruction.REBOOT not in lab.instructions()
+    shows(out)
+    lab.sent.clear()
+    code, out, _ = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--all", "--dry-run")
+    assert code == 0 and lab.sent == []
+    shows(out)
+
+
+@pytest.mark.parametrize(
+    ("at", "code", "told"), [(0, 130, "restarted: nobody; not: r_sho_pitch"), (2, 1, "r_sho_pitch")]
+)
+def test_ctrl_c_ends_before_the_next_servo_and_tells_who_is_done(
+    at: int, code: int, told: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[int] = []
+    reboot = OneOff.reboot
+
+    def counted(client: OneOff, device: int) -> None:
+        done.append(device)
+        reboot(client, device)
+        if len(done) == at:
+            signal.raise_signal(signal.SIGINT)
+
+    def asked(question: str, *, yes: bool) -> bool:
+        monkeypatch.setattr(reboot_file, "restart", interrupted if at == 0 else restart)
+        return True
+
+    def interrupted(line: BusLine, ids: list[int], stop: Callable[[], bool]) -> Restarted:
+        signal.raise_signal(signal.SIGINT)
+        return restart(line, ids, stop)
+
+    monkeypatch.setattr(OneOff, "reboot", counted)
+    monkeypatch.setattr(reboot_file, "agreed", asked)
+    left, _, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "1,2,3")
+    assert left == code and told in err
+    shows(err)
+    assert done == [1, 2, 3][:at] and "(id 3)" in err.partition("; not: ")[2]
+
+
+def test_only_the_ids_named_are_looked_for(lab: ServoLab) -> None:
+    code, out, err = lab.run("reboot", "--port", "emulator", "--id", "1,2", "--yes")
+    assert (code, err) == (0, "")
+    shows(out, 2)
+    assert {data[4] for data in lab.sent if data[:4] == b"\xff\xff\xfd\x00"} <= {1, 2, 254}

@@ -1,0 +1,161 @@
+"""Which servo, and on which bus: by joint, by id, by port."""
+
+from dataclasses import replace
+
+import pytest
+
+from hardware.dynamixel.checks import needed_ticks
+from hardware.dynamixel.control_table import tables
+from hardware.dynamixel.settings import setting_of
+from hardware.errors import HardwareError
+from hardware.joint_map import JointMap
+from messages import refuses
+from retarget.cli.servo import places, setup
+from retarget.cli.servo.places import find_places
+from retarget.cli.servo.setup import Asked, check_asked, check_device, find_target, registers_of
+from retarget.errors import UsageError
+from retarget.model.robot import RobotBody, load_uncalibrated
+
+MAIN, HEAD = "/dev/ttyUSB0", "/dev/head"
+
+
+@pytest.fixture
+def divided(monkeypatch: pytest.MonkeyPatch) -> RobotBody:
+    """An OP3 with its head on a second bus, where head_pan has the id of r_sho_pitch."""
+    robot = load_uncalibrated("op3")
+    main = robot.profile.buses["main"]
+    buses = {"main": main, "head": main.model_copy(update={"port": HEAD, "ids": (1, 20), "power": None})}
+    servos = tuple(
+        replace(one, bus="head", id={19: 1}.get(one.id, one.id)) if one.id in (19, 20) else one
+        for one in robot.joint_map.servos
+    )
+    profile = robot.profile.model_copy(update={"buses": buses})
+    body = replace(robot, profile=profile, joint_map=JointMap(servos))
+    for module in (places, setup):
+        monkeypatch.setattr(module, "load_uncalibrated", lambda name: body)
+    monkeypatch.setattr(setup, "load_robot", lambda name: body)
+    return body
+
+
+@pytest.mark.parametrize(
+    ("port", "joint", "device", "found"),
+    [
+        (None, "head_pan", None, (HEAD, "head", 1)),
+        (None, "head_pan", 57, (HEAD, "head", 57)),
+        ("/dev/else", "head_pan", None, ("/dev/else", "head", 1)),
+        (None, "r_knee", None, (MAIN, "main", 13)),
+        (None, None, 20, (HEAD, "head", 20)),
+        ("/dev/else", None, 20, ("/dev/else", "head", 20)),
+        (HEAD, None, 1, (HEAD, "head", 1)),
+        (MAIN, None, 1, (MAIN, "main", 1)),
+    ],
+)
+def test_the_bus_is_found(
+    port: str | None, joint: str | None, device: int | None, found: tuple[str, str, int], divided: RobotBody
+) -> None:
+    one = find_target("op3", port, joint, device, None)
+    assert one.place.spec is not None and one.servo is not None
+    assert (one.place.port.name, one.place.spec.name, one.device) == found
+    assert one.servo.bus == found[1] and (joint is None or one.servo.joint == joint)
+    assert one.needed == needed_ticks(divided.joint_map.servos)[one.servo.joint]
+
+
+@pytest.mark.parametrize(
+    ("robot", "port", "joint", "device", "text"),
+    [
+        (
+            "op3",
+            None,
+            None,
+            1,
+            "--id: several servos have this id; found 1: r_sho_pitch (bus main), head_pan (bus head)",
+        ),
+        ("op3", "/dev/else", None, 1, "allowed: --joint NAME"),
+        ("op3", None, "r_kne", None, "Did you mean r_knee"),
+        ("op3", None, None, None, "--joint NAME"),
+        ("op3", None, None, 99, "which bus"),
+        ("op3", "/dev/else", None, 99, f"allowed: {MAIN} (bus main), {HEAD} (bus head)"),
+        (None, "/dev/else", "r_knee", 1, "--robot NAME beside it"),
+        (None, "/dev/else", None, None, "which servo"),
+    ],
+)
+def test_what_names_no_servo_is_refused_with_the_way_out(
+    robot: str | None, port: str | None, joint: str | None, device: int | None, text: str, divided: RobotBody
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        find_target(robot, port, joint, device, None)
+    assert text in str(caught.value)
+
+
+def test_an_id_that_the_profile_does_not_have_is_only_an_id(divided: RobotBody) -> None:
+    one = find_target("op3", HEAD, None, 99, None)
+    assert (one.place.port.name, one.device, one.servo, one.needed) == (HEAD, 99, None, None)
+
+
+def test_a_port_of_the_profile_means_its_bus(divided: RobotBody) -> None:
+    assert [one.spec.name for one in find_places("op3", HEAD) if one.spec] == ["head"]
+    assert len(find_places("op3", None)) == 2
+    with refuses(UsageError):
+        find_places("op3", "/dev/else")
+
+
+X, AX = "XM430-W350", "AX-12A"
+
+
+@pytest.mark.parametrize(
+    ("asked", "protocol", "model", "text"),
+    [
+        (Asked(new_id=254), None, None, "--new-id: no servo has this id; found 254; allowed: 0 to 252"),
+        (Asked(new_id=-1), None, X, "--new-id"),
+        (Asked(return_delay=3), None, None, "--return-delay: no servo has this pause; found 3 us"),
+        (Asked(return_delay=510), 2, X, "allowed: 0 to 508 us, even"),
+        (Asked(return_delay=float("nan")), 2, X, "found nan us"),
+        (Asked(baud=77), None, None, "--baud: no such speed"),
+        (Asked(baud=4_500_000), 1, None, "--baud: no such speed"),
+        (Asked(baud=4_500_000), 2, "XL330-M288", "--baud: no such baud rate for XL330-M288"),
+        (Asked(drive_mode=300), None, None, "--drive-mode: no such drive_mode; found 300"),
+        (Asked(drive_mode=-1), 2, X, "--drive-mode"),
+        (Asked(drive_mode=0), 1, AX, "--drive-mode: no such register"),
+        (Asked(registers={"goal_position": 1}), None, None, "--register: no such register; found 'goal_position'"),
+        (Asked(registers={"protocol_type": 1}), 2, X, "--register: no such register"),
+        (Asked(registers={"max_position_limit": 4096}), 2, X, "allowed: 0 to 4095"),
+        (Asked(registers={"baud_rate": 1}), 2, X, "found baud_rate; allowed: --baud"),
+        (Asked(registers={"status_return_level": 1}), 2, X, "--register: no such register"),
+    ],
+)
+def test_refused(asked: Asked, protocol: int | None, model: str | None, text: str) -> None:
+    assert asked.anything
+    with pytest.raises(UsageError) as caught:
+        check_asked(asked, protocol, model)
+    assert text in str(caught.value)
+
+
+def test_whatever_some_servo_takes_passes() -> None:
+    for table in tables():
+        for register in table.registers:
+            for value in {register.initial, register.lowest, register.highest} - {None}:
+                try:
+                    setting_of(table, register.name, value or 0)
+                except HardwareError:
+                    continue
+                for protocol, model in ((None, None), (table.protocol, table.model)):
+                    check_asked(Asked(registers={register.name: value or 0}), protocol, model)
+
+
+def test_sound_options_pass() -> None:
+    everything = Asked(252, 57_600, 508, 5, {"shutdown": 52, "status_return_level": 2})
+    check_asked(everything, 2, X)
+    check_asked(everything, None, None)
+    assert everything.all_registers == {"shutdown": 52, "status_return_level": 2, "drive_mode": 5}
+    assert not Asked().anything and registers_of(["a=0x10", " b =-2"]) == {"a": 16, "b": -2}
+
+
+@pytest.mark.parametrize(
+    ("device", "protocol", "fine"), [(252, 2, True), (253, 2, False), (253, 1, True), (254, 1, False)]
+)
+def test_ids(device: int, protocol: int, fine: bool) -> None:
+    if fine:
+        check_device(device, protocol)
+        return
+    with refuses(UsageError, "--id", 254):
+        check_device(device, protocol)

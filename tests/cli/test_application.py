@@ -1,0 +1,233 @@
+"""Questions to a person."""
+
+import io
+import os
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from messages import refuses, shows
+from recordings import Recorded, record
+from retarget.cli import main
+from retarget.cli.application import TypedLines, ask, with_values
+from retarget.cli.exit import DONE, REFUSED
+from retarget.errors import UsageError
+from retarget.recording.reading import read_recording
+from retarget.report.outputs import PICTURE_NAMES
+from retarget.report.plots import PICTURES
+from retarget.schema.files import check_place, refuse_existing
+
+
+@pytest.mark.parametrize(
+    ("typed", "answer"),
+    [
+        ("\n", True),
+        ("y\n", True),
+        (" YES \n", True),
+        ("n\n", False),
+        ("No\n", False),
+        ("maybe\n\n", True),
+        ("n", False),
+    ],
+)
+def test_enter_is_yes_and_anything_strange_is_asked_again(
+    typed: str, answer: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+    assert ask("Go on?") is answer
+    assert capsys.readouterr().out == "Go on? [Y/n] " * max(1, typed.count("\n"))
+
+
+@pytest.mark.parametrize(("typed", "answer"), [("\n", False), ("  \n", False), ("y\n", True), ("what\n\n", False)])
+def test_enter_is_no_where_something_would_be_changed(
+    typed: str, answer: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+    assert ask("Go on?", enter=False) is answer
+    assert capsys.readouterr().out == "Go on? [y/N] " * typed.count("\n")
+
+
+def test_nobody_there(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    with pytest.raises(UsageError) as refused:
+        ask("Go on?", where="servo home")
+    said = "servo home: nobody answers the question: the input has ended. Run it in a terminal."
+    assert str(refused.value) == said
+    assert capsys.readouterr().out == "Go on? [Y/n] \n"
+
+
+@pytest.mark.parametrize(
+    ("words", "whole"),
+    [
+        ("run --realtime --core 1", "run --realtime 40 --core 1"),
+        ("run --realtime", "run --realtime 40"),
+        ("run --realtime 50 --core 1", "run --realtime 50 --core 1"),
+        ("run --control-socket --realtime", "run --control-socket usual --realtime 40"),
+        ("run --control-socket here.sock", "run --control-socket here.sock"),
+        ("run --realtime=7", "run --realtime=7"),
+        ("", ""),
+    ],
+)
+def test_the_usual_value_is_put_in(words: str, whole: str) -> None:
+    assert with_values(words.split()) == whole.split()
+
+
+MINE = b"mine"
+
+
+def code_of(*words: str | Path) -> int:
+    with pytest.raises(SystemExit) as left:
+        main([*map(str, words)])
+    return int(left.value.code or 0)
+
+
+@pytest.fixture
+def short(shared: Path) -> list[str | Path]:
+    source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
+    return ["run", "--robot", "op3", "--source", source, "--end", "0.1"]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("overwrite") / "run.mcap", seconds=0.1)
+
+
+OUTPUTS = {
+    "report": (("--report", "r.json"), "r.json"),
+    "page": (("--report", "."), "report.html"),
+    "report of a page": (("--report", "."), "report.json"),
+    "save": (("--save", "r.npz"), "r.npz"),
+    "plots": (("--plots", "."), "angles.png"),
+    "record": (("--record", "r.mcap"), "r.mcap"),
+}
+
+
+@pytest.mark.parametrize("case", OUTPUTS)
+def test_a_run_is_refused_before_it_begins(
+    case: str,
+    short: list[str | Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words, name = OUTPUTS[case]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(MINE)
+    assert code_of(*short, *words) == REFUSED
+    told = capsys.readouterr()
+    shows(told.err, words[0], name, "--overwrite")
+    assert told.out == "" and (tmp_path / name).read_bytes() == MINE
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_all_of_them_are_replaced_where_that_is_asked_for(
+    short: list[str | Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _, name in OUTPUTS.values():
+        (tmp_path / name).write_bytes(MINE)
+    words = [word for (option, place), name in OUTPUTS.values() if name != "r.json" for word in (option, place)]
+    assert code_of(*short, *words, "--overwrite") == DONE
+    kept = {name for _, name in OUTPUTS.values() if (tmp_path / name).read_bytes() == MINE}
+    assert kept == {"r.json"}
+    assert read_recording(tmp_path / "r.mcap").damage == ""
+
+
+def test_a_link_is_something_too(short: list[str | Path], tmp_path: Path) -> None:
+    (tmp_path / "r.json").symlink_to(tmp_path / "nothing")
+    assert code_of(*short, "--report", tmp_path / "r.json") == REFUSED
+    with refuses(UsageError):
+        refuse_existing(tmp_path / ("x" * 5000), option="--out")
+
+
+def test_a_replay(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "again.npz"
+    out.write_bytes(MINE)
+    assert code_of("replay", recorded.path, "--save", out) == REFUSED
+    shows(capsys.readouterr().err)
+    assert out.read_bytes() == MINE
+    assert code_of("replay", recorded.path, "--save", out, "--overwrite") == DONE
+    assert out.read_bytes() != MINE
+
+
+def test_a_recording_that_is_played_is_not_replaced_by_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raw = tmp_path / "a.raw"
+    raw.write_bytes(MINE)
+    words: list[str | Path] = ["run", "--robot", "op3", "--source", f"replay://{raw}", "--record-raw", raw]
+    assert code_of(*words, "--overwrite") == REFUSED
+    shows(capsys.readouterr().err)
+    assert raw.read_bytes() == MINE
+
+
+def test_a_proposal_of_observers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "observers.yaml"
+    out.write_bytes(MINE)
+    words: list[str | Path] = ["fit-observers", "op3", "--samples", "50", "--out", out]
+    assert code_of(*words) == REFUSED and out.read_bytes() == MINE
+    assert code_of(*words, "--overwrite") == DONE and out.read_bytes() != MINE
+
+
+def test_a_folder_of_the_users_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The default folder under out/ is the command's, and is made anew."""
+    (tmp_path / "report.json").write_bytes(MINE)
+    assert code_of("demo", tmp_path) == REFUSED
+    shows(capsys.readouterr().err)
+    assert {path.read_bytes() for path in tmp_path.iterdir()} == {MINE}
+
+
+def test_a_folder_to_be_made_can_be_pasted_into_a_shell(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as refused:
+        check_place(tmp_path / "my runs" / "r.npz", option="--save")
+    command = str(refused.value).split("Make it first: ")[1].removesuffix(".")
+    assert shlex.split(command) == ["mkdir", "-p", str(tmp_path / "my runs")]
+
+
+def test_pictures_are_known_by_name_without_drawing_them() -> None:
+    assert tuple(PICTURES) == PICTURE_NAMES
+
+
+@pytest.fixture
+def pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """The end that somebody types into."""
+    out, into = os.pipe()
+    with os.fdopen(out) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        yield into
+
+
+def test_lines_come_whole(pipe: int) -> None:
+    heard: list[str] = []
+    typed = TypedLines(heard.append)
+    for piece in (b"miss", b"ing 5\ncle", b"ar\n\xff\n", b"rest"):
+        os.write(pipe, piece)
+        assert typed.read()
+    assert heard == ["missing 5", "clear", "\ufffd"]
+    os.close(pipe)
+    assert not typed.read()
+    assert heard[3:] == ["rest"]
+
+
+def test_an_endless_line_costs_no_memory(pipe: int) -> None:
+    typed = TypedLines(lambda line: None)
+    for _ in range(50):
+        os.write(pipe, b"x" * 4096)
+        typed.read()
+    assert len(typed._pending) <= 4096
+    os.close(pipe)
+
+
+def test_only_a_pipe_or_a_terminal_is_waited_for(pipe: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.close(pipe)
+    assert TypedLines.descriptor() is not None
+    path = tmp_path / "lines"
+    path.write_text("missing 5\n")
+    with path.open() as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        assert TypedLines.descriptor() is None
+    monkeypatch.setattr(sys, "stdin", None)
+    assert TypedLines.descriptor() is None

@@ -1,0 +1,348 @@
+"""From the name of a bus to the bus."""
+
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from check_helpers import copy_of_op3
+from hardware.clock import VirtualClock
+from hardware.dynamixel.bus import DynamixelBus
+from hardware.errors import BusError
+from hardware.guard_state import StopCause
+from messages import refuses, shows, shows_lines
+from retarget.cli import main
+from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, standing_ticks
+from retarget.cli.exit import DONE, REFUSED, STOPPED
+from retarget.cli.run import finished, follow_clip
+from retarget.errors import ConfigError, UsageError
+from retarget.frames import SensorFrames
+from retarget.human.samples import Playback
+from retarget.model.robot import RobotBody, load_robot
+from retarget.recording.reading import read_recording
+from retarget.recording.topics import TRUTH
+from retarget.report.measure import limits_broken, measure
+from retarget.report.motion_metrics import LimitViolations
+from retarget.report.outputs import Outputs
+from retarget.run.loop import Watch
+from retarget.run.options import PhysicsOptions, RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.rest_trajectory import Parking
+from retarget.run.run_result import RunResult
+from retarget.sources.asf_amc import read_amc
+from sim.mock_bus import MockBus, NoBus
+from sim.performer import synthetic_performer
+from sim.physics.log import Fall
+from sim.physics.mount import Mount, Support
+from sim.physics.perturbation import Push
+
+
+@pytest.fixture(scope="module")
+def robot() -> RobotBody:
+    return load_robot("op3")
+
+
+@pytest.fixture
+def divided(robot: RobotBody) -> RobotBody:
+    """The same with its head on a second bus."""
+    main = robot.profile.buses["main"]
+    buses = {"main": main, "head": main.model_copy(update={"port": "/dev/head", "ids": (19, 20), "power": None})}
+    servos = {
+        joint: servo.model_copy(update={"bus": "head" if servo.id in (19, 20) else "main"})
+        for joint, servo in robot.profile.servos.items()
+    }
+    return replace(robot, profile=robot.profile.model_copy(update={"buses": buses, "servos": servos}))
+
+
+@pytest.mark.parametrize(("name", "kind"), [("mock", MockBus), ("none", NoBus), ("emulator", DynamixelBus)])
+def test_simulated_servos_begin_where_the_robot_stands(name: str, kind: type, robot: RobotBody) -> None:
+    bus = make_bus(name, robot, VirtualClock())
+    assert isinstance(bus, kind)
+    bus.open()
+    assert np.array_equal(bus.read().position, standing_ticks(robot))
+    bus.close()
+
+
+@pytest.mark.parametrize(("name", "port"), [("profile", "/dev/ttyUSB0"), ("/dev/ttyUSB7", "/dev/ttyUSB7")])
+def test_a_real_bus_is_on_the_profile_s_port_or_on_the_named_one(name: str, port: str, robot: RobotBody) -> None:
+    bus = make_bus(name, robot, VirtualClock())
+    assert isinstance(bus, DynamixelBus)
+    assert [(line.port.name, line.spec.port) for line in bus.lines] == [(port, port)]
+
+
+def test_no_port_is_touched_before_it_is_opened(robot: RobotBody) -> None:
+    bus = make_bus("/dev/no-such-port", robot, VirtualClock())
+    with refuses(BusError):
+        bus.open()
+
+
+def test_one_port_for_several_buses_is_refused(divided: RobotBody) -> None:
+    with refuses(UsageError) as caught:
+        make_bus("/dev/ttyUSB7", divided, VirtualClock())
+    for text in ("--bus", "/dev/ttyUSB7", "main, head", "into the profile"):
+        assert text in str(caught.value)
+    bus = make_bus("profile", divided, VirtualClock())
+    assert isinstance(bus, DynamixelBus)
+    assert bus.lines[0].port.name == "/dev/ttyUSB0"
+
+
+def test_what_is_worth_a_note_goes_to_stderr(robot: RobotBody, capsys: pytest.CaptureFixture[str]) -> None:
+    bus = make_bus("profile", robot, VirtualClock())
+    assert isinstance(bus, DynamixelBus)
+    bus._tell("something")
+    assert capsys.readouterr() == ("", "note: something\n")
+
+
+def options(bus: str = "physics", *, robot: str = "op3", seconds: float = 0.6, **physics: object) -> RunOptions:
+    asked = PhysicsOptions(**physics)  # type: ignore[arg-type]
+    return RunOptions(robot=robot, bus=bus, physics=asked, playback=Playback(speed=0.5, end=seconds))
+
+
+def play(asked: RunOptions, push: Push | None = None) -> RunResult:
+    """As `follow_clip` plays it, with a push of our own."""
+    bench = PhysicsBench(asked, lambda text: None)
+    with prepare(
+        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=asked.has_physics
+    ) as prepared:
+        if push is not None:
+            assert bench._bus is not None
+            bench._bus.witness.simulation.push(push)
+        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+    return bench.seen(run)
+
+
+def test_a_run_stands_reports_and_ends_parked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def still() -> SensorFrames:
+        return synthetic_performer().cut(0.0, 0.3)
+
+    report, recording = tmp_path / "r.json", tmp_path / "r.mcap"
+    code = follow_clip(still, options(seconds=0.3), Outputs(report=report, record=recording))
+    data = json.loads(report.read_text())
+    assert data["fallen"] is data["physics"]["fallen"] is False
+    assert code == DONE and data["stop"]["reason"] is None
+    assert data["physics"]["mount"] == "floor" and data["physics"]["foot_slip_mm"]["total"] < 5.0
+    shows_lines(capsys.readouterr().out, re.compile(r"^physics\b"))
+    recorded = read_recording(recording)
+    assert recorded.session.parks and np.isfinite(recorded.topic(TRUTH).rows["q"]).any()
+
+
+def test_a_fall_ends_the_run_a_second_later_and_says_how() -> None:
+    run = play(options(seconds=6.0), Push((20.0, 0.0, 0.0), 1.5, 0.3))
+    assert run.physics is not None and run.physics.fall is not None
+    assert run.stop is not None and run.reason is not None
+    if run.stop.cause is StopCause.FALLEN:  # else the guard saw a servo that could not follow, before that
+        assert run.reason == f"the robot has fallen: {run.physics.fall.how}"
+    left = run.physics.time[-1] - run.physics.fall.time
+    assert left < AFTER_FALL_S + 0.6 and run.record.time[-1] < 11.0
+
+
+def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
+    asked = options(seconds=6.0)
+    bench = PhysicsBench(asked, lambda text: None)
+    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus) as prepared:
+        assert bench._bus is not None and prepared.side is not None
+        witness, side = bench._bus.witness, prepared.side
+        watching = bench.watching(lambda: False, prepared)
+        side.guard.arm()
+        assert witness._watch is not None
+        for ago, goes_on in ((0.0, True), (0.5 * AFTER_FALL_S, True), (AFTER_FALL_S, False)):
+            witness._watch.fall = Fall(witness.simulation.time - ago, "it lies", powered=True)
+            assert not watching() and side.following is goes_on
+        stop = side.guard.stop_reason
+        assert stop is not None and stop.reason == "the robot has fallen: it lies"
+        assert stop.cause is StopCause.FALLEN and not side.guard.may_go_home
+
+
+def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
+    asked = options(seconds=0.3)
+    bench = PhysicsBench(asked, lambda text: None)
+    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=False) as prepared:
+        run = prepared.run()
+    run = bench.seen(run)  # torque went off while it stood, bent
+    assert run.reason is None and run.physics is not None and run.physics.fall is not None
+    shows(run.physics.fall.how)
+    assert finished(run, Outputs()) == STOPPED
+
+
+def test_a_robot_that_finds_no_way_to_where_it_is_parked_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    shows(play(options(seconds=0.1)).notes)
+    monkeypatch.setattr(Parking, "next", lambda self, q, **known: None)
+    run = play(options(seconds=0.1))
+    shows(run.notes)
+
+
+def test_limits_are_those_of_the_goals_that_were_sent_not_of_postures_beside_them() -> None:
+    run = play(options(seconds=0.1))
+    sent = run.record.robot
+    assert sent is not None and run.robot is not None
+    goals = run.robot.joint_map.to_ticks(sent.goals)
+    assert np.array_equal(goals, sent.goal_ticks)
+    assert np.abs(sent.goals - sent.q[:, run.robot.servo_columns]).max() > 0.005, "the load is held beside the posture"
+    assert limits_broken(run) == LimitViolations(0, 0, 0)
+    sent.q[5] += 0.1
+    assert limits_broken(run) == LimitViolations(0, 0, 0)
+    sent.goals[5, 3] += 0.1
+    assert limits_broken(run).velocity and limits_broken(run).acceleration
+
+
+def test_the_same_seed_gives_the_same_bits() -> None:
+    first, again, other = (play(options(seconds=0.1, seed=seed)) for seed in (3, 3, 4))
+    for run in (first, again, other):
+        assert run.physics is not None and run.record.robot is not None
+    assert np.array_equal(first.physics.com, again.physics.com)  # type: ignore[union-attr]
+    assert np.array_equal(first.record.robot.present, again.record.robot.present)  # type: ignore[union-attr]
+    rows = slice(0, min(len(first.physics.com), len(other.physics.com)))  # type: ignore[union-attr]
+    assert not np.array_equal(first.physics.com[rows], other.physics.com[rows])  # type: ignore[union-attr]
+
+
+def test_through_the_wire_as_well() -> None:
+    run = play(options("physics+wire", seconds=0.05))
+    assert run.physics is not None and run.physics.fall is None and run.reason is None
+    assert len(run.physics.time) >= len(run.record)
+
+
+@pytest.mark.parametrize(("mount", "hook"), [("stand", None), ("gantry", "neck")])
+def test_held_robots_follow_with_the_whole_body(mount: str, hook: str | None) -> None:
+    run = play(options(mount=mount, hook=hook, seconds=1.6))
+    assert run.physics is not None and run.physics.fall is None and run.physics.least_margin is None
+    assert run.robot is not None and not run.robot.stands
+    assert run.reason is None and run.physics.mount == mount
+
+
+@pytest.mark.parametrize(("mount", "hook"), [("stand", None), ("gantry", "neck")])
+def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, shared: Path) -> None:
+    """Landmarks, feet that would cross among them, on average 20 mm off at most: where it was sent and where it is."""
+    asked = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount=mount, hook=hook))
+    bench = PhysicsBench(asked, lambda text: None)
+
+    def walk() -> SensorFrames:
+        return read_amc(shared / "mocap" / "cmu_asfamc" / "02_01.amc")
+
+    with prepare(walk, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
+        run = bench.seen(prepared.run())
+    assert [priorities.name for priorities in run.priorities] == ["human", "held"]
+    report = measure(run)
+    assert report.servo_tracking_mm is not None and report.fallen is False
+    for tracks in (report.tracking_mm, report.servo_tracking_mm):
+        assert np.mean([spread.mean for spread in tracks.values()]) <= 20.0
+
+
+def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> None:
+    asked = options(seconds=0.4, trouble=("mass", "friction", "push"), seed=5)
+    bench = PhysicsBench(asked, lambda text: None)
+    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
+        assert bench._bus is not None
+        simulation = bench._bus.witness.simulation
+        assert simulation.perturbation.mass_scale != 1.0 and simulation.perturbation.friction != 0.8
+        assert simulation._pushes == []
+        run = bench.seen(prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared))))
+    assert len(simulation._pushes) == 1
+    assert run.physics is not None and run.physics.trouble == ("mass", "friction", "push")
+    following = run.record.time[run.record.following]
+    begun = simulation._pushes[0][0] * simulation.world.step + run.physics.time[0]
+    assert following[0] < begun < following[-1] + 0.1
+
+
+def test_without_physics_the_bench_only_makes_the_bus() -> None:
+    asked = options("mock", seconds=0.2)
+    bench = PhysicsBench(asked, lambda text: None)
+    assert isinstance(bench.make_bus(load_robot("op3"), VirtualClock()), MockBus)
+    run = play(asked)
+    assert run.physics is None
+
+
+def refusal(path: Path, physics: PhysicsOptions) -> str:
+    asked = RunOptions(robot=str(path), bus="physics", physics=physics, playback=Playback(end=0.2))
+    bench = PhysicsBench(asked, lambda text: None)
+    with (
+        pytest.raises(ConfigError) as caught,
+        prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus),
+    ):
+        pass
+    return str(caught.value)
+
+
+def test_a_hanging_robot_needs_a_hook(tmp_path: Path) -> None:
+    said = refusal(copy_of_op3(tmp_path / "op3"), PhysicsOptions(mount="gantry"))
+    shows(said)
+    said = refusal(copy_of_op3(tmp_path / "hangs", ("root: free", "root: suspended")), PhysicsOptions())
+    shows(said)
+
+
+def test_a_robot_on_a_stand_does_not_go_to_the_floor(tmp_path: Path) -> None:
+    said = refusal(copy_of_op3(tmp_path / "op3", ("root: free", "root: fixed")), PhysicsOptions(mount="floor"))
+    shows(said)
+
+
+def test_servos_without_gains_are_refused(tmp_path: Path) -> None:
+    path = copy_of_op3(tmp_path / "op3")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(re.sub(r",? *gains: \{[^}]*\}", "", text), encoding="utf-8")
+    assert "without a P gain" in refusal(path, PhysicsOptions())
+
+
+def test_a_posture_that_cannot_stand_is_refused_with_centre_of_mass_and_polygon(tmp_path: Path) -> None:
+    path = copy_of_op3(tmp_path / "op3")
+    text = path.read_text(encoding="utf-8")
+    stand = yaml.safe_load(text)["postures"]["stand"]
+    assert "l_ank_pitch" in stand
+    data = yaml.safe_load(text)
+    for joint in ("l_ank_pitch", "r_ank_pitch"):
+        low, high = data["servos"][joint]["limits"]
+        data["postures"]["stand"][joint] = 0.95 * (high if stand[joint] > 0 else low)
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    said = refusal(path, PhysicsOptions())
+    shows(said)
+
+
+def test_without_mujoco_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = load_robot("op3")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with refuses(ConfigError, "mujoco"):
+        PhysicsBench(options(), lambda text: None).make_bus(robot, VirtualClock())
+
+
+def test_only_what_hangs_has_a_hook() -> None:
+    bench = PhysicsBench(options(hook="neck"), lambda text: None)
+    with refuses(UsageError):
+        bench.make_bus(load_robot("op3"), VirtualClock())
+
+
+def test_a_mount_of_the_profile_takes_the_hook(tmp_path: Path) -> None:
+    path = copy_of_op3(tmp_path / "op3", ("root: free", "root: suspended"))
+    robot = load_robot(path)
+    asked = RunOptions(robot=str(path), bus="physics", physics=PhysicsOptions(hook="neck"))
+    assert PhysicsBench(asked, lambda text: None)._mount(robot) == Mount(Support.GANTRY, hook="neck")
+
+
+def test_a_live_run_is_watched_too(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc"
+    with pytest.raises(SystemExit) as left:
+        main(["run", "--robot", "op3", "--source", source, "--countdown", "0", "--end", "0.1", "--bus", "physics"])
+    assert left.value.code == DONE
+    shows_lines(capsys.readouterr().out, re.compile(r"^physics\b"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--bus", "physics", "--mount", "gantry"), "no hook point"),
+        (("--bus", "physics", "--mount", "wall"), "unknown mount"),
+        (("--bus", "mock", "--trouble", "push"), "only a robot with mass"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(
+    words: tuple[str, ...], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def short(*_: object, **__: object) -> SensorFrames:
+        return synthetic_performer().cut(0.0, 0.2)
+
+    monkeypatch.setattr("retarget.sources.open.open_source", short)
+    with pytest.raises(SystemExit) as left:
+        main(["run", "--robot", "op3", "--source", "a.amc", *words])
+    assert left.value.code == REFUSED and said in capsys.readouterr().err

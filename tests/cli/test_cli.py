@@ -1,0 +1,187 @@
+"""The command line's frame: help, version, exit codes and the boundary where errors become messages."""
+
+import importlib
+import inspect
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+
+import retarget
+from hardware.errors import RetargetError, TorqueError
+from messages import shows
+from retarget import cli
+from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, REFUSED, STOPPED, exit_code_of
+
+
+def leave(*words: str) -> int:
+    with pytest.raises(SystemExit) as leaving:
+        cli.main(words)
+    assert isinstance(leaving.value.code, int)
+    return leaving.value.code
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("--version") == DONE
+    assert capsys.readouterr().out.strip() == f"retarget {retarget.__version__}"
+
+
+def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture[str]) -> None:
+    before = set(sys.modules)
+    assert leave("--help") == DONE
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in cli.COMMANDS)
+    assert not {f"retarget.cli.{name}" for name in cli.COMMANDS} & (set(sys.modules) - before)
+
+
+def test_the_help_of_a_command_has_headings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("run", "--help") == DONE
+    shown = capsys.readouterr().out
+    heading = shown.index("Live streams")
+    assert shown.index("--report") < heading < shown.index("--dead-man") < shown.index("--realtime")
+
+
+def test_module_is_the_command() -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "retarget", "--version"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (result.returncode, result.stdout.strip()) == (0, f"retarget {retarget.__version__}")
+
+
+def test_a_process_of_its_own_makes_haste_and_one_that_is_shared_is_left_alone() -> None:
+    code = "import atexit, gc, sys; from retarget.cli import main; sys.argv = ['retarget', 'check', 'op3']\n"
+    code += "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 0, 'glfw' in sys.modules))\n"
+    for call, said in (("main()", "False True False"), ("main(['robots'])", "True False False")):
+        result = subprocess.run([sys.executable, "-c", code + call], capture_output=True, text=True, timeout=60)
+        assert (result.returncode, result.stdout.splitlines()[-1]) == (0, said), result.stderr
+
+
+@pytest.mark.parametrize("name", list(cli.COMMANDS))
+def test_every_command_is_documented(name: str) -> None:
+    word = cli.FILES.get(name, name.replace("-", "_"))
+    function = getattr(importlib.import_module(f"retarget.cli.{word}"), word)
+    assert inspect.getdoc(function)
+
+
+def test_an_unknown_command_is_refused_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("inspekt") == REFUSED
+    shows(capsys.readouterr().err)
+
+
+def test_an_unknown_option_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("robots", "--colour") == REFUSED
+    assert "--colour" in capsys.readouterr().err
+
+
+def test_a_refusal_is_one_message_without_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    def refuse() -> None:
+        raise RetargetError("robot.yaml:3: limits inverted")
+
+    assert exit_code_of(refuse) == REFUSED
+    assert capsys.readouterr().err == "error: robot.yaml:3: limits inverted\n"
+
+
+def test_torque_that_is_still_on_is_no_refusal(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        raise TorqueError("port gone (cut the power)")
+
+    assert exit_code_of(fail) == STOPPED
+    assert capsys.readouterr().err == "error: port gone (cut the power)\n"
+
+
+def interrupted() -> None:
+    raise KeyboardInterrupt
+
+
+def interrupted_import() -> None:
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as error:
+        raise ImportError("initialization failed") from error
+
+
+def refused_because_of_an_interrupted_import() -> None:
+    try:
+        interrupted_import()
+    except ImportError:
+        raise RetargetError("C3D needs ezc3d: install it") from None
+
+
+@pytest.mark.parametrize("command", [interrupted, interrupted_import, refused_because_of_an_interrupted_import])
+def test_an_interrupt_is_one_line(command: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code_of(command) == INTERRUPTED == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_to_be_told_to_end_is_an_interrupt_too(number: signal.Signals, capsys: pytest.CaptureFixture[str]) -> None:
+    closed: list[bool] = []
+
+    def command() -> None:
+        try:
+            signal.raise_signal(number)
+        finally:
+            closed.append(True)
+
+    assert exit_code_of(command) == INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n" and closed == [True]
+    assert signal.getsignal(number) is signal.SIG_DFL
+
+
+def test_an_interrupt_inside_a_command_is_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("retarget.cli.robots.user_folder", interrupted)
+    assert leave("robots") == INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_torque_that_is_still_on_after_an_interrupt_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        try:
+            interrupted()
+        except KeyboardInterrupt as error:
+            raise TorqueError("port gone (cut the power)") from error
+
+    assert exit_code_of(fail) == STOPPED
+    shows(capsys.readouterr().err)
+
+
+def test_nothing_of_weight_is_imported_before_main() -> None:
+    code = "import sys, retarget.cli; print('typer' in sys.modules, 'numpy' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert result.stdout.split() == ["False", "False"]
+
+
+def test_a_defect_shows_its_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code_of(lambda: 1 // 0) == DEFECT
+    shown = capsys.readouterr().err
+    assert "ZeroDivisionError" in shown
+    shows(shown)
+
+
+@pytest.mark.parametrize(("code", "expected"), [(None, DONE), (0, DONE), (1, STOPPED), (2, REFUSED)])
+def test_an_exit_passes(code: int | None, expected: int) -> None:
+    def leaves() -> None:
+        sys.exit(code)
+
+    assert exit_code_of(leaves) == expected
+
+
+def test_a_reader_that_leaves_is_no_defect() -> None:
+    code = "from retarget.cli.exit import exit_code_of\nimport sys\n"
+    code += "sys.exit(exit_code_of(lambda: [print('line') for _ in range(100000)]))"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        shown = process.stderr.read()
+    assert shown == b""
+
+
+def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave("--help") == DONE
+    shown = " ".join(capsys.readouterr().out.split())
+    assert all(f"{code} " in shown.split("Exit codes:")[1] for code in (DONE, STOPPED, REFUSED, DEFECT, INTERRUPTED))

@@ -1,0 +1,127 @@
+"""`retarget export`: one clear message and exit code 2 for what cannot be; nothing is overwritten, nothing is left."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exported import SLIDER, moved, saved, slider, with_servos
+from messages import shows
+from retarget.cli import main
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    (tmp_path / "slider.xml").write_text(SLIDER)
+    motion = with_servos(moved(slider()))
+    phase = motion.phase.astype("<U8")
+    phase[:10], phase[-3:] = "approach", "brake"
+    return saved(motion, tmp_path / "run.npz", tmp_path / "slider.xml", phase=phase)
+
+
+def code_of(*words: str | Path) -> int:
+    with pytest.raises(SystemExit) as left:
+        main(["export", *map(str, words)])
+    assert isinstance(left.value.code, int)
+    return left.value.code
+
+
+ENDINGS = {
+    "csv": "run.csv",
+    "npz": "run_motion.npz",
+    "parquet": "run.parquet",
+    "bvh": "run.bvh",
+    "lerobot": "run_lerobot",
+}
+
+
+@pytest.mark.parametrize("to", ENDINGS)
+def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = {path.name for path in run.parent.iterdir()}
+    assert code_of(run, "--to", to) == 0
+    assert {path.name for path in run.parent.iterdir()} - before == {ENDINGS[to]}
+    told = capsys.readouterr().out
+    shows(told, 27, 10, 3)
+    place = run.parent / ENDINGS[to]
+    stamp = place.stat().st_mtime_ns
+    assert code_of(run, "--to", to) == 2
+    shows(capsys.readouterr().err)
+    assert place.stat().st_mtime_ns == stamp
+
+
+def test_all_phases_and_another_rate(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "here.csv"
+    assert code_of(run, "--to", "csv", "--out", out, "--phase", "all", "--fps", "25") == 0
+    shows(capsys.readouterr().out, 20, 25)
+    header, *rows = out.read_text().splitlines()
+    assert header.endswith("phase") and len(rows) == 20 and rows[0].endswith("approach")
+
+
+@pytest.mark.parametrize(("to", "name"), [("csv", "a.txt"), ("csv", "a"), ("npz", "a.npz"), ("bvh", "A.BVH")])
+def test_other_names_are_free(to: str, name: str, run: Path, tmp_path: Path) -> None:
+    assert code_of(run, "--to", to, "--out", tmp_path / name) == 0
+    assert (tmp_path / name).is_file()
+
+
+REFUSED = {
+    "unknown format": (["--to", "cvs"], "Did you mean csv"),
+    "unknown phase": (["--to", "csv", "--phase", "brake"], "--phase"),
+    "unknown body": (["--to", "csv", "--of", "dog"], "--of"),
+    "impossible rate": (["--to", "csv", "--fps", "0"], "--fps"),
+    "nowhere": (["--to", "csv", "--out", "nowhere/run.csv"], "no such folder"),
+    "a suffix of another format": (["--to", "bvh", "--out", "a.csv"], "found a.csv. Give a.bvh, or --to csv"),
+    "a suffix of another format in capitals": (["--to", "csv", "--out", "a.NPZ"], "Give a.csv, or --to npz"),
+    "a folder with the suffix of a file": (["--to", "lerobot", "--out", "a.bvh"], "Give a_lerobot, or --to bvh"),
+    "a human that is not there": (["--to", "csv", "--of", "human"], "human_mjcf, human_q"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_in_one_line(
+    case: str, run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(run.parent)
+    before = sorted(path.name for path in run.parent.iterdir())
+    words, message = REFUSED[case]
+    assert code_of(run, *words) == 2
+    told = capsys.readouterr()
+    assert message in told.err and told.err.count("\n") == 1 and told.out == ""
+    assert sorted(path.name for path in run.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize("to", ["parquet", "lerobot"])
+def test_without_pyarrow(
+    to: str, run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    before = sorted(path.name for path in run.parent.iterdir())
+    assert code_of(run, "--to", to) == 2
+    assert "retarget[record]" in capsys.readouterr().err
+    assert sorted(path.name for path in run.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize("file", [".", "/", "", "nothing.npz", "x" * 5000 + ".npz", "run.txt"])
+def test_what_is_no_run(file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(file, "--to", "csv", "--out", tmp_path / "out.csv") == 2
+    assert capsys.readouterr().err.startswith("error: ") and not (tmp_path / "out.csv").exists()
+    assert code_of(file, "--to", "csv") == 2
+
+
+def test_nothing_followed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "slider.xml").write_text(SLIDER)
+    run = saved(moved(slider()), tmp_path / "run.npz", tmp_path / "slider.xml", phase=np.full(40, "approach"))
+    assert code_of(run, "--to", "csv") == 2
+    shows(capsys.readouterr().err, "--phase")
+
+
+def test_what_fails_halfway_leaves_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(path.name for path in run.parent.iterdir())
+    assert code_of(run, "--to", "lerobot", "--fps", "31.25") == 2
+    shows(capsys.readouterr().err)
+    assert sorted(path.name for path in run.parent.iterdir()) == before
+
+
+def test_a_link_is_something_too(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.csv").symlink_to(tmp_path / "nothing")
+    assert code_of(run, "--to", "csv", "--out", tmp_path / "out.csv") == 2
+    assert not (tmp_path / "nothing").exists()

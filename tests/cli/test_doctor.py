@@ -1,0 +1,71 @@
+"""The command: what it takes, what it prints, how it leaves."""
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from messages import shows
+from retarget import cli
+
+
+def leave(*words: str) -> int:
+    with pytest.raises(SystemExit) as leaving:
+        cli.main(("doctor", *words))
+    assert isinstance(leaving.value.code, int)
+    return leaving.value.code
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (("vmc:39539",), "neither a stream nor a port"),
+        (("nope://:1",), "unknown kind of stream"),
+        (("vmc://:39539", "--robot", "op3"), "Leave one out"),
+        (("vmc://:39539", "--seconds", "0"), "no such time"),
+        (("vmc://:39539", "--seconds", "nan"), "no such time"),
+        (("vmc://:39539", "--performer", "nobody"), "unknown performer"),
+        (("--performer", "five"), "only a stream has this"),
+        (("--robot", "nobody"), "unknown robot"),
+        (("replay://nowhere.raw",), "no such recording"),
+    ],
+)
+def test_a_bad_argument_is_refused(words: tuple[str, ...], part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave(*words) == 2
+    assert part in capsys.readouterr().err
+
+
+def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave(str(tmp_path / "ttyUSB7"), "--json", str(tmp_path / "found.json")) == 1
+    shown = capsys.readouterr().out
+    shows(shown)
+    assert shown.endswith("1 to mend\n")
+    (finding,) = json.loads((tmp_path / "found.json").read_text())["findings"]
+    assert finding["level"] == "mend" and finding["what"] in shown
+
+
+@pytest.fixture
+def terminal() -> Iterator[str]:
+    """A pseudo-terminal that nobody else has open."""
+    master, slave = os.openpty()
+    path = os.ttyname(slave)
+    os.close(slave)
+    yield path
+    os.close(master)
+
+
+def test_nothing_wrong_is_0(terminal: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert leave(terminal) == 0
+    assert capsys.readouterr().out.endswith("nothing is wrong\n")
+
+
+def test_json_that_cannot_be_written(terminal: str, tmp_path: Path) -> None:
+    assert leave(terminal, "--json", str(tmp_path / "none/x.json")) == 2
+
+
+def test_a_recording(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = shared / "streams/slimevr/full12_vmc_50hz.udprec.gz"
+    assert leave(f"replay://{path}?kind=vmc", "--seconds", "3") == 0
+    shows(capsys.readouterr().out)

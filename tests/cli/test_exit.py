@@ -1,0 +1,414 @@
+"""Whoever writes to a terminal that takes nothing neither waits nor fails, and memory is bounded."""
+
+import errno
+import io
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import typer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.clock import MonotonicClock, VirtualClock
+from live_processes import PATIENCE_S, Performer, _free_port
+from messages import refuses, shows
+from retarget.cli import exit
+from retarget.cli.application import progress_bar
+from retarget.cli.exit import (
+    MOST,
+    REASONS,
+    SIGNALS,
+    STOPPED,
+    Detached,
+    Screen,
+    SecondPress,
+    all_as_ctrl_c,
+    careful_stdout,
+    detached_screens,
+    stop_on_signals,
+)
+
+CLOCK = MonotonicClock()
+
+
+class Full(io.StringIO):
+    """A device that is full."""
+
+    def write(self, text: str) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.fixture
+def full_pipe() -> Iterator[tuple[int, int]]:
+    """Both ends of a pipe that takes no more, and that nobody reads."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writing, bytes(4096))
+    os.set_blocking(writing, True)
+    yield reading, writing
+    os.close(reading)
+    os.close(writing)
+
+
+def test_what_is_written_arrives_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+    before = sys.stdout, sys.stderr
+    with detached_screens():
+        for line in range(300):
+            sys.stderr.write(f"{line}\n")
+        sys.stdout.write("done\n")
+    assert (sys.stdout, sys.stderr) == before
+    out, err = capsys.readouterr()
+    assert out == "done\n" and err.split() == [str(line) for line in range(300)]
+
+
+@pytest.mark.parametrize("barred", [False, True])
+def test_nothing_goes_past_the_thread(barred: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is told, also above a progress bar, which has a stream of its own in front of stderr."""
+    wrote: list[str] = []
+
+    def write(self: Detached, text: str) -> int:
+        if not isinstance(text, str):
+            raise TypeError
+        wrote.append(text)
+        return len(text)
+
+    with (tmp_path / "stderr").open("w", encoding="utf-8") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        monkeypatch.setattr(Detached, "write", write)
+        monkeypatch.setattr(Detached, "isatty", lambda self: barred, raising=False)
+        monkeypatch.setenv("TERM", "xterm")
+        with detached_screens(), progress_bar("op3", 100) as show:
+            show(50)
+            typer.echo("held", err=True)
+    assert "held" in "".join(wrote) and ("op3" in "".join(wrote)) == barred
+    assert (tmp_path / "stderr").read_text(encoding="utf-8") == ""
+
+
+def test_a_pipe_that_nobody_reads_holds_nobody_up(full_pipe: tuple[int, int]) -> None:
+    reading, writing = full_pipe
+    begun = CLOCK.now()
+    with os.fdopen(writing, "w", closefd=False) as stream:
+        screen = Detached(stream)
+        screen.write("first")
+        while screen._waiting:  # the thread takes it, and hangs
+            CLOCK.sleep_until(CLOCK.now() + 1e-3)
+        for _ in range(3 * MOST):
+            screen.write("text")
+        assert screen.lost == 2 * MOST and CLOCK.now() - begun < 1.0
+        screen._thread.join(0.05)
+        assert screen._thread.is_alive()
+        size = 0
+        os.set_blocking(reading, False)
+        screen._ended = True
+        while screen._thread.is_alive() and CLOCK.now() - begun < PATIENCE_S:
+            with suppress(BlockingIOError):
+                size += os.read(reading, 1 << 20).count(b"text")
+        with suppress(BlockingIOError):
+            size += os.read(reading, 1 << 20).count(b"text")
+    assert size == MOST  # somebody reads again: the latest are there
+
+
+def test_the_end_waits_for_both_at_once(full_pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, waited = VirtualClock(), list[float]()
+
+    def join(self: threading.Thread, timeout: float) -> None:
+        waited.append(timeout)
+        clock.advance(timeout)
+
+    with os.fdopen(full_pipe[1], "w", closefd=False) as stuck, monkeypatch.context() as patch:
+        patch.setattr(exit, "MonotonicClock", lambda: clock)
+        patch.setattr(threading.Thread, "join", join)
+        patch.setattr(sys, "stdout", stuck)
+        patch.setattr(sys, "stderr", stuck)
+        with detached_screens():
+            sys.stdout.write("text")
+            sys.stderr.write("text")
+    assert sum(waited) == pytest.approx(exit.PATIENCE_S) and len(waited) == 2
+    os.read(full_pipe[0], 1 << 20)
+    for thread in threading.enumerate():
+        if thread.name == "screen":
+            thread.join(PATIENCE_S)
+
+
+def test_a_reader_that_has_left_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as stream:
+        screen = Detached(stream)
+        screen.write("text")
+        screen.close()
+        screen.close()
+        assert screen.lost == 1 and isinstance(screen.failure, BrokenPipeError)
+
+
+def test_a_full_device_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", Full())
+    with careful_stdout() as screen:
+        with detached_screens():
+            sys.stdout.write("text")
+        assert screen is not None and screen.reason == os.strerror(errno.ENOSPC)
+
+
+def test_it_is_a_text_stream() -> None:
+    screen = Detached(io.StringIO())
+    with refuses(TypeError):
+        screen.write(b"text")  # type: ignore[arg-type]
+    assert not screen.isatty() and screen.encoding == "utf-8"
+    screen.close()
+
+
+def asked(path: Path, word: str) -> dict[str, object] | str:
+    """What the run answers, or "" while it does not listen."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client, suppress(OSError):
+        client.settimeout(1.0)
+        client.connect(str(path))
+        client.sendall(f"{word}\n".encode())
+        answer = client.recv(500).decode()
+        return json.loads(answer) if answer.startswith("{") else answer
+    return ""
+
+
+@pytest.mark.long
+def test_a_live_run_whose_terminal_takes_nothing_is_stopped_and_leaves_its_report(
+    full_pipe: tuple[int, int], tmp_path: Path
+) -> None:
+    port, control, report = _free_port(), tmp_path / "control", tmp_path / "report.json"
+    performer = Performer(port)
+    performer.start()
+    words = ["--robot", "op3", "--source", f"json://127.0.0.1:{port}", "--bus", "mock", "--yes", "--countdown", "0.2"]
+    words += ["--control-socket", str(control), "--report", str(report)]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "retarget", "run", *words],
+        stdin=subprocess.DEVNULL,
+        stdout=full_pipe[1],
+        stderr=full_pipe[1],
+    )
+    try:
+        end = CLOCK.now() + PATIENCE_S
+        while CLOCK.now() < end and run.poll() is None:
+            status = asked(control, "status")
+            if isinstance(status, dict) and status["followed"]:
+                break
+            CLOCK.sleep_until(CLOCK.now() + 0.1)
+        assert asked(control, "stop") == "ok stopping\n"
+        assert run.wait(8.0) == STOPPED
+        assert json.loads(report.read_text())["stop"]["state"] == "stopped"
+    finally:
+        performer.done.set()
+        run.kill()
+        run.wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with stop_on_signals() as asked:
+        assert not asked()
+        signal.raise_signal(number)
+        assert asked() and not asked.insisted()
+        assert asked.why() == REASONS[number.name] and number.name in asked.why().replace("Ctrl-C", "SIGINT")
+        signal.raise_signal(signal.SIGINT)
+        assert asked.why() == REASONS[number.name], "the first one stays"
+    assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("first", [number for number in SIGNALS if number != signal.SIGINT])
+def test_ctrl_c_after_another_signal_insists_and_does_not_raise(first: signal.Signals) -> None:
+    with stop_on_signals() as asked:
+        signal.raise_signal(first)
+        assert asked() and not asked.insisted()
+        for _ in range(3):
+            signal.raise_signal(signal.SIGINT)
+            assert asked() and asked.insisted()
+
+
+def test_ctrl_c_that_is_held_asks_and_pressed_again_it_insists() -> None:
+    clock = VirtualClock()
+    with stop_on_signals(clock) as asked:
+        for _ in range(60):  # as a keyboard repeats it
+            signal.raise_signal(signal.SIGINT)
+            clock.advance(0.03)
+            assert asked() and not asked.insisted()
+        clock.advance(0.3)
+        signal.raise_signal(signal.SIGINT)
+        assert asked.insisted()
+
+
+def test_ctrl_z_suspends_no_robot_that_moves() -> None:
+    """It would stand there with torque, and nobody would look after it."""
+    before = signal.getsignal(signal.SIGTSTP)
+    with stop_on_signals():
+        assert signal.getsignal(signal.SIGTSTP) is before, "where nothing moves, it suspends"
+    with stop_on_signals(moves=True) as asked:
+        signal.raise_signal(signal.SIGTSTP)
+        assert asked() and not asked.insisted()
+        shows(asked.why())
+    assert signal.getsignal(signal.SIGTSTP) is before
+
+
+def test_a_service_that_is_told_twice_still_brakes() -> None:
+    with stop_on_signals() as asked:
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
+            signal.raise_signal(number)
+        assert asked() and not asked.insisted()
+
+
+def test_what_is_ignored_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stop_on_signals() as asked:
+            signal.raise_signal(signal.SIGHUP)
+            assert not asked()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_outside_of_a_motion_each_of_them_is_as_ctrl_c(number: signal.Signals) -> None:
+    before = {each: signal.getsignal(each) for each in SIGNALS}
+    with pytest.raises(KeyboardInterrupt), all_as_ctrl_c():
+        with stop_on_signals() as asked:
+            signal.raise_signal(number)
+            assert asked()
+        signal.raise_signal(number)
+    assert {each: signal.getsignal(each) for each in SIGNALS} == before
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
+def test_what_somebody_else_handles_or_ignores_is_left_to_them(handler: signal.Handlers) -> None:
+    before = signal.signal(signal.SIGTERM, handler)
+    try:
+        with all_as_ctrl_c():
+            signal.raise_signal(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) is handler
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_another_thread_sets_no_handlers() -> None:
+    seen: list[object] = []
+
+    def command() -> None:
+        with all_as_ctrl_c():
+            seen.append(signal.getsignal(signal.SIGTERM))
+
+    before = signal.getsignal(signal.SIGTERM)
+    thread = threading.Thread(target=command)
+    thread.start()
+    thread.join()
+    assert seen == [before]
+
+
+NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+GONE = BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
+
+
+class Broken(io.StringIO):
+    def __init__(self, error: OSError) -> None:
+        super().__init__()
+        self.error = error
+
+    def write(self, text: str) -> int:
+        raise self.error
+
+
+@pytest.mark.parametrize(("error", "reason"), [(NO_SPACE, os.strerror(errno.ENOSPC)), (GONE, "")])
+def test_a_failure_is_remembered_and_not_raised(error: OSError, reason: str) -> None:
+    screen = Screen(Broken(error))
+    assert screen.write("text") == 4
+    assert screen.failure is error and screen.reason == reason
+
+
+def test_what_works_passes(capsys: pytest.CaptureFixture[str]) -> None:
+    before = sys.stdout
+    with careful_stdout() as screen:
+        sys.stdout.write("text\n")
+    assert sys.stdout is before
+    assert screen is not None and screen.reason == ""
+    assert capsys.readouterr().out == "text\n"
+
+
+def test_a_process_without_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    with careful_stdout() as screen:
+        assert screen is None
+
+
+@pytest.mark.parametrize("words", [["robots"], ["--help"], ["check", "op3"]])
+def test_any_command_on_a_full_device_is_one_line(words: list[str]) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "retarget", *words], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: stdout: cannot print") and len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("words", [["robots"], ["--help"], ["check", "op3"]])
+def test_any_command_whose_reader_has_left_is_quiet(words: list[str]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as pipe:
+        result = subprocess.run(
+            [sys.executable, "-m", "retarget", *words], stdout=pipe, stderr=subprocess.PIPE, text=True
+        )
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def presses(*times: float) -> list[bool]:
+    key = SecondPress()
+    return [key.pressed(1, time) for time in times]
+
+
+def test_pressed_again_it_is() -> None:
+    assert presses(5.0, 6.3) == [False, True]
+    assert presses(0.0, 60.0) == [False, True]
+
+
+def test_twice_in_haste_is_once_until_it_is_pressed_again() -> None:
+    assert presses(5.0, 5.3, 5.9, 7.0) == [False, False, False, True]
+
+
+@settings(max_examples=60)
+@given(
+    delay=st.floats(0.15, 1.0),
+    period=st.floats(0.01, 0.12),
+    tick=st.floats(0.004, 0.02),
+    phase=st.floats(0.0, 1.0),
+)
+def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) -> None:
+    """For 4 s, looked at in every tick."""
+    repeats = [phase, *(phase + delay + period * count for count in range(int(3.0 / period)))]
+    key, seen = SecondPress(), 0
+    for look in range(int(5.0 / tick)):
+        now = look * tick
+        come = sum(time <= now for time in repeats)
+        assert not key.pressed(come - seen, now)
+        seen = come
+
+
+@pytest.mark.parametrize("stall", [0.25, 1.0])
+def test_held_and_read_late_it_is_not(stall: float) -> None:
+    key = SecondPress()
+    key.pressed(1, 0.0)
+    now = 0.5
+    while now < 3.0:
+        assert not key.pressed(1, now)
+        now += 0.033
+    assert not key.pressed(int(stall / 0.033), now + stall)
+    assert not key.pressed(0, now + stall + 0.01)
+    assert not key.pressed(1, now + stall + 0.02)

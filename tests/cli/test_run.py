@@ -1,0 +1,369 @@
+"""`retarget run`: end to end, what is refused before anything happens, and what a person reads."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from live_rig import LiveRig
+from messages import refuses, shows, shows_lines
+from retarget.cli import main
+from retarget.cli.controls import Clutch, Keys, LiveControls
+from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
+from retarget.cli.run import _wait_until_wanted, in_time, refuse_for_file, sides_are_checked
+from retarget.errors import UsageError
+from retarget.live.begin import LiveOptions
+from retarget.live.performer import LivePerformer
+from retarget.report.measure import measure
+from retarget.report.report import Report
+from retarget.run.run_result import RunResult
+from retarget.sources.raw_record import RawWriter
+from sim.faults.sender import FakeSender
+
+SWAPPED = """\
+name: swapped
+description: The hands' trackers are exchanged.
+sensors:
+  head:    {joint: head}
+  l_wrist: {joint: l_wrist, role: "human://RIGHT_HAND"}
+  r_wrist: {joint: r_wrist, role: "human://LEFT_HAND"}
+  l_ankle: {joint: l_ankle}
+  r_ankle: {joint: r_ankle}
+"""
+
+
+@pytest.fixture
+def slimevr(shared: Path) -> str:
+    """Somebody who stands still, and raises the left arm to the side two seconds later."""
+    return f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc"
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
+    """Exit code, and what is said."""
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--robot", "human", "--countdown", "0", "--end", "0.2", *words])
+    code = ended.value.code
+    assert isinstance(code, int)
+    return code, capsys.readouterr().err
+
+
+def test_a_real_left_arm_to_the_side_is_not_enough(slimevr: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The recorded arm goes straight to the side: that tells sides, but not whether the world is mirrored."""
+    code, said = run(capsys, "--source", slimevr, "--check-sides")
+    assert code == 2
+    shows(said)
+
+
+def test_a_real_person_is_kept(
+    slimevr: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    words = ("--source", slimevr, "--person", "anna")
+    code, said = run(capsys, *words)
+    assert code == 0
+    shows(said, "1.6")
+    assert (tmp_path / "retarget/people/anna.yaml").is_file()
+    code, said = run(capsys, *words)
+    assert code == 0
+    shows(said, "1.6")
+
+
+def test_exchanged_hands_are_refused(slimevr: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "swapped.yaml"
+    file.write_text(SWAPPED)
+    code, said = run(capsys, "--source", slimevr, "--performer", str(file), "--check-sides")
+    assert code == 2
+    shows(said, "wrist")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--recalibrate",), "--recalibrate: nobody is kept without a name"),
+        (("--person", "../anna"), "--person: this is no name of a performer"),
+        (("--check-sides", "--yes"), "one asks, the other does not"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    slimevr: str, words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = run(capsys, "--source", slimevr, *words)
+    assert code == 2 and message in said
+
+
+def test_the_sides_of_whoever_is_there_are_checked() -> None:
+    assert sides_are_checked("vmc://:39539", None, yes=False)
+    assert not sides_are_checked("vmc://:39539", None, yes=True)
+    assert not sides_are_checked("vmc://:39539", asked=False, yes=False)
+    assert not sides_are_checked("replay://a.raw", None, yes=False)
+    assert sides_are_checked("replay://a.raw", asked=True, yes=False)
+
+
+def test_a_file_has_no_live_options() -> None:
+    refuse_for_file({"--person": None})
+    with refuses(UsageError, "--person"):
+        refuse_for_file({"--person": "anna", "--recalibrate": None})
+
+
+def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() -> None:
+    rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
+    with rig.prepared() as prepared:
+        stop, performer = StopRequest(), prepared.samples
+        assert isinstance(performer, LivePerformer)
+        clutch = Clutch(performer, clock=rig.clock, tell=rig.said.append)
+        controls = LiveControls(Keys(), stop, performer, clutch, tell=rig.said.append)
+        _wait_until_wanted(clutch, controls.look, performer, rig.clock)
+        clutch.pause()
+        begun = rig.clock.now()
+
+        def listen() -> None:
+            if rig.clock.now() - begun > 1.0:
+                clutch.unpause()
+
+        performer.listen = listen  # type: ignore[method-assign]
+        _wait_until_wanted(clutch, controls.look, performer, rig.clock)
+        assert 1.0 < rig.clock.now() - begun < 1.1
+        stop.ask("somebody asked")
+        with pytest.raises(KeyboardInterrupt):
+            _wait_until_wanted(clutch, controls.look, performer, rig.clock)
+        assert not rig.bus.torque_on
+
+
+def raw(path: Path, *, seconds: float) -> str:
+    """Address of so much of a stream."""
+    writer, sender = RawWriter(path, url="json://:14150"), FakeSender()
+    for tick in range(round(100 * seconds)):
+        for datagram in sender.poll(0.01 * tick):
+            address, port = datagram.source
+            writer.append(datagram.payload, time_ns=round(1e9 * datagram.arrival), address=address, port=port)
+        writer.flush()
+    writer.close()
+    return f"replay://{path}"
+
+
+def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Done, and not stopped for want of data: even of a robot, and with time to spare."""
+    source, report = raw(tmp_path / "six.raw", seconds=6.0), tmp_path / "report.json"
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--robot", "op3", "--countdown", "0", "--source", source, "--report", str(report)])
+    told = json.loads(report.read_text())
+    assert ended.value.code == 0 and told["stop"]["reason"] is None
+    assert 3.0 < told["duration_s"] < 6.0
+    shows(capsys.readouterr().err)
+
+
+def test_a_stream_that_is_over_before_following_begins_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--robot", "op3", "--countdown", "0", "--source", raw(tmp_path / "short.raw", seconds=1.2)])
+    assert ended.value.code == 0
+    shows(capsys.readouterr().err)
+
+
+def test_without_a_robot_ticks_come_in_time_too() -> None:
+    clock, looked = VirtualClock(), list[float]()
+
+    def look() -> bool:
+        looked.append(clock.now())
+        if len(looked) == 3:
+            clock.advance(0.025)
+        return False
+
+    timed = in_time(look, 0.01, clock)
+    for _ in range(5):
+        timed()
+    assert looked == pytest.approx([0.01, 0.02, 0.03, 0.055, 0.065])
+
+
+def run_run(*words: str | Path) -> int:
+    """Run the command line and return its exit code."""
+    with pytest.raises(SystemExit) as leaving:
+        main(["run", *map(str, words)])
+    return int(leaving.value.code or 0)
+
+
+@pytest.fixture
+def amc(shared: Path) -> Path:
+    return shared / "mocap" / "cmu_asfamc" / "02_06.amc"
+
+
+def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report, saved = tmp_path / "r.json", tmp_path / "r.npz"
+    code = run_run(
+        "--robot", "op3", "--source", amc, "--end", "3", "--speed", "0.5", "--report", report, "--save", saved
+    )
+    assert code == DONE
+    data = json.loads(report.read_text())
+    assert data["frames"] == 361 and data["ticks"] > 751 and data["rate_hz"] == 125.0
+    assert data["stop"] == {"state": "idle", "reason": None}
+    assert data["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
+    assert data["hand_path_ratio"] > 0.5 and data["pelvis_excursion_ratio"] > 0.3
+    with np.load(saved) as arrays:
+        phase, time = arrays["phase"], arrays["time"]
+        assert len(time) == data["ticks"] and set(phase) == {"approach", "follow", "brake"}
+        assert time[phase == "follow"] == pytest.approx(np.arange(751) / 125.0)
+        assert np.isfinite(arrays["joint_positions"]).all()
+    shown = capsys.readouterr()
+    for words in ("tracking, mm", "limits broken", "lag", "self clearance", "cost per tick", "report:"):
+        assert words in shown.out
+    assert "%" not in shown.err  # no progress bar in a pipe
+
+
+def test_the_human_is_reconstructed(amc: Path, tmp_path: Path) -> None:
+    assert run_run("--robot", "human", "--source", amc, "--end", "2", "--report", tmp_path) == DONE
+    data = json.loads((tmp_path / "report.json").read_text())
+    assert data["ticks"] == data["frames"] == 241 and data["rate_hz"] == 120.0
+    assert max(spread["mean"] for spread in data["tracking_mm"].values()) < 2.0
+    assert data["unsensed_mm"]["mean"] < 200.0
+    assert data["bus"] is None and data["gated_frames"] is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--bus", "none"),
+        ("--no-gate",),
+        ("--mirror",),
+        ("--parts", "upper"),
+        ("--performer", "ten"),
+        ("--n-ik", "1"),
+        ("--rate", "60"),
+    ],
+)
+def test_options_run(amc: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
+    assert run_run("--robot", "op3", "--source", amc, "--end", "0.3", "--report", tmp_path, *options) == DONE
+    data = json.loads((tmp_path / "report.json").read_text())
+    assert (data["bus"] is None) == ("none" in options)
+    if "upper" in options:
+        assert data["foot_slide_mm"] < 1e-6
+
+
+REFUSALS = {
+    "unknown robot": (("--robot", "op4"), r"unknown robot.*op3"),
+    "no such source": (("--source", "nothing.amc"), "nothing.amc"),
+    "unknown bus": (("--bus", "mok"), r"--bus.*mock"),
+    "a port that is not there": (("--bus", "/dev/no-such-port"), r"no such port"),
+    "faults without an emulator": (("--faults", "faults.yaml"), r"--faults.*mock"),
+    "no gate on real servos": (("--bus", "/dev/no-such-port", "--no-gate"), r"--no-gate"),
+    "unknown performer": (("--performer", "fiv"), "five"),
+    "unknown parts": (("--parts", "lower"), r"--parts.*whole, upper"),
+    "unknown priorities": (("--priorities", "serv"), "servo"),
+    "speed 0": (("--speed", "0"), "--speed"),
+    "negative speed": (("--speed", "-1"), "--speed"),
+    "speed nan": (("--speed", "nan"), "--speed"),
+    "no iterations": (("--n-ik", "0"), "--n-ik"),
+    "absurd rate": (("--rate", "1e9"), "rate"),
+    "rate 0": (("--rate", "0"), "rate"),
+    "start after end": (("--start", "2", "--end", "1"), "--start"),
+    "start after the recording": (("--start", "1000"), "start|frame"),
+    "unknown unit": (("--unit", "furlong"), "unit"),
+    "report without folder": (("--report", "nowhere/r.json"), r"--report.*no such folder|no such folder.*--report"),
+    "report of another kind": (("--report", "r.txt"), "--report"),
+    "save of another kind": (("--save", "r.csv"), "--save"),
+    "an option of a later day": (("--sing",), "No such option"),
+    "no such scene": (("--scene", "s.yaml"), "s.yaml: there is no such scene"),
+    "not a number": (("--speed", "fast"), "--speed"),
+}
+
+
+@pytest.mark.parametrize("case", list(REFUSALS))
+def test_refused_before_anything_happens(
+    case: str, amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words, message = REFUSALS[case]
+    code = run_run("--robot", "op3", "--source", amc, "--save", "s.npz", *words)
+    error = capsys.readouterr().err
+    assert code == REFUSED, error
+    assert "Traceback" not in error
+    assert re.search(message, error), error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_robot_and_source_are_needed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_run() == REFUSED
+    assert "--robot" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [("--parts", "upper"), ("--no-gate",)])
+def test_a_human_has_neither_parts_nor_gate(amc: Path, options: tuple[str, ...]) -> None:
+    assert run_run("--robot", "human", "--source", amc, *options) == REFUSED
+
+
+@pytest.mark.parametrize("bus", ["./op3-port", "emulator", "profile"])
+def test_a_human_has_no_servos(amc: Path, bus: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_run("--robot", "human", "--source", amc, "--bus", bus) == REFUSED
+    shows(capsys.readouterr().err, "--bus", "--robot", bus)
+
+
+def short(amc: Path, *words: str | Path) -> tuple[str | Path, ...]:
+    return ("--robot", "human", "--source", amc, "--end", "0.1", *words)
+
+
+def fail_to_write(*_: object, **_named: object) -> None:
+    raise UsageError("cannot write here", where="--report", found="No space left on device")
+
+
+def press_ctrl_c(*_: object) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def test_files_are_there_before_anything_is_said(amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[bool] = []
+    monkeypatch.setattr("retarget.cli.run.show_summary", lambda *_: seen.append((tmp_path / "r.json").exists()))
+    assert run_run(*short(amc, "--report", tmp_path / "r.json")) == DONE
+    assert seen == [True]
+
+
+def test_ctrl_c_after_the_motion_costs_no_file(amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def measured(result: RunResult) -> Report:
+        press_ctrl_c()
+        press_ctrl_c()
+        return measure(result)
+
+    monkeypatch.setattr("retarget.cli.run.measure", measured)
+    assert run_run(*short(amc, "--report", tmp_path / "r.json")) == DONE
+    assert (tmp_path / "r.json").exists()
+
+
+def test_ctrl_c_before_the_motion_leaves_nothing(
+    amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("retarget.run.prepare.calibrate", press_ctrl_c)
+    assert run_run(*short(amc, "--report", tmp_path / "r.json", "--plots", tmp_path / "pictures")) == INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_written_costs_no_other(
+    amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("retarget.report.outputs.write_report", fail_to_write)
+    monkeypatch.setattr("retarget.report.plots.write_plots", fail_to_write)
+    saved, pictures = tmp_path / "r.npz", tmp_path / "new" / "pictures"
+    code = run_run(*short(amc, "--report", tmp_path / "r.json", "--save", saved, "--plots", pictures))
+    shown = capsys.readouterr()
+    assert code == STOPPED
+    assert saved.exists()
+    shows_lines(shown.out, re.compile("^(tracking|run)"))
+    assert {path.name for path in tmp_path.iterdir()} == {"r.npz", "r_human.xml"}
+    assert [line[:20] for line in shown.err.splitlines()] == ["error: report not wr", "error: picture not w"]
+    shows(shown.err)
+
+
+def test_a_reader_that_leaves_costs_no_file(amc: Path, tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "retarget", "run", *map(str, short(amc, "--report", tmp_path / "r.json"))]
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as pipe:
+        result = subprocess.run(words, stdout=pipe, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (result.returncode, result.stderr) == (DONE, "")
+    assert (tmp_path / "r.json").exists()

@@ -1,0 +1,230 @@
+"""What a servo's registers say against driving it."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bus_rig import bus_of, spec
+from hardware.bus import BusSpec, ServoAlert
+from hardware.dynamixel.checks import NOBODY, alert_text, complaints, needed_ticks, notes, wishes
+from hardware.dynamixel.settings import ServoImage, differing, eeprom_settings, plan
+from hardware.joint_map import JointMap
+from hardware.servo import ServoMode, ServoSpec
+from messages import shows
+from servos import four_servos, waist_servos
+from sim.emulator.robot_lines import devices_of
+from sim.emulator.servo2 import EmulatedServo
+
+PLAIN = spec(1)
+
+
+def said(mode: ServoMode = ServoMode.POSITION, **values: int) -> list[str]:
+    (one,) = devices_of([PLAIN], protocols={"main": 2})
+    assert isinstance(one, EmulatedServo)
+    memory = one.memory
+    for name, value in {"present_input_voltage": 120, **values}.items():
+        memory.put(name, value)
+    image = ServoImage(one.table, bytes(memory.image[: one.table["present_temperature"].end]))
+    servo = replace(PLAIN, mode=mode, current_limit=1.0)
+    return complaints(servo, bus_of([PLAIN]), image, needed_ticks([servo])["j1"])
+
+
+def test_a_servo_as_delivered_may_be_driven() -> None:
+    assert said() == []
+
+
+@pytest.mark.parametrize(("volts", "fine"), [(94, False), (95, True), (160, True), (161, False)])
+def test_the_supply_is_held_against_the_servo_s_own_limits(volts: int, fine: bool) -> None:
+    assert (said(present_input_voltage=volts) == []) == fine
+
+
+def test_time_based_profiles_are_no_harm() -> None:
+    assert said(drive_mode=4) == []
+    assert len(said(drive_mode=0x0B)) == 3
+
+
+def test_limits_of_the_position_count_in_position_mode_alone() -> None:
+    assert len(said(max_position_limit=2500)) == 1
+    assert said(ServoMode.EXTENDED_POSITION, max_position_limit=2500) == []
+
+
+def test_every_alert_bit_has_a_name() -> None:
+    for alert in ServoAlert:
+        assert (alert.name or "?") in alert_text(alert)
+    assert alert_text(0x42) == "0x42"
+    assert alert_text(0x05).startswith("INPUT_VOLTAGE (supply")
+
+
+def test_a_second_id_is_refused_and_none_is_not() -> None:
+    assert [bool(said(secondary_id=value)) for value in (0, 252, 253, 255)] == [True, True, False, False]
+
+
+def test_every_cure_that_names_the_setup_says_a_whole_command() -> None:
+    found = said(drive_mode=0x0B, startup_configuration=1, secondary_id=3, homing_offset=9, min_position_limit=1500)
+    assert len(found) == 7
+    for text in found:
+        assert re.search(r"`retarget servo setup --port /dev/main --id 1( --register [a-z_]+=\d+)+`", text), text
+
+
+def _image(model: str, protocol: int, **values: int) -> tuple[ServoSpec, BusSpec, ServoImage]:
+    servo = spec(1, model)
+    (one,) = devices_of([servo], protocols={"main": protocol})
+    for name, value in values.items():
+        one.memory.put(name, value)
+    last = "lock" if protocol == 1 else "present_temperature"
+    volts = "present_voltage" if protocol == 1 else "present_input_voltage"
+    one.memory.put(volts, 120)
+    image = ServoImage(one.table, bytes(one.memory.image[: one.table[last].end]))
+    return servo, bus_of([servo], protocol=protocol), image
+
+
+@pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
+def test_a_locked_eeprom_is_told_with_what_opens_it(model: str) -> None:
+    for lock, told in ((0, False), (1, True)):
+        servo, bus, image = _image(model, 1, lock=lock)
+        text = " ".join(complaints(servo, bus, image, needed_ticks([servo])["j1"]))
+        shows(text)
+        assert ("EEPROM" in text) == told
+
+
+def test_a_follower_of_protocol_1_is_refused() -> None:
+    servo, bus, image = _image("MX-106", 1, drive_mode=2)
+    assert "follower" in complaints(servo, bus, image, needed_ticks([servo])["j1"])[0]
+
+
+@pytest.mark.parametrize(
+    ("model", "protocol", "fine"),
+    [("XL430-W250", 2, False), ("AX-12A", 1, False), ("MX-64", 1, False), ("MX-64", 2, True), ("XM430-W350", 2, True)],
+)
+def test_a_current_that_nobody_limits_is_refused(model: str, protocol: int, fine: bool) -> None:
+    servo, bus, image = _image(model, protocol)
+    needed = needed_ticks([servo])["j1"]
+    assert complaints(servo, bus, image, needed) == []
+    found = complaints(replace(servo, current_limit=0.5), bus, image, needed)
+    assert (found == []) == fine and (fine or "remove `current`" in found[0])
+
+
+@pytest.mark.parametrize(
+    ("model", "protocol", "mode", "values", "noted"),
+    [
+        ("XM430-W350", 2, ServoMode.POSITION, {}, []),
+        ("XM430-W350", 2, ServoMode.POSITION, {"pwm_limit": 442, "current_limit": 3}, ["pwm_limit 442"]),
+        ("XM430-W350", 2, ServoMode.CURRENT_BASED_POSITION, {"current_limit": 596}, ["current_limit 596"]),
+        ("XM430-W350", 2, ServoMode.CURRENT_BASED_POSITION, {"current_limit": 597}, []),
+        ("AX-12A", 1, ServoMode.POSITION, {"max_torque": 511}, ["max_torque 511"]),
+        ("AX-12A", 1, ServoMode.POSITION, {"max_torque": 512}, []),
+    ],
+)
+def test_a_small_share_of_the_drive_is_noted(
+    model: str, protocol: int, mode: ServoMode, values: dict[str, int], noted: list[str]
+) -> None:
+    servo, _, image = _image(model, protocol, **values)
+    found = notes(replace(servo, mode=mode, current_limit=0.1), image)
+    assert len(found) == len(noted) and all(text in line for text, line in zip(noted, found, strict=True))
+
+
+def test_a_servo_that_may_draw_less_than_the_profile_says_is_noted() -> None:
+    servo, _, image = _image("XM430-W350", 2, current_limit=700)
+    driven = replace(servo, mode=ServoMode.CURRENT_BASED_POSITION)
+    assert notes(replace(driven, current_limit=1.88), image) == []
+    (note,) = notes(replace(driven, current_limit=1.89), image)
+    shows(note, "current_limit", "1.88", "1.89")
+
+
+SPOILT = {
+    "drive_mode": (0, 1, 5, 8, 9, 13),
+    "startup_configuration": (0, 1, 3),
+    "secondary_id": (255, 7, 252, 253),
+    "homing_offset": (0, -50, 300),
+    "min_position_limit": (0, 1500, 2047),
+    "max_position_limit": (4095, 2500, 3000),
+    "operating_mode": (3, 4, 1),
+    "return_delay_time": (0, 250),
+    "current_limit": (1193, 30),
+    "cw_angle_limit": (0, 300),
+    "ccw_angle_limit": (4095, 0, 2100),
+    "status_return_level": (2, 1),
+}
+
+
+def _servo(model: str, homing_offset: int, mode: ServoMode, current: float | None) -> ServoSpec:
+    return replace(spec(4, model), homing_offset=homing_offset, mode=mode, current_limit=current)
+
+
+CASES = [
+    (_servo("XM430-W350", 0, ServoMode.POSITION, None), 2),
+    (_servo("XM430-W350", 100, ServoMode.POSITION, 1.0), 2),
+    (_servo("XM430-W350", 0, ServoMode.CURRENT_BASED_POSITION, 0.5), 2),
+    (_servo("XL430-W250", 0, ServoMode.EXTENDED_POSITION, None), 2),
+    (_servo("MX-28", 0, ServoMode.POSITION, None), 2),
+    (_servo("MX-28", 0, ServoMode.POSITION, None), 1),
+]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    case=st.sampled_from(CASES), spoilt=st.fixed_dictionaries({name: st.sampled_from(v) for name, v in SPOILT.items()})
+)
+def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
+    case: tuple[ServoSpec, int], spoilt: dict[str, int]
+) -> None:
+    servo, protocol = case
+    bus = bus_of([servo], protocol=protocol)
+    (one,) = devices_of([servo], protocols={"main": protocol})
+    for name, value in spoilt.items():
+        if one.table.has(name) and one.table[name].allows(value):
+            one.memory.put(name, value)
+    volts = "present_input_voltage" if protocol == 2 else "present_voltage"
+    one.memory.put(volts, 120)
+    needed = needed_ticks([servo])[servo.joint]
+    image = ServoImage(one.table, bytes(one.memory.image))
+    due = plan(image, return_delay=bus.return_delay, registers=wishes(servo, bus, image, needed))
+    for setting in due:
+        assert image.value(setting.register.name) != setting.value
+        one.memory.put(setting.register.name, setting.value)
+    after = ServoImage(one.table, bytes(one.memory.image))
+    assert complaints(servo, bus, after, needed) == []
+    assert differing(eeprom_settings(servo, bus, one.table), after) == []
+    assert plan(after, return_delay=bus.return_delay, registers=wishes(servo, bus, after, needed)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "wanted"),
+    [("drive_mode", 13, 4), ("startup_configuration", 3, 2), ("secondary_id", 7, NOBODY), ("homing_offset", 9, 0)],
+)
+def test_only_what_harms_is_changed(name: str, value: int, wanted: int) -> None:
+    servo = spec(4)
+    (one,) = devices_of([servo], protocols={"main": 2})
+    one.memory.put(name, value)
+    image = ServoImage(one.table, bytes(one.memory.image))
+    due = plan(image, registers=wishes(servo, bus_of([servo]), image, needed_ticks([servo])["j4"]))
+    assert [(one.register.name, one.value) for one in due] == [(name, wanted)]
+
+
+@pytest.mark.parametrize("servos", [four_servos(), waist_servos()])
+def test_no_goal_inside_the_limits_is_beyond_the_needed_ticks_and_both_ends_are_met(
+    servos: Sequence[ServoSpec],
+) -> None:
+    joint_map = JointMap(servos)
+    corners = np.stack(np.meshgrid(*[[0.0, 0.37, 1.0]] * len(servos), indexing="ij"), axis=-1).reshape(-1, len(servos))
+    ticks = joint_map.to_ticks(joint_map.lower + corners * (joint_map.upper - joint_map.lower))
+    needed = needed_ticks(servos)
+    low, high = np.array([needed[joint] for joint in joint_map.joints]).T
+    assert (low <= ticks.min(axis=0)).all() and (ticks.max(axis=0) <= high).all()
+    slack = 2 * np.array([servo.coupling is not None for servo in servos])  # corners that are moved in
+    assert (ticks.min(axis=0) - low <= slack).all() and (high - ticks.max(axis=0) <= slack).all()
+
+
+def test_half_a_pair_is_left_out() -> None:
+    knee, roll, _, _ = waist_servos()
+    assert list(needed_ticks([knee, roll])) == ["knee"]
+
+
+def test_the_ends_of_the_servo_s_own_travel_are_never_passed() -> None:
+    wide = replace(spec(1), zero_tick=977, lower=-1.4989, upper=1.5)
+    assert needed_ticks([wide])["j1"].low == 0

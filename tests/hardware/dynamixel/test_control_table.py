@@ -1,0 +1,485 @@
+"""Control tables: sound by themselves, true to the facts, and in agreement with the maker's model files."""
+
+import csv
+import importlib.util
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.dynamixel.control_table import (
+    LAST_FIRMWARE,
+    ControlTable,
+    ModelRow,
+    Register,
+    baud_of,
+    code_of,
+    find_table,
+    firmware_starts,
+    layer_rows,
+    model_rows,
+    registers_of,
+    rows_of,
+    table_of_number,
+    tables,
+)
+from hardware.errors import HardwareError
+from hardware.servo import SERVO_MODELS
+from messages import refuses
+
+X_RATES = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+ONE_RATES = {1: 1_000_000, 3: 500_000, 4: 400_000, 7: 250_000, 9: 200_000, 16: 115_200, 34: 57_600, 103: 19_200}
+
+
+def test_protocol_two_has_a_list() -> None:
+    table = find_table("XM430-W350", 2)
+    assert [baud_of(table, code) for code in range(9)] == [*X_RATES, None]
+    assert baud_of(table, -1) is None
+    small = find_table("XL330-M288", 2)
+    assert [baud_of(small, code) for code in range(8)] == [*X_RATES[:7], None]
+    assert code_of(small, 4_500_000) is None
+
+
+def test_protocol_one_divides_two_megahertz() -> None:
+    for model in ("MX-28", "AX-12A"):
+        table = find_table(model, 1)
+        assert {code: baud_of(table, code) for code in ONE_RATES} == ONE_RATES
+        assert baud_of(table, 19) == 100_000
+        assert baud_of(table, 207) == 9600
+
+
+def test_only_mx_goes_above_two_megabaud() -> None:
+    mx, ax = find_table("MX-64", 1), find_table("AX-12A", 1)
+    assert [baud_of(mx, code) for code in (0, 250, 251, 252, 253)] == [2_000_000, 2_250_000, 2_500_000, 3_000_000, None]
+    assert [code_of(mx, baud) for baud in (2_000_000, 2_250_000, 3_000_000)] == [0, 250, 252]
+    assert code_of(ax, 2_250_000) is None
+    assert baud_of(ax, 0) is None
+    assert baud_of(ax, 254) == 7843
+
+
+@pytest.mark.parametrize("table", tables(), ids=lambda one: f"{one.model}-{one.protocol}-{one.firmware[0]}")
+def test_every_rate_leads_back_to_its_code(table: ControlTable) -> None:
+    register = table["baud_rate"]
+    assert register.lowest is not None
+    assert register.highest is not None
+    rates = {code: baud_of(table, code) for code in range(register.lowest, register.highest + 1)}
+    assert None not in rates.values()
+    for baud in rates.values():
+        assert baud is not None
+        code = code_of(table, baud)
+        assert code is not None
+        found = rates[code]
+        assert found is not None
+        assert abs(found - baud) <= 0.01 * baud
+
+
+@pytest.mark.parametrize("baud", [0, -9600, 1, 12_345_678, 6_000_000])
+def test_a_rate_that_no_servo_has_is_refused(baud: int) -> None:
+    for model, protocol in (("XM430-W350", 2), ("MX-28", 1), ("AX-12A", 1)):
+        assert code_of(find_table(model, protocol), baud) is None
+
+
+TABLES = tables()
+X_MODELS = tuple(dict.fromkeys(table.model for table in TABLES if table.protocol == 2))
+CURRENT_MODES, LOAD_MODES = (0, 1, 3, 4, 5, 16), (1, 3, 4, 16)
+
+all_tables = pytest.mark.parametrize("table", TABLES, ids=lambda one: f"{one.model}-{one.protocol}-{one.firmware[0]}")
+
+
+@all_tables
+def test_registers_lie_in_order_and_apart(table: ControlTable) -> None:
+    names = [register.name for register in table.registers]
+    assert len(set(names)) == len(names)
+    for one, other in zip(table.registers, table.registers[1:], strict=False):
+        assert one.end <= other.address, (one.name, other.name)
+    for register in table.registers:
+        assert register.size in (1, 2, 4)
+        assert register.end <= table.eeprom_end or register.address >= table.eeprom_end, register.name
+        assert all(table.at(address) is register for address in range(register.address, register.end))
+    assert table.size == table.registers[-1].end
+    assert table.at(table.size) is None
+    if table.protocol == 1:
+        assert table.size <= 256
+
+
+@all_tables
+def test_ranges_and_initial_values_fit(table: ControlTable) -> None:
+    for register in table.registers:
+        assert (register.lowest is None) == (register.highest is None), register.name
+        for limit in (register.lowest, register.highest, register.initial):
+            assert limit is None or register.narrowest <= limit <= register.widest, register.name
+        if register.lowest is not None and register.highest is not None:
+            assert register.lowest < register.highest, register.name
+        assert register.initial is None or register.allows(register.initial), register.name
+        assert (register.scale is None) == (register.unit is None), register.name
+        assert register.scale is None or register.scale > 0.0, register.name
+        if register.writable:
+            assert register.lowest is not None, register.name
+        if register.writable and register.address < table.eeprom_end:
+            assert register.initial is not None, f"{register.name}: nothing else can fill the EEPROM"
+
+
+@all_tables
+def test_what_is_measured_cannot_be_written(table: ControlTable) -> None:
+    read_only = {"model_number", "model_information", "firmware_version", "moving", "moving_status", "realtime_tick"}
+    read_only |= {"registered", "registered_instruction", "hardware_error_status", "backup_ready"}
+    for register in table.registers:
+        measured = register.name in read_only or register.name.startswith("present_")
+        measured |= register.name.endswith("_trajectory")
+        assert register.writable != measured, register.name
+
+
+@all_tables
+def test_signs_are_the_makers(table: ControlTable) -> None:
+    signed = {register.name for register in table.registers if register.signed}
+    if table.protocol == 2:
+        wanted = {"homing_offset", "bus_watchdog", "goal_pwm", "goal_current", "goal_velocity", "goal_position"}
+        wanted |= {"present_pwm", "present_current", "present_load", "present_velocity", "present_position"}
+        wanted |= {"velocity_trajectory", "position_trajectory"}
+        assert signed == {name for name in wanted if table.has(name)}
+        return
+    by_bit = {register.name for register in table.registers if register.direction_bit == 10}
+    assert by_bit == {"moving_speed", "present_speed", "present_load"} | (
+        {"goal_torque"} if table.has("goal_torque") else set()
+    )
+    turns = set() if table.model == "AX-12A" else {"goal_position", "present_position", "multi_turn_offset"}
+    assert signed == by_bit | turns
+
+
+@all_tables
+def test_scales_agree_with_the_servo_model(table: ControlTable) -> None:
+    model = SERVO_MODELS[table.model]
+    assert table["present_position"].scale == pytest.approx(model.tick_rad, rel=1e-12)
+    assert table["goal_position"].scale == table["present_position"].scale
+    if table.protocol == 2:
+        assert table.has("present_current") == (model.current_unit is not None)
+        assert table.has("present_load") == (model.current_unit is None)
+        assert table.modes == (LOAD_MODES if model.current_unit is None else CURRENT_MODES)
+        assert table["goal_velocity"].scale == pytest.approx(0.229 * 2 * 3.141592653589793 / 60, rel=1e-12)
+    else:
+        assert table.modes == ()
+    for name in ("current_limit", "goal_current", "present_current"):
+        if table.has(name):
+            assert table[name].scale == pytest.approx(model.current_unit)
+            assert table[name].unit == "A"
+
+
+@all_tables
+def test_goals_reach_as_far_as_their_limits(table: ControlTable) -> None:
+    pairs = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
+    for goal, limit in pairs.items():
+        if table.has(goal):
+            highest = table[limit].highest
+            assert highest is not None
+            assert (table[goal].lowest, table[goal].highest) == (-highest, highest), goal
+
+
+def test_every_model_has_tables_for_every_firmware() -> None:
+    assert {table.model for table in TABLES} == set(SERVO_MODELS)
+    numbers = {(table.model, table.protocol): table.number for table in TABLES}
+    assert len(set(numbers.values())) == len(numbers)
+    for (model, protocol), number in numbers.items():
+        ranges = sorted(one.firmware for one in TABLES if (one.model, one.protocol) == (model, protocol))
+        assert ranges[0][0] == 0
+        assert ranges[-1][1] == 255
+        assert all(one[1] + 1 == other[0] for one, other in pairwise(ranges))
+        for first, last in ranges:
+            table = find_table(model, protocol, last)
+            assert table is find_table(model, protocol, first) is table_of_number(number, last)
+            assert first <= table.usual_firmware <= last
+        usual = find_table(model, protocol)
+        assert usual is find_table(model, protocol, usual.usual_firmware) is table_of_number(number)
+        assert usual["model_number"].initial == number
+
+
+# e-Manual values: number, temperature, max and min voltage, velocity limit, shutdown, velocity I P, position D I P
+FACTS = {
+    "XM430-W350": (1020, 80, 160, 95, 200, 52, 1920, 100, 0, 0, 800),
+    "XM430-W210": (1030, 80, 160, 95, 330, 52, 1920, 100, 0, 0, 800),
+    "XL430-W250": (1060, 72, 140, 60, 265, 52, 1000, 100, 4000, 0, 640),
+    "XC430-W240": (1080, 80, 160, 60, 306, 52, 1920, 100, 0, 0, 700),
+    "2XL430-W250": (1090, 72, 140, 60, 250, 52, 1800, 100, 2000, 0, 640),
+    "2XC430-W250": (1160, 80, 160, 60, 275, 52, 1920, 100, 0, 0, 700),
+    "XL330-M288": (1200, 70, 70, 35, 445, 53, 1600, 180, 0, 0, 400),
+    "XC330-T288": (1220, 70, 140, 55, 320, 52, 1200, 40, 0, 0, 900),
+    "XC330-T181": (1210, 70, 140, 55, 510, 52, 1200, 40, 0, 0, 900),
+    "XH540-W270": (1100, 80, 160, 95, 167, 52, 1920, 100, 0, 0, 800),
+    "MX-28": (30, 80, 160, 95, 230, 52, 1920, 100, 0, 0, 850),
+    "MX-64": (311, 80, 160, 95, 435, 52, 1920, 100, 0, 0, 850),
+    "MX-106": (321, 80, 160, 95, 360, 52, 1920, 100, 0, 0, 850),
+}
+FACT_NAMES = (
+    *("temperature_limit", "max_voltage_limit", "min_voltage_limit", "velocity_limit", "shutdown"),
+    *("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain"),
+)
+CURRENT_LIMITS = {"XM430-W350": 1193, "XM430-W210": 1193, "XL330-M288": 1750, "XC330-T288": 910, "XC330-T181": 910}
+CURRENT_LIMITS |= {"XH540-W270": 2047, "MX-64": 1941, "MX-106": 2047}
+
+
+@pytest.mark.parametrize("model", X_MODELS)
+def test_initial_values_are_the_makers(model: str) -> None:
+    table = find_table(model, 2)
+    assert (table.number, *(table[name].initial for name in FACT_NAMES)) == FACTS[model]
+    limit = table["current_limit"].initial if table.has("current_limit") else None
+    assert limit == CURRENT_LIMITS.get(model)
+    assert [table[name].initial for name in ("id", "baud_rate", "return_delay_time")] == [1, 1, 250]
+    assert [table[name].initial for name in ("secondary_id", "protocol_type", "operating_mode")] == [255, 2, 3]
+
+
+def test_initial_values_of_protocol_one() -> None:
+    names = ("baud_rate", "temperature_limit", "min_voltage_limit", "max_voltage_limit", "ccw_angle_limit", "punch")
+    wanted = {"MX-28": (29, 34, 80, 60, 160, 4095, 0), "MX-64": (310, 34, 80, 60, 240, 4095, 0)}
+    wanted |= {"MX-106": (320, 34, 80, 60, 160, 4095, 0), "AX-12A": (12, 1, 70, 60, 140, 1023, 32)}
+    for model, values in wanted.items():
+        table = find_table(model, 1)
+        assert (table.number, *(table[name].initial for name in names)) == values
+        assert table.eeprom_end == 24
+        assert table.has("p_gain") != table.has("cw_compliance_slope")
+    assert find_table("MX-106", 1).has("drive_mode")
+    assert not find_table("MX-64", 1).has("drive_mode")
+
+
+def test_measurements_of_a_cycle_are_contiguous() -> None:
+    for model in X_MODELS:
+        table = find_table(model, 2)
+        effort = "present_current" if table.has("present_current") else "present_load"
+        assert [table[name].address for name in (effort, "present_velocity", "present_position")] == [126, 128, 132]
+        assert table["present_temperature"].end == 147
+
+
+@pytest.mark.parametrize(
+    ("model", "since"),
+    [("XM430-W350", 45), ("XL430-W250", 45), ("XC430-W240", 45), ("XH540-W270", 45), ("XL330-M288", 46)],
+)
+def test_fast_reads_startup_and_backup_come_with_firmware(model: str, since: int) -> None:
+    old, new = find_table(model, 2, since - 1), find_table(model, 2, since)
+    assert (old.fast_read, new.fast_read) == (False, True)
+    for name in ("startup_configuration", "backup_ready"):
+        assert (old.has(name), new.has(name)) == (False, True)
+    assert not old["drive_mode"].allows(8)
+    assert new["drive_mode"].allows(8)
+    assert find_table(model, 2).fast_read
+
+
+def test_some_never_answer_a_fast_read() -> None:
+    for model, protocol in (("2XL430-W250", 2), ("2XC430-W250", 2), ("MX-64", 2), ("MX-28", 1), ("AX-12A", 1)):
+        assert not find_table(model, protocol, 255).fast_read
+
+
+def test_drive_mode_bits_come_with_firmware() -> None:
+    highest = {fw: find_table("XM430-W350", 2, fw)["drive_mode"].highest for fw in (38, 41, 42, 44, 45, 60)}
+    assert highest == {38: 1, 41: 1, 42: 5, 44: 5, 45: 13, 60: 13}
+    assert not find_table("XM430-W350", 2, 37).has("drive_mode")
+    assert not find_table("XM430-W350", 2, 37).has("bus_watchdog")
+    assert find_table("XH540-W270", 2)["drive_mode"].highest == 15
+    assert find_table("MX-106", 2)["drive_mode"].highest == 7
+
+
+def test_small_servos_moved_their_indirect_data() -> None:
+    for model in ("XL330-M288", "XC330-T288", "XC330-T181"):
+        old, new = find_table(model, 2, 52), find_table(model, 2, 53)
+        assert (old["indirect_data_1"].address, new["indirect_data_1"].address) == (208, 224)
+        assert (old["indirect_address_1"].initial, new["indirect_address_1"].initial) == (208, 224)
+        assert (old.size, new.size) == (228, 252)
+        assert old["baud_rate"].highest == 6
+
+
+def test_errors_name_what_there_is() -> None:
+    with refuses(HardwareError, "XL430-W250", "2.0", "goal_current", "goal_position"):
+        find_table("XL430-W250", 2)["goal_current"]
+    with refuses(HardwareError, "AX-12A", "2.0", "1.0"):
+        find_table("AX-12A", 2)
+    with refuses(HardwareError, "XM430-W350"):
+        find_table("XM999", 2)
+    assert find_table("XM430-W350-R", 2) is find_table("XM430-W350", 2)
+    assert table_of_number(4711) is None
+    assert not find_table("MX-28", 2).has("goal_current")
+
+
+def test_importing_reads_no_file() -> None:
+    code = "from hardware.dynamixel import control_table\nfiles = control_table\n"
+    code += "assert files.model_rows.cache_info().currsize == files.layer_rows.cache_info().currsize == 0\n"
+    code += "control_table.find_table('MX-28', 1)\nassert files.model_rows.cache_info().currsize == 1\n"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+# ---- the maker's own model files, as dynamixel-sdk ships them
+OTHER_NAMES = {"secondary(shadow)_id": "secondary_id"}
+# Windows that the maker's host software sets up inside the indirect area: places of its own choice, not registers.
+WINDOWS = {"indirect_address_write", "indirect_data_write", "indirect_address_read", "indirect_data_read"}
+# In the e-Manual from firmware 45 (X330: 46) on; the maker's files leave them out.
+NOT_IN_FILES = {"startup_configuration", "backup_ready"}
+
+
+def _maker_folder() -> Path:
+    spec = importlib.util.find_spec("dynamixel_easy_sdk")
+    folder = Path(next(iter(spec.submodule_search_locations or [""]))) / "control_table" if spec else Path("none")
+    if not (folder / "dynamixel.model").is_file():
+        pytest.skip("this dynamixel-sdk ships no model files")
+    return folder
+
+
+def _section(file: Path, title: str) -> list[list[str]]:
+    lines = [line.rstrip("\r\n") for line in file.read_text(encoding="utf-8-sig").splitlines()]
+    rows = list(csv.reader(lines[lines.index(title) + 2 :], delimiter="\t"))
+    return rows[: next((place for place, row in enumerate(rows) if not row), len(rows))]
+
+
+@pytest.mark.parametrize("model", X_MODELS)
+def test_tables_agree_with_the_makers_files(model: str) -> None:
+    folder = _maker_folder()
+    listed = dict(row for row in csv.reader((folder / "dynamixel.model").read_text().splitlines()[1:], delimiter="\t"))
+    newest = find_table(model, 2, 255)
+    file = folder / listed[str(newest.number)]
+    versions = [(file, newest)]
+    older = file.with_name(f"{file.stem}_fw52.model")
+    if older.is_file():
+        versions.append((older, find_table(model, 2, 52)))
+    assert len(versions) == (2 if "330" in model else 1)
+    for path, table in versions:
+        theirs = {}
+        for address, size, name in _section(path, "[control table]"):
+            snake = name.strip().lower().replace(" ", "_")
+            theirs[OTHER_NAMES.get(snake, snake)] = (int(address), int(size))
+        ours = {register.name: (register.address, register.size) for register in table.registers}
+        for name in WINDOWS:
+            covering = table.at(theirs.pop(name)[0])
+            assert covering is not None
+            assert covering.name.startswith(name.rpartition("_")[0])
+        assert {name: ours.get(name) for name in theirs} == theirs
+        extra = {name for name in ours if name not in theirs and not name.startswith("indirect_")}
+        assert extra == {name for name in NOT_IN_FILES if table.has(name)}
+        _check_units(path, table)
+
+
+def _check_units(path: Path, table: ControlTable) -> None:
+    for name, value, unit, sign in _section(path, "[unit info]"):
+        register = table[name.lower().replace(" ", "_")]
+        assert register.signed == (sign == "signed"), register.name
+        if unit == "rad/s":  # they write 0.22889 rpm where the e-Manual rounds to 0.229
+            assert register.scale == pytest.approx(float(value), rel=6e-4)
+
+
+COLUMNS = {"address", "size", "sign", "access", "scale", "unit", "lowest", "highest", "initial"}
+
+
+def test_every_layer_is_used_and_every_used_layer_exists() -> None:
+    used = {layer for model in model_rows() for layer in model.layers}
+    assert used == set(layer_rows())
+
+
+@pytest.mark.parametrize("model", model_rows(), ids=lambda row: f"{row.model}-{row.protocol}")
+def test_every_row_of_a_model_has_an_effect(model: ModelRow) -> None:
+    """A row that changes a register which nobody made is a misspelt name."""
+    made: set[str] = set()
+    for layer in model.layers:
+        for row in layer_rows()[layer]:
+            cells = dict(row.cells)
+            assert cells, (layer, row.name)
+            assert set(cells) <= COLUMNS
+            assert ("address" in cells) == ("size" in cells) == ("sign" in cells and "access" in cells)
+            assert 0 <= row.since <= row.until <= LAST_FIRMWARE
+            if "address" in cells:
+                made.add(row.name)
+            assert row.name in made, f"{layer}: {row.name} changes a register that does not exist"
+
+
+def test_cells_hold_what_their_columns_allow() -> None:
+    for file in ("registers.tsv", "values.tsv"):
+        for row in rows_of(file):
+            assert None not in row, f"{file}: a row with too many cells: {row}"
+            assert row.get("access", "") in {"", "r", "rw"}
+            assert row.get("sign", "") in {"", "u", "s", "d10"}
+            assert bool(row.get("scale")) == bool(row.get("unit"))
+            for column in ("address", "size", "lowest", "highest", "initial", "since", "until"):
+                cell = row.get(column, "").removesuffix("+")
+                assert cell in {"", "none"} or int(cell) is not None
+
+
+def test_spans_become_numbered_registers() -> None:
+    model = next(row for row in model_rows() if row.model == "XM430-W350")
+    found = {one.name: one for one in registers_of(model, 52)}
+    assert [found[f"indirect_address_{n}"].address for n in (1, 2, 28, 29, 56)] == [168, 170, 222, 578, 632]
+    assert [found[f"indirect_address_{n}"].initial for n in (1, 28, 29, 56)] == [224, 251, 634, 661]
+    assert [found[f"indirect_data_{n}"].address for n in (1, 28, 29, 56)] == [224, 251, 634, 661]
+    assert {found[f"indirect_data_{n}"].initial for n in range(1, 57)} == {0}
+
+
+@pytest.mark.parametrize("model", model_rows(), ids=lambda row: f"{row.model}-{row.protocol}")
+def test_a_table_changes_only_at_its_starts(model: ModelRow) -> None:
+    starts = firmware_starts(model)
+    assert starts[0] == 0
+    assert list(starts) == sorted(set(starts))
+    for before in range(LAST_FIRMWARE):
+        if before + 1 not in starts and before % 9 == 0:
+            assert registers_of(model, before) == registers_of(model, before + 1)
+    assert 0 <= model.usual_firmware <= LAST_FIRMWARE
+
+
+def _register(*, size: int = 2, signed: bool = False, direction_bit: int | None = None) -> Register:
+    return Register("some", 10, size, signed, True, None, None, None, None, None, direction_bit)
+
+
+REGISTERS = [_register(size=size, signed=signed) for size in (1, 2, 4) for signed in (False, True)]
+SPEED = _register(signed=True, direction_bit=10)
+
+
+@pytest.mark.parametrize(
+    ("register", "counts", "data"),
+    [
+        (_register(size=4, signed=True), -1, "ffffffff"),
+        (_register(size=4, signed=True), -131073, "fffffdff"),
+        (_register(size=2), 65535, "ffff"),
+        (_register(size=2, signed=True), -2, "feff"),
+        (_register(size=1, signed=True), -1, "ff"),
+        (SPEED, 300, "2c01"),
+        (SPEED, -300, "2c05"),
+        (SPEED, -1023, "ff07"),
+        (SPEED, 0, "0000"),
+    ],
+)
+def test_bytes_are_known(register: Register, counts: int, data: str) -> None:
+    assert register.encode(counts).hex() == data
+    assert register.decode(bytes.fromhex(data)) == counts
+
+
+def test_clockwise_zero_is_zero() -> None:
+    assert SPEED.decode(bytes.fromhex("0004")) == 0
+
+
+@settings(max_examples=100)
+@given(register=st.sampled_from([*REGISTERS, SPEED]), data=st.data())
+def test_every_count_survives_the_wire(register: Register, data: st.DataObject) -> None:
+    counts = data.draw(st.integers(register.narrowest, register.widest))
+    assert register.decode(register.encode(counts)) == counts
+
+
+@settings(max_examples=100)
+@given(register=st.sampled_from([*REGISTERS, SPEED]), data=st.data())
+def test_every_byte_string_has_a_count_within_the_width(register: Register, data: st.DataObject) -> None:
+    raw = data.draw(st.binary(min_size=register.size, max_size=register.size))
+    assert register.narrowest <= register.decode(raw) <= register.widest
+
+
+@pytest.mark.parametrize("register", [*REGISTERS, SPEED])
+def test_counts_beyond_the_width_are_refused(register: Register) -> None:
+    for counts in (register.narrowest - 1, register.widest + 1):
+        with refuses(ValueError):
+            register.encode(counts)
+
+
+def test_data_of_another_length_are_refused() -> None:
+    for data in (b"", b"\x00", bytes(3)):
+        with refuses(ValueError, 2):
+            _register().decode(data)
+
+
+def test_limits_bound_what_may_be_written() -> None:
+    bounded = Register("some", 0, 2, True, True, None, None, -5, 9, 0)
+    assert [counts for counts in range(-20, 20) if bounded.allows(counts)] == list(range(-5, 10))
+    assert _register().allows(10**9)
+    assert bounded.end == 2

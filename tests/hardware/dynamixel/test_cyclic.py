@@ -1,0 +1,405 @@
+"""The exchange of every cycle: whole with any models, whole but for the missing, never wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
+from hardware.bus import ServoAlert, ServoStates
+from hardware.dynamixel import protocol2
+from hardware.dynamixel.control_table import find_table
+from hardware.dynamixel.cyclic import FEWEST, PROBE_PERIOD, RETRIES, WINDOW_S, GoalPacket, Roughness, Wired, kind_of
+from hardware.dynamixel.cyclic import RETRIES as ROUGHNESS_RETRIES
+from hardware.dynamixel.exchange import Kind
+from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.parsers import parser1, parser2
+from sim.emulator.conversation import Gaps
+from sim.emulator.fault_state import FaultState
+from sim.emulator.faults import Direction, Fault, FaultKind, Unit
+
+STEP = 3  # ticks by which every goal moves in a cycle
+WORST = 0.006  # [s] that a missing servo may cost in one cycle
+USED = 1e-9
+
+
+def codes(packets: list[bytes]) -> list[int]:
+    """Instructions of 2.0 packets."""
+    return [packet[7] for packet in packets]
+
+
+def whole(states: ServoStates, missing: tuple[int, ...] = ()) -> bool:
+    """Whether everyone (ids from 1) has answered, but for the missing."""
+    return bool((states.valid == [number not in missing for number in range(1, len(states.valid) + 1)]).all())
+
+
+def test_a_cycle_is_one_goal_packet_and_one_fast_read() -> None:
+    rig = BusRig().ready(torque=True)
+    for _ in range(10):
+        rig.tick()
+    rig.port.sent.clear()
+    goals = np.arange(20) + 2040
+    states = rig.tick(goals).states
+    rig.tick(goals)
+    rig.tick(goals)
+    asked = [code for code in codes(rig.port.sent) if code != Instruction.SYNC_READ]  # one servo's status
+    assert asked == [Instruction.FAST_SYNC_READ, Instruction.SYNC_WRITE] * 3
+    assert whole(states) and states.driven.all() and not states.alert.any()
+    for _ in range(30):
+        states = rig.tick(goals).states
+    assert np.abs(states.position - goals).max() <= 1
+    assert np.isfinite(states.voltage).all() and np.isfinite(states.temperature).all()
+    assert ((states.voltage > 11) & (states.voltage < 13) & (states.temperature > 20)).all()
+    assert rig.bus.retries == 0
+
+
+MODELS = ("XM430-W350", "2XL430-W250", "XL430-W250", "MX-28", "XH540-W270", "XC330-T288", "2XC430-W250")
+
+
+def test_models_that_differ_share_a_line() -> None:
+    servos = [spec(number, model) for number, model in enumerate(MODELS, 1)]
+    rig = BusRig(servos, buses=[bus_of(servos, baud=1_000_000)]).ready(torque=True)
+    rig.port.sent.clear()
+    goals = np.arange(len(servos)) * 7 + 2040
+    for _ in range(60):
+        states = rig.tick(goals).states
+        assert whole(states) and states.driven.all()
+    assert np.abs(states.position - rig.shafts()).max() <= 1
+    assert {Instruction.FAST_SYNC_READ, Instruction.SYNC_READ} <= set(codes(rig.port.sent))
+    assert np.isnan(states.current).tolist() == [servo.model.current_unit is None for servo in servos]
+
+
+def test_who_cannot_answer_a_fast_read_is_never_asked_for_one() -> None:
+    servos = [spec(1, "2XL430-W250"), spec(2, "2XL430-W250")]
+    rig = BusRig(servos, buses=[bus_of(servos, baud=1_000_000)]).ready()
+    for _ in range(5):
+        assert whole(rig.tick().states)
+    assert Instruction.FAST_SYNC_READ not in codes(rig.port.sent)
+
+
+def test_protocol_1_is_read_in_bulk_or_one_by_one() -> None:
+    servos = [spec(1, "MX-28"), spec(2, "MX-64"), spec(3, "AX-12A"), spec(4, "AX-12A")]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
+    tables = [one.table for one in rig.devices]
+    assert [kind_of(table) for table in tables] == [Kind.BULK1, Kind.BULK1, Kind.SINGLE1, Kind.SINGLE1]
+    goals = np.array([2100, 2000, 530, 500])
+    for _ in range(40):
+        rig.port.sent.clear()
+        states = rig.tick(goals).states
+        assert whole(states) and states.driven.all()
+    assert np.abs(states.position - goals).max() <= 2
+    bulk = [packet for packet in rig.port.sent if packet[4] == Instruction.BULK_READ]
+    assert len(bulk) == 1
+    assert {packet[2] for packet in rig.port.sent if packet[4] == Instruction.READ} >= {3, 4}
+    assert np.isfinite(states.voltage).all() and np.isnan(states.current).all()
+
+
+@pytest.mark.parametrize("gaps", list(Gaps))
+@pytest.mark.parametrize("gone", [1, 10, 20])
+def test_a_missing_servo_costs_little_and_the_others_nothing(gone: int, gaps: Gaps) -> None:
+    rig = BusRig(gaps=gaps).ready(torque=True)
+    goals = np.full(20, 2048)
+    usual = max(rig.tick(goals).took for _ in range(40))
+    rig.fault(Fault(FaultKind.MISSING, ids=(gone,)))
+    costs, others = [], np.arange(1, 21) != gone
+    for cycle in range(1, 101):
+        goals = goals + STEP
+        states, took = rig.tick(goals)
+        costs.append(took - usual)
+        assert whole(states, (gone,))
+        assert (states.age[others] == 0).all()
+        # It goes on falling behind its age; the others are where their shafts are now.
+        assert states.age[gone - 1] >= (cycle - 1) * CYCLE
+        assert np.abs(states.position - rig.shafts())[others].max() <= STEP
+    assert max(costs) <= WORST
+    assert np.median(costs[3:]) <= USED
+    looks = sum(cost > USED for cost in costs[3:])
+    assert looks <= 97 * CYCLE / PROBE_PERIOD + 1
+    rig.mend()
+    back = [bool(rig.tick(goals).states.valid.all()) for _ in range(round(PROBE_PERIOD / CYCLE) + 3)]
+    assert back[-1] and back == sorted(back)
+
+
+def test_a_servo_away_for_a_moment_is_never_given_up() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.fault(Fault(FaultKind.MISSING, ids=(10,), end=0.012))
+    seen = [rig.tick().states for _ in range(10)]
+    assert [bool(states.valid[9]) for states in seen] == [False] * 2 + [True] * 8
+    assert seen[-1].driven.all()
+
+
+@pytest.mark.parametrize("gone", [(1, 2, 3), (3, 10, 15), (18, 19, 20)])
+def test_three_missing_at_once_leave_the_rest(gone: tuple[int, ...]) -> None:
+    rig = BusRig().ready(torque=True)
+    rig.tick()
+    rig.fault(Fault(FaultKind.MISSING, ids=gone))
+    rig.tick()
+    for _ in range(60):
+        assert whole(rig.tick().states, gone)
+    rig.mend()
+    for _ in range(60):
+        states = rig.tick().states
+    assert whole(states)
+    # They have heard nobody for longer than their watchdogs allow, and say so.
+    assert (np.flatnonzero(~states.driven) + 1).tolist() == list(gone)
+
+
+def test_nobody_there_is_bounded_and_no_exception() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.fault(Fault(FaultKind.MISSING))
+    took = [rig.tick().took for _ in range(40)]
+    states, _ = rig.tick()
+    assert not states.valid.any() and (states.age > 0.3).all()
+    assert max(took) < 0.05
+
+
+DAMAGE = {
+    "flip": Fault(FaultKind.FLIP, rate=0.01),
+    "drop": Fault(FaultKind.DROP, rate=0.01),
+    "duplicate": Fault(FaultKind.DUPLICATE, rate=0.01),
+    "noise": Fault(FaultKind.NOISE, rate=0.01),
+    "late": Fault(FaultKind.LATE, rate=0.01, value=0.003),
+    "bytes": Fault(FaultKind.FLIP, rate=0.001, unit=Unit.BYTES),
+    "to host": Fault(FaultKind.FLIP, rate=0.03, direction=Direction.TO_HOST),
+}
+
+
+SEEDS = range(6)  # one packet that comes late may cost a whole cycle: a single run says little of how often
+
+
+@pytest.mark.parametrize("case", list(DAMAGE))
+def test_damage_is_asked_again_and_never_believed(case: str) -> None:
+    cycles = 100
+    lost = sum(_damaged(case, seed, cycles) for seed in SEEDS)
+    assert lost <= len(SEEDS) * cycles * 20 * 0.002
+
+
+def _damaged(case: str, seed: int, cycles: int) -> int:
+    """Answers that did not come in so many cycles; what came is held against the truth."""
+    rig = BusRig()
+    rig.line.faults = FaultState(rig.line.devices, seed=seed)
+    rig.ready(torque=True)
+    rig.fault(DAMAGE[case])
+    lost = 0
+    for cycle in range(cycles):
+        states, took = rig.tick(np.arange(20) * 5 + 2048 + STEP * cycle % 200)
+        lost += int((~states.valid).sum())
+        # What is valid was so during the cycle: shafts move a few ticks in it.
+        truth = rig.shafts()
+        speed = np.abs(states.velocity) / rig.servos[0].model.tick_rad
+        assert (np.abs(states.position - truth)[states.valid] <= (speed * (took + CYCLE) + 12)[states.valid]).all()
+        assert not states.alert.any() and states.driven.all()
+    assert case == "duplicate" or rig.bus.retries > 0
+    assert rig.bus.retries <= RETRIES * cycles
+    return lost
+
+
+def test_an_adapter_may_echo() -> None:
+    rig = BusRig()
+    rig.fault(Fault(FaultKind.ECHO))
+    rig.ready(torque=True)
+    for _ in range(30):
+        states = rig.tick().states
+        assert whole(states) and states.driven.all()
+    assert rig.bus.retries == 0
+
+
+def test_which_error_it_is_is_known_within_two_cycles() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.tick()
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(4,)))
+    rig.tick()
+    states = rig.tick().states
+    expected = np.zeros(20, dtype=int)
+    expected[3] = ServoAlert.OVERHEATING
+    assert states.alert.tolist() == expected.tolist()
+    assert ((states.error & 0x80) > 0).tolist() == (expected > 0).tolist()
+    assert whole(states)
+    for _ in range(90):  # it has switched its own torque off, and says so when asked in its turn
+        states = rig.tick().states
+    assert states.driven.tolist() == (expected == 0).tolist()
+
+
+def test_an_error_of_protocol_1_is_in_every_answer() -> None:
+    rig = BusRig(specs(3, "AX-12A"), buses=[bus_of(specs(3), protocol=1, baud=1_000_000)]).ready(torque=True)
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(2,)))
+    rig.tick()
+    assert rig.tick().states.alert.tolist() == [0, ServoAlert.OVERHEATING, 0]
+
+
+def test_a_servo_that_started_anew_says_that_it_is_limp() -> None:
+    rig = BusRig().ready(torque=True)
+    rig.tick()
+    rig.device(7).reboot(rig.clock.now())
+    for _ in range(80):
+        states = rig.tick().states
+    assert whole(states)
+    assert states.driven.tolist() == [number != 7 for number in range(1, 21)]
+    assert rig.shown("torque_enable") == [int(number != 7) for number in range(1, 21)]
+
+
+def test_a_start_too_short_to_be_missed_is_seen_all_the_same() -> None:
+    rig = BusRig(specs(4)).ready(torque=True)
+    one = rig.device(3)
+    one.boot_time = 0.0
+    one.reboot(rig.clock.now())
+    for _ in range(20):
+        states = rig.tick().states
+    assert states.driven.tolist() == [True, True, False, True]
+
+
+@pytest.mark.parametrize("baud", [57_600, 1_000_000, 2_000_000, 4_000_000])
+@pytest.mark.parametrize("model", ["XM430-W350", "2XL430-W250"])
+def test_a_slow_wire_is_not_taken_for_silence(baud: int, model: str) -> None:
+    servos = specs(20, model)
+    rig = BusRig(servos, buses=[replace(bus_of(servos, baud=baud), watchdog=0.3)]).ready(torque=True)
+    for _ in range(8):
+        assert whole(rig.tick(np.full(20, 2050)).states)
+    assert rig.bus.retries == 0
+
+
+def test_an_adapter_that_is_slower_than_it_says_is_noted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = BusRig(specs(3)).ready(torque=True)
+    monkeypatch.setattr(Tapped, "latency", 1e-3)
+    rig.line.timing = replace(rig.line.timing, latency=4e-3)
+    for _ in range(200):
+        rig.tick()
+    assert sum("had to be repeated" in note for note in rig.notes) == 1
+
+
+def test_temperatures_that_nobody_hears_are_forgotten() -> None:
+    rig = BusRig(specs(3)).ready(torque=True)
+    two, read = rig.device(2), rig.device(2).read
+    two.read = lambda address, length, now: (  # type: ignore[method-assign]
+        read(address, length, now) if length < 20 else two.answer(7)
+    )
+    for _ in range(40):
+        assert rig.tick().states.temperature[1] > 0
+    for _ in range(400):
+        states = rig.tick().states
+    assert np.isnan(states.temperature[1]) and np.isnan(states.voltage[1]) and states.valid.all()
+    assert np.isfinite(states.temperature[[0, 2]]).all()
+    two.read = read  # type: ignore[method-assign]
+    for _ in range(30):
+        states = rig.tick().states
+    assert np.isfinite(states.temperature).all()
+
+
+def test_on_a_noisy_line_goals_are_sent_twice_and_on_a_quiet_one_once() -> None:
+    rig = BusRig(specs(3)).ready(torque=True)
+
+    def goals_sent() -> int:
+        rig.port.sent.clear()
+        rig.tick()
+        return codes([one for one in rig.port.sent if len(one) > 7]).count(Instruction.SYNC_WRITE)
+
+    assert [goals_sent() for _ in range(10)] == [1] * 10
+    rig.fault(Fault(FaultKind.CRC_STORM, direction=Direction.TO_HOST, end=0.02))
+    rig.tick()
+    rig.tick()
+    assert [goals_sent() for _ in range(10)] == [2] * 10
+    for _ in range(150):
+        rig.tick()
+    assert goals_sent() == 1
+
+
+GOLDEN = "ff ff fd 00 fe 16 00 83 74 00 04 00 01 00 08 00 00 02 01 08 00 00 03 ff 07 00 00"
+GOLDEN1 = "ff ff fe 0d 83 1e 02 01 00 02 02 01 02 03 ff 01"
+
+
+def wired(model: str, protocol: int, count: int = 3) -> list[Wired]:
+    return [Wired(index, index + 1, find_table(model, protocol)) for index in range(count)]
+
+
+def test_the_bytes_for_ids_1_to_3() -> None:
+    """By hand from the layout of a sync write: address 116, 4 bytes each; the CRC by the long division of the CRC-16
+    with polynomial 0x8005."""
+    body = bytes.fromhex(GOLDEN)
+    register = 0
+    for byte in body:
+        register ^= byte << 8
+        for _ in range(8):
+            register = (register << 1 ^ (0x8005 if register & 0x8000 else 0)) & 0xFFFF
+    (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(np.array([2048, 2049, 2047]), np.full(3, True))
+    assert packet == body + register.to_bytes(2, "little")
+
+
+def test_the_bytes_of_protocol_1() -> None:
+    body = bytes.fromhex(GOLDEN1)
+    (packet,) = GoalPacket(wired("AX-12A", 1)).packets(np.array([512, 513, 511]), np.full(3, True))
+    assert packet == body + bytes([~sum(body[2:]) & 0xFF])
+    (frame,) = parser1().feed(packet)
+    assert frame.code == Instruction.SYNC_WRITE
+
+
+def test_a_header_among_the_goals_is_stuffed() -> None:
+    goals = np.array([0xFDFFFF, -0x020001, 0xFDFFFF - 2**24])
+    (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(goals, np.full(3, True))
+    assert packet.count(protocol2.HEADER) == 1
+    assert packet.count(b"\xff\xff\xfd\xfd") >= 1
+    (frame,) = parser2().feed(packet)
+    rows = np.frombuffer(frame.params[4:], dtype=[("id", "u1"), ("goal", "<i4")])
+    assert rows["id"].tolist() == [1, 2, 3]
+    assert rows["goal"].tolist() == goals.tolist()
+
+
+def test_servos_with_goals_in_other_places_get_a_packet_of_their_own() -> None:
+    servos = [*wired("MX-28", 1, 2), Wired(2, 3, find_table("XM430-W350", 2))]
+    packets = list(GoalPacket(servos).packets(np.array([1, 2, 3]), np.full(3, True)))
+    assert [packet[:4] for packet in packets] == [b"\xff\xff\xfe\x0a", b"\xff\xff\xfd\x00"]
+
+
+@pytest.mark.parametrize("goals", [(0, 4095), (255, 253), (2048, 0)])
+def test_servos_hold_what_was_sent(goals: tuple[int, int]) -> None:
+    rig = BusRig(specs(2)).ready()
+    rig.tick(goals)
+    assert rig.shown("goal_position") == list(goals)
+
+
+def test_a_packet_reaches_only_its_own_port() -> None:
+    servos = [spec(1), spec(2)]
+    packet = GoalPacket([Wired(1, 2, find_table("XM430-W350", 2))]).packets(np.array([7, 9]), np.full(2, True))
+    (frame,) = parser2().feed(next(packet))
+    assert frame.params[4:] == bytes([servos[1].id, 9, 0, 0, 0])
+
+
+def test_a_limp_servo_of_protocol_1_is_sent_no_goal() -> None:
+    maker = GoalPacket(wired("AX-12A", 1))
+    (packet,) = maker.packets(np.array([512, 513, 511]), np.array([True, False, True]))
+    (frame,) = parser1().feed(packet)
+    assert len(frame.params) == 2 + 2 * 3
+    assert list(maker.packets(np.array([512, 513, 511]), np.full(3, False))) == []
+    (packet,) = GoalPacket(wired("XM430-W350", 2)).packets(np.array([1, 2, 3]), np.full(3, False))
+    assert len(packet) == 10 + 4 + 3 * 5
+
+
+def test_silence_is_not_rough_and_one_retry_neither() -> None:
+    rough = Roughness()
+    for cycle in range(20):
+        rough.note(0.01 * cycle, retries=ROUGHNESS_RETRIES, spoiled=0)
+        rough.note(0.01 * cycle, retries=ROUGHNESS_RETRIES - 1, spoiled=1)
+    assert rough.share == 0.0
+
+
+def test_the_share_is_of_the_last_cycles_only() -> None:
+    rough = Roughness()
+    for cycle in range(FEWEST):
+        rough.note(0.01 * cycle, retries=ROUGHNESS_RETRIES, spoiled=1)
+        assert rough.share == (cycle + 1) / FEWEST
+    for cycle in range(100):
+        rough.note(1.0 + 0.01 * cycle, retries=0, spoiled=0)
+    assert rough.share == 0.0
+    rough.note(2.0, retries=ROUGHNESS_RETRIES, spoiled=1)
+    assert 0.0 < rough.share <= 1.0 / (WINDOW_S / 0.01 - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("rate", "most", "least"), [(0.0, 0.0, 0.0), (0.01, 0.1, 0.0), (0.05, 0.75, 0.0), (0.3, 1.0, 0.6)]
+)
+def test_a_line_that_damages_packets(rate: float, most: float, least: float) -> None:
+    rig = BusRig(specs(20)).ready()
+    if rate:
+        rig.fault(Fault(FaultKind.FLIP, rate=rate))
+    seen = [rig.tick().states.rough for _ in range(60)][10:]
+    assert max(seen) <= most
+    assert sum(seen) / len(seen) >= least

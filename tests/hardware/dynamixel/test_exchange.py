@@ -1,0 +1,231 @@
+"""Registers side by side, by name."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from bus_rig import BusRig, Tapped
+from hardware.dynamixel import exchange, protocol1, protocol2
+from hardware.dynamixel.control_table import find_table
+from hardware.dynamixel.exchange import Ask, Found, Kind, block_of, collect
+from hardware.dynamixel.packets import BROADCAST, Status, side_by_side
+from hardware.errors import HardwareError
+from messages import refuses
+from scripted_port import Replies, ScriptedPort
+from sim.emulator.faults import Fault, FaultKind
+
+
+@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("XL430-W250", 2), ("MX-28", 1), ("AX-12A", 1)])
+def test_every_register_is_where_its_table_says(model: str, protocol: int) -> None:
+    table = find_table(model, protocol)
+    block = block_of(table, "torque_enable", "present_temperature")
+    assert block.size == table["present_temperature"].end - table["torque_enable"].address
+    data = bytes((7 * k + 130) % 256 for k in range(block.size))
+    (row,) = block.unpack(side_by_side([Status(1, 0, data)]))
+    for name in block.dtype.names or ():
+        register = table[name]
+        if register.direction_bit is None:
+            at = register.address - block.address
+            assert int(row[name]) == register.decode(data[at : at + register.size]), name
+
+
+def test_rows_are_in_the_order_of_the_answers() -> None:
+    block = block_of(find_table("XM430-W350", 2), "present_position", "present_position")
+    rows = block.unpack(side_by_side([Status(9, 0, b"\x01\0\0\0"), Status(3, 0, b"\xfe\xff\xff\xff")]))
+    assert rows["present_position"].tolist() == [1, -2]
+
+
+def test_blocks_are_alike_only_where_registers_are() -> None:
+    tables = [find_table(model, 2) for model in ("XM430-W350", "XH540-W270", "XL430-W250")]
+    same, too, other = (block_of(table, table.at(126).name, "present_position").layout for table in tables)  # type: ignore[union-attr]
+    assert same == too
+    assert same != other
+
+
+def test_a_register_that_is_not_there_is_named() -> None:
+    with refuses(HardwareError, "present_current"):
+        block_of(find_table("XL430-W250", 2), "present_current", "present_position")
+
+
+SLACK = 0.004
+PING1 = b"\x06\x04\x26"
+
+
+def _slotted(*ids: int) -> Replies:
+    return [(0.003 * device + 0.001, protocol2.status(device, 0, PING1)) for device in ids]
+
+
+def test_all_answer_a_broadcast_in_their_slots() -> None:
+    port = ScriptedPort(lambda request: _slotted(0, 1, 7, 252))
+    heard = exchange.broadcast_ping(port, 252, SLACK)
+    assert [answer.id for answer in heard.answers] == [0, 1, 7, 252]
+    assert heard.damaged == 0
+    assert port.sent == [protocol2.ping(BROADCAST)]
+    assert exchange.found_by_broadcast(heard)[1] == Found(1, 2, 1030, 38)
+
+
+def test_the_window_is_that_of_the_highest_id() -> None:
+    port = ScriptedPort(lambda request: _slotted(20))
+    assert exchange.broadcast_ping(port, 20, SLACK).answers
+    assert 0.080 < port.now() < 0.095
+    port = ScriptedPort(lambda request: [], baud=4_000_000)
+    exchange.broadcast_ping(port, 252, SLACK)
+    assert 0.770 < port.now() < 0.800
+
+
+def test_damage_is_counted_and_the_sound_are_kept() -> None:
+    broken = bytearray(protocol2.status(2, 0, PING1))
+    broken[9] ^= 0x10
+    port = ScriptedPort(lambda request: [*_slotted(1, 3), (0.007, bytes(broken))])
+    heard = exchange.broadcast_ping(port, 5, SLACK)
+    assert [answer.id for answer in heard.answers] == [1, 3]
+    assert heard.damaged == len(broken)
+
+
+def test_two_answers_to_a_broadcast_are_a_clash() -> None:
+    port = ScriptedPort(lambda request: _slotted(1, 1, 2))
+    found = exchange.found_by_broadcast(exchange.broadcast_ping(port, 5, SLACK))
+    assert [(servo.id, servo.clash) for servo in found] == [(1, True), (2, False)]
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_a_second_answer_to_one_ping_is_heard(protocol: int) -> None:
+    answer = protocol1.status(4) if protocol == 1 else protocol2.status(4, 0, PING1)
+    port = ScriptedPort(lambda request: [(0.0005, answer), (0.001, answer)])
+    assert len(exchange.ping_alone(port, protocol, 4, SLACK).answers) == 2
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_an_echo_is_no_answer(protocol: int) -> None:
+    port = ScriptedPort(lambda request: [(0.0001, request)])
+    heard = exchange.ping_alone(port, protocol, 4, SLACK)
+    assert heard == exchange.PingReplies((), 0, True)
+
+
+def test_a_line_that_never_falls_silent_is_left() -> None:
+    port = ScriptedPort(lambda request: [(1e-5 * at, bytes(1000)) for at in range(200)])
+    heard = exchange.broadcast_ping(port, 252, SLACK)
+    assert heard.damaged <= exchange.MAX_HEARD + 1000
+    assert port.now() < 0.1
+
+
+def test_a_refused_ping_tells_no_model() -> None:
+    assert exchange.found_by_ping(Status(3, 0x81, b"")) == Found(3, 2, None, None, alert=True)
+
+
+BAUD, SIZE = 1_000_000, 10
+BYTE = 10 / BAUD
+IDS = tuple(range(1, 21))
+REPLY = protocol2.fast_status([Status(device, 0, bytes(range(device, device + SIZE))) for device in IDS])
+
+
+@dataclass
+class Wire:
+    """A port on which pieces of a reply arrive at their times, s; `due` is asked for in order."""
+
+    due: list[tuple[float, bytes]]
+    baud: int = BAUD
+    latency: float = 1e-3
+    time: float = 0.0
+    waits: int = 0
+    name: str = "wire"
+    read_at: list[float] = field(default_factory=list)
+
+    def now(self) -> float:
+        return self.time
+
+    def wait(self, deadline: float) -> bool:
+        self.waits += 1
+        self.time = max(self.time, min([deadline, *(at for at, _ in self.due[:1])]))
+        return bool(self.due) and self.due[0][0] <= self.time
+
+    def sleep_until(self, deadline: float) -> None:
+        self.time = max(self.time, deadline)
+
+    def read(self) -> bytes:
+        come = b"".join(data for at, data in self.due if at <= self.time)
+        self.due = [one for one in self.due if one[0] > self.time]
+        self.read_at.append(self.time)
+        return come
+
+    def write(self, data: bytes) -> None:
+        raise AssertionError("it only listens")
+
+    drop = close = open = set_baud = write
+
+
+def pieces(reply: bytes, *, begun: float, size: int = SIZE + 4) -> list[tuple[float, bytes]]:
+    """Each part of a reply, when its last byte is on the wire."""
+    cuts = [0, *range(8 + size, len(reply), size), len(reply)]
+    return [(begun + BYTE * end, reply[at:end]) for at, end in pairwise(cuts) if end > at]
+
+
+def heard(wire: Wire) -> tuple[int, float]:
+    """How many answers, and when it was known that there are no more, s."""
+    ask = Ask(Kind.FAST, IDS, 126, SIZE)
+    found = collect(wire, ask, 0.0, ask.timeouts(wire, 0.0))  # type: ignore[arg-type]
+    return len(found.answers), wire.time
+
+
+def test_a_whole_reply_wakes_twice_and_is_there_with_its_last_byte() -> None:
+    wire = Wire(pieces(REPLY, begun=1e-3))
+    answers, known = heard(wire)
+    assert answers == 20 and known == pytest.approx(1e-3 + BYTE * len(REPLY)) and wire.waits <= 2
+
+
+def test_one_that_comes_in_one_piece_costs_no_sleep() -> None:
+    wire = Wire([(2e-3, REPLY)])
+    assert heard(wire) == (20, 2e-3) and wire.waits == 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, 19])
+def test_silence_is_counted_from_the_last_byte_and_not_from_when_somebody_looked(count: int) -> None:
+    end = 8 + (SIZE + 4) * count
+    wire = Wire(pieces(REPLY[:end], begun=1e-3))
+    idle = Ask(Kind.FAST, IDS, 126, SIZE).timeouts(wire, 0.0).idle  # type: ignore[arg-type]
+    answers, known = heard(wire)
+    assert answers == count
+    assert known <= 1e-3 + BYTE * end + idle + 1e-9
+
+
+@pytest.mark.parametrize("pause", [0.2e-3, 0.8e-3])
+def test_a_pause_in_the_middle_is_waited_for(pause: float) -> None:
+    due = [(at + (pause if k >= 7 else 0.0), data) for k, (at, data) in enumerate(pieces(REPLY, begun=1e-3))]
+    answers, known = heard(Wire(due))
+    assert answers == 20 and known == pytest.approx(1e-3 + BYTE * len(REPLY) + pause, abs=2 * (SIZE + 4) * BYTE)
+
+
+def test_an_adapter_that_collects_bytes_is_waited_for_no_longer_than_its_reply() -> None:
+    """Full-speed USB: what has come by each whole ms."""
+    due: dict[int, bytes] = {}
+    for at, data in pieces(REPLY, begun=1e-3, size=1):
+        due[int(at * 1e3) + 1] = due.get(int(at * 1e3) + 1, b"") + data
+    wire = Wire([(1e-3 * ms, data) for ms, data in due.items()])
+    last = 1e-3 * max(due)
+    answers, known = heard(wire)
+    assert answers == 20 and known == pytest.approx(last) and wire.waits <= len(due)
+
+
+class Counting(Tapped):
+    waits = 0
+
+    def wait(self, deadline: float) -> bool:
+        self.waits += 1
+        return super().wait(deadline)
+
+
+def test_a_cycle_of_twenty_servos_waits_a_few_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bus_rig.Tapped", Counting)
+    rig = BusRig().ready(torque=True)
+    assert isinstance(rig.port, Counting)
+    rig.tick()
+    rig.port.waits = 0
+    usual = max(rig.tick().took for _ in range(20))
+    assert rig.port.waits <= 4 * 20
+    # One that goes missing: no later found out than the reply would have fallen silent.
+    rig.fault(Fault(FaultKind.MISSING, ids=(10,)))
+    states, took = rig.tick()
+    others = np.arange(1, 21) != 10
+    assert states.valid[others].all() and took - usual <= 6e-3

@@ -1,0 +1,180 @@
+"""Torque off by broadcasts at speeds that nobody knows."""
+
+import pytest
+
+from bus_rig import BusRig, bus_of, spec, specs
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.control_table import code_of, tables
+from hardware.dynamixel.exchange import Found
+from hardware.dynamixel.found_servos import (
+    TORQUE_ENABLE,
+    answers_pings_only,
+    as_bus,
+    is_controller,
+    look,
+    not_limp,
+    tell_everybody_off,
+    tell_off,
+    unmute,
+)
+from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
+from hardware.dynamixel.single_requests import OneOff
+from hardware.errors import BusError
+from messages import refuses, shows
+from sim.emulator.faults import Fault, FaultKind
+
+
+def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
+    servos = specs(3, model)
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    slow = rig.devices[1]
+    slow.memory.put("baud_rate", code_of(slow.table, 57_600) or 0)
+    slow.tune()
+    for one in rig.devices:
+        one.memory.put("torque_enable", 1)
+    return rig
+
+
+@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 2), ("MX-28", 1), ("AX-12A", 1)])
+def test_everybody_hears_within_a_second_at_any_speed(model: str, protocol: int) -> None:
+    rig = _rig(model, protocol)
+    begun = rig.clock.now()
+    tell_everybody_off(rig.port, all_speeds())
+    assert rig.clock.now() - begun < 1.0
+    assert rig.shown("torque_enable") == [0, 0, 0]
+
+
+def test_only_the_speeds_named() -> None:
+    rig = _rig()
+    tell_everybody_off(rig.port, [Speed(2, 1_000_000)])
+    assert rig.shown("torque_enable") == [0, 1, 0] and rig.port.baud == 1_000_000
+
+
+def test_a_speed_that_the_adapter_lacks_is_left_out_and_a_port_that_is_gone_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = _rig()
+    set_baud = rig.port.set_baud
+
+    def limited(baud: int) -> None:
+        if baud < 100_000:
+            raise BusError("no such baud rate.")
+        set_baud(baud)
+
+    monkeypatch.setattr(rig.port, "set_baud", limited)
+    tell_everybody_off(rig.port, all_speeds())
+    assert rig.shown("torque_enable") == [0, 1, 0]
+    monkeypatch.undo()
+    rig.fault(Fault(FaultKind.UNPLUG))
+    with refuses(BusError):
+        tell_everybody_off(rig.port, all_speeds())
+
+
+SPEED = Speed(2, 2_000_000)
+
+
+def _sightings(rig: BusRig) -> tuple[Sighting, ...]:
+    if not rig.port.opened:
+        rig.port.open(SPEED.baud)
+    return scan_line(rig.port, [SPEED]).sightings
+
+
+def test_who_is_read_who_is_missing_and_who_is_strange() -> None:
+    rig = BusRig(specs(5), strangers=[spec(40)])
+    rig.device(2).memory.put("model_number", 1120)
+    rig.device(3).memory.put("model_number", 1060)
+    rig.fault(Fault(FaultKind.MISSING, ids=(4,)))
+    placed = [(7 + at, servo) for at, servo in enumerate(rig.servos)]
+    seen = look(rig.port, rig.buses[0], placed, _sightings(rig))
+    assert list(seen.line.images) == [1, 3, 5] and seen.missing == (4,)
+    assert [one.found.id for one in seen.strange] == [2, 40]
+    assert seen.line.index_of[5] == 11
+    told = "\n".join(seen.notes)
+    for text in ("j2 (id 2) is a model that is not known here: number 1120", "j3 (id 3) is XL430-W250", "40 (XM430"):
+        assert text in told
+
+
+def test_a_bus_of_what_answers_holds_every_known_servo_in_order() -> None:
+    rig = BusRig(specs(4))
+    rig.device(3).memory.put("model_number", 1120)
+    bus, placed = as_bus("here", _sightings(rig), first=5)
+    assert [(place, servo.id) for place, servo in placed] == [(5, 1), (6, 2), (7, 4)]
+    assert (bus.baud, bus.protocol, bus.ids) == (2_000_000, 2, (1, 2, 4))
+    seen = look(rig.port, bus, placed, _sightings(rig))
+    assert not seen.missing and [one.found.id for one in seen.strange] == [3]
+    shows(seen.notes, 3, 1120)
+
+
+def test_a_mute_servo_is_told_from_a_silent_one() -> None:
+    rig = BusRig(specs(3))
+    rig.device(2).memory.put("status_return_level", 0)
+    rig.device(2).tune()
+    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
+    seen = look(rig.port, rig.buses[0], list(enumerate(rig.servos)), _sightings(rig))
+    (note,) = seen.notes
+    assert seen.missing == (2, 3) and note.startswith("j2 (id 2) answers pings only (status return level 0): `retarget")
+    shows(note, "--id", 2, "--register", "status_return_level=2`")
+
+
+def test_a_controller_is_no_servo() -> None:
+    rig = BusRig(specs(2))
+    rig.device(2).memory.put("model_number", 0x7400)
+    bus, placed = as_bus("here", _sightings(rig))
+    assert look(rig.port, bus, placed, _sightings(rig)).strange == ()
+
+
+def test_several_speeds_are_refused_with_what_was_seen() -> None:
+    rig = BusRig(specs(2))
+    one, two = _sightings(rig)
+    with refuses(BusError, "1.0", 57600, "2.0", 2000000):
+        as_bus("here", [one, Sighting(two.found, Speed(1, 57_600))])
+
+
+def _muted_rig(protocol: int) -> tuple[BusRig, OneOff]:
+    servos = specs(3, "MX-28")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    rig.devices[1].memory.put("status_return_level", 0)
+    rig.devices[1].tune()
+    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
+    return rig, OneOff(rig.port, protocol)
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_who_answers_pings_only(protocol: int) -> None:
+    _, client = _muted_rig(protocol)
+    assert [answers_pings_only(client, device) for device in (1, 2, 3)] == [False, True, False]
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_it_is_written_without_its_answer(protocol: int) -> None:
+    rig, client = _muted_rig(protocol)
+    unmute(client, 2)
+    assert rig.shown("status_return_level")[1] == 2
+    assert not answers_pings_only(client, 2)
+
+
+def test_every_known_model_has_its_torque_there() -> None:
+    for table in tables():
+        known = table["torque_enable"]
+        assert (known.address, known.size) == (TORQUE_ENABLE[table.protocol].address, 1), table.model
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_a_line_that_knows_nobody_switches_them_off_and_asks(protocol: int) -> None:
+    servos = specs(4, "MX-28")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    line = BusLine(rig.buses[0], rig.port, [])
+    for one in rig.devices[:3]:
+        one.memory.put("torque_enable", 1)
+    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
+    assert not_limp(line, [1, 2, 3, 4]) == [1, 2, 3]
+    tell_off(line, [1, 3])
+    assert rig.shown("torque_enable") == [0, 1, 1, 0]
+    assert not_limp(line, [1, 2, 3, 4]) == [2, 3]
+
+
+def test_a_controller_has_none() -> None:
+    assert is_controller(Found(200, 2, 0x7400)) and not is_controller(Found(1, 2, 1120))

@@ -1,0 +1,194 @@
+"""Everybody on one port, at whatever speed; nothing is written."""
+
+from dataclasses import replace
+
+import pytest
+
+from bus_rig import BusRig, bus_of, specs
+from hardware.dynamixel.control_table import code_of
+from hardware.dynamixel.line_scan import (
+    LIKELY,
+    MOST,
+    Sighting,
+    Speed,
+    all_ids,
+    all_speeds,
+    has_speed,
+    heard_elsewhere,
+    scan_line,
+    write_setting,
+)
+from hardware.dynamixel.settings import Setting
+from hardware.errors import BusError
+from messages import refuses, shows
+from sim.emulator.faults import Direction, Fault, FaultKind
+
+
+def _rig(**bauds: int) -> BusRig:
+    """Three servos at 2 Mbps, but for s<id>=baud; the port is open."""
+    rig = BusRig(specs(3))
+    for name, baud in bauds.items():
+        one = rig.device(int(name[1:]))
+        one.memory.put("baud_rate", code_of(one.table, baud) or 0)
+        one.tune()
+    rig.port.open(2_000_000)
+    return rig
+
+
+def test_each_servo_is_seen_once_at_its_own_speed() -> None:
+    rig = _rig(s2=57_600, s3=4_500_000)
+    images = rig.images()
+    seen = scan_line(rig.port, all_speeds())
+    assert {one.found.id: one.speed for one in seen.sightings} == {
+        1: Speed(2, 2_000_000),
+        2: Speed(2, 57_600),
+        3: Speed(2, 4_500_000),
+    }
+    assert seen.tried == tuple(all_speeds()) and not seen.skipped
+    assert {one.model for one in seen.sightings} == {"XM430-W350"}
+    assert rig.images() == images
+
+
+def test_the_choice_of_ids_and_speeds_is_kept_to() -> None:
+    rig = _rig(s2=57_600)
+    heard: list[int] = []
+    seen = scan_line(rig.port, [Speed(2, 57_600)], ids=[2, 2, 300], progress=heard.append)
+    assert [one.found.id for one in seen.sightings] == [2]
+    assert heard == [0, 1] and rig.port.baud == 57_600
+    assert all_speeds((1,), 9600) == [Speed(1, 9600)]
+    assert (all_ids(1)[-1], all_ids(2)[-1]) == (253, 252)
+
+
+def test_a_speed_that_the_adapter_lacks_is_told_and_a_port_that_is_gone_ends_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = _rig()
+    set_baud = rig.port.set_baud
+
+    def limited(baud: int) -> None:
+        if baud > 3_000_000:
+            raise BusError("no such baud rate.")
+        set_baud(baud)
+
+    monkeypatch.setattr(rig.port, "set_baud", limited)
+    seen = scan_line(rig.port, all_speeds((2,)))
+    assert len(seen.sightings) == 3 and len(seen.skipped) == 2
+    shows(seen.skipped[-1], "2.0", 4500000)
+    rig.fault(Fault(FaultKind.UNPLUG))
+    with refuses(BusError):
+        scan_line(rig.port, all_speeds((2,)))
+
+
+def test_errors_are_told_in_words_and_unknown_models_by_number() -> None:
+    rig = _rig()
+    rig.device(2).memory.put("model_number", 1120)
+    rig.fault(replace(Fault(FaultKind.OVER_TEMPERATURE), ids=(3,)))
+    rig.clock.advance(0.1)
+    one, two, three = scan_line(rig.port, [Speed(2, 2_000_000)]).sightings
+    assert (one.alert, two.alert) == ("", "") and "OVERHEATING" in three.alert
+    assert two.table is None and two.model == "number 1120"
+
+
+def test_the_likely_speeds_come_first_and_none_is_lost() -> None:
+    speeds = all_speeds()
+    assert [one.baud for one in all_speeds((2,))][: len(LIKELY)] == list(LIKELY)
+    assert speeds[:2] == [Speed(2, 57_600), Speed(1, 57_600)] and len(set(speeds)) == len(speeds) == 21
+    assert all_speeds(first=Speed(1, 400_000))[0] == Speed(1, 400_000)
+    assert sorted(all_speeds(first=Speed(1, 400_000))) == sorted(speeds)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "baud", "there"),
+    [(2, 57_600, True), (2, 77, False), (2, 200_000, False), (1, 117_647, True), (1, 77, False), (1, 4_500_000, False)],
+)
+def test_speeds_that_servos_have(protocol: int, baud: int, there: bool) -> None:
+    assert has_speed(protocol, baud) is there and not has_speed(protocol, 0)
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_everybody_is_told_of_when_found(protocol: int) -> None:
+    servos = specs(3, "MX-28")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    told: list[Sighting] = []
+    seen = scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1, 3], told=told.append)
+    assert [one.found.id for one in told] == [1, 3] and tuple(told) == seen.sightings
+    assert not seen.echoes
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_an_echo_is_noticed(protocol: int) -> None:
+    servos = specs(1, "MX-28")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    rig.fault(Fault(FaultKind.ECHO))
+    assert scan_line(rig.port, [Speed(protocol, 1_000_000)], ids=[1]).echoes
+
+
+def _other_speeds_rig(*elsewhere: int) -> BusRig:
+    rig = BusRig(specs(6))
+    for device in elsewhere:
+        one = rig.device(device)
+        one.memory.put("baud_rate", code_of(one.table, 115_200) or 0)
+        one.tune()
+    rig.port.open(2_000_000)
+    return rig
+
+
+def test_who_is_heard_and_where() -> None:
+    rig = _other_speeds_rig(2, 5)
+    assert heard_elsewhere(rig.port, rig.buses[0], [2, 5, 9]) == {2: [115_200], 5: [115_200]}
+    assert rig.port.baud == 2_000_000
+
+
+def test_a_few_only_are_looked_for() -> None:
+    rig = _other_speeds_rig(1, 2, 3, 4, 5)
+    begun = rig.clock.now()
+    assert sorted(heard_elsewhere(rig.port, rig.buses[0], [1, 2, 3, 4, 5])) == [1, 2, 3][:MOST]
+    assert rig.clock.now() - begun < 1.0
+
+
+def test_a_speed_that_the_adapter_lacks_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = _other_speeds_rig(2)
+    set_baud = rig.port.set_baud
+
+    def limited(baud: int) -> None:
+        if baud < 100_000:
+            raise BusError("no such baud rate.")
+        set_baud(baud)
+
+    monkeypatch.setattr(rig.port, "set_baud", limited)
+    assert heard_elsewhere(rig.port, rig.buses[0], [2]) == {2: [115_200]}
+
+
+SPEED = Speed(2, 2_000_000)
+
+
+def _written(rig: BusRig, name: str, value: int) -> tuple[int, Speed]:
+    rig.port.open(SPEED.baud)
+    table = rig.devices[1].table
+    return write_setting(rig.port, table, 2, SPEED, Setting(table[name], value))
+
+
+@pytest.mark.parametrize("lost", [(), (Fault(FaultKind.DROP, direction=Direction.TO_HOST, end=0.01),)])
+@pytest.mark.parametrize(
+    ("name", "value", "after"),
+    [("shutdown", 53, (2, SPEED)), ("id", 9, (9, SPEED)), ("baud_rate", 3, (2, Speed(2, 1_000_000)))],
+)
+def test_where_it_is_afterwards(name: str, value: int, after: tuple[int, Speed], lost: tuple[Fault, ...]) -> None:
+    rig = BusRig(specs(3))
+    for fault in lost:
+        rig.fault(fault)
+    assert _written(rig, name, value) == after
+    assert rig.devices[1].memory.value(name) == value
+    assert rig.port.baud == after[1].baud
+    assert rig.shown(name)[0] != value
+
+
+def test_a_servo_that_vanishes_is_told_with_where_it_was_looked_for() -> None:
+    rig = BusRig(specs(2))
+    rig.fault(Fault(FaultKind.MISSING, ids=(2,)))
+    code = code_of(rig.devices[1].table, 57_600)
+    assert code is not None
+    with refuses(BusError, "baud_rate", 2, 57600):
+        _written(rig, "baud_rate", code)

@@ -1,0 +1,348 @@
+"""Everything that keeps a bus from being used is said at once, with its cure; nothing is written then."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from bus_rig import BusRig, bus_of, moved, spec, specs
+from hardware.bus import BusSpec
+from hardware.dynamixel import protocol2
+from hardware.dynamixel.checks import needed_ticks
+from hardware.dynamixel.control_table import code_of, find_table
+from hardware.dynamixel.exchange import Ask, Kind
+from hardware.dynamixel.opening import LOOKS, everybody, too_slow
+from hardware.dynamixel.protocol2 import frame
+from hardware.dynamixel.single_requests import OneOff
+from hardware.errors import BusError
+from hardware.servo import ServoMode
+from messages import refuses, shows
+from scripted_port import ScriptedPort
+from servos import waist_servos
+from sim.emulator.faults import Fault, FaultKind
+from sim.emulator.line import Timing
+
+
+def _said(protocol: int, turnaround: float, *faults: Fault) -> tuple[str, BusRig]:
+    servos = specs(2, "MX-28")
+    buses = [bus_of(servos, protocol=protocol, baud=1_000_000)]
+    rig = BusRig(servos, buses=buses, timing=Timing(turnaround=turnaround))
+    rig.port.open(1_000_000)
+    for fault in faults:
+        rig.fault(fault)
+    return too_slow(rig.port, rig.devices[0].table, 1, 500e-6), rig
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_a_line_is_held_against_what_a_cycle_waits(protocol: int) -> None:
+    assert _said(protocol, 20e-6)[0] == ""
+    said, rig = _said(protocol, 0.006)
+    shows(said, "7.")
+    # ms: turnaround, return delay, latency, bytes
+    assert len(rig.port.sent) == LOOKS
+    rig.clock.advance(1.0)
+    assert rig.port.read() == b""
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_an_echo_is_no_answer(protocol: int) -> None:
+    assert _said(protocol, 0.006, Fault(FaultKind.ECHO))[0]
+    assert not _said(protocol, 20e-6, Fault(FaultKind.ECHO))[0]
+
+
+def test_one_fast_answer_is_enough_and_silence_is_told_elsewhere() -> None:
+    assert _said(2, 20e-6, Fault(FaultKind.LATE, value=0.05, end=0.1))[0] == ""
+    assert _said(2, 20e-6, Fault(FaultKind.MISSING, ids=(1,)))[0] == ""
+
+
+@pytest.mark.parametrize("late", [0.004, 0.030])
+def test_an_answer_in_pieces_is_no_quick_one(late: float) -> None:
+    """The tail of one answer must not be taken for the beginning of the next."""
+    table = find_table("XM430-W350", 2)
+    status = protocol2.status(1, 0, b"\x00\x08\x00\x00")
+
+    def in_pieces(request: bytes) -> list[tuple[float, bytes]]:
+        return [(late, status[:5]), (late + 0.001, status[5:10]), (late + 0.002, status[10:])]
+
+    port = ScriptedPort(in_pieces, baud=57_600)
+    told = too_slow(port, table, 1, 0.0)
+    allowed = Ask(Kind.SYNC, (1,), 132, 4).timeouts(port, 0.0).first
+    assert bool(told) == (late > allowed)
+
+
+Spoil = Callable[[BusRig], None]
+
+
+def register(number: int, **values: int) -> Spoil:
+    """Registers of one servo hold something else."""
+
+    def spoil(rig: BusRig) -> None:
+        one = rig.devices[number - 1]
+        for name, value in values.items():
+            one.memory.put(name, value)
+        one.tune()
+
+    return spoil
+
+
+def overheated(rig: BusRig) -> None:
+    rig.device(2).heat(90.0, 0.0)
+    rig.device(2).heat(30.0, 0.0)
+    rig.device(2).memory.put("hardware_error_status", 4)
+
+
+def supply(rig: BusRig) -> None:
+    for one in rig.devices:
+        one.supply(9.0, 0.0)
+
+
+def other_speed(rig: BusRig) -> None:
+    for one in rig.devices:
+        one.memory.put("baud_rate", code_of(one.table, 57_600) or 0)
+        one.tune()
+
+
+def one_at_another_speed(rig: BusRig) -> None:
+    one = rig.devices[2]
+    one.memory.put("baud_rate", code_of(one.table, 57_600) or 0)
+    one.tune()
+
+
+def fault(kind: FaultKind, *ids: int) -> Spoil:
+    return lambda rig: rig.fault(Fault(kind, ids=ids))
+
+
+PROBLEMS: dict[str, tuple[Spoil, tuple[str, ...]]] = {
+    "missing": (
+        fault(FaultKind.MISSING, 2, 4),
+        ("servo j2 (id 2), servo j4 (id 4) did not answer", "servo scan", "a host that is too busy"),
+    ),
+    "nobody": (
+        fault(FaultKind.MISSING),
+        ("no servo answers", "57600", "4500000", "check the servos' power", "too busy"),
+    ),
+    "other speed": (
+        other_speed,
+        ("no servo answers", "id 1 answers at 57600", "correct `baud`", "--port /dev/main --id 1 --baud 2000000`"),
+    ),
+    "one at another speed": (
+        one_at_another_speed,
+        ("j3 (id 3) did not answer", "servo j3 (id 3) answers at 57600 baud, and its bus has 2000000", "--id 3 --baud"),
+    ),
+    "second id": (register(2, secondary_id=1), ("servo j2 (id 2) also obeys what is meant for id 1",)),
+    "mute": (register(2, status_return_level=0), ("servo j2 (id 2) answers pings only", "status_return_level=2`")),
+    "unknown": (register(4, id=9), ("j4 (id 4) did not answer", "ids that the profile does not know: 9 (XM430-W350)")),
+    "clash": (fault(FaultKind.ID_CLASH, 3), ("servo j3 (id 3) answers in several voices", "one at a time")),
+    "errors": (overheated, ("servo j2 (id 2) has latched OVERHEATING (too hot)", "servo reboot")),
+    "voltage": (supply, ("has a supply of 9.0 V, allowed 9.5 to 16 V", "battery")),
+    "torque": (register(1, torque_enable=1), ("has torque on, and its EEPROM must be written", "servo rest")),
+    "by goal": (
+        register(1, drive_mode=8),
+        ("has drive mode 0x08, bit 3 (torque on by goal", "--register drive_mode=0"),
+    ),
+    "reverse": (register(1, drive_mode=5), ("has drive mode 0x05, bit 0 (reverse", "drive_mode=4`")),
+    "follower": (register(1, drive_mode=2), ("has drive mode 0x02, bit 1 (follower",)),
+    "at start": (register(1, startup_configuration=1), ("torque on by itself when it starts", "servo setup")),
+    "offset": (register(1, homing_offset=-50), ("has homing offset -50, the profile says 0",)),
+    "travel": (register(1, min_position_limit=1500), ("takes ticks 1500 to 4095 only, the joint needs 1071 to 3025",)),
+}
+
+
+def refusal(rig: BusRig) -> str:
+    """What opening says; nothing was written to a servo, and no port is left open."""
+    before = rig.images()
+    with pytest.raises(BusError) as caught:
+        rig.bus.open()
+    assert rig.images() == before
+    assert not any(port.opened for port in rig.ports.values())
+    writes = {3, 4, 5, 6, 8, 16, 131, 147}  # instructions of 2.0 that change something
+    assert not [packet for port in rig.ports.values() for packet in port.sent if packet[7] in writes]
+    with refuses(BusError):
+        rig.bus.read()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("case", list(PROBLEMS))
+def test_each_problem_is_named_with_its_cure(case: str) -> None:
+    rig = BusRig(specs(4))
+    spoil, texts = PROBLEMS[case]
+    spoil(rig)
+    said = refusal(rig)
+    for text in texts:
+        assert text in said
+    assert "main" in said or "servo j" in said
+
+
+def test_a_sound_bus_opens_and_says_nothing_of_that_kind() -> None:
+    rig = BusRig(specs(4))
+    rig.bus.open()
+    assert rig.port.opened
+    assert all("return_delay_time" in note for note in rig.notes)
+
+
+def test_another_model_is_named() -> None:
+    rig = BusRig(specs(4))
+    rig.devices[2].memory.put("model_number", 1060)
+    shows(refusal(rig), "j3", 3, "XL430-W250", "XM430-W350")
+    rig.devices[2].memory.put("model_number", 4242)
+    shows(refusal(rig), 4242)
+
+
+def test_a_slow_adapter_is_named_with_the_command() -> None:
+    rig = BusRig(specs(2), timing=Timing(latency=0.016))
+    said = refusal(rig)
+    shows(said, 16, 1, "latency_timer")
+
+
+def test_everything_is_said_at_once_on_all_ports() -> None:
+    servos = [*specs(6), moved(spec(7), "arms"), moved(spec(8), "arms"), moved(spec(9), "head")]
+    buses = [bus_of(servos, name=name) for name in ("main", "arms", "head")]
+    rig = BusRig(servos, buses=buses, strangers=[spec(40)])
+    overheated(rig)
+    register(1, drive_mode=8, homing_offset=3)(rig)
+    rig.devices[3].memory.put("model_number", 1060)
+    rig.lines["main"].faults.add(Fault(FaultKind.MISSING, ids=(6,)), 0.0)
+    rig.lines["arms"].faults.add(Fault(FaultKind.UNPLUG), 0.0)
+    rig.lines["head"].faults.add(Fault(FaultKind.MISSING), 0.0)
+    said = refusal(rig)
+    for text in (
+        "j1 (id 1) has drive mode",
+        "j1 (id 1) has homing",
+        "OVERHEATING",
+        "j4 (id 4) is XL430",
+        "j6 (id 6) did not",
+    ):
+        assert text in said
+    for text in ("40 (XM430-W350)", "bus arms: emulated arms: there is no such port", "bus head", "no servo answers"):
+        assert text in said
+    assert said.startswith("the bus cannot be used, for 8 reasons:")
+    assert said.count("\n") == 8
+
+
+def test_wheel_mode_of_protocol_1_is_refused() -> None:
+    servos = specs(2, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    rig.devices[1].memory.put("ccw_angle_limit", 0)
+    before = rig.images()
+    with refuses(BusError, "j2", 2):
+        rig.bus.open()
+    assert rig.images() == before
+
+
+def test_protocol_1_is_told_to_have_no_watchdog() -> None:
+    servos = specs(1, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready()
+    shows(rig.notes, 1)
+
+
+def test_limits_that_are_just_wide_enough_do() -> None:
+    rig = BusRig(specs(1))
+    register(1, min_position_limit=1071, max_position_limit=3025)(rig)
+    rig.bus.open()
+
+
+def test_the_speed_is_the_bus_s_again_after_others_were_tried() -> None:
+    rig = BusRig(specs(2))
+    rig.fault(Fault(FaultKind.MISSING))
+    refusal(rig)
+    assert rig.line.baud == rig.buses[0].baud
+    rig.mend()
+    rig.bus.open()
+
+
+def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
+    servos = specs(2)
+    buses: list[BusSpec] = [replace(bus_of(servos), ids=(1, 2, 30))]
+    rig = BusRig(servos, buses=buses)
+    shows(refusal(rig), 30)
+    assert frame(30, 1, b"") in rig.port.sent
+
+
+def test_strangers_are_found_whatever_their_id() -> None:
+    rig = BusRig(specs(2), strangers=[spec(252)])
+    begun = rig.clock.now()
+    shows(refusal(rig), 252, "XM430-W350")
+    assert rig.clock.now() - begun < 1.0
+
+
+def test_a_stranger_of_protocol_1_is_found() -> None:
+    servos = specs(2, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], strangers=[spec(252, "AX-12A")])
+    begun = rig.clock.now()
+    with refuses(BusError, 252, "AX-12A"):
+        rig.bus.open()
+    assert rig.clock.now() - begun < 1.5
+
+
+def test_a_mute_servo_of_protocol_1_is_told_from_a_silent_one() -> None:
+    servos = specs(2, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    register(2, status_return_level=0)(rig)
+    with refuses(BusError, "j2", 2, 0):
+        rig.bus.open()
+
+
+def test_a_weak_servo_is_noted_and_may_be_driven() -> None:
+    rig = BusRig(specs(3))
+    register(2, pwm_limit=442)(rig)
+    register(3, pwm_limit=443)(rig)
+    rig.bus.open()
+    assert [note for note in rig.notes if "pwm" in note] == [
+        "servo j2 (id 2) has pwm_limit 442, the maximum is 885: it is weak, or slow"
+    ]
+
+
+def test_an_adapter_that_is_slower_than_it_says_is_refused() -> None:
+    rig = BusRig(specs(3), timing=Timing(turnaround=0.004))
+    said = refusal(rig)
+    shows(said)
+    assert said.count("slower than") == 1
+
+
+@pytest.mark.parametrize("other", ["main", "arms"])
+def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints(other: str) -> None:
+    roll, yaw = [replace(one, mode=ServoMode.POSITION, lower=-0.2, upper=0.2) for one in waist_servos()[1:3]]
+    servos = [roll, moved(yaw, other)]
+    buses = [bus_of(servos, name=name) for name in dict.fromkeys(("main", other))]
+    low, high = needed_ticks(servos)["roll"]
+    rig = BusRig(servos, buses=buses)
+    rig.devices[0].memory.put("min_position_limit", low)
+    rig.devices[0].memory.put("max_position_limit", high)
+    rig.bus.open()
+    rig = BusRig(servos, buses=buses)
+    rig.devices[0].memory.put("min_position_limit", low + 1)
+    shows(refusal(rig), "roll", 2, low + 1, 4095, low, high)
+
+
+@pytest.mark.parametrize(("protocol", "model"), [(1, "AX-12A"), (1, "MX-28"), (2, "MX-28"), (2, "XM430-W350")])
+def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -> None:
+    servos = specs(3, model)
+    buses = [bus_of(servos, protocol=protocol, baud=1_000_000)]
+    rig = BusRig(servos, buses=buses, strangers=[spec(0, model), spec(40, model), spec(252, model)])
+    rig.port.open(1_000_000)
+    begun = rig.clock.now()
+    found, told = everybody(rig.port, OneOff(rig.port, protocol), rig.buses[0])
+    assert [one.id for one in found] == [0, 1, 2, 3, 40, 252] and told == []
+    assert len({one.model for one in found}) == 1 and not any(one.clash for one in found)
+    assert rig.clock.now() - begun < 1.1
+    rig.clock.advance(1.0)
+    assert rig.port.read() == b""
+
+
+def test_noise_is_no_stranger() -> None:
+    rig = BusRig(specs(2))
+    rig.port.open(2_000_000)
+    rig.fault(Fault(FaultKind.SHORT, value=40))
+    found, _ = everybody(rig.port, OneOff(rig.port, 2), rig.buses[0])
+    assert {one.id for one in found} <= {1, 2}
+
+
+def test_where_it_would_take_too_long_it_is_told() -> None:
+    servos = specs(2, "AX-12A")
+    slow = Timing(latency=0.016)
+    buses = [bus_of(servos, protocol=1, baud=1_000_000)]
+    rig = BusRig(servos, buses=buses, timing=slow, strangers=[spec(9, "AX-12A")])
+    rig.port.open(1_000_000)
+    found, told = everybody(rig.port, OneOff(rig.port, 1), rig.buses[0])
+    assert [one.id for one in found] == [1, 2]
+    assert told == ["bus main: too slow to look for servos that the profile does not know"]

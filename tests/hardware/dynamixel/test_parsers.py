@@ -1,0 +1,436 @@
+"""Parsers of both protocols: frames of a clean line, whole after damage, the same however the bytes arrive."""
+
+import os
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.packets import ALERT, Frame, Status
+from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
+from hardware.dynamixel.protocol2 import sound_parts
+from noise import LINES, bytes_of, noise, pieces, stretch
+from packet_vectors import ONE, TWO
+
+VECTORS = {1: ONE, 2: TWO}
+both = pytest.mark.parametrize("protocol", [1, 2])
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+@both
+def test_the_manuals_frames_are_understood(protocol: int) -> None:
+    for vector in VECTORS[protocol]:
+        parser = LINES[protocol].parser()
+        assert parser.feed(vector.printed) == [vector.heard]
+        assert (parser.pending, parser.skipped) == (b"", 0)
+
+
+@both
+def test_frames_come_with_their_last_byte(protocol: int) -> None:
+    parser, heard = LINES[protocol].parser(), []
+    for vector in VECTORS[protocol]:
+        for at, byte in enumerate(vector.printed):
+            frames = parser.feed(bytes((byte,)))
+            assert bool(frames) == (at == len(vector.printed) - 1)
+            heard += frames
+    assert heard == [vector.heard for vector in VECTORS[protocol]]
+    assert parser.skipped == 0
+
+
+@both
+@settings(max_examples=150)
+@given(seed=SEEDS, count=st.integers(1, 30))
+def test_frames_depend_on_the_bytes_not_on_the_pieces(protocol: int, seed: int, count: int) -> None:
+    random_, line = random.Random(seed), LINES[protocol]
+    stream = b"".join(stretch(random_) for _ in range(count))
+    whole, parts, single = line.parser(), line.parser(), line.parser()
+    frames = whole.feed(stream)
+    assert [frame for piece in pieces(random_, stream) for frame in parts.feed(piece)] == frames
+    assert [frame for byte in stream for frame in single.feed(bytes((byte,)))] == frames
+    assert whole.pending == parts.pending == single.pending
+    assert whole.skipped == parts.skipped == single.skipped
+    assert whole.skipped == len(stream) - len(whole.pending) - bytes_of(line, stream, frames)
+    assert whole.flush() == parts.flush() == single.flush()
+
+
+@both
+@given(device=st.integers(0, 252), code=st.integers(0, 255), params=st.binary(max_size=200))
+def test_any_frame_round_trips(protocol: int, device: int, code: int, params: bytes) -> None:
+    line = LINES[protocol]
+    parser = line.parser()
+    assert parser.feed(line.frame(device, code, params)) == [Frame(device, code, params)]
+
+
+@given(st.lists(st.builds(Status, st.integers(0, 252), st.integers(0, 255), st.binary(max_size=12)), min_size=1))
+def test_a_fast_status_is_taken_as_it_is(answers: list[Status]) -> None:
+    reply = protocol2.fast_status(answers)
+    assert parser2().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
+
+
+def test_headers_and_stuffing_inside_a_fast_status_are_data() -> None:
+    reply = protocol2.fast_status([Status(1, 0, protocol2.ping(3)), Status(2, 0, b"\xff\xff\xfd\xfd")])
+    assert parser2().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
+
+
+@both
+@settings(max_examples=150)
+@given(seed=SEEDS)
+def test_a_sound_frame_behind_garbage_is_found(protocol: int, seed: int) -> None:
+    """At once, or after silence when the garbage claims its bytes; unless both together make another sound frame."""
+    random_, line = random.Random(seed), LINES[protocol]
+    garbage, frame = stretch(random_), line.frame(1, 0x55, b"\x00\x2a\xff\xff\x17")
+    parser = line.parser()
+    frames = parser.feed(garbage + frame)
+    frames += parser.flush()
+    assert parser.pending == b""
+    if Frame(1, 0x55, b"\x00\x2a\xff\xff\x17") not in frames:
+        begun = [at for at in range(len(garbage)) if garbage.startswith(line.header[:2], at)]
+        assert any(line.stands_at(garbage + frame, at, heard) > len(garbage) for at in begun for heard in frames)
+
+
+STATUSES = [Frame(device, 0x55, bytes((0, device, 0xFF, 0xFF, 0xFD, 0xFD, 0, 5))) for device in range(1, 8)]
+
+
+def test_every_damaged_byte_costs_one_frame() -> None:
+    """CRC-16 sees every error of one byte; a damaged length swallows nothing of the next frame."""
+    raws = [protocol2.frame(*status) for status in STATUSES]
+    for hit in (0, 3):
+        clean = b"".join(raws[:hit]), raws[hit], b"".join(raws[hit + 1 :])
+        for at in range(len(raws[hit])):
+            for flip in range(1, 256):
+                damaged = bytearray(clean[1])
+                damaged[at] ^= flip
+                frames = parser2().feed(clean[0] + bytes(damaged) + clean[2])
+                assert frames == STATUSES[:hit] + STATUSES[hit + 1 :], (at, flip)
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 8, 11, 13, 14, 15, 16, 17, 18, 19, 20, 40, 200, 8192, 8193, 65535])
+def test_a_damaged_length_is_over_when_the_next_header_is_seen(length: int) -> None:
+    damaged, good = bytearray(protocol2.frame(*STATUSES[0])), protocol2.frame(*STATUSES[1])
+    damaged[5:7] = length.to_bytes(2, "little")
+    parser = parser2()
+    assert parser.feed(bytes(damaged) + good) == STATUSES[1:2]
+    assert parser.skipped == len(damaged)
+
+
+def test_every_lost_or_doubled_byte_costs_one_frame() -> None:
+    raws = [protocol2.frame(*status) for status in STATUSES]
+    rest = b"".join(raws[1:])
+    for at in range(len(raws[0])):
+        for raw in (raws[0][:at] + raws[0][at + 1 :], raws[0][:at] + raws[0][at : at + 1] + raws[0][at:]):
+            frames = parser2().feed(raw + rest)
+            # A doubled first or last byte is noise beside a whole frame.
+            assert frames in (STATUSES[1:], STATUSES), at
+            assert (frames == STATUSES) == (raws[0] in raw), at
+
+
+def test_what_a_damaged_length_claims_in_the_first_protocol_comes_back_after_silence() -> None:
+    """There a header may stand in the data, so only silence tells."""
+    damaged, good = bytearray(protocol1.status(1, 0, b"\x01\x02")), protocol1.status(2, 0, b"\x03\x04")
+    damaged[3] = 60
+    parser = parser1()
+    assert parser.feed(bytes(damaged) + good + good) == []
+    assert len(parser.pending) == len(damaged) + 2 * len(good)
+    assert parser.flush() == [Frame(2, 0, b"\x03\x04")] * 2
+    assert (parser.pending, parser.skipped) == (b"", len(damaged))
+
+
+@both
+def test_reset_forgets_and_counts(protocol: int) -> None:
+    vector = VECTORS[protocol][0]
+    parser = LINES[protocol].parser()
+    assert parser.feed(vector.printed[:-1]) == []
+    assert parser.pending == vector.printed[:-1]
+    parser.reset()
+    assert (parser.pending, parser.skipped) == (b"", len(vector.printed) - 1)
+    assert parser.feed(vector.printed) == [vector.heard]
+
+
+@both
+def test_an_echo_comes_before_its_answer(protocol: int) -> None:
+    line = LINES[protocol]
+    question, answer = VECTORS[protocol][2 + (protocol == 2)], VECTORS[protocol][3 + (protocol == 2)]
+    assert line.parser().feed(question.printed + answer.printed) == [question.heard, answer.heard]
+
+
+@both
+def test_a_bytearray_may_be_fed_and_changed_afterwards(protocol: int) -> None:
+    vector = VECTORS[protocol][0]
+    parser, data = LINES[protocol].parser(), bytearray(vector.printed[:-1])
+    assert parser.feed(data) == []
+    data[:] = bytes(len(data))
+    assert parser.feed(vector.printed[-1:]) == [vector.heard]
+
+
+PING = protocol2.ping(1)
+FLOODS = {
+    "FF": b"\xff",
+    "FF FF FD": b"\xff\xff\xfd",
+    "FF FF FD FD": b"\xff\xff\xfd\xfd",
+    "headers": b"\xff\xff\xfd\x00",
+    "huge lengths": bytes.fromhex("FFFFFD0001FF1F03"),
+    "impossible lengths": bytes.fromhex("FFFFFD0001FFFF03"),
+    "huge fast replies": bytes.fromhex("FFFFFD00FEFF1F55"),
+    "huge lengths, far apart": bytes.fromhex("FFFFFD0001002003") + b"\xff" * 9000,
+    "first protocol, longest": b"\xff\xff\x00\xff",
+    "first protocol, id 253": b"\xff\xff\xfd\xff\xfe",
+    "nothing": b"\x00",
+}
+
+
+def sweep(protocol: int, count: int, seed: int) -> None:
+    """Feed `count` random strings; 500 of them make a stream, over which every promise is checked."""
+    random_, line = random.Random(seed), LINES[protocol]
+    for _ in range(0, count, 500):
+        parser, strings, frames = line.parser(), [], []
+        for _ in range(500):
+            string = noise(random_, 40) if random_.random() < 0.7 else stretch(random_)
+            strings.append(string)
+            frames += parser.feed(string)
+            assert len(parser.pending) < line.longest
+        stream = b"".join(strings)
+        used = bytes_of(line, stream, frames)
+        assert parser.skipped + used + len(parser.pending) == len(stream)
+        assert line.parser().feed(stream) == frames
+        assert frames, "a stream without a frame checks nothing"
+
+
+@both
+def test_random_strings_yield_no_false_frame(protocol: int) -> None:
+    sweep(protocol, 10_000, seed=11)
+
+
+@pytest.mark.long
+@both
+def test_a_million_random_strings_yield_no_false_frame(protocol: int) -> None:
+    sweep(protocol, 1_000_000, seed=12)
+
+
+@both
+@pytest.mark.parametrize("unit", FLOODS.values(), ids=FLOODS.keys())
+def test_a_flood_is_bounded_in_memory_and_over_with_the_next_frame(protocol: int, unit: bytes) -> None:
+    line = LINES[protocol]
+    stream = (unit * 20_000)[:20_000]
+    whole, single = line.parser(), line.parser()
+    assert whole.feed(stream) == []
+    for byte in stream:
+        assert single.feed(bytes((byte,))) == []
+        assert len(single.pending) < line.longest
+    assert single.pending == whole.pending
+    vector = (ONE if protocol == 1 else TWO)[0]
+    assert (whole.feed(vector.printed) + whole.flush())[-1:] == [vector.heard]
+
+
+@pytest.mark.long
+@both
+@pytest.mark.parametrize("unit", FLOODS.values(), ids=FLOODS.keys())
+def test_time_grows_with_the_bytes_and_not_faster(protocol: int, unit: bytes) -> None:
+    """Twice the bytes take twice the time, give or take: at one go and byte by byte, after megabytes."""
+
+    def cost(size: int, step: int) -> float:
+        stream, parser = (unit * (size // len(unit) + 1))[:size], LINES[protocol].parser()
+        begun = sum(os.times()[:2])
+        for at in range(0, size, step):
+            parser.feed(stream[at : at + step])
+        return sum(os.times()[:2]) - begun
+
+    for step, size in ((1 << 30, 4_000_000), (1, 500_000)):
+        assert cost(2 * size, step) < 3 * cost(size, step) + 0.2
+
+
+REFUSED = {
+    "id FD": "FFFFFD00 FD 0300 01",
+    "id FF": "FFFFFD00 FF 0300 01",
+    "LEN 0": "FFFFFD00 01 0000",
+    "LEN 1": "FFFFFD00 01 0100 01",
+    "LEN 2": "FFFFFD00 01 0200 01",
+    "LEN 2, no instruction": "FFFFFD00 01 0200",
+    "LEN 8193": "FFFFFD00 01 0120 01",
+    "LEN 65535": "FFFFFD00 01 FFFF 01",
+    "reserved byte": "FFFFFDFD 01 0300 01",
+    "header alone": "FFFFFD00",
+    "a header in the header": "FFFFFD00 FFFFFD00",
+}
+
+
+@pytest.mark.parametrize("beginning", REFUSED.values(), ids=REFUSED.keys())
+def test_a_frame_that_cannot_be_is_passed_over_at_once(beginning: str) -> None:
+    raw = bytes.fromhex(beginning)
+    sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
+    parser = parser2()
+    assert parser.feed(sealed) == []
+    assert len(parser.pending) < protocol2.OVERHEAD
+    assert parser.feed(PING) == [Frame(1, 1, b"")]
+    assert parser.skipped == len(sealed)
+
+
+def test_a_frame_with_an_unstuffed_header_inside_is_none() -> None:
+    raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFD00")
+    sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
+    assert parser2().feed(sealed + PING) == [Frame(1, 1, b"")]
+
+
+def test_a_frame_that_nobody_stuffed_is_taken_when_no_header_is_inside() -> None:
+    """So dynamixel-sdk sends it; header, length and CRC are sound, and nothing else is to be done with it."""
+    raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFDFF")
+    sealed = raw + protocol2.crc(raw).to_bytes(2, "little")
+    assert parser2().feed(sealed) == [Frame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
+
+
+def sealed_by(tail: bytes, crc: bytes) -> tuple[Frame, bytes]:
+    """A frame whose parameters end in `tail` and whose CRC is `crc`: one of 65536 values of two bytes does it."""
+    for value in range(65536):
+        params = value.to_bytes(2, "little") + tail
+        raw = protocol2.frame(1, 3, params)
+        if raw.endswith(tail + crc):
+            return Frame(1, 3, params), raw
+    raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ("tail", "crc", "behind"),
+    [
+        (b"\xff\xff", b"\xfd\x00", b""),
+        (b"\xff", b"\xff\xfd", b"\x00"),
+        (b"\x00", b"\xff\xff", b"\xfd\x00"),
+        (b"\x00", b"\x00\xff", b"\xff\xfd\x00"),
+    ],
+)
+def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes, behind: bytes) -> None:
+    frame, raw = sealed_by(tail, crc)
+    stream = raw + behind + raw + PING
+    assert parser2().feed(stream) == [frame, frame, Frame(1, 1, b"")]
+    single = parser2()
+    assert [heard for byte in stream for heard in single.feed(bytes((byte,)))] == [frame, frame, Frame(1, 1, b"")]
+    assert single.skipped == len(behind)
+
+
+def test_a_crc_is_not_the_beginning_of_the_next_frame() -> None:
+    frame, raw = sealed_by(b"\x00", b"\x00\xff")
+    assert parser2().feed(raw + PING[1:]) == [frame]
+    parser = parser2()
+    assert parser.feed(raw) == [frame]
+    assert (parser.pending, parser.feed(PING[1:])) == (b"", [])
+
+
+def test_the_other_protocols_bytes_are_noise() -> None:
+    two, one = b"".join(vector.printed for vector in TWO), b"".join(vector.printed for vector in ONE)
+    assert parser1().feed(two) == []
+    assert parser2().feed(one) == []
+    assert parser1().feed(PING + ONE[0].printed) == [ONE[0].heard]
+    assert parser2().feed(ONE[0].printed + PING) == [Frame(1, 1, b"")]
+
+
+def test_ids_at_the_edge_of_the_first_protocol() -> None:
+    assert parser1().feed(protocol1.ping(253)) == [Frame(253, 1, b"")]
+    assert parser1().feed(b"\xff" + protocol1.ping(0)) == [Frame(0, 1, b"")]
+    assert parser1().feed(bytes.fromhex("FFFF FF 02 01 FD FFFF 01 00 FE FFFF 01 01 01 FC")) == []
+
+
+def test_a_cut_fast_reply_holds_back_what_follows_until_silence() -> None:
+    reply = protocol2.fast_status([Status(1, 0, bytes(10)), Status(2, 0, bytes(10))])
+    parser = parser2()
+    assert parser.feed(reply[:20] + PING) == []
+    assert parser.flush() == [Frame(1, 1, b"")]
+    assert parser.feed(reply[:20] + PING) == []
+    parser.reset()
+    assert parser.feed(PING) == [Frame(1, 1, b"")]
+
+
+@st.composite
+def answers(draw: st.DrawFn) -> list[Status]:
+    ids = draw(st.lists(st.integers(0, 252), min_size=1, max_size=12, unique=True))
+    size = draw(st.integers(0, 12))
+    return [
+        Status(device, draw(st.sampled_from((0, ALERT))), draw(st.binary(min_size=size, max_size=size)))
+        for device in ids
+    ]
+
+
+@settings(max_examples=150)
+@given(answers(), st.data())
+def test_it_is_taken_only_where_every_part_is_sound(said: list[Status], data: st.DataObject) -> None:
+    reply, ids, size = protocol2.fast_status(said), tuple(one.id for one in said), len(said[0].data)
+    found = whole_reply(reply, ids, size)
+    assert found is not None and found.statuses == said
+    damaged = bytearray(reply)
+    for _ in range(data.draw(st.integers(1, 4))):
+        damaged[data.draw(st.integers(0, len(reply) - 1))] ^= data.draw(st.integers(1, 255))
+    parts = sound_parts(bytes(damaged), [size] * len(ids))
+    good = [part for part, device in zip(parts, ids, strict=False) if part.id == device and not part.error & 0x7F]
+    whole = whole_reply(bytes(damaged), ids, size)
+    assert (whole is not None) == (len(good) == len(ids))
+    if whole is not None:
+        assert whole.statuses == good
+
+
+def test_a_part_whose_followers_took_its_damage_for_granted_is_not_taken() -> None:
+    """Who listens on the line sums what it heard: all CRCs behind a damaged part may be right again."""
+    said = [Status(device, 0, bytes(range(device, device + 10))) for device in range(1, 21)]
+    ids = tuple(one.id for one in said)
+    chance = random.Random(3)
+    for _ in range(200):
+        out = bytearray(protocol2.fast_status(said))
+        part = chance.randrange(20)
+        at = 8 + 14 * part + chance.randrange(12)
+        out[at] ^= chance.randrange(1, 256)
+        total = protocol2.crc(bytes(out[: 8 + 14 * (part + 1)]))
+        for k in range(part + 1, 20):
+            end = 8 + 14 * (k + 1) - 2
+            total = protocol2.crc(bytes(out[8 + 14 * k : end]), total)
+            out[end : end + 2] = total.to_bytes(2, "little")
+            total = protocol2.crc(bytes(out[end : end + 2]), total)
+        assert whole_reply(bytes(out), ids, 10) is None
+
+
+@pytest.mark.parametrize("cut", [1, 14, 20])
+def test_neither_short_nor_long_is_whole(cut: int) -> None:
+    reply = protocol2.fast_status([Status(1, 0, b"\x01\x02\x03\x04"), Status(2, 0, b"\x05\x06\x07\x08")])
+    assert whole_reply(reply[:-cut], (1, 2), 4) is None
+    assert whole_reply(reply + reply[:cut], (1, 2), 4) is None
+    assert whole_reply(reply, (2, 1), 4) is None
+    assert whole_reply(reply, (1, 2), 3) is None
+
+
+def test_a_refusal_in_place_of_data_is_no_answer() -> None:
+    said = [Status(1, 0, b"\x01\x02\x03\x04"), Status(2, 7, bytes(4))]
+    assert whole_reply(protocol2.fast_status(said), (1, 2), 4) is None
+
+
+def one_by_one(heard: bytes, ids: tuple[int, ...], size: int) -> list[Status]:
+    """What a parser makes of it, as far as it answers the request."""
+    parser = parser2()
+    found = [protocol2.status_of(frame) for frame in [*parser.feed(heard), *parser.flush()]]
+    return [one for one in found if one and one.id in ids and len(one.data) == size and not one.error & ~ALERT]
+
+
+@settings(max_examples=150)
+@given(answers(), st.data())
+def test_frames_are_taken_only_where_every_one_is_sound(said: list[Status], data: st.DataObject) -> None:
+    frames = [protocol2.status(*one) for one in said]
+    reply, ids, size = b"".join(frames), tuple(one.id for one in said), len(said[0].data)
+    found = whole_frames(reply, ids, size)
+    assert (found is None) == (reply.count(protocol2.PATTERN) > len(ids))  # stuffed, or what looks like it
+    assert found is None or found.statuses == said
+    damaged = bytearray(reply)
+    for _ in range(data.draw(st.integers(1, 4))):
+        damaged[data.draw(st.integers(0, len(reply) - 1))] ^= data.draw(st.integers(1, 255))
+    whole = whole_frames(bytes(damaged), ids, size)
+    assert whole is None or whole.statuses == one_by_one(bytes(damaged), ids, size)
+
+
+def test_frames_with_stuffing_out_of_order_refused_or_cut_are_looked_at_one_by_one() -> None:
+    frame = protocol2.status
+    calm = frame(1, 0, b"\x01\x02\x03\x04") + frame(2, ALERT, b"\x05\x06\x07\x08")
+    found = whole_frames(calm, (1, 2), 4)
+    assert found is not None and found.errors == bytes((0, ALERT))
+    stuffed = frame(1, 0, b"\xff\xff\xfd")
+    assert len(stuffed) == protocol2.STATUS_BYTES + 4 and whole_frames(stuffed, (1,), 4) is None
+    raw = b"\xff\xff\xfd\x00\x01\x08\x00\x55\x00\xff\xff\xfd\x07"  # unstuffed, CRC right
+    assert whole_frames(raw + protocol2.crc(raw).to_bytes(2, "little"), (1,), 4) is None
+    assert whole_frames(calm, (2, 1), 4) is None
+    assert whole_frames(calm[:-1], (1, 2), 4) is None and whole_frames(calm + b"\0", (1, 2), 4) is None
+    assert whole_frames(frame(1, 7, bytes(4)), (1,), 4) is None
+    assert whole_frames(frame(1, 0, bytes(3)) + b"\0", (1,), 4) is None

@@ -1,0 +1,215 @@
+"""Protocol 2.0: printed frames, stuffing, CRC; dynamixel-sdk where it is right."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from dynamixel_sdk import Protocol2PacketHandler
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.dynamixel import protocol2
+from hardware.dynamixel.packets import BROADCAST, STATUS, Frame, Status
+from hardware.dynamixel.protocol2 import fast_length, sound_parts
+from messages import refuses
+from packet_vectors import FAST_BULK, FAST_BULK_REPLY, FAST_SYNC, FAST_SYNC_REPLY, TWO, Vector
+from sdk_port import SdkPort
+
+HOT = st.lists(st.sampled_from((0xFF, 0xFD, 0x00, 0x55, 0xFE)), max_size=12).map(bytes)
+PARTS = st.lists(
+    st.builds(Status, st.integers(0, 252), st.integers(0, 255), HOT | st.binary(max_size=12)), min_size=1, max_size=8
+)
+
+
+def ends(sizes: list[int]) -> list[int]:
+    """Bytes after which each part is whole."""
+    return [fast_length(sizes[: count + 1]) for count in range(len(sizes))]
+
+
+@pytest.mark.parametrize(("reply", "answers"), [(FAST_SYNC_REPLY, FAST_SYNC), (FAST_BULK_REPLY, FAST_BULK)])
+def test_the_manuals_examples_cut_at_every_byte(reply: bytes, answers: tuple[Status, ...]) -> None:
+    sizes = [len(answer.data) for answer in answers]
+    assert fast_length(sizes) == len(reply)
+    for length in range(len(reply) + 1):
+        whole = sum(end <= length for end in ends(sizes))
+        assert sound_parts(reply[:length], sizes) == list(answers[:whole])
+
+
+@pytest.mark.parametrize(("reply", "answers"), [(FAST_SYNC_REPLY, FAST_SYNC), (FAST_BULK_REPLY, FAST_BULK)])
+def test_one_damaged_byte_costs_its_part_and_what_follows(reply: bytes, answers: tuple[Status, ...]) -> None:
+    sizes = [len(answer.data) for answer in answers]
+    for at in range(len(reply)):
+        before = 0 if at < 8 else sum(end <= at for end in ends(sizes))
+        for flip in range(1, 256):
+            damaged = bytearray(reply)
+            damaged[at] ^= flip
+            assert sound_parts(bytes(damaged), sizes) == list(answers[:before]), (at, flip)
+
+
+@settings(max_examples=150)
+@given(PARTS, st.data())
+def test_any_reply_cut_or_damaged_yields_what_stands_before(answers: list[Status], data: st.DataObject) -> None:
+    sizes, reply = [len(answer.data) for answer in answers], protocol2.fast_status(answers)
+    assert sound_parts(reply + b"\xff\xff\xfd\0", sizes) == answers
+    cut = data.draw(st.integers(0, len(reply)))
+    assert sound_parts(reply[:cut], sizes) == answers[: sum(end <= cut for end in ends(sizes))]
+    at = data.draw(st.integers(8, len(reply) - 1))
+    damaged = reply[:at] + bytes((reply[at] ^ data.draw(st.integers(1, 255)),)) + reply[at + 1 :]
+    assert sound_parts(damaged, sizes) == answers[: sum(end <= at for end in ends(sizes))]
+
+
+def test_a_lost_byte_costs_its_part_and_what_follows() -> None:
+    sizes = [4, 4, 4]
+    for at in range(8, len(FAST_SYNC_REPLY)):
+        lost = FAST_SYNC_REPLY[:at] + FAST_SYNC_REPLY[at + 1 :]
+        whole = sum(end <= at for end in ends(sizes))
+        assert sound_parts(lost, sizes) == list(FAST_SYNC[:whole])
+
+
+def test_a_reply_to_another_question_has_no_parts() -> None:
+    assert sound_parts(FAST_SYNC_REPLY, [4, 4]) == []
+    assert sound_parts(FAST_SYNC_REPLY, [4, 4, 5]) == []
+    assert sound_parts(FAST_SYNC_REPLY, [5, 4, 3]) == []  # same length, other layout
+    assert sound_parts(protocol2.status(1, 0, b"\x01\x02\x03\x04"), [4]) == []
+    assert sound_parts(protocol2.sync_read(132, 4, (3, 7, 4), fast=True), [4, 4, 4]) == []
+    assert sound_parts(b"", [4]) == []
+
+
+def test_alerts_of_every_part_are_kept() -> None:
+    answers = [Status(1, 0, b"\x01"), Status(2, 0x80, b"\x02"), Status(3, 0x87, b"\x03")]
+    assert sound_parts(protocol2.fast_status(answers), [1, 1, 1]) == answers
+
+
+PROTOCOL2_HOT = st.lists(st.sampled_from((0xFF, 0xFD, 0x00, 0x55)), max_size=40).map(bytes)
+BODIES = st.one_of(PROTOCOL2_HOT, st.binary(max_size=60))
+
+
+@pytest.mark.parametrize("vector", TWO, ids=lambda vector: vector.printed[:24].hex())
+def test_frames_are_those_of_the_manual(vector: Vector) -> None:
+    assert vector.built == vector.printed
+
+
+def test_crc_is_umts_and_goes_on() -> None:
+    assert protocol2.crc(b"123456789") == 0xFEE8
+    assert protocol2.crc(b"6789", protocol2.crc(b"12345")) == 0xFEE8
+    assert protocol2.crc(b"", 0x1234) == 0x1234
+
+
+@settings(max_examples=300)
+@given(BODIES)
+def test_stuffing_round_trips_and_leaves_no_header(body: bytes) -> None:
+    stuffed = protocol2.stuff(body)
+    assert protocol2.unstuff(stuffed) == body
+    assert protocol2.HEADER not in stuffed
+    assert len(stuffed) == len(body) + body.count(b"\xff\xff\xfd")
+
+
+def test_stuffing_round_trips_for_every_short_string_of_hot_bytes() -> None:
+    """Among them those from which the vendor's unstuffing loses a byte: FF FF FD FF FD FD."""
+    for size in range(8):
+        for body in map(bytes, itertools.product((0xFF, 0xFD, 0x00, 0x55), repeat=size)):
+            stuffed = protocol2.stuff(body)
+            assert protocol2.unstuff(stuffed) == body
+            assert protocol2.HEADER not in stuffed
+
+
+def test_length_counts_the_stuffing_and_the_code_is_stuffed_too() -> None:
+    assert protocol2.write(1, 116, b"\xff\xff\xfd\xff")[5:-2] == bytes.fromhex("0A00 03 7400 FFFFFDFD FF")
+    assert protocol2.frame(1, 0xFF, b"\xff\xfd")[5:-2] == bytes.fromhex("0600 FFFFFDFD")
+
+
+def test_the_header_is_not_stuffed_when_the_body_is() -> None:
+    assert protocol2.status(1, 0, b"\xff\xff\xfd\0").startswith(bytes.fromhex("FFFFFD00 01 0900"))
+
+
+def test_a_fast_status_is_not_stuffed() -> None:
+    reply = protocol2.fast_status([Status(1, 0, b"\xff\xff\xfd\0"), Status(2, 0x80, b"\xff\xff\xfd\xfd")])
+    assert reply[8:14] == bytes.fromhex("00 01 FFFFFD00")
+    assert reply[16:22] == bytes.fromhex("80 02 FFFFFDFD")
+    assert int.from_bytes(reply[5:7], "little") == 1 + 2 * 8
+
+
+def test_a_fast_status_of_one_part_is_closed_by_its_crc() -> None:
+    reply = protocol2.fast_status([Status(9, 0, b"\x01\x02")])
+    assert int.from_bytes(reply[-2:], "little") == protocol2.crc(reply[:-2])
+
+
+def test_parts_are_closed_by_the_crc_of_all_that_was_sent() -> None:
+    for answers in (FAST_SYNC, FAST_BULK):
+        reply, end = protocol2.fast_status(answers), 8
+        for answer in answers:
+            end += 2 + len(answer.data)
+            assert int.from_bytes(reply[end : end + 2], "little") == protocol2.crc(reply[:end])
+            end += 2
+        assert end == len(reply)
+
+
+@pytest.mark.parametrize(
+    ("frame", "status"),
+    [
+        (Frame(1, STATUS, b"\x80\xa6"), Status(1, 0x80, b"\xa6")),
+        (Frame(1, STATUS, b"\x07"), Status(1, 7, b"")),
+        (Frame(1, STATUS, b""), None),
+        (Frame(1, 2, b"\0\0"), None),
+        (Frame(BROADCAST, STATUS, b"\0\x01\xa6\0\0"), None),
+    ],
+)
+def test_only_a_status_of_one_device_is_one(frame: Frame, status: Status | None) -> None:
+    assert protocol2.status_of(frame) == status
+
+
+WRONG: dict[str, Callable[[], bytes]] = {
+    "id FD": lambda: protocol2.ping(0xFD),
+    "id FF": lambda: protocol2.ping(0xFF),
+    "negative id": lambda: protocol2.ping(-1),
+    "address": lambda: protocol2.read(1, 65536, 1),
+    "negative address": lambda: protocol2.write(1, -1, b""),
+    "length": lambda: protocol2.sync_read(0, 65536, [1]),
+    "group id": lambda: protocol2.sync_read(0, 1, [1, BROADCAST]),
+    "group id FD": lambda: protocol2.sync_write(0, 1, [(0xFD, b"\0")]),
+    "bulk id": lambda: protocol2.bulk_read([(300, 0, 1)]),
+    "bulk write to all": lambda: protocol2.bulk_write([(BROADCAST, 0, b"\0")]),
+    "short data": lambda: protocol2.sync_write(0, 2, [(1, b"\0")]),
+    "long data": lambda: protocol2.sync_write(0, 2, [(1, b"\0\0\0")]),
+    "option": lambda: protocol2.factory_reset(1, 256),
+    "no parts": lambda: protocol2.fast_status([]),
+    "huge frame": lambda: protocol2.write(1, 0, bytes(protocol2.MAX_LENGTH)),
+    "huge when stuffed": lambda: protocol2.write(1, 0, b"\xff\xff\xfd" * (protocol2.MAX_LENGTH // 4)),
+    "huge fast status": lambda: protocol2.fast_status([Status(1, 0, bytes(protocol2.MAX_LENGTH))]),
+}
+
+
+@pytest.mark.parametrize("build", WRONG.values(), ids=WRONG.keys())
+def test_what_cannot_be_sent_is_refused(build: Callable[[], bytes]) -> None:
+    with refuses(ValueError):
+        build()
+
+
+def sdk_frame(device: int, code: int, params: bytes) -> bytes:
+    length = len(params) + 3
+    packet: list[Any] = [0, 0, 0, 0, device, length & 0xFF, length >> 8, code, *params, 0, 0]
+    port = SdkPort()
+    assert Protocol2PacketHandler().txPacket(port, packet) == 0
+    return port.sent
+
+
+@given(
+    st.integers(0, 252), st.integers(0, 255), st.binary(max_size=60).filter(lambda data: b"\xff\xff\xfd" not in data)
+)
+def test_frames_equal_those_of_the_sdk_where_nothing_is_stuffed(device: int, code: int, params: bytes) -> None:
+    if b"\xff\xff\xfd" not in bytes((code,)) + params:
+        assert protocol2.frame(device, code, params) == sdk_frame(device, code, params)
+
+
+def test_the_sdk_forgets_its_own_stuffing() -> None:
+    """Why we send nothing through it that may need stuffing."""
+    assert sdk_frame(1, 3, b"\x74\0\xff\xff\xfd\xff") != protocol2.write(1, 116, b"\xff\xff\xfd\xff")
+
+
+@given(st.integers(0, 252), st.integers(0, 255), st.binary(max_size=30).filter(lambda data: b"\xff\xfd" not in data))
+def test_the_sdk_understands_our_statuses(device: int, error: int, data: bytes) -> None:
+    port = SdkPort(protocol2.status(device, error, data))
+    packet, result = Protocol2PacketHandler().rxPacket(port, False)
+    assert result == 0
+    assert (packet[4], packet[7], packet[8], bytes(packet[9:-2])) == (device, STATUS, error, data)

@@ -1,0 +1,371 @@
+"""A real tty as a port, on pseudo-terminals."""
+
+import errno
+import os
+import termios
+import tty
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from serial import Serial
+
+from bus_rig import BusRig, bus_of, specs
+from hardware.clock import MonotonicClock
+from hardware.dynamixel import serial_port
+from hardware.dynamixel.opening import examine
+from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort, real_baud
+from hardware.dynamixel.single_requests import OneOff
+from hardware.errors import BusError
+from messages import refuses, shows
+from sim.emulator.faults import Fault, FaultKind
+
+
+@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 1), ("AX-12A", 1)])
+@pytest.mark.parametrize("echo", [False, True])
+@pytest.mark.parametrize("silent", [False, True])
+def test_opening_tells_of_it_once(model: str, protocol: int, echo: bool, silent: bool) -> None:
+    servos = specs(2, model)
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    if echo:
+        rig.fault(Fault(FaultKind.ECHO))
+    if silent:
+        rig.fault(Fault(FaultKind.MISSING))
+    bus = rig.buses[0]
+    opening = examine(rig.port, OneOff(rig.port, protocol), bus, servos)
+    told = sum(ECHOES in note for note in opening.notes)
+    assert told == (1 if echo else 0) or (silent and protocol == 1)
+    assert bool(opening.problems) is silent
+
+
+def test_a_ping_of_1_0_proves_no_echo() -> None:
+    servos = specs(1, "AX-12A")
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE))
+    client = OneOff(rig.port, 1)
+    assert client.ping(1) is not None and client.scan([1]) and not client.echoes
+
+
+def _adapter(devices: Path, text: str) -> Path:
+    folder = devices / "ttyUSB0"
+    folder.mkdir()
+    (folder / "latency_timer").write_text(text)
+    link = devices / "by-id-ftdi"
+    link.symlink_to("/dev/ttyUSB0")
+    return link
+
+
+def test_it_is_read_through_links(tmp_path: Path) -> None:
+    link = _adapter(tmp_path, "16\n")
+    assert serial_port.latency_timer_ms("/dev/ttyUSB0", tmp_path) == 16
+    assert serial_port.latency_timer_ms(str(link), tmp_path) == 16
+    assert serial_port.timer_command(str(link), tmp_path) == (f"echo 1 | sudo tee {tmp_path}/ttyUSB0/latency_timer")
+
+
+@pytest.mark.parametrize("text", ["", "many\n"])
+def test_other_adapters_have_none(tmp_path: Path, text: str) -> None:
+    assert serial_port.latency_timer_ms("/dev/ttyACM0", tmp_path) is None
+    _adapter(tmp_path, text)
+    assert serial_port.latency_timer_ms("/dev/ttyUSB0", tmp_path) is None
+
+
+def test_what_it_means() -> None:
+    assert serial_port.latency(16) == 0.016
+    assert serial_port.latency(1) == serial_port.latency(0) == serial_port.latency(None) == 0.001
+
+
+def test_the_command_is_told_where_it_helps() -> None:
+    port = SerialPort("/dev/ttyUSB0", MonotonicClock())
+    for timer, told in [(None, False), (1, False), (16, True)]:
+        port.latency_timer_ms = timer
+        assert (port.latency_command is not None) == told
+        assert port.latency == serial_port.latency(timer)
+
+
+@pytest.mark.parametrize("failure", [None, ValueError("no ioctl"), OSError(5, "gone"), NotImplementedError()])
+def test_the_kernel_is_asked_first(failure: Exception | None) -> None:
+    class Line(Serial):  # type: ignore[misc]  # pyserial has no types
+        asked = False
+
+        def set_low_latency_mode(self, wanted: bool) -> None:
+            Line.asked = wanted
+            if failure is not None:
+                raise failure
+
+    assert serial_port.ask_low_latency(Line()) == (failure is None)
+    assert Line.asked
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.ENOENT, "no such port"),
+        (errno.ENXIO, "no such port"),
+        (errno.EIO, "no such port"),
+        (errno.EBUSY, "busy"),
+        (errno.EAGAIN, "busy"),
+        (errno.EACCES, "dialout"),
+        (errno.EPERM, "dialout"),
+        (errno.ENOTTY, "not a serial port"),
+    ],
+)
+def test_a_number_becomes_words(number: int, words: str) -> None:
+    error = serial_port.why_not_open("/dev/ttyUSB0", 57_600, OSError(number, os.strerror(number)))
+    assert words in str(error)
+    assert "/dev/ttyUSB0" in str(error)
+
+
+def test_a_speed_that_the_driver_refuses() -> None:
+    error = serial_port.why_not_open(os.devnull, 4_500_000, ValueError("custom baud rate"))
+    shows(str(error), 4500000)
+
+
+def _process(folder: Path, number: int, command: str, *held: Path) -> None:
+    process = folder / str(number)
+    for name in ("fd", "fdinfo"):
+        (process / name).mkdir(parents=True)
+    for at, target in enumerate(held):
+        (process / "fd" / str(at)).symlink_to(target)
+        (process / "fdinfo" / str(at)).write_text("pos:\t0\ntty-index:\t71\n" if target.name == "ptmx" else "pos:\t0\n")
+    (process / "cmdline").write_text(command.replace(" ", "\0") + "\0")
+
+
+def test_who_holds_a_port_is_told_with_its_command_line(tmp_path: Path) -> None:
+    device, other = tmp_path / "tty", tmp_path / "other"
+    device.touch()
+    other.touch()
+    processes = tmp_path / "proc"
+    _process(processes, 12, "bin/python bin/retarget servo monitor --robot op3", device)
+    _process(processes, 13, "retarget run", other)
+    _process(processes, 14, "screen tty", other, device)
+    (processes / "15").mkdir()
+    found = serial_port.holders(str(device), processes)
+    assert sorted(found.split(", ")) == ["process 12 (retarget servo monitor --robot op3)", "process 14 (screen tty)"]
+    assert serial_port.holders(str(tmp_path / "none"), processes) == "another process"
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("retarget emulate --link port", "process 11 (retarget emulate --link port) is the emulator"),
+        ("socat pty", "process 11 (socat pty) is its other end"),
+    ],
+)
+def test_what_is_behind_a_pseudo_terminal_is_not_what_holds_it(tmp_path: Path, command: str, told: str) -> None:
+    device, processes = Path("/dev/pts/71"), tmp_path / "proc"
+    _process(processes, 11, command, Path("/dev/ptmx"), device)
+    assert serial_port.holders(str(device), processes) == f"another process; {told}"
+    _process(processes, 12, "retarget servo monitor", Path("/dev/null"), device)
+    _process(processes, 13, "sshd", Path("/dev/pts/ptmx"), Path("/dev/pts/72"))
+    (processes / "13" / "fdinfo" / "0").write_text("tty-index:\t7\n")
+    assert serial_port.holders(str(device), processes) == f"process 12 (retarget servo monitor); {told}"
+
+
+def test_a_real_pseudo_terminal_knows_its_other_end() -> None:
+    master, client = os.openpty()
+    try:
+        told = serial_port.holders(os.ttyname(client))
+    finally:
+        os.close(client)
+        os.close(master)
+    assert told.startswith(f"another process; process {os.getpid()} (") and told.endswith(") is its other end")
+
+
+def test_who_may_use_a_port_is_told() -> None:
+    error = serial_port.why_not_open(os.devnull, 57_600, PermissionError(errno.EACCES, "no"))
+    shows(str(error))
+    error = serial_port.why_not_open("/dev/none", 57_600, PermissionError(errno.EACCES, "no"))
+    shows(str(error))
+
+
+SOON = 2.0
+"""[s] Bound for what comes at once."""
+
+
+@dataclass
+class Pty:
+    """Both ends of a line; the far one plays the servos."""
+
+    far: int
+    near: int
+    path: str
+
+    def hang_up(self) -> None:
+        if self.far >= 0:
+            os.close(self.far)
+            os.close(self.near)
+        self.far = -1
+
+
+@pytest.fixture
+def pty() -> Iterator[Pty]:
+    far, near = os.openpty()
+    tty.setraw(far)
+    tty.setraw(near)
+    line = Pty(far, near, os.ttyname(near))
+    yield line
+    line.hang_up()
+
+
+@pytest.fixture
+def port(pty: Pty) -> Iterator[SerialPort]:
+    port = SerialPort(pty.path, MonotonicClock())
+    port.open(1_000_000)
+    yield port
+    port.close()
+
+
+def test_it_is_a_byte_port(pty: Pty, port: SerialPort) -> None:
+    as_port: BytePort = port
+    assert as_port.name == pty.path
+
+
+@pytest.mark.parametrize("baud", [9_600, 57_600, 1_000_000, 4_000_000, 4_500_000, 10_500_000])
+def test_any_speed(pty: Pty, port: SerialPort, baud: int) -> None:
+    port.set_baud(baud)
+    assert real_baud(pty.near) == port.baud == baud
+    port.open(baud)
+    assert real_baud(pty.near) == port.baud == baud
+
+
+@pytest.mark.parametrize("baud", [-1, 0, 300, 20_000_000, 10**12])
+def test_a_speed_that_does_not_exist_leaves_the_old_one(pty: Pty, port: SerialPort, baud: int) -> None:
+    with refuses(BusError):
+        port.set_baud(baud)
+    assert real_baud(pty.near) == port.baud == 1_000_000
+    with refuses(BusError):
+        SerialPort(pty.path, MonotonicClock()).open(baud)
+
+
+def test_a_driver_that_falls_back_is_found_out(pty: Pty, port: SerialPort, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.dynamixel.serial_port.real_baud", lambda fd: 9_600)
+    with refuses(BusError, 9600):
+        port.set_baud(3_000_000)
+    assert real_baud(pty.near) == port.baud == 1_000_000
+    with refuses(BusError, 9600):
+        port.open(3_000_000)
+    with refuses(BusError):
+        port.read()
+
+
+def test_bytes_both_ways_as_they_are(pty: Pty, port: SerialPort) -> None:
+    every = bytes(range(256))
+    port.write(every)
+    assert os.read(pty.far, 1000) == every
+    os.write(pty.far, every)
+    assert port.wait(port.now() + SOON)
+    assert port.read() == every
+    assert port.read() == b""
+
+
+def test_waiting_ends_at_the_deadline_and_not_before(port: SerialPort) -> None:
+    start = port.now()
+    assert not port.wait(start + 0.02)
+    assert start + 0.019 <= port.now() < start + SOON
+    assert not port.wait(start)
+
+
+def test_waiting_takes_no_processor_time(port: SerialPort) -> None:
+    before = os.times()
+    port.wait(port.now() + 0.1)
+    after = os.times()
+    assert (after.user + after.system) - (before.user + before.system) <= 0.05
+
+
+def test_what_had_arrived_can_be_dropped(pty: Pty, port: SerialPort) -> None:
+    os.write(pty.far, b"stale")
+    assert port.wait(port.now() + SOON)
+    port.drop()
+    assert port.read() == b""
+    os.write(pty.far, b"stale")
+    assert port.wait(port.now() + SOON)
+    port.set_baud(57_600)
+    assert port.read() == b""
+
+
+def test_a_second_one_is_told_that_the_port_is_busy(pty: Pty, port: SerialPort) -> None:
+    second = SerialPort(pty.path, MonotonicClock())
+    with refuses(BusError, os.getpid()):
+        second.open(57_600)
+    assert real_baud(pty.near) == 1_000_000
+    port.close()
+    second.open(57_600)
+    second.close()
+
+
+def test_opened_through_a_link(pty: Pty, tmp_path: Path) -> None:
+    link = tmp_path / "usb-adapter"
+    link.symlink_to(pty.path)
+    port = SerialPort(str(link), MonotonicClock())
+    port.open(57_600)
+    assert port.name == str(link)
+    port.close()
+
+
+def test_closing_twice_and_using_it_then(pty: Pty, port: SerialPort) -> None:
+    port.close()
+    port.close()
+    SerialPort(pty.path, MonotonicClock()).close()
+    for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.wait(0.0), lambda: port.set_baud(57_600)):
+        with refuses(BusError):
+            use()
+
+
+def test_unplugged_while_open(pty: Pty, port: SerialPort) -> None:
+    pty.hang_up()
+    assert port.wait(port.now() + SOON)
+    for use in (port.read, port.drop, lambda: port.write(b"x"), lambda: port.set_baud(57_600)):
+        with refuses(BusError):
+            use()
+    port.close()
+    with refuses(BusError):
+        port.open(57_600)
+
+
+def test_the_end_of_a_line_that_reads_as_nothing(port: SerialPort, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A USB adapter that is pulled out: reads bring nothing, and the poll says that they always will."""
+    assert port.read() == b""
+    monkeypatch.setattr(SerialPort, "_hung_up", lambda self, fd: True)
+    with refuses(BusError):
+        port.read()
+
+
+def test_an_adapter_that_takes_no_bytes(port: SerialPort) -> None:
+    with refuses(BusError):
+        port.write(bytes(20_000))
+
+
+def test_paths_that_are_no_port(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_bytes(b"")
+    for path, facts in [
+        (str(tmp_path / "none"), ()),
+        (str(file / "below"), ()),
+        ("", ()),
+        (str(file), ()),
+        (str(tmp_path), ()),
+        (os.devnull, ()),
+        ("a\0b", ()),
+    ]:
+        with refuses(BusError, facts):
+            SerialPort(path, MonotonicClock()).open(57_600)
+
+
+def test_a_missing_port_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serial_port, "comports", lambda: [type("Port", (), {"device": "/dev/ttyUSB7"})])
+    assert "/dev/ttyUSB7" in str(serial_port.no_such_port("/dev/ttyUSB0"))
+    monkeypatch.setattr(serial_port, "comports", list)
+    assert "no serial port exists" in str(serial_port.no_such_port("/dev/ttyUSB0"))
+
+
+@pytest.mark.parametrize("failure", [PermissionError(errno.EACCES, "x"), termios.error(errno.EPERM, "x")])
+def test_without_permission_the_fix_is_named(pty: Pty, monkeypatch: pytest.MonkeyPatch, failure: Exception) -> None:
+    def refuse(self: object, **settings: object) -> None:
+        raise failure
+
+    monkeypatch.setattr("hardware.dynamixel.serial_port.Serial.__init__", refuse)
+    with refuses(BusError, "usermod"):
+        SerialPort(pty.path, MonotonicClock()).open(57_600)

@@ -1,0 +1,179 @@
+"""`retarget servo rest` on the emulator: limp and confirmed, or said who is not."""
+
+import signal
+from collections.abc import Sequence
+
+import pytest
+
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.torque import off_everywhere
+from messages import shows
+from servo_lab import ServoLab
+from sim.emulator.faults import Fault, FaultKind
+
+
+@pytest.fixture
+def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
+    made = ServoLab(monkeypatch, capsys)
+    made.before = {(device, "torque_enable"): 1 for device in range(1, 21)}
+    return made
+
+
+def _torques(lab: ServoLab) -> list[int]:
+    return [lab.memory(device).value("torque_enable") for device in range(1, 21)]
+
+
+@pytest.mark.parametrize("words", [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2"), ()])
+def test_all_go_limp_after_a_yes(words: tuple[str, ...], lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", *words, "--port", "emulator", typed="y\n")
+    assert code == 0
+    shows(out, 20)
+    assert not any(_torques(lab))
+
+
+@pytest.mark.parametrize("typed", ["n\n", "\n", "what\n"])
+def test_without_a_yes_nothing_is_written(typed: str, lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", typed=typed)
+    assert code == 0 and all(_torques(lab))
+    shows(out)
+    assert not lab.instructions() & {Instruction.WRITE, Instruction.SYNC_WRITE}
+
+
+def test_nobody_there_to_answer_is_refused(lab: ServoLab) -> None:
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator")
+    assert code == 2 and "--yes" in err and all(_torques(lab))
+
+
+def test_a_limp_robot_is_left_alone(lab: ServoLab) -> None:
+    lab.before = {}
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator")
+    assert code == 0 and Instruction.SYNC_WRITE not in lab.instructions()
+    shows(out, 20)
+
+
+def test_a_silent_servo_is_named_and_the_others_are_limp(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.MISSING, ids=(13,))]
+    code, out, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 1
+    shows(out, "r_knee", 13)
+    shows(err, "r_knee", 13)
+    assert [device for device, on in enumerate(_torques(lab), 1) if on] == [13]
+
+
+def test_nobody_answers(lab: ServoLab) -> None:
+    lab.faults = [Fault(FaultKind.SHORT)]
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 2
+    shows(err)
+
+
+def test_a_power_switch_that_is_off_is_told(lab: ServoLab) -> None:
+    lab.before = {(200, "dynamixel_power"): 0}
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 2
+    shows(err, 200)
+
+
+def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--dry-run")
+    assert code == 0 and "torque_enable := 0" in out and lab.sent == []
+
+
+def test_a_speed_beside_a_profile_is_refused(lab: ServoLab) -> None:
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--baud", "57600")
+    assert code == 2
+    shows(err)
+
+
+XM540 = 1120
+"""A model without a table."""
+WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
+
+
+@pytest.mark.parametrize("words", WAYS)
+@pytest.mark.parametrize("strange", [(7,), tuple(range(1, 21))])
+def test_servos_of_unknown_models_go_limp_too(words: tuple[str, ...], strange: tuple[int, ...], lab: ServoLab) -> None:
+    lab.models = dict.fromkeys(strange, XM540)
+    code, out, err = lab.run("rest", *words, "--port", "emulator", "--yes")
+    assert code == 0 and not any(_torques(lab))
+    shows(out, 20)
+    assert f"(id {strange[0]}) is a model" in err or f"id {strange[0]} is a model" in err
+    assert "number 1120" in err
+
+
+@pytest.mark.parametrize("moved", [30, 252])
+def test_a_stranger_to_the_profile_goes_limp_too(moved: int, lab: ServoLab) -> None:
+    lab.moved = {7: moved}
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 1
+    shows(err, moved, "XM430-W350", 7)
+    assert lab.memory(moved).value("torque_enable") == 0
+
+
+@pytest.mark.parametrize("words", WAYS)
+def test_an_unknown_one_that_does_not_confirm_is_named(words: tuple[str, ...], lab: ServoLab) -> None:
+    lab.models = {7: XM540}
+    lab.upon = {Instruction.SYNC_WRITE: Fault(FaultKind.MISSING, ids=(7,))}
+    code, out, err = lab.run("rest", *words, "--port", "emulator", "--yes")
+    assert code == 1
+    shows(out)
+    shows(err, 7)
+
+
+def test_unknown_ones_without_torque_are_left_alone(lab: ServoLab) -> None:
+    lab.before, lab.models = {}, {7: XM540}
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator")
+    assert code == 0 and Instruction.SYNC_WRITE not in lab.instructions()
+    shows(out, 20)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_does_not_leave_half_of_them_powered(
+    number: signal.Signals, lab: ServoLab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(lines: Sequence[BusLine]) -> list[str]:
+        signal.raise_signal(number)
+        signal.raise_signal(number)
+        return off_everywhere(lines)
+
+    monkeypatch.setattr("retarget.cli.servo.rest.off_everywhere", interrupted)
+    code, out, _ = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 0 and not any(_torques(lab))
+    shows(out, 20)
+
+
+@pytest.mark.parametrize(("words", "first"), [((), 57_600), (("--robot", "op3"), 2_000_000)])
+def test_everybody_is_told_before_anybody_is_looked_for(words: tuple[str, ...], first: int, lab: ServoLab) -> None:
+    lab.before = {(5, "baud_rate"): 1} | lab.before
+    lab.upon = {Instruction.PING: Fault(FaultKind.MISSING)}  # from the first look on nobody hears
+    code, _, err = lab.run("rest", *words, "--port", "emulator", "--yes")
+    assert code == 2
+    shows(err)
+    assert not any(_torques(lab))
+    assert lab.bauds[0] == first and lab.sent[0][4:10].hex(" ") == "fe 06 00 03 40 00"
+
+
+def test_without_a_profile_the_question_comes_before_the_look(lab: ServoLab) -> None:
+    code, out, _ = lab.run("rest", "--port", "emulator", typed="n\n")
+    assert code == 0 and lab.sent == []
+    shows(out)
+
+
+def test_servos_at_another_speed_go_limp_and_the_speed_is_named(lab: ServoLab) -> None:
+    lab.before = {(device, "baud_rate"): 3 for device in range(1, 21)} | lab.before
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", "--yes")
+    assert code == 2 and not any(_torques(lab))
+    shows(err, 1, 1000000, 2000000, "--baud", "2000000`")
+
+
+def test_ctrl_c_in_the_look_says_that_nobody_confirmed(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: object, **more: object) -> object:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("retarget.cli.servo.rest.look_at", interrupted)
+    code, _, err = lab.run("rest", "--port", "emulator", "--yes")
+    assert code == 1 and not any(_torques(lab))
+    shows(err)
+    code, _, err = lab.run("rest", "--robot", "op3", "--port", "emulator", typed="y\n")
+    assert code == 130 and "confirmed" not in err

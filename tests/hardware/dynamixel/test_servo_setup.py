@@ -1,0 +1,215 @@
+"""`retarget servo setup` on the emulator: found, shown, asked, written, verified; and what is refused."""
+
+import signal
+
+import pytest
+
+from bus_rig import BusRig, bus_of, spec, specs
+from hardware.dynamixel.checks import complaints, needed_ticks
+from hardware.dynamixel.line_scan import write_setting
+from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.settings import ServoImage
+from messages import shows
+from retarget.cli.servo.places import Place
+from servo_lab import ServoLab
+from sim.emulator.memory import Memory
+
+BUS = ("--robot", "op3", "--port", "emulator")
+
+
+@pytest.fixture
+def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> ServoLab:
+    return ServoLab(monkeypatch, capsys)
+
+
+def test_id_and_speed_last_and_verified(lab: ServoLab) -> None:
+    lab.before = {(13, "baud_rate"): 1}
+    words = ("--id", "13", "--new-id", "33", "--baud", "1000000", "--return-delay", "20", "--register", "shutdown=53")
+    code, out, err = lab.run("setup", *BUS, *words, typed="y\n")
+    assert (code, err) == (0, "")
+    shows(out, 57600, 33, "2.0", 1000000)
+    assert out.index("shutdown") < out.index("  id: 13 -> 33") < out.index("baud_rate: 1 -> 3")
+    memory = lab.memory(33)
+    assert [memory.value(name) for name in ("baud_rate", "return_delay_time", "shutdown")] == [3, 10, 53]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--id", "254"), "254 is everybody"),
+        (("--id", "13", "--new-id", "254"), "254 is everybody"),
+        (("--id", "13", "--new-id", "253"), "found 253"),
+        (("--id", "13", "--new-id", "14"), "id 14 is taken"),
+        (("--id", "13", "--baud", "123456"), "--baud: no such speed"),
+        (("--id", "13", "--return-delay", "600"), "600 us"),
+        (("--id", "13", "--register", "shutdown"), "this is no setting"),
+        (("--id", "13", "--register", "goal_position=1"), "no such register"),
+        (("--id", "13", "--register", "protocol_type=1"), "no such register"),
+        (("--id", "13", "--register", "drive_mode=300"), "no such drive_mode"),
+        (("--id", "13", "--register", "nothing=1"), "nothing"),
+        (("--id", "33", "--drive-mode", "0"), "no servo answers to id 33"),
+        (("--id", "12", "--drive-mode", "1"), "torque is on, and locks the EEPROM"),
+    ],
+)
+def test_refused(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
+    lab.before = {(12, "torque_enable"): 1}
+    code, _, err = lab.run("setup", *BUS, *words, "--yes")
+    assert code == 2 and text in err and Instruction.WRITE not in lab.instructions()
+
+
+@pytest.mark.parametrize(("words", "typed"), [((), "n\n"), (("--dry-run",), "")])
+def test_nothing_is_written_without_a_yes(words: tuple[str, ...], typed: str, lab: ServoLab) -> None:
+    code, out, _ = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "1", *words, typed=typed)
+    assert code == 0 and "drive_mode: 0 -> 1" in out and Instruction.WRITE not in lab.instructions()
+
+
+def test_ctrl_c_ends_after_the_value_that_is_written(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: object) -> object:
+        signal.raise_signal(signal.SIGINT)
+        return write_setting(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("retarget.cli.servo.setup.write_setting", interrupted)
+    code, _, err = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "1", "--new-id", "33", "--yes")
+    assert code == 1
+    shows(err, "drive_mode")
+    assert lab.memory(13).value("drive_mode") == 1
+
+
+CURED = [
+    {"drive_mode": 9},
+    {"drive_mode": 5},
+    {"startup_configuration": 3},
+    {"secondary_id": 7},
+    {"homing_offset": -50},
+    {"min_position_limit": 1500},
+    {"min_position_limit": 1500, "max_position_limit": 2500},
+]
+
+
+def _complaints(memory: Memory) -> list[str]:
+    servo = spec(13)
+    memory.put("present_input_voltage", 120)
+    image = ServoImage(memory.table, bytes(memory.image[: memory.table["present_temperature"].end]))
+    return complaints(servo, bus_of([servo]), image, needed_ticks([servo])["j13"])
+
+
+@pytest.mark.parametrize("values", CURED)
+def test_the_command_that_a_complaint_names_does_it(values: dict[str, int], lab: ServoLab) -> None:
+    lab.before = {(13, name): value for name, value in values.items()}
+    assert lab.run("setup", *BUS, "--id", "13", "--register", "shutdown=52", "--dry-run")[0] == 0
+    said = _complaints(lab.memory(13))
+    assert said
+    command = said[0].split("`")[1].split()
+    assert command[:5] == ["retarget", "servo", "setup", "--port", "/dev/main"]
+    code, _, err = lab.run("setup", *BUS, *command[5:], "--yes")
+    assert (code, err) == (0, "")
+    assert _complaints(lab.memory(13)) == []
+
+
+def test_a_servo_that_answers_pings_only_is_written_blind(lab: ServoLab) -> None:
+    lab.before = {(13, "status_return_level"): 0}
+    code, _, err = lab.run("setup", "--port", "emulator", "--id", "13", "--drive-mode", "4", "--yes")
+    assert code == 2
+    shows(err, "--register", "status_return_level=2")
+    assert Instruction.WRITE not in lab.instructions()
+    words = ("--id", "13", "--register", "status_return_level=2", "--drive-mode", "4")
+    for typed, more in (("n\n", ()), ("", ("--dry-run",))):
+        code, out, _ = lab.run("setup", *BUS, *words, *more, typed=typed)
+        assert code == 0 and "status_return_level: 0 -> 2" in out and Instruction.WRITE not in lab.instructions()
+    code, out, err = lab.run("setup", *BUS, *words, "--yes")
+    assert (code, err) == (0, "")
+    shows(out, "status_return_level")
+    assert [lab.memory(13).value(name) for name in ("status_return_level", "drive_mode")] == [2, 4]
+
+
+@pytest.mark.parametrize("model", ["MX-28", "AX-12A"])
+def test_a_mute_servo_of_protocol_1_too(model: str, lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
+    servos = specs(2, model)
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)])
+    rig.devices[1].memory.put("status_return_level", 0)
+    rig.devices[1].tune()
+    monkeypatch.setattr("retarget.cli.servo.setup.find_places", lambda *words, **more: [Place(rig.port)])
+    words = ("setup", "--port", "/dev/x", "--protocol", "1", "--id", "2")
+    code, _, err = lab.run(*words, "--return-delay", "0", "--yes")
+    assert code == 2
+    shows(err)
+    code, out, err = lab.run(*words, "--return-delay", "0", "--register", "status_return_level=2", "--yes")
+    assert (code, err) == (0, "")
+    shows(out, "return_delay_time")
+    assert rig.shown("status_return_level") == [2, 2] and rig.shown("return_delay_time")[1] == 0
+
+
+SPOILT = {
+    (13, "return_delay_time"): 50,
+    (13, "drive_mode"): 9,
+    (13, "homing_offset"): -50,
+    (13, "startup_configuration"): 3,
+    (13, "operating_mode"): 4,
+    (13, "min_position_limit"): 2000,
+    (13, "secondary_id"): 7,
+    (13, "id"): 1,
+    (1, "baud_rate"): 1,
+}
+"""r_knee as a servo that was in another robot."""
+
+
+def test_with_a_joint_everything_in_which_it_differs_from_the_profile_is_proposed(lab: ServoLab) -> None:
+    lab.before = {(1, "id"): 41} | SPOILT
+    words = ("--robot", "op3", "--port", "emulator", "--joint", "r_knee", "--id", "1")
+    code, out, _ = lab.run("setup", *words, "--dry-run")
+    assert code == 0 and Instruction.WRITE not in lab.instructions()
+    for text in (
+        "return_delay_time: 50 -> 0 (0 us)",
+        "drive_mode: 9 -> 0 (0x00)",
+        "homing_offset: -50 -> 0 (0.0 deg)",
+        "startup_configuration: 3 -> 2 (0x02)",
+        "operating_mode: 4 -> 3 (position)",
+        "min_position_limit: 2000 -> ",
+        "secondary_id: 7 -> 255",
+        "  id: 1 -> 13\n",
+        "baud_rate: 1 -> 4 (2000000)",
+    ):
+        assert text in out
+    assert len([line for line in out.splitlines() if " -> " in line]) == len(SPOILT)
+    code, out, err = lab.run("setup", *words, "--return-delay", "20", "--yes")
+    assert (code, err) == (0, "")
+    shows(out, 13, "2.0", 2000000)
+    memory = lab.memory(13)
+    assert memory.value("return_delay_time") == 10 and _complaints(memory) == []
+
+
+def test_by_id_of_the_profile_and_nothing_to_do(lab: ServoLab) -> None:
+    code, out, err = lab.run("setup", *BUS, "--id", "13")
+    assert (code, err) == (0, "")
+    shows(out)
+    lab.before = {(13, "drive_mode"): 8, (13, "status_return_level"): 0}
+    code, out, err = lab.run("setup", *BUS, "--joint", "r_knee", "--yes")
+    assert (code, err) == (0, "") and "status_return_level: 0 -> 2" in out and "drive_mode: 8 -> 0" in out
+
+
+def test_another_model_and_an_id_without_a_joint_are_refused(lab: ServoLab) -> None:
+    code, _, err = lab.run("setup", *BUS, "--id", "33")
+    assert code == 2 and lab.sent == []
+    shows(err, "--joint", "NAME")
+    lab.models = {13: 1060}
+    code, _, err = lab.run("setup", *BUS, "--id", "13")
+    assert code == 2
+    shows(err, "XL430-W250", "2.0", "XM430-W350")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--new-id", "254"), "--new-id: "),
+        (("--return-delay", "3"), "--return-delay: "),
+        (("--baud", "77"), "--baud: "),
+        (("--drive-mode", "300"), "--drive-mode: "),
+        (("--register", "id=3"), "--register: "),
+    ],
+)
+@pytest.mark.parametrize("robot", [(), ("--robot", "op3")])
+def test_the_impossible_is_refused_before_a_port_is_opened(
+    words: tuple[str, ...], text: str, robot: tuple[str, ...], lab: ServoLab
+) -> None:
+    code, _, err = lab.run("setup", *robot, "--port", "/dev/none", "--id", "13", *words)
+    assert code == 2 and text in err and "/dev/none" not in err

@@ -1,0 +1,198 @@
+"""What a profile wants in registers, by model and mode."""
+
+from dataclasses import replace
+
+import pytest
+
+from bus_rig import BusRig, bus_of, spec, specs
+from hardware.dynamixel.control_table import find_table
+from hardware.dynamixel.settings import (
+    SILENCING,
+    ServoImage,
+    Setting,
+    differing,
+    eeprom_settings,
+    full_drive,
+    in_units,
+    plan,
+    ram_settings,
+    read_image,
+    setup_command,
+)
+from hardware.dynamixel.single_requests import NoAnswer, OneOff
+from hardware.errors import HardwareError
+from hardware.servo import ServoGains, ServoMode
+from messages import refuses
+from sim.emulator.faults import Fault, FaultKind
+from sim.emulator.robot_lines import devices_of
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("return_delay_time", 2, "4 us"),
+        ("return_delay_time", 250, "500 us"),
+        ("baud_rate", 3, "1000000"),
+        ("baud_rate", 99, ""),
+        ("operating_mode", 3, "position"),
+        ("operating_mode", 16, ""),
+        ("drive_mode", 9, "0x09"),
+        ("homing_offset", 1024, "90.0 deg"),
+        ("max_position_limit", 2048, "180.0 deg"),
+        ("max_voltage_limit", 160, "16 V"),
+        ("current_limit", 1000, "2.69 A"),
+        ("id", 7, ""),
+    ],
+)
+def test_values_of_an_xm430(name: str, value: int, text: str) -> None:
+    assert in_units(find_table("XM430-W350", 2), name, value) == text
+
+
+def test_protocol_1() -> None:
+    table = find_table("MX-28", 1)
+    assert (in_units(table, "baud_rate", 1), in_units(table, "return_delay_time", 0)) == ("1000000", "0 us")
+
+
+@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("2XL430-W250", 2), ("MX-28", 1), ("AX-12A", 1)])
+def test_an_image_is_what_the_servo_holds(model: str, protocol: int) -> None:
+    servos = specs(2, model)
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
+    rig.port.open(1_000_000)
+    client, table = OneOff(rig.port, protocol), rig.devices[1].table
+    image = read_image(client, 2, table)
+    for register in table.registers:
+        volatile = register.name.startswith(("present", "realtime", "moving_status", "position_tr", "velocity_tr"))
+        if image.has(register.name) and not volatile:
+            assert image.value(register.name) == rig.devices[1].memory.value(register.name), register.name
+    assert image.value("id") == 2
+    assert not image.has("no such register")
+    if model == "MX-28":
+        assert image.has("goal_acceleration")  # behind the present values
+    rig.fault(Fault(FaultKind.MISSING, ids=(2,)))
+    with pytest.raises(NoAnswer):
+        read_image(client, 2, table)
+
+
+PLAIN = spec(1)
+TABLE = find_table("XM430-W350", 2)
+
+
+def named(settings: list[Setting]) -> dict[str, int]:
+    return {setting.register.name: setting.value for setting in settings}
+
+
+def image(**values: int) -> ServoImage:
+    data = bytearray(TABLE["present_temperature"].end)
+    for name, value in values.items():
+        register = TABLE[name]
+        data[register.address : register.end] = register.encode(value)
+    return ServoImage(TABLE, bytes(data))
+
+
+@pytest.mark.parametrize(("mode", "value"), list(zip(ServoMode, (3, 4, 5), strict=True)))
+def test_eeprom_holds_mode_and_delay(mode: ServoMode, value: int) -> None:
+    servo, bus = replace(PLAIN, mode=mode), replace(bus_of([PLAIN]), return_delay=20e-6)
+    assert named(eeprom_settings(servo, bus, TABLE)) == {"return_delay_time": 10, "operating_mode": value}
+
+
+def test_a_position_mode_limits_its_current_in_eeprom() -> None:
+    servo, bus = replace(PLAIN, current_limit=0.3), bus_of([PLAIN])
+    assert named(eeprom_settings(servo, bus, TABLE))["current_limit"] == 112
+    assert named(eeprom_settings(replace(servo, current_limit=99.0), bus, TABLE))["current_limit"] == 1193
+    by_current = replace(servo, mode=ServoMode.CURRENT_BASED_POSITION)
+    assert "current_limit" not in named(eeprom_settings(by_current, bus, TABLE))
+    assert named(ram_settings(by_current, image(pwm_limit=700)))["goal_pwm"] == 700
+
+
+def test_an_mx_64_follows_positions_not_torques() -> None:
+    table = find_table("MX-64", 1)
+    assert named(ram_settings(spec(1, "MX-64"), ServoImage(table, bytes(table.size))))["torque_ctrl_mode_enable"] == 0
+
+
+def test_protocol_1_keeps_its_answers_in_eeprom() -> None:
+    table = find_table("AX-12A", 1)
+    assert named(eeprom_settings(PLAIN, bus_of([PLAIN], protocol=1), table)) == {
+        "return_delay_time": 0,
+        "status_return_level": 2,
+    }
+    assert named(ram_settings(PLAIN, ServoImage(table, bytes(60)))) == {"moving_speed": 0}
+
+
+def test_only_gains_of_the_profile_are_set() -> None:
+    servo = replace(PLAIN, gains=ServoGains(position_p=0, feedforward_2=7))
+    assert named(ram_settings(servo, image())) == {
+        "status_return_level": 2,
+        "profile_acceleration": 0,
+        "profile_velocity": 0,
+        "position_p_gain": 0,
+        "feedforward_2nd_gain": 7,
+    }
+
+
+def test_what_is_there_is_not_due() -> None:
+    settings = ram_settings(replace(PLAIN, gains=ServoGains(position_p=640)), image())
+    held = image(status_return_level=2, position_p_gain=640, profile_velocity=5)
+    assert named(differing(settings, held)) == {"profile_velocity": 0}
+
+
+@pytest.mark.parametrize(("amperes", "limit", "expected"), [(1.0, 1193, 372), (100.0, 1193, 1193), (1.0, 200, 200)])
+def test_a_limited_current_is_the_drive_and_never_above_the_servo_s(amperes: float, limit: int, expected: int) -> None:
+    servo = replace(PLAIN, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=amperes)
+    assert named([full_drive(servo, image(current_limit=limit, pwm_limit=885))]) == {"goal_current": expected}
+
+
+def test_the_drive_of_a_position_mode_is_its_pwm_limit() -> None:
+    assert named([full_drive(PLAIN, image(pwm_limit=700, current_limit=5))]) == {"goal_pwm": 700}
+
+
+def _image(model: str = "XM430-W350", protocol: int = 2, **values: int) -> ServoImage:
+    (one,) = devices_of([spec(1, model)], protocols={"main": protocol})
+    for name, value in values.items():
+        one.memory.put(name, value)
+    return ServoImage(one.table, bytes(one.memory.image))
+
+
+def test_id_and_speed_come_last_and_what_is_so_already_is_left_out() -> None:
+    image = _image()
+    due = plan(image, new_id=9, baud=1_000_000, return_delay=0.0, registers={"shutdown": 53, "drive_mode": 0})
+    assert [(one.register.name, one.value) for one in due] == [
+        ("shutdown", 53),
+        ("return_delay_time", 0),
+        ("id", 9),
+        ("baud_rate", 3),
+    ]
+    assert plan(image, new_id=1, registers={"drive_mode": 0}) == []
+
+
+@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 1), ("AX-12A", 1)])
+def test_nothing_but_writable_eeprom_is_ever_due(model: str, protocol: int) -> None:
+    image = _image(model, protocol)
+    for register in image.table.registers:
+        value = register.highest if register.highest is not None else register.widest
+        try:
+            due = plan(image, registers={register.name: value})
+        except HardwareError:
+            continue
+        assert register.writable and register.address < image.table.eeprom_end and register.name != SILENCING
+        assert all(one.register == register and register.allows(one.value) for one in due)
+
+
+def test_torque_locks_what_would_change_and_nothing_else() -> None:
+    image = _image(torque_enable=1)
+    assert plan(image, new_id=1) == []
+    with refuses(HardwareError):
+        plan(image, new_id=2)
+
+
+@pytest.mark.parametrize("delay", [-1e-6, 510e-6])
+def test_a_delay_that_no_servo_has_is_refused(delay: float) -> None:
+    with refuses(HardwareError):
+        plan(_image(), return_delay=delay)
+
+
+def test_a_command_is_what_a_person_types() -> None:
+    bus = bus_of([spec(1)])
+    assert setup_command(bus, 3, {"drive_mode": 4, "shutdown": 53}) == (
+        "`retarget servo setup --port /dev/main --id 3 --register drive_mode=4 --register shutdown=53`"
+    )
+    assert setup_command(bus, 3, baud=57_600) == "`retarget servo setup --port /dev/main --id 3 --baud 57600`"

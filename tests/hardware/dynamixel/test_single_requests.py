@@ -1,0 +1,548 @@
+"""One servo at a time: values, refusals, alerts, silence, damage, echo; nothing on the wire raises anything else."""
+
+import threading
+
+import pytest
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from hardware.dynamixel import protocol1, protocol2, single_requests
+from hardware.dynamixel.control_table import Register, find_table
+from hardware.dynamixel.exchange import Found
+from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2
+from hardware.dynamixel.single_requests import (
+    SLACK,
+    MendedProtocol2,
+    NoAnswer,
+    OneOff,
+    ResetScope,
+    SdkPort,
+    ServoError,
+    packet_handler,
+)
+from hardware.errors import BusError
+from messages import refuses, shows
+from scripted_port import Replies, ScriptedPort, always, in_turn
+
+TABLE = find_table("XM430-W350", 2)
+POSITION, GOAL = TABLE["present_position"], TABLE["goal_position"]
+MX = find_table("MX-28", 1)
+ANSWER = protocol2.status(1, 0, b"\xa6\0\0\0")
+
+
+def _flipped(frame: bytes) -> bytes:
+    return frame[:-3] + bytes((frame[-3] ^ 0x40,)) + frame[-2:]
+
+
+def test_a_value_is_signed() -> None:
+    port = ScriptedPort(always(protocol2.status(1, 0, b"\xff\xff\xff\xff")))
+    assert OneOff(port, 2).read(1, POSITION) == -1
+    assert port.sent == [protocol2.read(1, 132, 4)]
+
+
+@pytest.mark.parametrize("value", [0, -1, -131_073, 2_048])
+def test_what_is_written_is_what_the_codec_builds(value: int) -> None:
+    port = ScriptedPort(always(protocol2.status(1)))
+    OneOff(port, 2).write(1, GOAL, value)
+    assert port.sent == [protocol2.write(1, 116, value.to_bytes(4, "little", signed=True))]
+
+
+def test_protocol_1_both_ways() -> None:
+    port = ScriptedPort(in_turn(protocol1.status(1, 0, b"\x00\x08"), protocol1.status(1)))
+    servo = OneOff(port, 1)
+    assert servo.read(1, MX["present_position"]) == 2048
+    servo.write(1, MX["goal_position"], 500)
+    assert port.sent == [protocol1.read(1, 36, 2), protocol1.write(1, 30, b"\xf4\x01")]
+
+
+def test_the_other_instructions() -> None:
+    port = ScriptedPort(always(protocol2.status(1)))
+    servo = OneOff(port, 2)
+    servo.reboot(1)
+    servo.clear(1)
+    servo.factory_reset(1, ResetScope.ID)
+    assert port.sent == [protocol2.reboot(1), protocol2.clear_turns(1), protocol2.factory_reset(1, 1)]
+    port = ScriptedPort(always(protocol1.status(1)))
+    OneOff(port, 1).factory_reset(1, ResetScope.NOTHING)
+    assert port.sent == [protocol1.factory_reset(1)]
+
+
+def test_protocol_1_has_no_reboot() -> None:
+    port = ScriptedPort(always())
+    servo = OneOff(port, 1)
+    for ask in (servo.reboot, servo.clear, servo.factory_reset):
+        with refuses(ServoError):
+            ask(1)
+    assert not port.sent
+
+
+@pytest.mark.parametrize(("protocol", "device"), [(2, -1), (2, 253), (1, 254), (2, BROADCAST), (2, 300)])
+def test_ids_that_nobody_can_have(protocol: int, device: int) -> None:
+    port = ScriptedPort(always())
+    servo = OneOff(port, protocol)
+    for ask in (servo.ping, lambda it: servo.scan([it]), lambda it: servo.read_block(it, 0, 2)):
+        with refuses(ServoError, device):
+            ask(device)
+    assert not port.sent
+
+
+def test_a_refusal_is_told_in_words_and_once() -> None:
+    port = ScriptedPort(always(protocol2.status(5, Error2.ACCESS)))
+    with refuses(ServoError, 5, "EEPROM") as raised:
+        OneOff(port, 2).write(5, TABLE["id"], 6)
+    assert (raised.value.id, raised.value.register, raised.value.number) == (5, "id", Error2.ACCESS)
+    assert len(port.sent) == 1
+
+
+def test_a_refused_read_brings_no_value() -> None:
+    """An error status without data: the SDK ends in an IndexError."""
+    port = ScriptedPort(always(protocol2.status(1, Error2.ACCESS)))
+    with refuses(ServoError, "present_position"):
+        OneOff(port, 2).read(1, POSITION)
+
+
+@pytest.mark.parametrize("bit", [Error1.RANGE, Error1.INSTRUCTION, Error1.ANGLE_LIMIT])
+def test_refusals_of_protocol_1(bit: Error1) -> None:
+    port = ScriptedPort(always(protocol1.status(1, bit | Error1.OVERLOAD)))
+    servo = OneOff(port, 1)
+    with pytest.raises(ServoError) as raised:
+        servo.write(1, MX["goal_position"], 4095)
+    assert raised.value.number == bit
+    assert servo.alerted == (1,)
+
+
+def test_an_alert_is_reported_and_never_an_error() -> None:
+    port = ScriptedPort(in_turn(protocol2.status(1, ALERT, b"\x20"), protocol2.status(1, 0, b"\0")))
+    servo = OneOff(port, 2)
+    assert servo.read(1, TABLE["hardware_error_status"]) == 0x20
+    assert servo.alerted == (1,)
+    servo.read(1, TABLE["hardware_error_status"])
+    assert not servo.alerted
+
+
+def test_a_servo_of_protocol_1_in_trouble_still_answers() -> None:
+    port = ScriptedPort(always(protocol1.status(1, Error1.OVERHEATING | Error1.INPUT_VOLTAGE, b"\x50")))
+    servo = OneOff(port, 1)
+    assert servo.read(1, MX["present_temperature"]) == 80
+    assert servo.alerted == (1,)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        b"",
+        ANSWER[:-1],
+        _flipped(ANSWER),
+        protocol2.status(2, 0, b"\0\0\0\0"),
+        protocol2.status(1, 0, b"\0\0"),
+        protocol2.status(1, Error2.CRC),
+        b"\xff\xff\xfd\x00\x01\x03\x00\x55" + protocol2.crc(b"\xff\xff\xfd\x00\x01\x03\x00\x55").to_bytes(2, "little"),
+        b"\xff" * 30,
+    ],
+)
+def test_one_bad_try_is_repeated(bad: bytes) -> None:
+    port = ScriptedPort(in_turn(bad, ANSWER))
+    assert OneOff(port, 2).read(1, POSITION) == 166
+    assert len(port.sent) == 2
+
+
+@pytest.mark.parametrize("before", [b"\0\xff\xff", protocol2.status(9, 0, b"\1\2\3\4"), protocol2.read(1, 132, 4)])
+def test_what_stands_before_the_answer_is_skipped(before: bytes) -> None:
+    port = ScriptedPort(always(before + ANSWER))
+    assert OneOff(port, 2).read(1, POSITION) == 166
+    assert len(port.sent) == 1
+
+
+def test_a_status_too_short_to_be_one_is_damage() -> None:
+    short = protocol2.HEADER + b"\x01\x03\x00\x55"
+    short += protocol2.crc(short).to_bytes(2, "little") + b"\0"
+    port = ScriptedPort(in_turn(short, protocol2.status(1)))
+    OneOff(port, 2).write(1, GOAL, 0)
+    assert len(port.sent) == 2
+
+
+def test_later_tries_are_more_patient() -> None:
+    delays = iter([1.0, 1.0, 0.014])
+    assert OneOff(ScriptedPort(lambda request: [(next(delays), ANSWER)]), 2).read(1, POSITION) == 166
+
+
+def test_tries_are_bounded_and_silence_is_told() -> None:
+    port = ScriptedPort(always())
+    with refuses(NoAnswer, 1, "goal_position", "5", 3):
+        OneOff(port, 2).write(1, GOAL, 5)
+    assert len(port.sent) == 3
+    assert port.now() < 0.1  # after each, a late answer may pass
+
+
+def test_damage_is_told_from_silence() -> None:
+    port = ScriptedPort(in_turn(_flipped(ANSWER), b"", _flipped(ANSWER)))
+    with refuses(NoAnswer, 2) as raised:
+        OneOff(port, 2).read(1, POSITION)
+    assert (raised.value.tries, raised.value.damaged) == (3, 2)
+
+
+def test_a_late_answer_answers_nothing_else() -> None:
+    """The first try's answer comes during the second; what the second brings must not answer the next question."""
+    delays = iter([0.007, 0.003, 0.0045])
+
+    def answer(request: bytes) -> Replies:
+        return [(next(delays), protocol2.status(1, 0, bytes((request[8], 0, 0, 0))))]
+
+    servo = OneOff(ScriptedPort(answer), 2)
+    assert servo.read(1, POSITION) == 132
+    assert servo.read(1, GOAL) == 116
+
+
+def test_written_values_can_be_verified() -> None:
+    port = ScriptedPort(in_turn(protocol2.status(1), ANSWER))
+    OneOff(port, 2).write(1, GOAL, 166, verify=True)
+    port = ScriptedPort(in_turn(protocol2.status(1), ANSWER))
+    with refuses(ServoError, 167, 166):
+        OneOff(port, 2).write(1, GOAL, 167, verify=True)
+
+
+def test_a_muted_write_counts_when_it_reads_back() -> None:
+    port = ScriptedPort(lambda request: [(0.0005, ANSWER)] if request[7] == 2 else [])
+    OneOff(port, 2).write(1, GOAL, 166, verify=True)
+    with pytest.raises(NoAnswer):
+        OneOff(port, 2).write(1, GOAL, 166)
+
+
+def test_a_value_wider_than_its_register_is_not_sent() -> None:
+    port = ScriptedPort(always())
+    with refuses(ServoError, 0, 255, 256):
+        OneOff(port, 2).write(1, TABLE["id"], 256)
+    assert not port.sent
+
+
+@pytest.mark.parametrize("length", [0, -1, 1000])
+def test_lengths_that_no_answer_has(length: int) -> None:
+    with refuses(ServoError, 1):
+        OneOff(ScriptedPort(always()), 2).read_block(1, 0, length)
+
+
+def test_threads_wait_for_each_other() -> None:
+    servo = OneOff(ScriptedPort(always(ANSWER)), 2)
+    values: list[int] = []
+    threads = [
+        threading.Thread(target=lambda: values.extend(servo.read(1, POSITION) for _ in range(30))) for _ in range(3)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10.0)
+    assert values == [166] * 90
+
+
+def test_a_port_that_is_gone_says_so_and_works_when_it_is_back() -> None:
+    port = ScriptedPort(always(ANSWER))
+    servo = OneOff(port, 2)
+    port.broken = True
+    with refuses(BusError):
+        servo.read(1, POSITION)
+    port.broken = False
+    assert servo.read(1, POSITION) == 166
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.sampled_from([1, 2]),
+    st.lists(
+        st.one_of(
+            st.binary(max_size=30),
+            st.builds(protocol2.status, st.integers(0, 3), st.integers(0, 255), st.binary(max_size=5)),
+            st.builds(protocol1.status, st.integers(0, 3), st.integers(0, 255), st.binary(max_size=5)),
+            st.sampled_from(
+                [b"\xff\xff\xfd\x00\x01", b"\xff\xff\xfd\x00\x01\x00\x00\x55\0\0\0", b"\xff\xff\x01\x00\xfe"]
+            ),
+        ),
+        max_size=5,
+    ),
+)
+def test_whatever_the_line_says_nothing_else_is_raised(protocol: int, said: list[bytes]) -> None:
+    table: Register = POSITION if protocol == 2 else MX["present_position"]
+    servo = OneOff(ScriptedPort(always(*said)), protocol)
+    for ask in (lambda: servo.read(1, table), lambda: servo.ping(1), lambda: servo.scan([1, 2])):
+        try:
+            ask()
+        except BusError:
+            continue
+    assert servo.port.now() < 0.6
+
+
+def test_ping() -> None:
+    assert OneOff(ScriptedPort(always(protocol2.status(1, ALERT, b"\x06\x04\x26"))), 2).ping(1) == Found(
+        1, 2, 1030, 38, alert=True
+    )
+    assert OneOff(ScriptedPort(always()), 2).ping(1) is None
+    assert OneOff(ScriptedPort(always(protocol2.status(1, Error2.RESULT_FAIL))), 2).ping(1) == Found(1, 2)
+    assert OneOff(ScriptedPort(always(b"\xff" * 14)), 2).ping(1) == Found(1, 2, clash=True)
+
+
+def test_ping_of_protocol_1_reads_the_model() -> None:
+    port = ScriptedPort(in_turn(protocol1.status(1), protocol1.status(1, 0, b"\x1d\x00\x24")))
+    assert OneOff(port, 1).ping(1) == Found(1, 1, 29, 36)
+    assert OneOff(ScriptedPort(in_turn(protocol1.status(1))), 1).ping(1) == Found(1, 1)
+
+
+def _echoing(request: bytes) -> Replies:
+    return [(0.0001, request)]
+
+
+def test_an_echo_makes_no_servos() -> None:
+    for protocol in (1, 2):
+        servo = OneOff(ScriptedPort(_echoing), protocol)
+        assert servo.ping(1) is None
+        assert servo.scan(range(4)) == []
+
+
+def test_an_answer_that_looks_like_an_echo() -> None:
+    """A 1.0 servo with a voltage error answers a ping with the very bytes of the ping; it is found by a read."""
+    model = protocol1.status(1, Error1.INPUT_VOLTAGE, b"\x1d\x00\x24")
+    port = ScriptedPort(lambda request: [(0.0005, model if request[4] == 2 else request)])
+    servo = OneOff(port, 1)
+    assert servo.ping(1) == Found(1, 1, 29, 36, alert=True)
+    assert servo.scan([1]) == [Found(1, 1, 29, 36, alert=True)]
+
+
+def _line(*ids: int) -> ScriptedPort:
+    def answer(request: bytes) -> Replies:
+        asked = ids if request[4] == BROADCAST else [device for device in ids if device == request[4]]
+        return [(0.003 * device, protocol2.status(device, 0, b"\x06\x04\x26")) for device in asked]
+
+    return ScriptedPort(answer)
+
+
+def test_scan_finds_the_wanted_and_the_unknown() -> None:
+    port = _line(1, 2, 5)
+    assert [servo.id for servo in OneOff(port, 2).scan([1, 2, 3, 6])] == [1, 2, 5]
+    assert port.sent == [protocol2.ping(BROADCAST), protocol2.ping(3), protocol2.ping(6)]
+
+
+def test_scan_asks_alone_when_the_broadcast_is_lost() -> None:
+    def answer(request: bytes) -> Replies:
+        return [] if request[4] == BROADCAST else [(0.0005, protocol2.status(request[4], 0, b"\x06\x04\x26"))]
+
+    assert [servo.id for servo in OneOff(ScriptedPort(answer), 2).scan([3, 1])] == [1, 3]
+
+
+def test_scan_finds_a_clash() -> None:
+    """Two servos with id 2 talk into each other, whoever asks; ids 1 and 3 stay sound."""
+
+    def answer(request: bytes) -> Replies:
+        pinged = (1, 2, 3) if request[4] == BROADCAST else (request[4],)
+        whole = [(0.003 * device, protocol2.status(device, 0, b"\x06\x04\x26")) for device in pinged if device < 4]
+        return [(due, _flipped(frame) if frame[4] == 2 else frame) for due, frame in whole]
+
+    found = OneOff(ScriptedPort(answer), 2).scan([1, 2, 3, 4])
+    assert [(servo.id, servo.clash) for servo in found] == [(1, False), (2, True), (3, False)]
+
+
+def test_scan_looks_again_when_one_of_two_answers_was_whole() -> None:
+    whole = protocol2.status(2, 0, b"\x06\x04\x26")
+    port = ScriptedPort(
+        lambda request: [(0.007, whole + _flipped(whole))] if request[4] == BROADCAST else [(0.001, _flipped(whole))]
+    )
+    assert OneOff(port, 2).scan([2]) == [Found(2, 2, clash=True)]
+
+
+def test_scan_finds_a_clash_of_whole_answers() -> None:
+    def answer(request: bytes) -> Replies:
+        frame = protocol1.status(2)
+        return [(0.0005, frame), (0.0008, frame)] if request[2] == 2 and request[4] == 1 else []
+
+    assert OneOff(ScriptedPort(answer), 1).scan([1, 2]) == [Found(2, 1, clash=True)]
+
+
+def test_scan_of_nothing_sends_nothing() -> None:
+    port = _line(1)
+    assert OneOff(port, 2).scan([]) == []
+    assert not port.sent
+
+
+READ = protocol2.read(1, 132, 4)
+STATUS = bytes.fromhex("FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0")
+
+
+def _sdk(port: ScriptedPort) -> SdkPort:
+    return SdkPort(port, return_delay=0.0005)
+
+
+def test_a_read_as_the_manual_prints_it() -> None:
+    port = ScriptedPort(always(STATUS))
+    value, result, error = packet_handler(2).read4ByteTxRx(_sdk(port), 1, 132)
+    assert (value, result, error) == (166, COMM_SUCCESS, 0)
+    assert port.sent == [READ]
+
+
+def test_protocol_1_as_the_manual_prints_it() -> None:
+    port = ScriptedPort(always(bytes.fromhex("FF FF 01 03 00 20 DB")))
+    assert packet_handler(1).read1ByteTxRx(_sdk(port), 1, 43) == (32, COMM_SUCCESS, 0)
+    assert port.sent == [protocol1.read(1, 43, 1)]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x55]), max_size=24))
+@example([0xFF, 0xFF, 0xFD, 0xFF])
+@example([0xFF, 0xFF, 0xFD, 0xFD, 0xFF, 0xFF, 0xFD])
+def test_stuffing_reaches_the_wire_and_comes_off_again(data: list[int]) -> None:
+    port = ScriptedPort(always(protocol2.status(1, 0, bytes(data))))
+    handler, sdk = packet_handler(2), _sdk(port)
+    assert handler.writeTxRx(sdk, 1, 116, len(data), data) == (COMM_SUCCESS, 0)
+    assert port.sent == [protocol2.write(1, 116, bytes(data))]
+    assert handler.readTxRx(sdk, 1, 116, len(data)) == (data, COMM_SUCCESS, 0)
+
+
+def test_stuffing_is_undone_in_place() -> None:
+    packet = list(protocol2.frame(1, 3, b"\x00\xff\xff\xfd"))
+    plain = [*packet[:5], packet[5] - 1, *packet[6:12], *packet[13:]]
+    assert MendedProtocol2().removeStuffing(packet) is packet
+    assert packet == plain
+    assert MendedProtocol2().addStuffing(packet) is packet
+    assert packet == list(protocol2.frame(1, 3, b"\x00\xff\xff\xfd"))
+
+
+@pytest.mark.parametrize("baud", [9_600, 57_600, 4_500_000])
+def test_silence_costs_what_bytes_adapter_and_servo_need(baud: int) -> None:
+    port = ScriptedPort(always(), baud=baud)
+    _, result, _ = packet_handler(2).read4ByteTxRx(_sdk(port), 1, 132)
+    assert result == COMM_RX_TIMEOUT
+    needed = 10 * (len(READ) + len(STATUS)) / baud + 0.0005 + port.latency
+    assert needed + SLACK <= port.now() <= needed + SLACK + 80 / baud + 1e-9
+
+
+def test_waiting_does_not_spin() -> None:
+    port = ScriptedPort(always())
+    packet_handler(2).read4ByteTxRx(_sdk(port), 1, 132)
+    assert port.looks <= 3
+
+
+def test_an_answer_in_drops_is_put_together() -> None:
+    port = ScriptedPort(lambda request: [(0.0005 + 2e-5 * at, bytes((byte,))) for at, byte in enumerate(STATUS)])
+    assert packet_handler(2).read4ByteTxRx(_sdk(port), 1, 132)[:2] == (166, COMM_SUCCESS)
+
+
+def test_an_answer_cut_short_is_damaged() -> None:
+    port = ScriptedPort(always(STATUS[:-1]))
+    assert packet_handler(2).read4ByteTxRx(_sdk(port), 1, 132)[1] == COMM_RX_CORRUPT
+
+
+def test_what_arrived_while_we_were_away_is_still_read() -> None:
+    """The machine slept past the deadline: the answer lies there, and is not thrown away unread."""
+    port = ScriptedPort(always(STATUS))
+    sdk, handler = _sdk(port), packet_handler(2)
+    assert handler.readTx(sdk, 1, 132, 4) == COMM_SUCCESS
+    port.clock.advance(1.0)
+    assert handler.readRx(sdk, 1, 4) == (list(STATUS[9:13]), COMM_SUCCESS, 0)
+
+
+def test_a_line_that_never_falls_silent_is_left() -> None:
+    foreign = protocol2.status(9)
+    port = ScriptedPort(lambda request: [(1e-4 * at, foreign) for at in range(1000)])
+    assert packet_handler(2).read4ByteTxRx(_sdk(port), 1, 132)[1] == COMM_RX_TIMEOUT
+    assert port.now() < 0.02
+
+
+@pytest.mark.parametrize("stale", [b"\x00", STATUS, b"\xff\xff\xfd\x00\x01"])
+def test_stale_bytes_are_dropped_before_sending(stale: bytes) -> None:
+    port = ScriptedPort(always(protocol2.status(1, 0, b"\x07\0\0\0")))
+    sdk = _sdk(port)
+    port.feed(stale)
+    assert packet_handler(2).read4ByteTxRx(sdk, 1, 132)[0] == 7
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_an_echo_is_dropped(protocol: int) -> None:
+    codec = protocol1 if protocol == 1 else protocol2
+    answer = protocol1.status(1, 0, b"\x20") if protocol == 1 else protocol2.status(1, 0, b"\x20")
+    port = ScriptedPort(lambda request: [(0.0001, request), (0.0008, answer)])
+    sdk = _sdk(port)
+    assert packet_handler(protocol).read1ByteTxRx(sdk, 1, 43) == (32, COMM_SUCCESS, 0)
+    assert sdk.echoed
+    assert sdk.heard == len(answer)
+    assert port.sent == [codec.read(1, 43, 1)]
+
+
+def test_an_echo_alone_is_no_answer() -> None:
+    """A 1.0 ping of a missing servo reads like a servo that complains about its voltage."""
+    port = ScriptedPort(lambda request: [(0.0001, request)])
+    sdk = _sdk(port)
+    assert packet_handler(1).ping(sdk, 1)[1] == COMM_RX_TIMEOUT
+    assert sdk.echoed
+    assert sdk.heard == 0
+
+
+def test_an_answer_that_begins_like_the_instruction_is_an_answer() -> None:
+    port = ScriptedPort(in_turn(protocol1.status(1), protocol1.status(1, 0, b"\x1d\x00")))
+    sdk = _sdk(port)
+    assert packet_handler(1).ping(sdk, 1) == (29, COMM_SUCCESS, 0)
+    assert not sdk.echoed
+    assert port.now() < 0.003
+
+
+def test_an_exception_leaves_nothing_stuck() -> None:
+    port = ScriptedPort(always(STATUS))
+    sdk = _sdk(port)
+    port.broken = True
+    with pytest.raises(BusError):
+        packet_handler(2).read4ByteTxRx(sdk, 1, 132)
+    port.broken = False
+    assert packet_handler(2).read4ByteTxRx(sdk, 1, 132)[:2] == (166, COMM_SUCCESS)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.sampled_from([1, 2]),
+    st.lists(
+        st.one_of(st.binary(max_size=20), st.sampled_from([STATUS, b"\xff\xff\xfd\x00\x01\x00\x00\x55"])), max_size=4
+    ),
+)
+def test_no_garbage_gets_past(protocol: int, garbage: list[bytes]) -> None:
+    port = ScriptedPort(always(*garbage))
+    handler, sdk = packet_handler(protocol), _sdk(port)
+    handler.readTxRx(sdk, 1, 132, 4)
+    assert port.now() < 0.1
+
+
+@pytest.mark.parametrize("number", [error for error in Error2 if error])
+def test_every_number_of_protocol_2_is_explained(number: Error2) -> None:
+    assert single_requests.refusal(2, ALERT | number) == number
+    assert single_requests.state(2, ALERT | number) == ALERT
+    shows(single_requests.words(2, number))
+
+
+@pytest.mark.parametrize("bit", list(Error1))
+def test_a_bit_of_protocol_1_is_about_the_instruction_or_the_servo(bit: Error1) -> None:
+    about_servo = bit in (Error1.INPUT_VOLTAGE, Error1.OVERHEATING, Error1.OVERLOAD)
+    assert bool(single_requests.state(1, bit)) == about_servo
+    assert bool(single_requests.refusal(1, bit)) != about_servo
+    if not about_servo:
+        shows(single_requests.words(1, bit))
+
+
+def test_several_bits_are_all_said() -> None:
+    said = single_requests.words(1, Error1.RANGE | Error1.INSTRUCTION)
+    shows(said)
+
+
+def test_what_no_protocol_defines() -> None:
+    assert single_requests.words(2, 99) == "error 99, which the protocol does not define"
+    error = single_requests.refused("p, id 1", protocol=2, device=1, register="", number=99, asked="ping")
+    shows(str(error), 99)
+
+
+def test_locked_eeprom_is_explained() -> None:
+    error = single_requests.refused("p, id 5, id", protocol=2, device=5, register="id", number=7, asked="write 6")
+    assert (error.id, error.register, error.number) == (5, "id", 7)
+    shows(str(error), "EEPROM")
+    assert isinstance(error, BusError)
+
+
+def test_silence_and_damage_differ() -> None:
+    silent = single_requests.unanswered("p, id 5", device=5, tries=3, damaged=0, asked="ping")
+    noisy = single_requests.unanswered("p, id 5", device=5, tries=3, damaged=2, asked="ping")
+    shows(str(silent))
+    shows(str(noisy), 2)
+    assert "busy" not in str(noisy)
+    assert (noisy.id, noisy.tries, noisy.damaged) == (5, 3, 2)

@@ -1,0 +1,518 @@
+"""Torque of a whole bus: everything is confirmed, and what was lost once is sent again."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
+from hardware.bus import ServoGoals
+from hardware.dynamixel import torque
+from hardware.dynamixel.bus_line import BusLine
+from hardware.dynamixel.packets import Instruction
+from hardware.dynamixel.torque import PATIENCE, Drive, restart
+from hardware.errors import BusError
+from hardware.guard import Guard
+from hardware.guard_state import GuardState
+from hardware.joint_map import JointMap
+from hardware.servo import ServoGains, ServoMode, ServoSpec
+from messages import refuses, shows
+from powering_helpers import FAR, TURN, of_many_turns
+from retarget.safety.gate import Gate
+from sim.emulator.faults import Direction, Fault, FaultKind
+from sim.emulator.line import Timing
+
+
+def test_the_drive_is_a_share_of_the_full_one_and_never_nothing() -> None:
+    rig = BusRig(specs(2)).ready()
+    (line,) = rig.bus.lines
+    drive = Drive(line, limp=(1, 2))
+    for share, counts in ((0.5, 442), (1.0, 885), (0.0, 1)):
+        drive.confirm(share)
+        assert rig.shown("goal_pwm") == [counts] * 2
+    assert drive.limited
+
+
+def test_who_carries_the_robot_never_gets_less() -> None:
+    rig = BusRig(specs(2)).ready(torque=True)
+    rig.device(2).memory.put("goal_pwm", 300)
+    (line,) = rig.bus.lines
+    rig.bus.torque(True)  # reads everybody anew, and raises the second one's drive from where it was
+    assert rig.shown("goal_pwm") == [885, 885]
+    rig.device(2).memory.put("goal_pwm", 300)
+    line.images[2] = type(line.images[2])(line.images[2].table, bytes(rig.device(2).memory.image))
+    drive = Drive(line, limp=())
+    drive.confirm(0.1)
+    assert rig.shown("goal_pwm") == [885, 300]
+    assert drive.limited
+
+
+def guard_of(rig: BusRig) -> Guard:
+    joint_map = JointMap(rig.servos)
+    return Guard(bus=rig.bus, joint_map=joint_map, goal_filter=Gate.for_servos(joint_map, dt=CYCLE), clock=rig.clock)
+
+
+@pytest.mark.parametrize("late", [0.001, 0.0015, 0.003, 0.006, 0.012])
+@pytest.mark.parametrize("lasts", [0.001, 0.003, 0.008])
+def test_a_late_answer_to_another_question_confirms_no_goal(
+    late: float, lasts: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servos = [replace(one, lower=-0.5, upper=0.5) for one in specs(2)]
+    rig = BusRig(servos, timing=Timing())
+    for one in rig.devices:
+        one.memory.put("min_position_limit", 1500)
+        one.memory.put("max_position_limit", 2600)
+        one.tune()
+    second = rig.device(2)
+    second.shaft.position = 2700.0  # beyond its limit: it refuses to hold its place
+    second.memory.put("goal_position", 1600)
+    second.tune()
+    rig.bus.open()
+    check = torque.check_still
+
+    def hiccup(line: BusLine, goals: dict[int, int]) -> None:
+        rig.fault(Fault(FaultKind.LATE, value=late, end=lasts, direction=Direction.TO_HOST))
+        check(line, goals)
+
+    monkeypatch.setattr(torque, "check_still", hiccup)
+    rig.bus.write(ServoGoals(rig.bus.read().position))
+    with pytest.raises(BusError):
+        rig.bus.torque(True)
+    assert rig.shown("torque_enable") == [0, 0]
+    assert rig.shafts().tolist() == [2048, 2700]
+
+
+def test_an_adapter_that_has_become_slow_confirms_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = BusRig(specs(2), timing=Timing()).ready()
+    monkeypatch.setattr(Tapped, "latency", 1e-3)  # what it says of itself
+    rig.line.timing = replace(rig.line.timing, latency=5e-3)
+    (line,) = rig.bus.lines
+    for name in ("present_position", "goal_position", "homing_offset"):
+        assert line.read_all(line.images[1].table[name], [1, 2]) == {}
+    for name in ("present_position", "goal_position", "homing_offset"):  # more patient, one by one
+        register = line.images[1].table[name]
+        assert line.client.read(1, register) == rig.device(1).memory.value(name)
+
+
+@pytest.mark.parametrize("silent", [1, 2])
+def test_turns_are_counted_whoever_misses_the_first_cycle(silent: int) -> None:
+    rig = of_many_turns()
+    two = rig.device(2)
+    two.place(FAR)
+    two.reboot(0.0)
+    rig.clock.advance(1.0)
+    begin = rig.bus._begin
+
+    def deaf() -> None:
+        rig.fault(Fault(FaultKind.MISSING, ids=(silent,), end=0.004))
+        begin()
+
+    rig.bus._begin = deaf  # type: ignore[method-assign]
+    rig.bus.open()
+    rig.clock.advance(0.2)
+    states = rig.tick().states
+    assert states.position.tolist() == [2048, FAR]
+    assert guard_of(rig).arm() == pytest.approx([0.0, 4.5], abs=0.002)
+
+
+def test_nobody_is_armed_whose_turns_are_not_known() -> None:
+    rig = of_many_turns()
+    begin = rig.bus._begin
+
+    def deaf() -> None:
+        rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
+        begin()
+
+    rig.bus._begin = deaf  # type: ignore[method-assign]
+    rig.bus.open()
+    rig.bus.write(ServoGoals(rig.bus.read().position))
+    with refuses(BusError, "j1", 1):
+        rig.bus.torque(True)
+    assert rig.shown("torque_enable") == [0, 0]
+
+
+def test_a_servo_that_started_anew_is_counted_anew_before_it_is_armed_again() -> None:
+    rig = of_many_turns()
+    rig.bus.open()
+    guard = guard_of(rig)
+    held = guard.arm()
+
+    def tick(count: int) -> None:
+        for _ in range(count):
+            if guard.active:
+                begun = rig.clock.now()
+                guard.tick(lambda _: held)
+                rig.clock.sleep_until(begun + CYCLE)
+
+    tick(5)
+    rig.device(2).reboot(rig.clock.now())
+    tick(100)
+    assert guard.state is GuardState.STOPPED
+    rig.clock.advance(1.0)
+    guard.acknowledge()
+    for _ in range(20):
+        rig.clock.advance(0.05)
+        rig.bus.read()
+    with refuses(BusError, "j2", 2):
+        guard.arm()
+    guard.acknowledge()
+    assert guard.arm() == pytest.approx([0.0, 4.5], abs=0.003)
+    tick(5)
+    assert rig.shafts()[1] == pytest.approx(FAR, abs=2) or rig.shafts()[1] % TURN == pytest.approx(FAR % TURN, abs=2)
+
+
+@pytest.mark.parametrize(("protocol", "model"), [(2, "XM430-W350"), (1, "MX-28")])
+def test_a_robot_that_somebody_left_half_powered_is_brought_to_its_profile(
+    protocol: int, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servos = [replace(one, gains=ServoGains(position_p=50)) for one in specs(2, model)]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)])
+    rig.ready()
+    rig.tick()
+    seen = 0
+
+    class Killed(BaseException):
+        """The process is no more."""
+
+    def kill(*_: object) -> None:
+        nonlocal seen
+        seen += 1
+        if seen == 6:
+            raise Killed
+
+    monkeypatch.setattr(rig.bus, "_watch_rise", kill)
+    monkeypatch.setattr(rig.bus, "_torque_off", lambda: None)
+    with pytest.raises(Killed):
+        rig.bus.torque(True)
+    drive, gain = ("goal_pwm", "position_p_gain") if protocol == 2 else ("torque_limit", "p_gain")
+    full = rig.shown("pwm_limit" if protocol == 2 else "max_torque")
+    assert rig.shown(drive) < full and rig.shown("torque_enable") == [1, 1]
+    for one in rig.devices:
+        one.memory.put(gain, 5)
+        one.tune()
+    rig.port.close()
+    rig.clock.advance(0.05)
+    rig.bus = rig.another()
+    rig.ready(torque=True)
+    assert rig.shown(drive) == full
+    assert rig.shown(gain) == [50, 50]
+    shows(rig.notes, "j1", 1, gain, 5, 50)
+
+
+def test_a_servo_that_lets_go_while_torque_rises_ends_it() -> None:
+    rig = BusRig(specs(3)).ready()
+    rig.tick()
+    watch: Callable[[], None] = rig.bus._watch_rise
+    steps = 0
+
+    def overheat() -> None:
+        nonlocal steps
+        steps += 1
+        if steps == 5:
+            rig.fault(Fault(FaultKind.OVER_TEMPERATURE, value=95.0, ids=(2,)))
+        watch()
+
+    rig.bus._watch_rise = overheat  # type: ignore[method-assign]
+    with refuses(BusError, "j2", 2):
+        rig.bus.torque(True)
+    assert steps < round(torque.RAMP_TIME / torque.RAMP_STEP)
+    assert rig.shown("torque_enable") == [0, 0, 0]
+
+
+def test_limp_servos_of_protocol_1_get_no_goal_and_rise_from_a_tenth() -> None:
+    servos = [replace(one, lower=-1.0, upper=1.0) for one in specs(2, "AX-12A")]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], start=[512, 600])
+    for one in rig.devices:
+        one.memory.put("goal_position", 300)
+        one.memory.put("moving_speed", 100)
+        one.tune()
+    rig.bus.open()
+    assert rig.shown("torque_enable") == [0, 0]
+    rig.bus.write(ServoGoals(rig.bus.read().position))
+    assert rig.shown("torque_enable") == [0, 0] and rig.shown("goal_position") == [300, 300]
+    limits: list[list[int]] = []
+    send = rig.port.write
+
+    def write(data: bytes) -> None:
+        before = rig.shown("torque_enable")
+        send(data)
+        if rig.shown("torque_enable") != before:
+            limits.append(rig.shown("torque_limit"))
+
+    rig.port.write = write  # type: ignore[method-assign]
+    rig.bus.torque(True)
+    assert limits[0] == [102, 102]
+    assert rig.shown("torque_limit") == [1023, 1023] and rig.shown("moving_speed") == [0, 0]
+    assert rig.shafts().tolist() == [512, 600]
+    rig.bus.torque(False)
+    rig.bus.write(ServoGoals(np.array([512, 600])))
+    assert rig.shown("torque_enable") == [0, 0]
+
+
+def test_a_servo_of_protocol_1_that_started_anew_stays_limp() -> None:
+    servos = [replace(one, lower=-1.0, upper=1.0) for one in specs(3, "AX-12A")]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
+    for _ in range(5):
+        rig.tick(np.full(3, 512))
+    rig.device1(2).reboot(rig.clock.now())
+    for _ in range(80):
+        states = rig.tick(np.full(3, 512)).states
+    assert states.valid.all()
+    assert rig.shown("torque_enable") == [1, 0, 1] and states.driven.tolist() == [True, False, True]
+
+
+def test_an_open_bus_is_not_opened_again() -> None:
+    rig = BusRig(specs(2)).ready(torque=True)
+    with refuses(BusError):
+        rig.bus.open()
+    rig.bus.close()
+    assert rig.shown("torque_enable") == [0, 0]
+
+
+GAINS = ServoGains(position_p=400, position_i=10, position_d=20, feedforward_1=5, feedforward_2=6)
+
+
+def wanted() -> list[ServoSpec]:
+    """Two servos with gains, one of many turns and one that limits its current."""
+    plain = [replace(one, gains=GAINS) for one in specs(3)]
+    plain[1] = replace(plain[1], mode=ServoMode.EXTENDED_POSITION)
+    plain[2] = replace(plain[2], mode=ServoMode.CURRENT_BASED_POSITION, current_limit=1.0)
+    return plain
+
+
+def writes(rig: BusRig, device: int) -> list[int]:
+    """Addresses that were written to one servo, in order."""
+    frames = [packet for packet in rig.port.sent if packet[4] == device and packet[7] == Instruction.WRITE]
+    return [packet[8] | packet[9] << 8 for packet in frames]
+
+
+def delivered(rig: BusRig) -> BusRig:
+    """All in the mode that servos are delivered in."""
+    for one in rig.devices:
+        one.memory.put("operating_mode", 3)
+        one.tune()
+    return rig
+
+
+def test_what_differs_is_written_once_and_kept() -> None:
+    rig = delivered(BusRig(wanted())).ready()
+    assert rig.shown("operating_mode") == [3, 4, 5]
+    assert rig.shown("return_delay_time") == [0] * 3
+    for name, value in (
+        ("position_p_gain", 400),
+        ("position_i_gain", 10),
+        ("position_d_gain", 20),
+        ("feedforward_1st_gain", 5),
+        ("feedforward_2nd_gain", 6),
+        ("profile_velocity", 0),
+        ("profile_acceleration", 0),
+    ):
+        assert rig.shown(name) == [value] * 3
+    table = rig.device(1).table
+    for device in (1, 2, 3):
+        told = writes(rig, device)
+        assert len(told) == len(set(told))
+        modes = [address for address in told if address == table["operating_mode"].address]
+        assert len(modes) == (device > 1)
+        # A change of mode resets the gains: they come after everything in EEPROM.
+        first_gain = min(told.index(table[name].address) for name in ("position_p_gain", "feedforward_1st_gain"))
+        assert all(address >= table.eeprom_end for address in told[first_gain:])
+    shows(rig.notes, "j2", 2, "return_delay_time", 250, 0, "operating_mode", 3, 4)
+    assert rig.shown("torque_enable") == [0] * 3
+
+
+def test_what_is_right_is_not_written_again() -> None:
+    rig = delivered(BusRig(wanted())).ready()
+    rig.bus.close()
+    rig.port.sent.clear()
+    rig.notes.clear()
+    rig.bus = rig.another()
+    rig.ready()
+    assert [writes(rig, device) for device in (1, 2, 3)] == [[], [], []]
+    assert rig.notes == []
+
+
+def test_a_profile_without_gains_leaves_the_maker_s() -> None:
+    rig = BusRig(specs(1)).ready()
+    table = rig.device(1).table
+    assert rig.shown("position_p_gain") == [table["position_p_gain"].initial]
+    assert writes(rig, 1) == [table["return_delay_time"].address]
+
+
+def test_a_value_that_is_not_kept_is_named_and_the_ports_are_closed() -> None:
+    rig = BusRig([replace(one, gains=GAINS) for one in specs(2)])
+    one = rig.device(2)
+    store, address = one.memory.store, one.table["position_p_gain"].address
+
+    def forgetful(register: object, value: int) -> None:
+        if getattr(register, "address", None) != address:
+            store(register, value)  # type: ignore[arg-type]
+
+    one.memory.store = forgetful  # type: ignore[method-assign]
+    with refuses(BusError, 2, "position_p_gain", 400, 800):
+        rig.bus.open()
+    assert not rig.port.opened
+
+
+def test_current_is_the_drive_where_the_mode_limits_it() -> None:
+    rig = delivered(BusRig(wanted())).ready(torque=True)
+    third = rig.device(3)
+    unit = third.table["goal_current"].scale
+    assert unit is not None
+    assert third.memory.value("goal_current") == round(1.0 / unit)
+
+
+@pytest.mark.parametrize("model", ["AX-12A", "MX-28"])
+def test_protocol_1_is_told_what_it_has(model: str) -> None:
+    servos = [replace(one, gains=ServoGains(position_p=40)) for one in specs(2, model)]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
+    if model == "MX-28":
+        assert rig.shown("p_gain") == [40, 40]
+    assert rig.shown("moving_speed") == [0, 0]
+    assert rig.shown("torque_limit") == rig.shown("max_torque")
+    assert rig.shown("torque_enable") == [1, 1]
+
+
+def _line(rig: BusRig) -> BusLine:
+    rig.port.open(2_000_000)
+    return BusLine(bus_of(rig.servos), rig.port, list(enumerate(rig.servos)))
+
+
+def test_those_named_begin_anew_and_no_other() -> None:
+    rig = BusRig(specs(3))
+    line = _line(rig)
+    for one in rig.devices:
+        one.memory.put("led", 1)
+    done = restart(line, [1, 3])
+    assert done.ids == (1, 3) and done.problems == ()
+    assert rig.shown("led") == [0, 1, 0]
+
+
+def test_stopped_before_the_second_leaves_it_and_still_sees_the_first_back() -> None:
+    rig = BusRig(specs(3))
+    line = _line(rig)
+    for one in rig.devices:
+        one.memory.put("led", 1)
+    asked: list[bool] = []
+
+    def stop() -> bool:
+        asked.append(True)
+        return len(asked) > 1
+
+    done = restart(line, [1, 2, 3], stop)
+    assert done.ids == (1,) and done.problems == ()
+    assert rig.shown("led") == [0, 1, 1] and not rig.devices[0].booting(rig.clock.now())
+
+
+def test_one_that_stays_away_is_named_in_bounded_time() -> None:
+    rig = BusRig(specs(2))
+    line = _line(rig)
+    rig.fault(Fault(FaultKind.MISSING, ids=(2,)))
+    begun = rig.clock.now()
+    done = restart(line, [1, 2])
+    assert done.ids == (1, 2) and done.problems == ("j2 (id 2) has not come back: check its power and its wiring",)
+    assert rig.clock.now() - begun < PATIENCE + 1.0
+
+
+def test_who_is_limp_is_told() -> None:
+    rig = BusRig(specs(4)).ready(torque=True)
+    rig.device(3).reboot(rig.clock.now())
+    rig.clock.advance(0.3)
+    (line,) = rig.bus.lines
+    assert torque.limp_servos(line) == [3]
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_a_lost_packet_is_sent_again(on: bool) -> None:
+    rig = BusRig(specs(4)).ready(torque=not on)
+    (line,) = rig.bus.lines
+    # The broadcast write, and nothing else: it is the first packet from here on.
+    rig.fault(Fault(FaultKind.DROP, direction=Direction.TO_SERVOS, end=1e-6))
+    if on:
+        torque.enable(line, [1, 2, 3, 4])
+    else:
+        assert torque.off_everywhere([line]) == []
+    assert rig.shown("torque_enable") == [int(on)] * 4
+
+
+def test_who_does_not_take_its_torque_is_named() -> None:
+    rig = BusRig(specs(3)).ready()
+    (line,) = rig.bus.lines
+    rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
+    with refuses(BusError, "j1", 1):
+        torque.enable(line, [1, 2, 3])
+
+
+def two_buses() -> BusRig:
+    servos = [*specs(3), spec(4, bus="two"), spec(5, bus="two")]
+    return BusRig(servos, buses=[bus_of(servos), bus_of(servos, name="two")]).ready(torque=True)
+
+
+def test_everybody_is_told_before_anybody_is_waited_for() -> None:
+    rig = two_buses()
+    rig.lines["main"].faults.add(Fault(FaultKind.MISSING), rig.clock.now())
+    begun, told = rig.clock.now(), list[float]()
+    send = rig.ports["two"].write
+
+    def write(data: bytes) -> None:
+        told.append(rig.clock.now() - begun)
+        send(data)
+
+    rig.ports["two"].write = write  # type: ignore[method-assign]
+    unsure = torque.off_everywhere(rig.bus.lines)
+    assert unsure == ["j1 (id 1)", "j2 (id 2)", "j3 (id 3)"]
+    assert told[0] < 0.001
+    assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
+
+
+@pytest.mark.parametrize("act", ["_tell_off", "_confirm_off"])
+def test_an_interrupt_keeps_no_bus_powered(act: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = two_buses()
+    real = getattr(torque, act)
+
+    def interrupted(line: BusLine) -> list[str]:
+        if line.spec.name == "main":
+            real(line)
+            raise KeyboardInterrupt
+        return list(real(line))
+
+    monkeypatch.setattr(torque, act, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        torque.off_everywhere(rig.bus.lines)
+    assert rig.shown("torque_enable") == [0] * 5
+
+
+def test_a_port_that_is_gone_is_named_and_the_others_are_told() -> None:
+    rig = two_buses()
+
+    def gone(_: bytes) -> None:
+        raise BusError("unplugged")
+
+    rig.ports["main"].write = gone  # type: ignore[assignment]
+    assert torque.off_everywhere(rig.bus.lines) == ["all of bus main (unplugged)"]
+    assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
+
+
+def test_whoever_keeps_torque_keeps_its_watchdog() -> None:
+    rig = BusRig(specs(2)).ready(torque=True)
+    two = rig.device(2)
+    write = two.write
+
+    def deaf(address: int, data: bytes, now: float, *, secondary: bool = False) -> None:
+        if address != 64:
+            write(address, data, now, secondary=secondary)
+
+    two.write = deaf  # type: ignore[method-assign]
+    assert torque.off_everywhere(rig.bus.lines) == ["j2 (id 2)"]
+    assert rig.shown("torque_enable") == [0, 1]
+    assert rig.shown("bus_watchdog") == [0, 5]
+
+
+def test_how_far_a_limp_joint_may_move_is_an_angle() -> None:
+    servos = [replace(one, lower=-1.0, upper=1.0) for one in specs(1, "AX-12A")]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], start=[512]).ready()
+    (line,) = rig.bus.lines
+    torque.check_still(line, {1: 512 + 11})
+    with refuses(BusError, 524, 512, "3.4"):
+        torque.check_still(line, {1: 512 + 12})

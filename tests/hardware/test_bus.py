@@ -1,0 +1,315 @@
+"""Buses as data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bus_rig import CYCLE, BusRig, bus_of, moved, spec, specs
+from hardware.bus import BAUDS, BusSpec, ServoGoals, fastest_baud
+from hardware.dynamixel.torque import FIRST_DRIVE, RAMP_TIME
+from hardware.errors import BusError
+from hardware.guard import Guard
+from hardware.guard_state import GuardState, StopCause
+from hardware.joint_map import JointMap
+from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec, find_model
+from messages import refuses
+from retarget.safety.gate import Gate
+from sim.emulator.faults import Fault, FaultKind
+from sim.emulator.line import Timing
+
+
+@pytest.mark.parametrize(("watchdog", "value"), [(0.0, 0), (0.02, 1), (0.2, 10), (2.54, 127)])
+def test_the_watchdog_counts_in_steps_of_20_ms(watchdog: float, value: int) -> None:
+    assert BusSpec("main", "p", 1000000, 2, (1,), watchdog=watchdog).watchdog_value == value
+
+
+@pytest.mark.parametrize(("model", "most"), [("AX-12A", 1000000), ("XL330-M288", 4000000), ("XM430-W350", 4500000)])
+def test_the_highest_speed_of_a_model(model: str, most: int) -> None:
+    assert fastest_baud(find_model(model)) == most
+
+
+def test_every_model_has_a_speed_of_its_protocol() -> None:
+    for model in SERVO_MODELS.values():
+        assert all(min(BAUDS[protocol]) < fastest_baud(model) for protocol in model.protocols)
+
+
+FULL = 885  # PWM limit as delivered
+LINES = ("one", "two", "three")
+
+
+def guarded(rig: BusRig) -> Guard:
+    """A guard over the open bus, armed and moving on the spot."""
+    joint_map = JointMap(rig.servos)
+    gate = Gate.for_servos(joint_map, dt=CYCLE)
+    guard = Guard(bus=rig.bus, joint_map=joint_map, goal_filter=gate, clock=rig.clock)
+    guard.arm()
+    run(rig, guard, 5)
+    assert guard.state is GuardState.MOVING
+    return guard
+
+
+def run(rig: BusRig, guard: Guard, ticks: int) -> None:
+    for _ in range(ticks):
+        if guard.active:
+            begun = rig.clock.now()
+            guard.tick(lambda states: np.zeros(len(rig.servos)))
+            rig.clock.sleep_until(begun + CYCLE)
+
+
+@pytest.mark.parametrize("action", ["read", "write", "torque"])
+def test_a_closed_bus_does_nothing(action: str) -> None:
+    rig = BusRig(specs(2))
+
+    def act() -> None:
+        if action == "read":
+            rig.bus.read()
+        elif action == "write":
+            rig.bus.write(ServoGoals(np.array([2048, 2048])))
+        else:
+            rig.bus.torque(False)
+
+    with refuses(BusError):
+        act()
+    rig.ready().bus.close()
+    rig.bus.close()
+    with refuses(BusError):
+        act()
+    assert not rig.port.opened
+
+
+def test_ports_cost_the_slowest_and_not_the_sum() -> None:
+    servos = [moved(spec(number), LINES[number % 3]) for number in range(1, 16)]
+    wires = {name: Timing(latency=latency) for name, latency in zip(LINES, (0.0005, 0.001, 0.003), strict=True)}
+
+    def cost(names: tuple[str, ...]) -> float:
+        some = [servo for servo in servos if servo.bus in names]
+        rig = BusRig(some, buses=[bus_of(some, name=name) for name in names], timing=wires).ready()
+        for _ in range(3):
+            cycle = rig.tick()
+            assert cycle.states.valid.all()
+        return float(np.median([rig.tick().took for _ in range(9)]))
+
+    alone = [cost((name,)) for name in LINES]
+    assert cost(LINES) == pytest.approx(max(alone), abs=5e-5)
+    assert sum(alone) > 1.5 * max(alone)
+
+
+def test_torque_needs_goals_first() -> None:
+    rig = BusRig(specs(2)).ready()
+    with refuses(BusError):
+        rig.bus.torque(True)
+    assert rig.shown("torque_enable") == [0, 0]
+
+
+@pytest.mark.parametrize("ticks", [(2048, 4096), (-1, 2048), (2048,)])
+def test_goals_that_a_servo_does_not_have_are_not_sent(ticks: tuple[int, ...]) -> None:
+    rig = BusRig(specs(2)).ready()
+    before = len(rig.port.sent)
+    with refuses(BusError):
+        rig.bus.write(ServoGoals(np.array(ticks)))
+    assert len(rig.port.sent) == before
+
+
+def test_torque_rises_from_a_tenth_within_half_a_second() -> None:
+    rig = BusRig(specs(3)).ready()
+    rig.tick()
+    drives: list[tuple[float, list[int]]] = []
+    enabled: list[list[int]] = []
+    send = rig.port.write
+
+    def write(data: bytes) -> None:
+        torque_before = rig.shown("torque_enable")
+        send(data)
+        drives.append((rig.clock.now(), rig.shown("goal_pwm")))
+        if rig.shown("torque_enable") != torque_before:
+            enabled.append(rig.shown("goal_pwm"))
+            assert rig.shown("goal_position") == rig.shafts().tolist()
+            assert rig.shown("bus_watchdog") == [5] * 3
+
+    rig.port.write = write  # type: ignore[method-assign]
+    begun = rig.clock.now()
+    rig.bus.torque(True)
+    assert enabled == [[round(FIRST_DRIVE * FULL)] * 3]
+    on = [(time, drive[0]) for time, drive in drives if drive[0] >= 88]
+    levels = [drive for _, drive in on]
+    steps = np.diff(levels[levels.index(88) :])
+    first = next(index for index, (_, drive) in enumerate(on) if drive == 88)
+    assert (steps[: levels[first:].index(FULL)] >= 0).all()
+    assert steps.max() <= 0.05 * FULL
+    assert rig.shown("goal_pwm") == [FULL] * 3
+    assert RAMP_TIME <= rig.clock.now() - begun <= RAMP_TIME + 0.1
+    assert rig.bus.read().driven.all()
+
+
+def test_an_arm_that_moved_since_is_not_powered() -> None:
+    rig = BusRig(specs(3)).ready()
+    rig.tick()
+    rig.devices[1].shaft.position += 100
+    with refuses(BusError, "j2", 2, 2048, "2148"):
+        rig.bus.torque(True)
+    assert rig.shown("torque_enable") == [0, 0, 0]
+    assert not rig.bus.read().driven.any()
+
+
+def test_a_servo_with_a_latched_error_refuses_and_closing_leaves_all_off() -> None:
+    rig = BusRig(specs(3)).ready()
+    rig.tick()
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(2,)))
+    with refuses(BusError, "j2", 2, "OVERHEATING"):
+        rig.bus.torque(True)
+    assert rig.shown("torque_enable") == [0, 0, 0]
+    rig.bus.close()
+    assert rig.shown("torque_enable") == [0, 0, 0]
+
+
+def test_torque_off_names_who_is_silent_and_switches_off_the_rest() -> None:
+    rig = BusRig(specs(5)).ready(torque=True)
+    rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
+    with refuses(BusError, "j3", 3):
+        rig.bus.torque(False)
+    assert rig.shown("torque_enable") == [0, 0, 1, 0, 0]
+    with refuses(BusError, "j3", 3):
+        rig.bus.close()
+    assert not rig.port.opened
+    rig.bus.close()
+
+
+def test_a_dead_port_does_not_keep_the_others_powered() -> None:
+    servos = [spec(1), moved(spec(2), "arms"), spec(3)]
+    rig = BusRig(servos, buses=[bus_of(servos, name="arms"), bus_of(servos)]).ready(torque=True)
+    rig.lines["arms"].faults.add(Fault(FaultKind.UNPLUG), rig.clock.now())
+    with pytest.raises(BusError):
+        rig.bus.read()
+    with refuses(BusError):
+        rig.bus.close()
+    assert rig.shown("torque_enable") == [0, 1, 0]
+    assert not rig.ports["main"].opened
+
+
+def test_closing_after_an_exception_switches_torque_off() -> None:
+    rig = BusRig(specs(3)).ready(torque=True)
+    with pytest.raises(BusError):
+        try:
+            rig.bus.write(ServoGoals(np.array([9999, 0, 0])))
+        finally:
+            rig.bus.close()
+    assert rig.shown("torque_enable") == [0, 0, 0]
+    assert rig.shown("bus_watchdog") == [0, 0, 0]
+
+
+def test_an_exception_while_torque_rises_leaves_it_to_closing() -> None:
+    rig = BusRig(specs(3)).ready()
+    rig.tick()
+    rig.fault(Fault(FaultKind.UNPLUG, start=0.2, end=0.3))
+    with pytest.raises(BusError):
+        rig.bus.torque(True)
+    assert rig.shown("torque_enable") == [1, 1, 1]
+    with refuses(BusError):
+        rig.bus.close()
+
+
+def test_torque_that_others_switched_on_stays() -> None:
+    rig = BusRig(specs(3)).ready()
+    rig.bus.close()
+    for one in rig.devices:
+        one.memory.put("torque_enable", 1)
+    rig.bus = rig.another()
+    rig.ready()
+    rig.tick()
+    rig.bus.close()
+    assert rig.shown("torque_enable") == [1, 1, 1]
+
+
+def test_a_hot_servo_stops_the_guard() -> None:
+    rig = BusRig(specs(6)).ready()
+    guard = guarded(rig)
+    rig.fault(Fault(FaultKind.OVER_TEMPERATURE, ids=(4,)))
+    run(rig, guard, 20)
+    stop = guard.stop_reason
+    assert stop is not None and stop.cause is StopCause.SERVO_ALERT
+    assert "j4 (id 4) OVERHEATING" in stop.reason
+    assert "j3" not in stop.reason
+
+
+def test_a_servo_that_starts_anew_stops_the_guard_and_stays_limp_until_asked() -> None:
+    rig = BusRig(specs(6)).ready()
+    guard = guarded(rig)
+    rig.device(4).boot_time = 0.02
+    rig.device(4).reboot(rig.clock.now())
+    run(rig, guard, 60)
+    stop = guard.stop_reason
+    assert stop is not None and stop.cause is StopCause.SERVO_LIMP
+    assert "j4 (id 4)" in stop.reason and "j5" not in stop.reason
+    for _ in range(30):
+        states = rig.bus.read()
+        rig.clock.advance(CYCLE)
+    assert states.driven.tolist() == [True, True, True, False, True, True]
+    assert rig.shown("torque_enable") == [1, 1, 1, 0, 1, 1]
+
+
+def test_torque_on_provisions_who_started_anew() -> None:
+    servos = [replace(one, gains=replace(one.gains, position_p=333)) for one in specs(3)]
+    rig = BusRig(servos).ready(torque=True)
+    brown_out = Fault(FaultKind.UNDER_VOLTAGE, ids=(2,), end=0.05)
+    rig.fault(brown_out)
+    for _ in range(60):
+        states = rig.tick().states
+    assert states.driven.tolist() == [True, False, True]
+    assert rig.shown("position_p_gain") == [333, rig.device(2).table["position_p_gain"].initial, 333]
+    assert rig.shown("bus_watchdog") == [5, 0, 5]
+    rig.bus.torque(True)
+    assert rig.shown("torque_enable") == [1, 1, 1]
+    assert rig.shown("position_p_gain") == [333] * 3
+    assert rig.shown("bus_watchdog") == [5] * 3
+    assert rig.shown("goal_pwm") == [FULL] * 3
+    for _ in range(20):
+        states = rig.tick().states
+    assert states.driven.all() and not states.alert.any()
+
+
+def test_a_host_that_is_silent_finds_its_servos_stopped() -> None:
+    rig = BusRig(specs(4)).ready(torque=True)
+    rig.tick([2300] * 4)
+    rig.clock.advance(0.5)
+    stopped = rig.shafts()
+    for _ in range(20):
+        states = rig.tick([2300] * 4).states
+    assert not states.driven.any()
+    assert np.abs(rig.shafts() - stopped).max() <= 1
+    rig.tick()
+    rig.bus.torque(True)
+    for _ in range(60):
+        states = rig.tick([2300] * 4).states
+    assert states.driven.all() and np.abs(states.position - 2300).max() <= 1
+
+
+def many_turns() -> list[ServoSpec]:
+    """Joints of two turns of their shafts each, and a plain one."""
+    geared = replace(spec(1), gear=3.0, lower=-1.0, upper=1.0, max_velocity=1.0, mode=ServoMode.EXTENDED_POSITION)
+    return [geared, replace(geared, joint="j2", id=2, zero_tick=0), spec(3)]
+
+
+def test_a_servo_that_forgot_its_turn_is_found_again() -> None:
+    servos = many_turns()
+    away = [2048 + 1800, -1500, 2048]
+    rig = BusRig(servos, start=away)
+    for one in rig.devices:
+        one.reboot(0.0)  # counts within one turn again
+    rig.clock.advance(1.0)
+    rig.ready(torque=True)
+    states = rig.tick().states
+    assert states.position.tolist() == away
+    assert rig.shown("goal_position")[1] == 4096 - 1500
+    goals = [2048 + 1900, -1400, 2000]
+    for _ in range(100):
+        states = rig.tick(goals).states
+    assert np.abs(states.position - goals).max() <= 1
+
+
+@pytest.mark.parametrize("goals", [(-0x020001, 0xFFFF, 255), (0x0FFDFF, -1, 0)])
+def test_goals_beyond_a_turn_and_below_zero_arrive(goals: tuple[int, ...]) -> None:
+    wide = replace(spec(1), lower=-1.0, upper=1.0, mode=ServoMode.EXTENDED_POSITION)
+    rig = BusRig([wide, replace(wide, joint="j2", id=2), replace(wide, joint="j3", id=3)]).ready()
+    rig.tick(goals)
+    assert rig.shown("goal_position") == list(goals)

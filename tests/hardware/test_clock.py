@@ -1,0 +1,120 @@
+"""Clocks: virtual time jumps, real time does not go back."""
+
+from datetime import UTC, date, datetime
+
+import pytest
+
+from hardware.clock import (
+    MonotonicClock,
+    PacedClock,
+    TickPace,
+    VirtualClock,
+    process_cpu,
+    thread_cpu,
+    today,
+    wall_to_monotonic,
+)
+from messages import refuses
+
+
+def test_virtual_time_moves_only_forward() -> None:
+    clock = VirtualClock(5.0)
+    clock.sleep_until(6.5)
+    assert clock.now() == 6.5
+    clock.sleep_until(1.0)
+    assert clock.now() == 6.5
+    clock.advance(0.25)
+    assert clock.now() == 6.75
+
+
+@pytest.mark.parametrize("step", [-1e-9, float("nan"), float("inf")])
+def test_a_bad_step_is_refused(step: float) -> None:
+    with refuses(ValueError):
+        VirtualClock().advance(step)
+
+
+def test_the_monotonic_clock_returns_at_once_when_late() -> None:
+    clock = MonotonicClock()
+    before = clock.now()
+    clock.sleep_until(before - 1.0)
+    clock.sleep_until(before + 0.002)
+    assert 0.002 <= clock.now() - before < 1.0
+
+
+def test_a_paced_clock_is_never_faster_than_real_time_and_catches_nothing_up() -> None:
+    wall = VirtualClock(100.0)
+    clock = PacedClock(3.0, wall=wall)
+    clock.sleep_until(3.5)
+    assert (clock.now(), wall.now()) == (3.5, 100.5), "real time was waited for"
+    wall.advance(0.25)
+    assert clock.now() == 3.5, "a slow machine changes nothing of what is computed"
+    clock.advance(0.0625)
+    clock.sleep_until(3.75)
+    assert (clock.now(), wall.now()) == (3.75, 100.75), "computing took some of it"
+    wall.advance(2.0)
+    clock.sleep_until(4.0)
+    assert (clock.now(), wall.now()) == (4.0, 102.75)
+    clock.sleep_until(4.5)
+    assert (clock.now(), wall.now()) == (4.5, 103.25), "two seconds late, and not caught up"
+
+
+def test_cpu_time_grows_with_work() -> None:
+    before = thread_cpu(), process_cpu()
+    sum(range(200_000))
+    assert thread_cpu() > before[0]
+    assert process_cpu() > before[1]
+
+
+def test_today_is_a_day() -> None:
+    before = date.today()
+    assert before <= date.fromisoformat(today()) <= date.today()
+
+
+def test_stamps_of_the_wall_clock_come_onto_the_monotonic_one() -> None:
+    before = MonotonicClock().now()
+    stamp = datetime.now(tz=UTC).timestamp()
+    after = MonotonicClock().now()
+    assert before - 0.01 <= stamp + wall_to_monotonic() * 1e-9 <= after + 0.01
+
+
+PERIOD = 0.01
+
+
+def paced(pauses: list[float], period: float = PERIOD) -> list[bool]:
+    """Whether it is behind at each tick after the first, by pauses in periods."""
+    pace, now, behind = TickPace(period), 5.0, []
+    assert pace.begin(now) == 0.0
+    for pause in pauses:
+        now += pause * PERIOD
+        assert pace.begin(now) == pytest.approx(pause * PERIOD)
+        behind.append(pace.behind)
+    return behind
+
+
+def test_one_late_tick_is_no_harm_and_two_are() -> None:
+    assert paced([1.0, 1.3, 1.5, 1.0, 1.5, 1.0]) == [False] * 6
+    assert paced([1.6, 1.6, 1.6, 1.0, 1.6]) == [False, True, True, False, False]
+
+
+def test_what_is_a_little_late_again_and_again_adds_up() -> None:
+    assert paced([1.4, 1.4, 1.4, 1.0]) == [False, False, True, False]
+    assert paced([1.3] * 50) == [False] * 50
+
+
+def test_a_long_one_is_enough() -> None:
+    assert paced([1.0, 2.0, 1.0, 2.2, 1.0]) == [False, False, False, True, False]
+
+
+def test_without_a_period_nothing_is_late() -> None:
+    assert paced([1.0, 900.0, 1e6], period=float("inf")) == [False] * 3
+
+
+def test_after_a_restart_nobody_was_late() -> None:
+    pace = TickPace(PERIOD)
+    pace.begin(0.0)
+    pace.begin(1.0)
+    behind = [pace.behind]
+    pace.restart()
+    behind.append(pace.behind)
+    assert pace.begin(9.0) == 0.0
+    assert [*behind, pace.behind] == [True, False, False]

@@ -1,0 +1,396 @@
+"""Servo models and the checks of one servo."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulated import answered, servo2, shown, told
+from hardware.dynamixel.packets import ALERT, Error2, Instruction
+from hardware.errors import HardwareError
+from hardware.servo import (
+    DEFAULT_P_GAIN,
+    MAX_CONDITION,
+    SERVO_MODELS,
+    Coupling,
+    ExpectedWay,
+    ServoGains,
+    ServoMode,
+    ServoSpec,
+    find_model,
+    full_drive_error,
+    loop_lag,
+    loop_stiffness,
+)
+from messages import refuses
+from servos import four_servos
+from sim.emulator.device import Device, Faulty
+
+Matrix = tuple[tuple[float, float], tuple[float, float]]
+numbers = st.floats(-10.0, 10.0)
+matrices = st.tuples(st.tuples(numbers, numbers), st.tuples(numbers, numbers))
+
+
+@given(matrices)
+def test_condition_is_the_ratio_of_the_singular_values(matrix: Matrix) -> None:
+    coupling = Coupling(("a", "b"), matrix)
+    largest, smallest = np.linalg.svd(np.array(matrix), compute_uv=False)
+    if largest > 1e-3 and smallest > 1e-4 * largest:
+        assert coupling.condition == pytest.approx(largest / smallest, rel=1e-6)
+    elif largest > 1e-3:
+        assert coupling.condition > 9e3 and coupling.problems()
+
+
+@given(matrices)
+def test_the_inverse_of_a_sound_coupling_undoes_it(matrix: Matrix) -> None:
+    coupling = Coupling(("a", "b"), matrix)
+    if not coupling.problems():
+        np.testing.assert_allclose(np.array(coupling.inverse) @ np.array(matrix), np.eye(2), atol=1e-9 * MAX_CONDITION)
+
+
+@pytest.mark.parametrize(
+    ("joints", "matrix", "text"),
+    [
+        (("a", "a"), ((1.0, 0.0), (0.0, 1.0)), "two different joints"),
+        (("a", "b"), ((1.0, 2.0), (2.0, 4.0)), "singular"),
+        (("a", "b"), ((0.0, 0.0), (0.0, 0.0)), "singular"),
+        (("a", "b"), ((1.0, 1.0), (1.0, 1.0001)), "singular or nearly so"),
+        (("a", "b"), ((1.0, math.nan), (0.0, 1.0)), "not finite"),
+        (("a", "b"), ((1e200, 0.0), (0.0, 1e200)), "singular"),
+    ],
+)
+def test_each_problem_is_found(joints: tuple[str, str], matrix: Matrix, text: str) -> None:
+    (problem,) = Coupling(joints, matrix).problems()
+    assert text in problem
+
+
+def speaks(device: Device) -> None:
+    assert device.protocol == 2 and not device.booting(0.0)
+
+
+def hurts(device: Faulty) -> None:
+    device.load(0.0, 0.0)
+
+
+@pytest.mark.parametrize("model", [name for name, model in SERVO_MODELS.items() if 2 in model.protocols])
+def test_every_model_moves_to_its_goal(model: str) -> None:
+    servo = servo2(model)
+    speaks(servo)
+    hurts(servo)
+    assert told(servo, "torque_enable", 1) == 0
+    assert told(servo, "goal_position", 2100) == 0
+    assert shown(servo, "present_position", 2.0) == 2100
+    assert shown(servo, "model_number") == servo.number == servo.table.number
+
+
+def test_eeprom_is_locked_while_torque_is_on() -> None:
+    servo = servo2()
+    assert told(servo, "id", 9) == 0 and servo.id == 9
+    told(servo, "torque_enable", 1)
+    assert told(servo, "id", 10) == Error2.ACCESS and servo.id == 9
+    told(servo, "torque_enable", 0)
+    assert told(servo, "id", 253) == Error2.DATA_RANGE and servo.id == 9
+
+
+@pytest.mark.parametrize(
+    ("address", "data", "error"),
+    [
+        (132, bytes(4), Error2.ACCESS),  # read only
+        (66, bytes(1), Error2.ACCESS),  # a hole
+        (660, bytes(4), Error2.ACCESS),  # beyond the end
+        (117, bytes(3), Error2.ACCESS),  # not where a register begins
+        (116, bytes(3), Error2.DATA_LENGTH),
+        (116, b"", Error2.DATA_LENGTH),
+        (116, (4096).to_bytes(4, "little"), Error2.DATA_LIMIT),
+        (116, (-1).to_bytes(4, "little", signed=True), Error2.DATA_LIMIT),
+        (116, (1048576).to_bytes(4, "little"), Error2.DATA_RANGE),
+        (104, (201).to_bytes(4, "little"), Error2.DATA_LIMIT),
+        (11, bytes((2,)), Error2.DATA_RANGE),
+        (10, bytes((2,)), Error2.DATA_RANGE),
+        (98, bytes((0x80,)), Error2.DATA_RANGE),
+        (104, bytes(12) + (4096).to_bytes(4, "little"), Error2.DATA_LIMIT),
+    ],
+)
+def test_a_bad_write_changes_nothing(address: int, data: bytes, error: Error2) -> None:
+    servo = servo2()
+    told(servo, "goal_velocity", 7)
+    before = bytes(servo.memory.image)
+    answer = answered(servo, Instruction.WRITE, address.to_bytes(2, "little") + data)
+    assert answer == (error, b"")
+    servo.write(address, data, 0.0)
+    assert bytes(servo.memory.image) == before
+
+
+def test_reads_across_holes_and_beyond_the_end() -> None:
+    servo = servo2()
+    assert len(servo.read(0, 147, 0.0).data) == 147
+    assert servo.read(66, 2, 0.0) == (Error2.ACCESS, b"")
+    assert servo.read(650, 13, 0.0) == (Error2.ACCESS, b"")
+    assert servo.read(116, 0, 0.0) == (Error2.DATA_LENGTH, b"")
+
+
+def test_torque_on_goes_to_the_old_goal() -> None:
+    servo = servo2(position=1000.0)
+    told(servo, "goal_position", 3000)
+    assert shown(servo, "present_position", 1.0) == 1000
+    told(servo, "torque_enable", 1, 1.0)
+    assert shown(servo, "present_position", 3.0) == 3000
+
+
+def test_a_goal_switches_torque_on_in_that_drive_mode_only() -> None:
+    for mode, torque in ((0, 0), (8, 1)):
+        servo = servo2()
+        told(servo, "drive_mode", mode)
+        servo.write(116, (2100).to_bytes(4, "little"), 0.0)
+        assert shown(servo, "torque_enable") == torque
+
+
+def test_a_new_mode_resets_gains_profile_and_goals() -> None:
+    servo = servo2()
+    for name, value in (("position_p_gain", 100), ("profile_velocity", 9), ("goal_pwm", 3), ("goal_current", 4)):
+        told(servo, name, value)
+    told(servo, "operating_mode", 3)
+    assert shown(servo, "position_p_gain") == 100  # the same mode
+    told(servo, "operating_mode", 5)
+    names = ("position_p_gain", "profile_velocity", "goal_pwm", "goal_current")
+    assert [shown(servo, name) for name in names] == [800, 0, 885, 1193]
+
+
+def test_many_turns_and_the_way_back_to_one() -> None:
+    servo = servo2(position=1000.0)
+    told(servo, "operating_mode", 4)
+    told(servo, "torque_enable", 1)
+    assert told(servo, "goal_position", 10000) == 0
+    assert shown(servo, "present_position", 20.0) == 10000
+    assert answered(servo, Instruction.CLEAR, bytes.fromhex("0144584c22"), 20.0) == (0, b"")
+    assert shown(servo, "present_position", 21.0) == 10000 - 2 * 4096 == shown(servo, "goal_position", 21.0)
+    told(servo, "goal_position", 10000, 21.0)
+    assert answered(servo, Instruction.CLEAR, bytes.fromhex("0144584c22"), 22.0).error == Error2.RESULT_FAIL
+    shown(servo, "present_position", 40.0)
+    told(servo, "torque_enable", 0, 40.0)
+    told(servo, "operating_mode", 3, 40.0)
+    assert shown(servo, "present_position", 40.0) == 10000 - 2 * 4096
+    assert shown(servo, "goal_position", 40.0) == 4095  # pulled inside its limits
+
+
+def test_reverse_mode_mirrors_and_the_offset_keeps_its_sign() -> None:
+    servo = servo2(position=1000.0)
+    told(servo, "homing_offset", 100)
+    assert shown(servo, "present_position") == 1100
+    told(servo, "drive_mode", 1)
+    assert shown(servo, "present_position") == 4096 - 1000 + 100
+    told(servo, "homing_offset", 1025)  # ignored in mode 3
+    assert shown(servo, "present_position") == 4096 - 1000
+    told(servo, "operating_mode", 4)
+    assert shown(servo, "present_position") == 4096 - 1000 + 1025
+
+
+def test_an_error_latches_until_reboot() -> None:
+    servo = servo2()
+    told(servo, "torque_enable", 1)
+    servo.heat(81.0, 1.0)
+    assert shown(servo, "hardware_error_status", 1.0) == 4 and shown(servo, "torque_enable", 1.0) == 0
+    servo.heat(None, 2.0)
+    assert told(servo, "torque_enable", 1, 2.0) == ALERT | Error2.RESULT_FAIL
+    assert answered(servo, Instruction.PING, b"", 2.0).error == ALERT
+    assert answered(servo, Instruction.REBOOT, b"", 2.0).error == ALERT
+    assert servo.booting(2.1) and not servo.booting(2.21)
+    assert servo.execute(Instruction.PING, b"", 2.1, broadcast=False) is None
+    assert told(servo, "torque_enable", 1, 2.3) == 0
+
+
+def test_an_error_outside_the_mask_only_alerts() -> None:
+    servo = servo2()  # shutdown 52: voltage is not in it
+    told(servo, "torque_enable", 1)
+    servo.supply(9.0, 1.0)
+    assert servo.read(64, 1, 1.0) == (ALERT, b"\1")
+    servo.shock(2.0)
+    assert servo.read(70, 1, 2.0) == (ALERT, b"\x11") and shown(servo, "torque_enable", 2.0) == 0
+
+
+def test_a_jam_overloads_after_a_while() -> None:
+    servo = servo2()
+    told(servo, "torque_enable", 1)
+    servo.jam(True, 0.0)
+    told(servo, "goal_position", 3000)
+    seen = [shown(servo, "hardware_error_status", 0.05 * step) for step in range(41)]
+    assert seen[10] == 0 and seen[-1] == 0x20
+    assert shown(servo, "present_position", 2.1) == 2048
+
+
+def test_a_brown_out_loses_the_ram() -> None:
+    servo = servo2()
+    told(servo, "position_p_gain", 100)
+    told(servo, "torque_enable", 1)
+    servo.supply(3.0, 1.0)
+    assert servo.booting(100.0)
+    servo.supply(None, 100.0)
+    assert servo.booting(100.1) and not servo.booting(100.3)
+    assert shown(servo, "torque_enable", 100.3) == 0 and shown(servo, "position_p_gain", 100.3) == 800
+
+
+def test_what_a_servo_kept_moves_into_another_one() -> None:
+    servo = servo2(position=1234.0)
+    told(servo, "id", 7)
+    other = servo2()
+    other.restore(servo.keep(), 5.0)
+    assert other.id == 7 and other.booting(5.1) and shown(other, "present_position", 5.3) == 1234
+
+
+def test_a_multi_register_write_with_a_profile_in_it() -> None:
+    servo = servo2()
+    told(servo, "torque_enable", 1)
+    data = (10).to_bytes(4, "little") + (50).to_bytes(4, "little") + (3000).to_bytes(4, "little")
+    servo.write(108, data, 0.0)
+    assert shown(servo, "moving_status", 0.2) & 0x32 == 0x32
+    speeds = [shown(servo, "velocity_trajectory", 0.05 * step) for step in range(100)]
+    assert max(speeds) == 50 and speeds[-1] == 0 and shown(servo, "present_position", 6.0) == 3000
+
+
+def test_the_numbers_of_an_xm430() -> None:
+    model = find_model("XM430-W350")
+    assert model.ticks == 4096
+    assert model.centre_tick == 2048
+    assert model.tick_rad == pytest.approx(0.00153398, abs=1e-8)  # e-Manual, unit of Present Position
+    assert model.no_load_speed == pytest.approx(4.817, abs=1e-3)  # 46 rpm
+
+
+def test_an_ax_turns_300_degrees() -> None:
+    model = find_model("AX-12A")
+    assert math.degrees(model.tick_rad) == pytest.approx(0.293, abs=1e-3)
+
+
+@pytest.mark.parametrize("suffix", ["", "-T", "-R"])
+def test_a_connector_suffix_is_accepted(suffix: str) -> None:
+    assert find_model("XM430-W350" + suffix) is SERVO_MODELS["XM430-W350"]
+
+
+def test_an_unknown_model_lists_the_known_ones() -> None:
+    with refuses(HardwareError, "'XM430'", "XM430-W350"):
+        find_model("XM430")
+
+
+@pytest.mark.parametrize("servo", four_servos(), ids=lambda servo: servo.joint)
+def test_sound_servos_have_no_problems(servo: ServoSpec) -> None:
+    assert servo.problems() == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"id": 254}, "id 254"),
+        ({"direction": 0}, "direction 0"),
+        ({"gear": 0.0}, "gear"),
+        ({"lower": 1.6}, "ascending"),
+        ({"upper": math.nan}, "finite"),
+        ({"max_velocity": math.inf}, "finite"),
+        ({"max_acceleration": -1.0}, "above 0"),
+        ({"upper": 3.5}, "need ticks 1070 to 4330"),
+        ({"max_velocity": 5.0}, "no-load speed 4.817"),
+        ({"homing_offset": -1025}, "homing_offset -1025"),
+        ({"homing_offset": 1024, "zero_tick": 2000}, "allowed: 1024 to 4095"),
+        ({"homing_offset": -1024, "zero_tick": 2100}, "allowed: 0 to 3071"),
+        ({"mode": ServoMode.EXTENDED_POSITION, "zero_tick": 1048000}, "allowed: -1048575 to 1048575"),
+        ({"mode": ServoMode.CURRENT_BASED_POSITION}, "needs a current"),
+    ],
+)
+def test_servo_each_problem_is_found(change: dict[str, float], text: str) -> None:
+    (problem,) = replace(four_servos()[0], **change).problems()  # type: ignore[arg-type]
+    assert "shoulder" in problem
+    assert text in problem
+
+
+def test_the_gear_counts_against_the_servos_speed() -> None:
+    (problem,) = replace(four_servos()[2], max_velocity=2.5).problems()
+    assert "2.409" in problem  # 46 rpm through a gear of 2
+
+
+def test_a_mode_of_many_turns_reaches_beyond_one() -> None:
+    far = replace(four_servos()[0], mode=ServoMode.EXTENDED_POSITION, lower=-20.0, upper=20.0, homing_offset=-9000)
+    assert far.problems() == ()
+    assert (far.lowest_tick, far.highest_tick) == (-1048575, 1048575)
+
+
+@pytest.mark.parametrize(
+    ("column", "mode", "text"),
+    [
+        (3, ServoMode.EXTENDED_POSITION, "AX-12A has no mode extended_position"),
+        (3, ServoMode.CURRENT_BASED_POSITION, "AX-12A limits no current"),
+    ],
+)
+def test_modes_that_a_model_has_not(column: int, mode: ServoMode, text: str) -> None:
+    problems = replace(four_servos()[column], mode=mode, current_limit=1.0).problems()
+    assert any(text in problem for problem in problems)
+
+
+DT, LAG = 0.008, 0.045
+
+
+def played(goals: list[int], positions: list[float]) -> list[float]:
+    """How far one servo is off its way, tick by tick: positions as read just before the next goal."""
+    way = ExpectedWay(np.array([LAG]))
+    pairs = zip([goals[0], *goals[:-1]], positions, strict=True)
+    return [float(way.off(DT * k, np.array([goal]), np.array([round(at)]))[0]) for k, (goal, at) in enumerate(pairs)]
+
+
+@given(st.integers(0, 2**31))
+def test_a_servo_that_follows_as_its_gain_lets_it_is_never_off(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    goals = np.cumsum(rng.integers(-40, 40, 80)).tolist()
+    at, positions = float(goals[0]), []
+    for goal in [goals[0], *goals[:-1]]:
+        at += (goal - at) * (1.0 - np.exp(-DT / LAG))
+        positions.append(at)
+    assert max(map(abs, played(goals, positions))) <= 1.0  # rounding
+
+
+def test_one_that_is_stuck_is_off_by_all_that_it_should_have_gone() -> None:
+    goals = [0] * 5 + [200] * 60
+    off = played(goals, [0.0] * len(goals))
+    assert off[:6] == [0.0] * 6 and off[-1] == pytest.approx(-200.0, abs=0.1)
+    assert off[6] == pytest.approx(-200.0 * (1.0 - np.exp(-DT / LAG)))
+
+
+def test_at_an_even_speed_it_may_be_anywhere_from_its_lag_to_the_goal() -> None:
+    speed = 20
+    goals = [speed * k for k in range(200)]
+    for ahead in (0.0, 0.5, 1.0):
+        positions = [goal - (1.0 - ahead) * speed * LAG / DT for goal in goals]
+        assert abs(played(goals, positions)[-1]) <= speed  # what one tick makes
+
+
+def test_one_that_is_pushed_is_off_at_once_on_either_side() -> None:
+    assert played([0] * 4, [0.0, 0.0, 150.0, -150.0]) == [0.0, 0.0, 150.0, -150.0]
+
+
+def test_without_lag_it_is_the_distance_to_the_goal() -> None:
+    way = ExpectedWay(np.zeros(2))
+    way.off(0.0, np.array([0, 0]), np.array([0, 0]))
+    assert way.off(DT, np.array([10, -10]), np.array([3, 0])).tolist() == [-7.0, 10.0]
+
+
+def test_what_is_forgotten_begins_at_its_goal() -> None:
+    way = ExpectedWay(np.array([LAG]))
+    way.off(0.0, np.array([0]), np.array([0]))
+    way.forget()
+    assert way.off(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
+
+
+def test_a_stiffer_loop_lags_less() -> None:
+    servo = four_servos()[0]
+    soft, stiff = (loop_lag(replace(servo, gains=ServoGains(position_p=gain))) for gain in (800, 1600))
+    assert soft == pytest.approx(2.0 * stiff)
+    assert soft == pytest.approx(full_drive_error(servo.model, 800) / servo.model.no_load_speed)
+
+
+def test_a_shaft_is_as_stiff_as_its_gain() -> None:
+    servo = four_servos()[0]
+    usual = replace(servo, gains=ServoGains(position_p=DEFAULT_P_GAIN))
+    twice = replace(servo, gains=ServoGains(position_p=2 * DEFAULT_P_GAIN))
+    model = servo.model
+    assert loop_stiffness(usual) == pytest.approx(model.stall_torque / full_drive_error(model, DEFAULT_P_GAIN))
+    assert loop_stiffness(twice) == pytest.approx(2.0 * loop_stiffness(usual))
+    assert loop_stiffness(replace(servo, gains=ServoGains())) == loop_stiffness(usual)

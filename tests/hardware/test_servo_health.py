@@ -1,0 +1,569 @@
+"""Faults that the servos' states show: each stops the robot along a braking way, with a reason that names the servo."""
+
+import re
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guard_rig import DT, MAP, Rig
+from hardware.arrays import FloatArray
+from hardware.bus import ServoStates
+from hardware.clock import VirtualClock
+from hardware.errors import GuardError
+from hardware.guard_state import GuardLimits, GuardState, StopCause
+from hardware.joint_map import JointMap
+from hardware.servo_health import (
+    CALM_S,
+    DEAF_CYCLES,
+    DEAF_S,
+    MOST_NEWS,
+    MOST_ROUGH,
+    RAMP_S,
+    LineHealth,
+    Row,
+    ServoHealth,
+    ServoLevels,
+    ServoWarnings,
+    name_servos,
+    watched,
+)
+from messages import refuses, shows
+from retarget.schema.profile import load_profile
+from servos import four_servos, waist_servos
+from sim.mock_bus import FaultKind, MockBus, MockFault
+
+
+@pytest.fixture
+def states() -> ServoStates:
+    return Rig().bus.read()
+
+
+def silent(states: ServoStates, age: float, who: slice = slice(None)) -> ServoStates:
+    valid, ages = states.valid.copy(), states.age.copy()
+    valid[who], ages[who] = False, age
+    return replace(states, valid=valid, age=ages)
+
+
+def test_a_deaf_bus_is_lost_after_some_cycles_and_some_time(states: ServoStates) -> None:
+    health = LineHealth(MAP)
+    for _ in range(DEAF_CYCLES - 1):
+        assert health.lost(silent(states, 9.0)) is None  # the host may have been held up
+    found = health.lost(silent(states, 2.0 * DEAF_S))
+    assert found is not None and "bus" in found
+    assert health.lost(silent(states, 0.5 * DEAF_S)) is None
+    assert health.lost(states) is None
+    assert health.lost(silent(states, 9.0)) is None  # it was heard in between
+
+
+def test_one_servo_that_answers_keeps_a_bus(states: ServoStates) -> None:
+    health = LineHealth(MAP)
+    assert all(health.lost(silent(states, 9.0, slice(1, None))) is None for _ in range(50))
+
+
+def test_a_servo_alone_on_its_bus_is_left_to_its_age(states: ServoStates) -> None:
+    servos = [replace(servo, bus=str(place)) for place, servo in enumerate(MAP.servos)]
+    health = LineHealth(JointMap(servos))
+    assert all(health.lost(silent(states, 9.0)) is None for _ in range(50))
+
+
+def test_what_was_never_heard_is_not_lost(states: ServoStates) -> None:
+    health = LineHealth(MAP)
+    assert all(health.lost(silent(states, np.inf)) is None for _ in range(50))
+
+
+def test_a_rough_line_is_told(states: ServoStates) -> None:
+    health = LineHealth(MAP)
+    assert health.rough(replace(states, rough=MOST_ROUGH - 0.01)) is None
+    shows(health.rough(replace(states, rough=0.75)))
+
+
+def test_the_guard_cuts_when_a_bus_is_deaf() -> None:
+    rig = Rig(*(MockFault(FaultKind.MISSING, first=20, cycles=1000, servo=servo) for servo in range(4)))
+    rig.guard.arm()
+    rig.run(19)
+    assert rig.state() is GuardState.MOVING
+    rig.run(4)
+    assert rig.state() is GuardState.STOPPED
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.BUS
+    assert rig.bus.calls[-1] == "torque off"
+
+
+def test_the_guard_brakes_on_a_rough_line() -> None:
+    rig = Rig()
+    rig.guard.arm()
+    rig.run(30)
+    read = rig.bus.read
+    rig.bus.read = lambda: replace(read(), rough=0.9)  # type: ignore[method-assign]
+    rig.clock.advance(DT)
+    rig.guard.tick(rig.faster)
+    assert rig.state() is GuardState.STOPPING
+    rig.run(100)
+    assert rig.state() is GuardState.STOPPED and rig.gate.at_rest
+    rig.check_goals()
+
+
+LIMITS = GuardLimits(max_age=0.1, max_temperature=65.0, voltage=(10.0, 14.8), following_error=0.35)
+
+FAULTS = {
+    "hot": (FaultKind.HOT, 66.0, StopCause.TEMPERATURE, "hotter than 65 degrees Celsius: shoulder (id 1) 66"),
+    "low": (FaultKind.SUPPLY, 9.9, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 9.9 V"),
+    "high": (FaultKind.SUPPLY, 15.0, StopCause.VOLTAGE, "supply outside 10 to 14.8 V: shoulder (id 1) 15.0 V"),
+    "stuck": (FaultKind.STUCK, 0.0, StopCause.FOLLOWING_ERROR, "more than 0.35 rad from its goal: shoulder (id 1) 0.3"),
+}
+
+
+@pytest.mark.parametrize("case", list(FAULTS))
+def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
+    kind, value, cause, text = FAULTS[case]
+    rig = Rig(MockFault(kind, first=20, cycles=1000, servo=0, value=value), limits=LIMITS)
+    rig.guard.arm()
+    rig.run(19)
+    assert rig.state() is GuardState.MOVING
+    rig.run(100)
+    assert rig.state() is GuardState.STOPPED
+    stop = rig.guard.stop_reason
+    assert stop is not None and stop.cause is cause
+    assert text in stop.reason
+    assert rig.gate.at_rest and rig.bus.torque_on
+    rig.check_goals()
+
+
+@pytest.mark.parametrize("case", list(FAULTS))
+def test_within_bounds_or_unwatched_nothing_stops(case: str) -> None:
+    kind, value, _, _ = FAULTS[case]
+    inside = {"hot": 65.0, "low": 10.0, "high": 14.8, "stuck": 0.0}[case]
+    short = MockFault(kind, first=20, cycles=3 if case == "stuck" else 1000, servo=0, value=inside)
+    for rig in (Rig(short, limits=LIMITS), Rig(MockFault(kind, 20, 1000, servo=0, value=value))):
+        rig.guard.arm()
+        rig.run(60)
+        assert rig.state() is GuardState.MOVING
+
+
+@pytest.mark.parametrize("case", ["hot", "low", "high"])
+def test_a_servo_out_of_bounds_is_not_armed(case: str) -> None:
+    kind, value, _, text = FAULTS[case]
+    rig = Rig(MockFault(kind, first=0, cycles=9, servo=0, value=value), limits=LIMITS)
+    with refuses(GuardError) as refusal:
+        rig.guard.arm()
+    assert text in str(refusal.value)
+    assert rig.bus.calls == ["torque off"]
+
+
+def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
+    """What it said last is old: it says nothing about where it is."""
+    fault = MockFault(FaultKind.MISSING, first=20, cycles=1000, servo=0)
+    rig = Rig(fault, limits=GuardLimits(max_age=0.1, following_error=0.1))
+    rig.guard.arm()
+    rig.run(100)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LOST
+
+
+LASTING = GuardLimits(max_age=0.1, following_error=0.5, lasting_error=0.2, lasting_time=0.2)
+
+
+def displaced(rig: Rig, by: float, ticks: int) -> None:
+    """Ticks in which the first servo is `by` rad off its goal, which stands."""
+    read = rig.bus.read
+
+    def off() -> ServoStates:
+        states = read()
+        position = states.position.copy()
+        position[0] += round(by / float(MAP.tick_rad[0]))
+        return replace(states, position=position)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(rig.bus, "read", off)
+        rig.run(ticks, lambda _: rig.gate.position)
+
+
+@pytest.mark.parametrize(("by", "ticks", "stopped"), [(0.21, 21, True), (0.21, 19, False), (0.19, 200, False)])
+def test_a_following_error_that_lasts_stops_the_robot_in_time(by: float, ticks: int, stopped: bool) -> None:
+    rig = Rig(limits=LASTING)
+    rig.guard.arm()
+    rig.run(10, lambda _: rig.gate.position)
+    displaced(rig, by, ticks)
+    stop = rig.guard.stop_reason
+    assert (stop is not None) == stopped
+    if stop is not None:
+        assert stop.cause is StopCause.FOLLOWING_ERROR
+        assert stop.reason == "servo is more than 0.2 rad from its goal for 0.2 s: shoulder (id 1) 0.21 rad"
+
+
+def test_following_errors_that_do_not_last_stop_nothing() -> None:
+    rig = Rig(limits=LASTING)
+    rig.guard.arm()
+    for _ in range(5):
+        displaced(rig, 0.3, 15)
+        displaced(rig, 0.0, 1)
+    assert rig.state() is GuardState.MOVING
+    displaced(rig, 0.51, 1)  # the larger bound is one at once
+    assert rig.guard.stop_reason is not None
+    shows(rig.guard.stop_reason.reason, "0.5")
+
+
+def test_a_current_that_lasts_stops_the_robot() -> None:
+    rig = Rig(limits=GuardLimits(max_current=1e-6, current_time=0.1))
+    rig.guard.arm()
+    rig.run(60)
+    stop = rig.guard.stop_reason
+    assert stop is not None and stop.cause is StopCause.CURRENT
+    assert re.search(r"servo draws more than 1e-06 A for 0.1 s: shoulder \(id 1\) \d\.\d\d A", stop.reason)
+    assert rig.bus.read().current[3] != rig.bus.read().current[3]  # the AX tells none, and is not complained of
+
+
+def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
+    rig = Rig(limits=LIMITS)
+    rig.guard.arm()
+    rig.run(20)
+    read, whole = rig.bus.read, rig.bus.calls.count("torque on")
+
+    def reset() -> ServoStates:
+        states = read()
+        return replace(states, driven=np.array([True, False, True, True]))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(rig.bus, "read", reset)
+        rig.run(1)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LIMP
+    rig.run(200)  # it says that it is driven again: nobody asks
+    assert rig.state() is GuardState.STOPPED
+    with pytest.raises(GuardError):
+        rig.guard.arm()
+    assert rig.bus.calls.count("torque on") == whole == 1
+
+
+@pytest.mark.parametrize(("seconds", "stopped"), [(0.09, False), (0.11, True)])
+def test_a_goal_that_comes_too_late_is_not_sent(seconds: float, stopped: bool) -> None:
+    rig = Rig(limits=LIMITS)
+    rig.guard.arm()
+    rig.run(20)
+    speed = float(np.abs(rig.gate.velocity).max())
+
+    def slow(states: ServoStates) -> FloatArray:
+        rig.clock.advance(seconds)
+        return rig.faster(states)
+
+    rig.run(1, slow)
+    assert (rig.state() is GuardState.STOPPING) == stopped
+    assert (float(np.abs(rig.gate.velocity).max()) < speed) == stopped
+    if stopped:
+        assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
+        shows(rig.guard.stop_reason.reason, "0.11", "0.1")
+        rig.run(100)
+        rig.check_goals()
+
+
+def test_a_reading_that_takes_too_long_makes_the_goal_stale(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(limits=LIMITS)
+    rig.guard.arm()
+    rig.run(20)
+    read, written = rig.bus.read, len(rig.bus.goals)
+    speed = float(np.abs(rig.gate.velocity).max())
+
+    def slow() -> ServoStates:
+        rig.clock.advance(0.11)
+        return read()
+
+    monkeypatch.setattr(rig.bus, "read", slow)
+    rig.run(1)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
+    assert len(rig.bus.goals) == written + 1 and float(np.abs(rig.gate.velocity).max()) < speed
+
+
+@pytest.mark.parametrize(("seconds", "stopped"), [(0.08, False), (0.11, True)])
+def test_a_pause_between_ticks_stops(seconds: float, stopped: bool) -> None:
+    rig = Rig(limits=LIMITS)
+    rig.guard.arm()
+    rig.clock.advance(5.0)  # a robot that was only just armed may be held as long as one likes
+    rig.run(20)
+    rig.clock.advance(seconds)
+    rig.run(1)
+    assert (rig.state() is GuardState.STOPPING) == stopped
+    if stopped:
+        assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.STALE_GOAL
+        shows(rig.guard.stop_reason.reason, "0.12", "0.1")
+        rig.run(100)
+        assert rig.state() is GuardState.STOPPED
+        rig.check_goals()
+
+
+def test_the_limits_are_those_of_the_profile() -> None:
+    profile = load_profile("op3")
+    safety, limits = profile.safety, profile.guard_limits()
+    assert (limits.max_age, limits.max_temperature) == (safety.freshness, safety.temperature_c)
+    assert (limits.voltage, limits.following_error) == (safety.voltage, safety.following_error)
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"), [(FaultKind.HOT, "is hotter than .*not known"), (FaultKind.SUPPLY, "has a supply .*not known")]
+)
+def test_a_value_that_nobody_knows_stops_the_robot(kind: FaultKind, told: str) -> None:
+    rig = Rig(MockFault(kind, 20, 99, servo=1, value=float("nan")), limits=LIMITS)
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.guard.stop_reason is not None
+    assert re.search(told, rig.guard.stop_reason.reason)
+
+
+def test_a_bus_that_never_tells_is_no_complaint() -> None:
+    nothing = float("nan")
+    faults = (MockFault(kind, 0, 999, servo=1, value=nothing) for kind in (FaultKind.HOT, FaultKind.SUPPLY))
+    rig = Rig(*faults, limits=LIMITS)
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.state() is GuardState.MOVING
+
+
+def test_of_a_coupled_pair_the_joints_count_not_the_servos() -> None:
+    joint_map = JointMap(waist_servos())
+    bus = MockBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
+    bus.open()
+    health = ServoHealth(joint_map, LIMITS)
+    states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
+    # Both servos 0.9 rad off: the yaw by 0.38 rad (0.2083 of their sum), the roll not at all.
+    off = np.array([0, 587, -587, 0])
+    complaint = health.complaint(states, states.position - off)
+    assert complaint is not None
+    assert complaint[1] == "servo is more than 0.35 rad from its goal: yaw (id 3) 0.38 rad"
+    assert health.complaint(states, states.position - np.array([0, 587, 587, 0]) // 2) is None  # roll, 0.26 rad
+    # Where one of the two is silent, nothing is known of either joint.
+    silent = replace(states, valid=np.array([True, False, True, True]))
+    assert health.complaint(silent, states.position - off) is None
+
+
+def test_what_a_load_explains_is_no_fault() -> None:
+    """A servo that is held beside its goal is where it is to be; one that is not held there, is off."""
+    joint_map = JointMap(waist_servos())
+    bus = MockBus(joint_map.servos, VirtualClock(), start=joint_map.to_ticks(np.zeros(4)))
+    bus.open()
+    states = replace(bus.read(), driven=np.ones(4, dtype=np.bool_))
+    at = joint_map.to_radians(states.position)
+    goal = at + np.array([0.5, 0.0, 0.0, 0.0])
+    sent = joint_map.to_ticks(goal)
+    assert ServoHealth(joint_map, LIMITS).complaint(states, sent, at) is None
+    for held in (None, goal, np.full(4, 1e3)):  # the last is beyond any travel, and explains nothing
+        complaint = ServoHealth(joint_map, LIMITS).complaint(states, sent, held)
+        assert complaint is not None
+        shows(complaint[1], "0.50")
+
+
+def test_a_bus_that_tells_nothing_of_some_costs_nobody_else_a_warning() -> None:
+    """Unknown values go along with known ones that are watched as ever."""
+    rig = Rig(
+        MockFault(FaultKind.SUPPLY, 0, 999, servo=1, value=float("nan")),
+        MockFault(FaultKind.HOT, first=20, cycles=999, servo=0, value=66.0),
+        limits=LIMITS,
+    )
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.TEMPERATURE
+
+
+def test_a_value_without_a_limit_is_not_missed() -> None:
+    rig = Rig(MockFault(FaultKind.HOT, 20, 99, servo=1, value=float("nan")), limits=GuardLimits(voltage=(10.0, 14.8)))
+    rig.guard.arm()
+    rig.run(50)
+    assert rig.state() is GuardState.MOVING
+
+
+def test_what_has_no_patience_is_beyond_at_once_and_nan_never_is() -> None:
+    levels = ServoLevels([(0.0, 1.0)], [0.0], 4)
+    assert levels.beyond(np.array([[1.0, 1.1, -0.1, np.nan]]), 5.0).tolist() == [[False, True, True, False]]
+    assert not levels.beyond(np.array([[1.0, 0.0, 0.5, np.nan]]), 5.0).any()
+
+
+def test_patience_counts_what_lasts_of_each_servo() -> None:
+    levels = ServoLevels([(0.0, 1.0)], [0.2], 2)
+    seen = [np.array([row]) for row in ([2.0, 0.0], [2.0, 2.0], [2.0, 2.0], [2.0, 0.0], [2.0, 2.0])]
+    found = [levels.beyond(row, 0.1 * tick).tolist()[0] for tick, row in enumerate(seen)]
+    assert found == [[False, False], [False, False], [True, False], [True, False], [True, False]]
+    assert levels.waiting
+    levels.beyond(np.zeros((1, 2)), 0.5)
+    assert not levels.waiting
+
+
+def test_forgetting_begins_anew() -> None:
+    levels = ServoLevels([(0.0, 1.0)], [0.2], 1)
+    levels.beyond(np.array([[2.0]]), 0.0)
+    levels.forget()
+    assert not levels.waiting
+    assert not levels.beyond(np.array([[2.0]]), 1.0).any()
+    assert levels.beyond(np.array([[2.0]]), 1.2).all()
+
+
+SERVO_WARNINGS_LIMITS = GuardLimits(
+    max_temperature=65.0,
+    warn_temperature=60.0,
+    voltage=(10.0, 14.8),
+    warn_voltage=(11.0, 14.0),
+    warn_current=1.5,
+    current_time=0.5,
+    warn_following_error=0.1,
+    warn_age=0.025,
+)
+
+
+def still() -> Rig:
+    rig = Rig(limits=SERVO_WARNINGS_LIMITS)
+    rig.guard.arm()
+    return rig
+
+
+def warnings() -> tuple[ServoWarnings, np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
+    rows = watched(SERVO_WARNINGS_LIMITS)
+    seen = np.zeros((len(rows), len(MAP)))
+    seen[Row.TEMPERATURE], seen[Row.VOLTAGE] = 40.0, 12.0
+    return ServoWarnings(MAP.servos, rows, SERVO_WARNINGS_LIMITS.slow_share), seen
+
+
+def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_told_once() -> None:
+    rig = Rig(MockFault(FaultKind.HOT, first=20, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
+    rig.guard.arm()
+    slows, news = [], []
+    for _ in range(600):
+        rig.run(1, lambda _: rig.gate.position)
+        slows.append(rig.guard.health.slow)
+        news += rig.guard.health.warnings.take_news()
+    assert rig.state() is GuardState.MOVING
+    assert news == [
+        "warning: servo is hotter than 60 degrees Celsius: elbow (id 2) 61; the robot goes at 50% of its speed",
+        news[-1],
+    ]
+    assert news[-1].startswith("over: servo is hotter than 60 degrees Celsius: elbow (id 2)")
+    begun, half = slows.index(next(slow for slow in slows if slow < 1.0)), slows.index(0.5)
+    assert 18 <= begun <= 21 and (half - begun) * DT <= RAMP_S
+    assert np.abs(np.diff(slows)).max() <= 0.5 * DT / RAMP_S + 1e-9
+    assert slows[-1] == 1.0
+    # Back at full speed no sooner than all was calm for a while.
+    assert next(tick for tick in range(half, 600) if slows[tick] > 0.5) >= 320 + round(CALM_S / DT) - 1
+
+
+def test_each_tick_is_judged_though_nothing_was_wrong_for_long() -> None:
+    """The ramp counts from the tick in which it begins."""
+    rig = Rig(MockFault(FaultKind.HOT, first=500, cycles=300, servo=1, value=61.0), limits=SERVO_WARNINGS_LIMITS)
+    rig.guard.arm()
+    rig.run(500, lambda _: rig.gate.position)
+    assert rig.guard.health.slow == pytest.approx(1.0 - 0.5 * DT / RAMP_S)
+
+
+def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:
+    told, seen = warnings()
+    for tick in range(2000):
+        seen[Row.TEMPERATURE, 0] = 61.0 if tick // 50 % 2 else 59.0
+        told.look(seen, tick * DT)
+    assert len(told.take_news()) == 1 and told.slow == 0.5
+
+
+def test_only_what_heat_is_about_slows() -> None:
+    for row, value, slows in ((Row.VOLTAGE, 10.5, False), (Row.AGE, 0.05, False), (Row.CURRENT, 1.6, True)):
+        told, seen = warnings()
+        seen[row, 2] = value
+        for tick in range(150):
+            told.look(seen, tick * DT)
+        assert (told.slow == 0.5) == slows, row
+        (text,) = told.take_news()
+        assert "waist (id 3)" in text and ("of its speed" in text) == slows
+
+
+def test_a_short_peak_of_current_is_no_warning() -> None:
+    told, seen = warnings()
+    for tick in range(300):
+        seen[Row.CURRENT, 0] = 5.0 if tick % 50 else 0.0
+        told.look(seen, tick * DT)
+    assert told.take_news() == [] and told.slow == 1.0
+
+
+def test_another_servo_is_told_by_itself() -> None:
+    told, seen = warnings()
+    seen[Row.TEMPERATURE, 0] = 61.0
+    told.look(seen, 0.0)
+    seen[Row.TEMPERATURE, 1] = 62.0
+    told.look(seen, DT)
+    first, second = told.take_news()
+    assert "shoulder" in first and "elbow" not in first
+    assert "elbow" in second and "shoulder" not in second
+
+
+def test_news_that_nobody_asks_for_are_bounded() -> None:
+    told, seen = warnings()
+    for tick in range(3 * MOST_NEWS):
+        seen[Row.VOLTAGE] = 12.0 if tick % 2 else 10.5
+        told.look(seen, 2.0 * tick)
+    assert len(told.take_news()) == MOST_NEWS
+
+
+def test_a_robot_that_was_never_warned_goes_at_full_speed() -> None:
+    rig = still()
+    rig.run(100, lambda _: rig.gate.position)
+    assert rig.guard.health.slow == 1.0 and not rig.guard.health.warnings.busy
+    assert rig.guard.health.warnings.take_news() == []
+
+
+@given(st.lists(st.tuples(st.floats(20.0, 90.0), st.floats(0.0, 0.1)), min_size=1, max_size=60))
+@settings(max_examples=60, deadline=None)
+def test_the_speed_never_leaps(readings: list[tuple[float, float]]) -> None:
+    told, seen = warnings()
+    now, before = 0.0, 1.0
+    for temperature, elapsed in readings:
+        now += elapsed
+        seen[Row.TEMPERATURE, 3] = temperature
+        told.look(seen, now)
+        assert 0.5 <= told.slow <= 1.0
+        assert abs(told.slow - before) <= 0.5 * elapsed / RAMP_S + 1e-12
+        before = told.slow
+
+
+CAUSES = {
+    Row.ALERT: StopCause.SERVO_ALERT,
+    Row.AGE: StopCause.SERVO_LOST,
+    Row.LIMP: StopCause.SERVO_LIMP,
+    Row.TEMPERATURE: StopCause.TEMPERATURE,
+    Row.VOLTAGE: StopCause.VOLTAGE,
+    Row.CURRENT: StopCause.CURRENT,
+    Row.FAR: StopCause.FOLLOWING_ERROR,
+    Row.STILL_FAR: StopCause.FOLLOWING_ERROR,
+}
+
+
+def test_every_row_stands_where_its_name_says() -> None:
+    rows = watched(GuardLimits())
+    assert {place: row.cause for place, row in enumerate(rows)} == CAUSES
+    assert {row.cause for row in rows if row.slows} == {StopCause.TEMPERATURE, StopCause.CURRENT}
+
+
+def test_levels_are_those_of_the_limits() -> None:
+    limits = GuardLimits(
+        max_temperature=65.0, warn_temperature=60.0, lasting_error=0.2, lasting_time=0.3, max_current=2.0
+    )
+    rows = watched(limits)
+    assert rows[Row.TEMPERATURE].stop == (-inf, 65.0) and rows[Row.TEMPERATURE].warn == (-inf, 60.0)
+    assert rows[Row.STILL_FAR].stop == (0, 0.2) and rows[Row.STILL_FAR].patience == 0.3
+    assert rows[Row.FAR].stop == (0, inf) and rows[Row.FAR].patience == 0.0
+    assert rows[Row.CURRENT].stop == (0, 2.0) and rows[Row.CURRENT].patience == limits.current_time
+    shows(rows[Row.STILL_FAR].complaint, "0.2", "0.3")
+
+
+def test_servos_are_named_with_their_values() -> None:
+    rows, values = watched(GuardLimits()), np.array([61.4, 0.0, np.nan, 70.0])
+    names = name_servos(four_servos(), np.array([True, False, True, False]), rows[Row.TEMPERATURE].tell, values)
+    assert names == "shoulder (id 1) 61, waist (id 3) not known"
+    alerts = np.array([0x24, 0.0, 0x02, 0.0])
+    named = name_servos(four_servos(), alerts > 0, rows[Row.ALERT].tell, alerts)
+    assert named == "shoulder (id 1) OVERHEATING+OVERLOAD, waist (id 3) 0x02"
+
+
+def test_all_servos_are_named_as_such() -> None:
+    rows, every = watched(GuardLimits()), np.ones(4, dtype=bool)
+    volts, degrees = rows[Row.VOLTAGE].tell, rows[Row.TEMPERATURE].tell
+    assert name_servos(four_servos(), every, volts, np.full(4, 10.2)) == "all 4 servos 10.2 V"
+    assert (
+        name_servos(four_servos(), every, volts, np.array([10.2, 10.1, 10.2, 10.1])) == "all 4 servos 10.1 V and 10.2 V"
+    )
+    assert name_servos(four_servos(), every, degrees, np.array([63.0, 60.0, 61.0, 62.0])) == "all 4 servos 60 to 63"
+    assert name_servos(four_servos(), every, rows[Row.AGE].tell, np.ones(4)) == "all 4 servos"
+    few = four_servos()[:3]
+    assert name_servos(few, np.ones(3, dtype=bool), volts, np.full(3, 10.2)).count("(id") == 3

@@ -1,0 +1,263 @@
+"""The ToddlerBot against published numbers: body, coupled waist, gears, turns; and its postures against statics."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hardware.errors import HardwareError
+from hardware.joint_map import JointMap, resolve_turns
+from hardware.servo import ServoMode
+from messages import refuses
+from posed_body import PosedBody
+from retarget.schema.profile import load_profile
+
+Array = NDArray[np.float64]
+
+# Zero pose: joint anchors in the base frame, m, and axes, as published.
+MIDDLE = {
+    "neck_yaw": ((-0.0005, 0, 0.124), (0, 0, 1)),
+    "neck_pitch": ((-0.0005, 0.004, 0.139), (0, 1, 0)),
+    "waist_yaw": ((-0.0165, 0, -0.0025), (0, 0, 1)),
+    "waist_roll": ((0.0065, 0, -0.0165), (1, 0, 0)),
+}
+SIDES = {
+    "left_hip_pitch": ((-0.0162, 0.018, -0.0646), (0, 1, 0)),
+    "left_hip_roll": ((0.0028, 0.037, -0.0886), (1, 0, 0)),
+    "left_hip_yaw": ((-0.0162, 0.037, -0.1216), (0, 0, -1)),
+    "left_knee": ((-0.0162, 0.018, -0.1661), (0, -1, 0)),
+    "left_ankle_roll": ((-0.0392, 0.037, -0.2761), (1, 0, 0)),
+    "left_ankle_pitch": ((-0.0162, 0.018, -0.2761), (0, 1, 0)),
+    "left_shoulder_pitch": ((-0.02, 0.067, 0.1018), (0, 1, 0)),
+    "left_shoulder_roll": ((-0.039, 0.094, 0.1018), (1, 0, 0)),
+    "left_shoulder_yaw": ((-0.02, 0.094, 0.0767), (0, 0, -1)),
+    "left_elbow_roll": ((-0.039, 0.094, 0.0157), (1, 0, 0)),
+    "left_elbow_yaw": ((-0.02, 0.094, -0.0093), (0, 0, -1)),
+    "left_wrist_pitch": ((-0.02, 0.116, -0.0703), (0, -1, 0)),
+    "left_wrist_roll": ((-0.039, 0.094, -0.0703), (-1, 0, 0)),
+    "right_hip_pitch": ((-0.0162, -0.018, -0.0646), (0, -1, 0)),
+    "right_hip_roll": ((-0.0352, -0.037, -0.0886), (-1, 0, 0)),
+    "right_hip_yaw": ((-0.0162, -0.037, -0.1216), (0, 0, -1)),
+    "right_knee": ((-0.0162, -0.018, -0.1661), (0, 1, 0)),
+    "right_ankle_roll": ((-0.0392, -0.037, -0.2761), (1, 0, 0)),
+    "right_ankle_pitch": ((-0.0162, -0.018, -0.2761), (0, -1, 0)),
+    "right_shoulder_pitch": ((-0.02, -0.067, 0.1018), (0, -1, 0)),
+    "right_shoulder_roll": ((-0.001, -0.094, 0.1018), (-1, 0, 0)),
+    "right_shoulder_yaw": ((-0.02, -0.094, 0.0767), (0, 0, -1)),
+    "right_elbow_roll": ((-0.001, -0.094, 0.0157), (-1, 0, 0)),
+    "right_elbow_yaw": ((-0.02, -0.094, -0.0093), (0, 0, -1)),
+    "right_wrist_pitch": ((-0.02, -0.116, -0.0703), (0, 1, 0)),
+    "right_wrist_roll": ((-0.001, -0.094, -0.0703), (1, 0, 0)),
+}
+SAME_SIGN = ("hip_roll", "shoulder_roll", "elbow_roll", "wrist_roll")
+"""Joints with which a mirrored posture has the same sign on both sides; all others have the opposite one."""
+HOME = {
+    "left_hip_pitch": -0.091312, "left_knee": -0.380812, "left_ankle_pitch": -0.2895, "left_shoulder_pitch": 0.174533,
+    "left_shoulder_roll": 0.087266, "left_shoulder_yaw": -1.570796, "left_elbow_roll": -0.523599,
+    "left_elbow_yaw": 1.570796, "left_wrist_pitch": 1.22173,
+}  # fmt: skip
+POSTURES = ("neutral", "stand", "rest", "attractor")
+TICK = 2.0 * np.pi / 4096.0
+SHAFT_LIMIT, SHAFT_SPEED = 4.6775, 6.52  # [rad], [rad/s] of a waist servo, as published
+
+
+def both(left: dict[str, float]) -> dict[str, float]:
+    """The posture with its right side, a mirror image of the left one."""
+    right = {name.removeprefix("left_"): angle for name, angle in left.items()}
+    return left | {f"right_{name}": angle if name in SAME_SIGN else -angle for name, angle in right.items()}
+
+
+def shafts(roll: float, yaw: float) -> Array:
+    """Angles (2,) rad of the servos 2 and 3, by the makers' formula."""
+    return np.array([-roll / 0.29166667 + yaw / 0.20833333, roll / 0.29166667 + yaw / 0.20833333]) / 2.0
+
+
+@cache
+def body() -> PosedBody:
+    return PosedBody(load_profile("toddlerbot"))
+
+
+@cache
+def joint_map() -> JointMap:
+    return JointMap(body().profile.servo_specs())
+
+
+def legal(random: np.random.Generator, rows: int) -> Array:
+    """Postures (rows, n) inside all limits, many joints at one of them."""
+    ends = joint_map()
+    inside = random.uniform(ends.lower, ends.upper, (rows, len(ends)))
+    at_end = np.where(random.random(inside.shape) < 0.5, ends.lower, ends.upper)
+    return np.where(random.random(inside.shape) < 0.25, at_end, inside)
+
+
+def test_size_mass_and_inertias() -> None:
+    model = body().model
+    assert (model.nq, model.nv, model.nu, len(joint_map())) == (37, 36, 30, 30)
+    assert model.body_mass.sum() == pytest.approx(3.45363, abs=1e-5)
+    shelled = {int(link) for link in model.geom_bodyid}
+    for link in range(1, model.nbody):
+        least, middle, most = np.sort(model.body_inertia[link])
+        assert link in shelled and least > 0.0 and most <= least + middle, model.body(link).name
+
+
+@pytest.mark.parametrize(("joint", "place"), [*MIDDLE.items(), *SIDES.items()])
+def test_anchor_and_axis_at_the_zero_pose(joint: str, place: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
+    anchor, axis = body().pose({}).anchor(joint)
+    np.testing.assert_allclose(anchor, place[0], atol=6e-5)  # published with four decimals
+    np.testing.assert_allclose(axis, place[1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("joints", "com"),
+    [({}, (-0.019405, -0.001142, 0.285898)), (both(HOME), (0.000606, -0.00117, 0.282278))],
+    ids=["zero", "home"],
+)
+def test_centre_of_mass_of_published_poses(joints: dict[str, float], com: tuple[float, float, float]) -> None:
+    """The published foot is 0.03 mm lower, and 30 g of gears and rods sit where they are carried."""
+    np.testing.assert_allclose(body().pose(joints).com_in_stand_frame(), com, atol=2e-4)
+
+
+def test_ranges_and_ids_are_those_of_the_servos() -> None:
+    names = [body().model.actuator(index).name for index in range(30)]
+    assert names == list(joint_map().joints)
+    assert [servo.id for servo in joint_map().servos] == list(range(30))
+    for joint, servo in body().profile.servos.items():
+        np.testing.assert_allclose(body().model.joint(joint).range, servo.limits, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("roll", "yaw", "ticks"),
+    [(0.0, 0.0, (2048, 2048)), (0.3, -0.7, (618, 1288)), (0.5, 0.0, (1489, 2607)), (0.0, 1.2, (3925, 3925))],
+)
+def test_ticks_of_the_waist(roll: float, yaw: float, ticks: tuple[int, int]) -> None:
+    joints = np.zeros(30)
+    joints[2:4] = roll, yaw
+    assert tuple(joint_map().to_ticks(joints)[2:4]) == ticks
+    assert tuple(np.rint(2048 + shafts(roll, yaw) / TICK)) == ticks
+
+
+@pytest.mark.parametrize(
+    ("joint", "angle", "tick"),
+    [
+        ("neck_yaw", 0.5, 1689),  # geared 1 : 1.1, and turned round
+        ("left_hip_yaw", 0.4, 1744),  # 1 : 7/6
+        ("right_hip_yaw", -0.4, 2352),
+        ("left_shoulder_yaw", -1.0, 2700),
+        ("left_knee", -1.0, 1396),
+        ("right_knee", 1.0, 2700),
+    ],
+)
+def test_ticks_of_a_geared_joint(joint: str, angle: float, tick: int) -> None:
+    joints = np.zeros(30)
+    joints[joint_map().joints.index(joint)] = angle
+    assert joint_map().to_ticks(joints)[joint_map().joints.index(joint)] == tick
+
+
+def test_ticks_lead_back_to_the_joints() -> None:
+    servos = joint_map()
+    postures = legal(np.random.default_rng(6), 500)
+    back = servos.to_radians(servos.to_ticks(postures))
+    assert (np.abs(back - postures) <= servos.tick_rad + 1e-12).all()
+    assert (back >= servos.lower - 1e-9).all() and (back <= servos.upper + 1e-9).all()
+
+
+def test_every_legal_waist_is_legal_for_its_servos() -> None:
+    """The box of joint limits lies within the parallelogram of the shafts' limits; so do the speeds."""
+    roll, yaw = joint_map().servos[2:4]
+    corners = [shafts(*angles) for angles in product((roll.lower, roll.upper), (yaw.lower, yaw.upper))]
+    assert np.abs(corners).max() == pytest.approx(3.8976, abs=1e-4)
+    waist = joint_map().to_ticks(legal(np.random.default_rng(7), 2000))[:, 2:4]
+    assert (np.abs(waist - 2048) * TICK <= SHAFT_LIMIT).all()
+    assert np.abs(shafts(-roll.max_velocity, yaw.max_velocity)).max() <= SHAFT_SPEED
+
+
+def test_a_waist_beyond_its_servos_is_refused() -> None:
+    one_turn = [replace(servo, mode=ServoMode.POSITION) for servo in joint_map().servos]
+    with refuses(HardwareError, "waist_roll", "waist_yaw", -493, 4589):
+        JointMap(one_turn)
+    fast = [replace(servo, max_velocity=3.0) if servo.id == 3 else servo for servo in joint_map().servos]
+    with refuses(HardwareError, "max_velocity", "waist_roll", "waist_yaw"):
+        JointMap(fast)
+
+
+def test_after_power_up_every_servo_tells_where_it_is() -> None:
+    """It then reports one turn, wherever it is, though its horn may sit anywhere."""
+    random = np.random.default_rng(8)
+    for posture in legal(random, 200):
+        servos = [replace(servo, zero_tick=int(random.integers(-4096, 4096))) for servo in joint_map().servos]
+        placed = JointMap(servos)
+        ticks = placed.to_ticks(posture)
+        np.testing.assert_array_equal(np.mod(ticks, 4096) + resolve_turns(placed, np.mod(ticks, 4096)), ticks)
+
+
+def test_the_published_range_of_the_waist_would_not_tell() -> None:
+    wide = JointMap([replace(s, lower=-1.5708, upper=1.5708) if s.id == 3 else s for s in joint_map().servos])
+    posture = np.clip(np.zeros(30), wide.lower, wide.upper)
+    posture[3] = 1.4
+    with refuses(HardwareError, "waist_yaw"):
+        resolve_turns(wide, np.mod(wide.to_ticks(posture), 4096))
+
+
+@pytest.mark.parametrize("name", POSTURES)
+def test_postures_stand_flat_and_balanced_and_touch_nothing(name: str) -> None:
+    posed = body().pose(getattr(body().profile.postures, name))
+    for foot in body().profile.feet.values():
+        np.testing.assert_allclose(posed.frame(foot.frame)[1], np.eye(3), atol=1e-9)
+    assert np.ptp(posed.sole_corners()[:, 2]) < 1e-9
+    assert posed.support_margin() > 0.04
+    assert abs(posed.com_in_stand_frame()[0]) < 0.01
+    assert posed.touching() == set()
+
+
+def test_soles_start_on_the_ground() -> None:
+    posed = body().pose({})
+    np.testing.assert_allclose(posed.sole_corners()[:, 2], 0.0, atol=5e-5)
+
+
+@pytest.mark.parametrize("name", POSTURES)
+def test_postures_are_mirror_images(name: str) -> None:
+    angles = getattr(body().profile.postures, name)
+    assert angles == both({joint: angle for joint, angle in angles.items() if joint.startswith("left_")})
+    posed = body().pose(angles)
+    for frame in [frame for frame in body().profile.frames if frame.startswith("l_")]:
+        np.testing.assert_allclose(posed.at(frame) * (1, -1, 1), posed.at("r" + frame[1:]), atol=1e-9)
+
+
+def test_knees_and_elbows_bend_the_human_way() -> None:
+    posed = body().pose(body().profile.postures.stand)
+    assert posed.at("l_knee")[0] > max(posed.at("l_hip")[0], posed.at("l_ankle")[0]) + 0.01
+    straight = (posed.at("l_shoulder") + posed.at("l_hand")) / 2.0
+    assert posed.at("l_elbow")[0] < straight[0] - 0.01
+    stood = posed.at("pelvis")[2] - posed.at("l_sole")[2]
+    posed.pose(body().profile.postures.rest)
+    assert posed.at("pelvis")[2] - posed.at("l_sole")[2] < 0.65 * stood
+
+
+def test_pairs_that_are_not_checked_cannot_touch() -> None:
+    """But the hip's bracket and the pelvis, which are nested."""
+    model, random, between = body().model, np.random.default_rng(9), np.zeros(6)
+    pairs = [entry.pair for entry in body().profile.ignore_pairs if "cannot touch" in entry.reason]
+    geoms = [[[geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == model.body(link).id] for link in pair]
+             for pair in pairs]  # fmt: skip
+    assert len(pairs) == 14
+    for posture in legal(random, 1000):
+        posed = body().pose(dict(zip(joint_map().joints, posture.tolist(), strict=True)))
+        for pair, (ours, theirs) in zip(pairs, geoms, strict=True):
+            for one, other in product(ours, theirs):
+                assert mujoco.mj_geomDistance(model, posed.data, one, other, 0.01, between) > 0.001, pair
+
+
+def test_acceleration_limit_is_within_the_torque() -> None:
+    """Base held, as for the OP3; the weight of the legs is left out where they hang on the waist."""
+    model, inertia = body().model, np.zeros((36, 36))
+    for posture in legal(np.random.default_rng(10), 300):
+        posed = body().pose(dict(zip(joint_map().joints, posture.tolist(), strict=True)))
+        mujoco.mj_fullM(model, posed.data, inertia)
+        for index, servo in enumerate(joint_map().servos):
+            dof, torque = model.joint(servo.joint).dofadr[0], model.actuator_forcerange[index, 1]
+            most = torque - abs(posed.data.qfrc_bias[dof]) if servo.coupling is None else 0.7 * torque
+            assert inertia[dof, dof] * servo.max_acceleration < most, servo.joint

@@ -1,0 +1,88 @@
+"""Where the centre of mass belongs: over the feet that carry, less so while travelling."""
+
+import numpy as np
+import pytest
+
+from retarget.human.posture_prior import HEAD_LEAD_M, LIFT_M, REACH_M, Balance, Crouch, VirtualFeet
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import proportional_dimensions
+from retarget.schema.priorities import CentreOfMassTask
+
+TASK = CentreOfMassTask(type="centre_of_mass", mode="over_feet", forward=0.07, fade_speed=0.5)
+LEFT, RIGHT = [0.0, 0.1, 0.1], [0.0, -0.1, 0.1]
+
+
+def test_ahead_of_the_middle_of_the_feet() -> None:
+    balance = Balance(TASK)
+    balance.step([LEFT, RIGHT], (0.0, 1.0), dt=0.01)
+    assert balance.goal[:2] == pytest.approx([0.0, 0.07])
+    assert balance.weight == 1.0
+
+
+def test_over_the_foot_that_stays_down() -> None:
+    balance = Balance(TASK)
+    balance.step([LEFT, [0.0, -0.1, 0.1 + LIFT_M]], (1.0, 0.0), dt=0.01)
+    assert balance.goal[1] == pytest.approx(0.1 / 3.0)
+    balance.step([LEFT, [0.0, -0.1, 0.9]], (1.0, 0.0), dt=0.01)
+    assert balance.goal[1] == pytest.approx(0.1, abs=0.003)
+    balance.step([RIGHT], (1.0, 0.0), dt=0.01)
+    assert balance.goal[1] == pytest.approx(-0.1)
+
+
+@pytest.mark.parametrize("rate", [24.0, 120.0])
+def test_fades_with_the_speed_of_travel(rate: float) -> None:
+    balance = Balance(TASK)
+    for k in range(round(2.0 * rate)):
+        x = 0.5 * k / rate
+        balance.step([[x, 0.1, 0.1], [x, -0.1, 0.1]], (1.0, 0.0), dt=1.0 / rate)
+    assert balance.weight == pytest.approx(0.5, abs=0.01)
+    balance.start()
+    balance.step([LEFT, RIGHT], (1.0, 0.0), dt=1.0 / rate)
+    assert balance.weight == 1.0
+
+
+def test_without_feet_there_is_no_goal() -> None:
+    balance = Balance(TASK)
+    balance.step([], (1.0, 0.0), dt=0.01)
+    assert balance.weight == 0.0
+
+
+def test_from_upright_to_lowered_with_the_head() -> None:
+    human = build_human(proportional_dimensions(1.75))
+    crouch = Crouch(human, upright="natural", lowered="crouch")
+    upright, lowered = human.posture("natural"), human.posture("crouch")
+    assert (crouch.posture(3.0) == upright).all()
+    assert crouch.posture(0.1) == pytest.approx(lowered)
+    heights = np.linspace(0.3, 1.6, 50)
+    shares = [crouch.share(height) for height in heights]
+    assert all(np.diff(shares) <= 0.0) and shares[0] == 1.0 and shares[-1] == 0.0
+    middle = heights[np.argmin(np.abs(np.array(shares) - 0.5))]
+    assert crouch.posture(middle) == pytest.approx(0.5 * (upright + lowered), abs=0.05)
+
+
+def standing() -> VirtualFeet:
+    feet = VirtualFeet(proportional_dimensions(1.75))
+    feet.start([HEAD_LEAD_M[0], 0.0, 1.6], (1.0, 0.0), crouch=0.0)
+    return feet
+
+
+def test_left_and_right_on_the_ground_under_the_head() -> None:
+    left, right = standing().ankles
+    assert left == pytest.approx([0.0, -right[1], right[2]]) and left[1] > 0.05
+    assert left[2] == pytest.approx(0.039 * 1.75)
+
+
+def test_they_stay_while_the_head_sways_and_while_it_goes_down() -> None:
+    feet = standing()
+    before = feet.ankles.copy()
+    feet.step([HEAD_LEAD_M[0] + 0.9 * REACH_M, 0.0, 1.6], (1.0, 0.0), crouch=0.0, dt=0.1)
+    feet.step([HEAD_LEAD_M[1], 0.0, 0.8], (1.0, 0.0), crouch=1.0, dt=0.1)
+    assert (feet.ankles == before).all()
+
+
+@pytest.mark.parametrize("rate", [24.0, 120.0])
+def test_they_follow_at_any_rate(rate: float) -> None:
+    feet = standing()
+    for k in range(round(2.0 * rate)):
+        feet.step([HEAD_LEAD_M[0] + k / rate, 0.0, 1.6], (1.0, 0.0), crouch=0.0, dt=1.0 / rate)
+    assert feet.ankles[0, 0] == pytest.approx(2.0 - REACH_M - 0.15, abs=0.05)

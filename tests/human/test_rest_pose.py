@@ -1,0 +1,164 @@
+"""Sensors alone: N, A and T poses of recorded people of known size, turned and moved; and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import ArrayLike
+
+from messages import refuses
+from people import TRIALS, at_rest, trial
+from retarget.errors import InputError
+from retarget.frames import SensorFrames
+from retarget.human import rest_pose
+from retarget.human.calibration import dimensions_from_skeleton
+from retarget.human.rest_pose import dimensions_from_rest_pose, find_rest_frames, rest_pose_name
+from retarget.model.human_dimensions import POINTS, HumanDimensions, proportional_dimensions
+from retarget.types import FloatArray
+
+
+def parameters(**values: ArrayLike) -> FloatArray:
+    result = np.zeros(rest_pose.COUNT)
+    result[rest_pose.STATURE] = np.log(1.7)
+    for name, value in values.items():
+        result[getattr(rest_pose, name)] = value
+    return result
+
+
+def test_zero_is_an_average_person_standing() -> None:
+    usual = proportional_dimensions(1.7)
+    assert_allclose(rest_pose.offsets(parameters()), usual.offset, atol=1e-12)
+    assert_allclose(rest_pose.body_points(parameters()), usual.standing(), atol=1e-12)
+    assert_allclose(rest_pose.prior(parameters(), np.ones(4)), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("proportion", "longer"),
+    [(0, "chest"), (1, "head"), (2, "l_elbow"), (3, "r_wrist"), (4, "l_knee"), (5, "r_ankle")],
+)
+def test_a_proportion_stretches_its_segment_alone(proportion: int, longer: str) -> None:
+    stretched = np.zeros(7)
+    stretched[proportion] = 0.1
+    ratio = np.linalg.norm(rest_pose.offsets(parameters(PROPORTIONS=stretched)), axis=1)[1:]
+    ratio /= np.linalg.norm(rest_pose.offsets(parameters()), axis=1)[1:]
+    assert ratio[POINTS.index(longer) - 1] == pytest.approx(np.exp(0.1))
+    others = [name for name in ("chest", "head", "l_elbow", "r_wrist", "l_knee", "r_ankle") if name != longer]
+    assert all(ratio[POINTS.index(name) - 1] == pytest.approx(1.0) for name in others)
+
+
+def test_breadth_moves_hips_and_shoulders_apart() -> None:
+    wide = rest_pose.offsets(parameters(PROPORTIONS=[0, 0, 0, 0, 0, 0, 0.1]))
+    usual = rest_pose.offsets(parameters())
+    for name in ("l_hip", "r_shoulder"):
+        i = POINTS.index(name)
+        assert_allclose(wide[i], usual[i] * [1.0, np.exp(0.1), 1.0])
+
+
+def test_limbs_point_where_their_angles_say() -> None:
+    angles = np.zeros((4, 2, 2))
+    angles[0, :, 0] = np.pi / 2  # left arm straight out
+    angles[1, 1, 1] = np.pi / 2  # right forearm forward
+    points = dict(zip(POINTS, rest_pose.body_points(parameters(ANGLES=angles.ravel())), strict=True))
+    usual = proportional_dimensions(1.7)
+    reach = usual.length("l_elbow") + usual.length("l_wrist") + usual.length("l_hand")
+    assert_allclose(points["l_hand"] - points["l_shoulder"], [0.0, reach, 0.0], atol=1e-12)
+    assert_allclose(points["r_wrist"] - points["r_elbow"], [usual.length("r_wrist"), 0.0, 0.0], atol=1e-12)
+
+
+def test_heading_and_root_move_the_whole_person() -> None:
+    moved = rest_pose.body_points(parameters(HEADING=np.pi / 2, ROOT=[1.0, 2.0, 3.0]))
+    quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    usual = rest_pose.body_points(parameters()) @ quarter_turn.T
+    assert_allclose(moved, usual + np.array([1.0, 2.0, 3.0]), atol=1e-12)
+
+
+FIVE = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+POSES = {"N": 0.1, "A": 0.8, "T": np.pi / 2}
+
+
+def fitted(points: dict[str, FloatArray], names: tuple[str, ...] = FIVE) -> HumanDimensions:
+    return dimensions_from_rest_pose(names, np.array([points[name] for name in names]), source="test")
+
+
+def arm(person: HumanDimensions) -> float:
+    return person.length("l_elbow") + person.length("l_wrist")
+
+
+def leg(person: HumanDimensions) -> float:
+    return person.length("l_knee") + person.length("l_ankle")
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("turn", [0.0, 2.5])
+def test_an_average_person_is_found_exactly(pose: str, turn: float) -> None:
+    for stature in (0.9, 1.7, 2.1):
+        person = fitted(at_rest(proportional_dimensions(stature), POSES[pose], turn=turn))
+        assert person.origin.startswith(f"{pose}-pose")
+        assert person.stature == pytest.approx(stature, rel=5e-3)
+        assert arm(person) == pytest.approx(arm(proportional_dimensions(stature)), rel=2e-2)
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("name", TRIALS)
+def test_recorded_people_are_found_within_the_stated_error(shared: Path, name: str, pose: str) -> None:
+    skeleton = trial(shared, name).skeleton
+    assert skeleton is not None
+    known = dimensions_from_skeleton(skeleton)
+    person = fitted(at_rest(known, POSES[pose], turn=1.0, splay=0.1))
+    assert person.stature == pytest.approx(known.stature, abs=0.010)
+    assert arm(person) == pytest.approx(arm(known), abs=0.035)
+    assert leg(person) == pytest.approx(leg(known), abs=0.020)
+
+
+def test_more_sensors_see_more() -> None:
+    long_forearms = proportional_dimensions(1.7)
+    offset = np.array(long_forearms.offset)
+    for name in ("l_wrist", "r_wrist"):
+        offset[POINTS.index(name)] *= 1.15
+    person = HumanDimensions(offset=offset, stature=1.7, mass=65.0, origin="")
+    points = at_rest(person, POSES["A"])
+    errors = [
+        abs(fitted(points, names).length("l_wrist") - person.length("l_wrist"))
+        for names in (FIVE, (*FIVE, "l_elbow", "r_elbow", "l_shoulder", "r_shoulder"))
+    ]
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_head_and_hands_alone_stand_on_the_ground() -> None:
+    person = fitted(at_rest(proportional_dimensions(1.8), POSES["N"]), ("head", "l_wrist", "r_wrist"))
+    assert person.stature == pytest.approx(1.8, rel=0.02)
+
+
+def test_what_is_no_rest_pose_is_refused() -> None:
+    points = at_rest(proportional_dimensions(1.7), POSES["N"])
+    with refuses(InputError, "r_wrist"):
+        fitted(points, ("head", "l_wrist", "l_ankle", "r_ankle"))
+    crouched = dict(points, head=points["l_ankle"] + [0.0, 0.0, 0.3])
+    with refuses(InputError, "head", "0.30"):
+        fitted(crouched)
+    with refuses(InputError):
+        fitted({name: 1000.0 * point for name, point in points.items()})
+    with refuses(InputError):
+        fitted(dict(points, l_wrist=points["head"] + [0.0, 0.9, 0.9]))
+
+
+def test_names_of_poses() -> None:
+    assert [rest_pose_name(np.deg2rad(angle)) for angle in (0.0, 10.0, 45.0, 90.0)] == ["N", "N", "A", "T"]
+
+
+def test_the_still_and_tall_frame_is_found() -> None:
+    still = at_rest(proportional_dimensions(1.7), POSES["N"])
+    position = np.tile(np.array([still[name] for name in FIVE]), (300, 1, 1))
+    position[:150, 0, 2] -= 0.2  # the head is low in the first half
+    position[200:, 1] += np.random.default_rng(1).normal(scale=0.05, size=(100, 3))  # a hand shakes at the end
+    frames = SensorFrames(
+        time=np.arange(300) / 120.0, names=FIVE, position=position, orientation=np.full((300, 5, 4), np.nan),
+        valid=np.ones((300, 5), bool), rate_hz=120.0,
+    )  # fmt: skip
+    best = find_rest_frames(frames)
+    assert 151 <= best[0] < 199
+    blind = np.ones((300, 5), bool)
+    blind[:, 0] = False
+    with refuses(InputError):
+        find_rest_frames(SensorFrames(frames.time, FIVE, position, frames.orientation, blind))

@@ -1,0 +1,152 @@
+"""Sensors that are lost, come back or jump: what is asked of the body stays continuous."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import people
+from retarget.human.calibration import calibrate
+from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
+from retarget.model.human_dimensions import proportional_dimensions
+from retarget.types import BoolArray, FloatArray
+
+NAMES = ("head", "l_wrist", "l_ankle")
+
+
+def test_far_sensors_come_back_along_their_line_to_the_head() -> None:
+    reach = Reach(NAMES, NAMES, proportional_dimensions(1.75))
+    position = np.array([[0.0, 0.0, 1.6], [3.0, 0.0, 1.6], [0.0, 0.1, 0.1]])
+    reach.clamp(position, np.ones(3, dtype=bool))
+    assert 0.7 < position[1, 0] < 1.1 and position[1, 1:] == pytest.approx([0.0, 1.6])
+    assert position[2] == pytest.approx([0.0, 0.1, 0.1])
+
+
+def test_without_the_anchor_nothing_is_known() -> None:
+    reach = Reach(NAMES, NAMES, proportional_dimensions(1.75))
+    position = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    reach.clamp(position, np.array([False, True, True]))
+    assert position[1, 0] == 9.0
+
+
+@pytest.mark.parametrize("name", people.TRIALS)
+@pytest.mark.parametrize("anchored", ["head", "pelvis"])
+def test_people_stay_within(shared: Path, name: str, anchored: str) -> None:
+    frames = people.trial(shared, name)
+    names = tuple(one for one in frames.names if anchored == "pelvis" or one != "pelvis")
+    reach = Reach(names, names, calibrate(frames))
+    chosen = frames.select(names)
+    for measured in chosen.position[::5]:
+        position = measured.copy()
+        reach.clamp(position, np.ones(len(names), dtype=bool))
+        assert (position == measured).all()
+
+
+DT = 1.0 / 120.0
+HERE = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0]])
+NOWHERE = np.full((2, 3), np.nan)
+TIMES = IntakeTimes()
+
+
+def valid(*flags: bool) -> BoolArray:
+    return np.array(flags)
+
+
+def started() -> SensorIntake:
+    intake = SensorIntake(2)
+    intake.start(HERE, valid(True, True))
+    return intake
+
+
+def test_ordinary_motion_passes_unchanged() -> None:
+    intake = started()
+    for k in range(50):
+        position = HERE + 0.02 * k  # 4 m/s
+        intake.step(position, valid(True, True), reached=HERE, dt=DT)
+        assert (intake.position == position).all()
+
+
+def test_a_leap_becomes_an_offset_that_fades() -> None:
+    intake = started()
+    there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    steps, before = [], intake.position.copy()
+    for _ in range(round(8 * TIMES.fade / DT)):
+        intake.step(there, valid(True, True), reached=HERE, dt=DT)
+        steps.append(np.abs(intake.position - before).max())
+        before = intake.position.copy()
+    assert max(steps) <= 0.5 * DT / TIMES.fade + 1e-9
+    assert intake.position == pytest.approx(there, abs=1e-3)
+    assert intake.measured == pytest.approx(there)
+
+
+def test_a_short_loss_is_bridged_and_a_long_one_frees_the_body() -> None:
+    intake = started()
+    lost = np.where([[False], [True]], NOWHERE, HERE)
+    ticks = 0
+    while intake.present[1]:
+        intake.step(lost, valid(True, False), reached=HERE, dt=DT)
+        assert intake.present[0] and np.isfinite(intake.position).all()
+        ticks += 1
+    assert ticks * DT == pytest.approx(TIMES.hold, abs=2 * DT)
+    reached = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.3]])  # the free hand sank
+    intake.step(HERE, valid(True, True), reached=reached, dt=DT)
+    assert intake.present.all()
+    assert np.abs(intake.position[1] - reached[1]).max() < 0.3 * DT / TIMES.fade + 1e-9
+
+
+def test_a_sensor_missing_from_the_start_comes_in_from_where_the_body_has_it() -> None:
+    intake = SensorIntake(2)
+    intake.start(np.where([[False], [True]], NOWHERE, HERE), valid(True, False))
+    assert list(intake.present) == [True, False] and np.isfinite(intake.position).all()
+    reached = HERE - 0.2
+    intake.step(HERE, valid(True, True), reached=reached, dt=DT)
+    assert np.abs(intake.position[1] - reached[1]).max() < 0.02
+
+
+def returned(blend: float, *, far: float) -> tuple[SensorIntake, FloatArray]:
+    """Lost, while the body lets it sink by `far` m, and back by a weight that rises in `blend` s: where it is asked."""
+    intake, sunk, asked = started(), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, far]]), []
+    lost = np.where([[False], [True]], NOWHERE, HERE)
+    for _ in range(100):
+        intake.step(lost, valid(True, False), reached=sunk, dt=DT, weight=np.array([1.0, 0.0]))
+    for tick in range(1, 600):
+        share = min(tick * DT / blend, 1.0)
+        weight = np.array([1.0, share * share * (3.0 - 2.0 * share)])
+        intake.step(HERE, valid(True, True), reached=sunk, dt=DT, weight=weight)
+        asked.append(intake.position[1, 2])
+        assert (intake.position[0] == HERE[0]).all() and intake.present.all()
+    return intake, np.array(asked)
+
+
+@pytest.mark.parametrize(("blend", "far"), [(0.75, 0.2), (1.5, 0.2), (0.75, 1.0), (0.01, 1.0)])
+def test_who_comes_back_by_weight_starts_where_the_body_has_it_and_is_slow(blend: float, far: float) -> None:
+    _, asked = returned(blend, far=far)
+    steps = np.diff(asked)
+    assert asked[0] == pytest.approx(HERE[1, 2] - far, abs=TIMES.speed * DT * 1.001)
+    assert (steps >= 0.0).all() and steps.max() <= TIMES.speed * DT * 1.001
+    assert asked[-1] == HERE[1, 2]
+    took = np.count_nonzero(asked < HERE[1, 2] - 1e-9) * DT
+    assert took >= max(blend, far / TIMES.speed) - 3 * DT
+    assert took <= blend + far / TIMES.speed
+
+
+def test_who_is_lost_again_on_the_way_back_goes_on_from_there() -> None:
+    intake, sunk = started(), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])
+    lost, last, fastest = np.where([[False], [True]], NOWHERE, HERE), 0.7, 0.0
+    for tick in range(400):
+        is_there = 100 <= tick < 150 or tick >= 160
+        weight = np.array([1.0, 0.5 if 100 <= tick < 150 else min(max(tick - 160, 0) * DT / 0.75, 1.0)])
+        position = HERE if is_there else lost
+        intake.step(position, valid(True, is_there), reached=sunk, dt=DT, weight=weight)
+        if tick >= 100:
+            fastest, last = max(fastest, abs(intake.position[1, 2] - last)), intake.position[1, 2]
+    assert fastest <= TIMES.speed * DT * 1.001 and last == HERE[1, 2]
+
+
+def test_without_weights_it_fades_as_ever() -> None:
+    intake, sunk = started(), HERE - 0.1
+    lost = np.where([[False], [True]], NOWHERE, HERE)
+    for _ in range(100):
+        intake.step(lost, valid(True, False), reached=sunk, dt=DT)
+    intake.step(HERE, valid(True, True), reached=sunk, dt=DT, weight=np.ones(2))
+    assert intake.position[1] == pytest.approx(HERE[1] - 0.1 * np.exp(-DT / TIMES.fade))

@@ -1,0 +1,148 @@
+"""Which feet carry, told from two ankles: made steps, jumps and noise, and what people did in recordings."""
+
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from retarget.human.support_phase import DWELL_S, LONGEST_FLIGHT_S, CarryingFeet
+from retarget.sources.open import open_source
+from retarget.types import Carrying, FloatArray
+
+RATE = 125.0
+ANKLE_M = 0.08
+BOTH, LEFT, RIGHT, FLIGHT = Carrying.BOTH, Carrying.LEFT, Carrying.RIGHT, Carrying.FLIGHT
+MIRRORED = {BOTH: BOTH, LEFT: RIGHT, RIGHT: LEFT, FLIGHT: FLIGHT}
+
+Height = Callable[[FloatArray], FloatArray]
+
+
+def phases(ankles: FloatArray, rate: float = RATE) -> list[Carrying]:
+    """Of ankles (T, 2, 3) m."""
+    feet, rows = CarryingFeet(), ankles.tolist()
+    return [feet.start(rows[0]), *(feet.step(row, 1.0 / rate) for row in rows[1:])]
+
+
+def changes(told: Sequence[Carrying]) -> list[Carrying]:
+    return [one for one, _ in groupby(told)]
+
+
+def standing(
+    seconds: float, *, rate: float = RATE, left: Height | None = None, right: Height | None = None
+) -> FloatArray:
+    """Ankles (T, 2, 3) of who stands, with heights (T,) above that over time (T,) s."""
+    time = np.arange(round(seconds * rate)) / rate
+    ankles = np.zeros((time.size, 2, 3))
+    ankles[:, 0, 1], ankles[:, 1, 1] = 0.1, -0.1
+    for foot, height in ((0, left), (1, right)):
+        ankles[:, foot, 2] = ANKLE_M + (0.0 if height is None else height(time))
+    return ankles
+
+
+def lifted(high: float, start: float, end: float, *, ramp: float = 0.2) -> Height:
+    """A foot that is `high` m up from `start` to `end` s."""
+    return lambda time: high * np.clip(np.minimum((time - start) / ramp, (end - time) / ramp), 0.0, 1.0)
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 1000), noise=st.floats(0.0, 0.003), drift=st.floats(-0.02, 0.02))
+def test_who_stands_on_a_noisy_floor_that_drifts_stands_on_both(seed: int, noise: float, drift: float) -> None:
+    ankles = standing(4.0)
+    ankles += np.random.default_rng(seed).normal(0.0, noise, ankles.shape)
+    ankles[..., 2] += drift * np.arange(len(ankles))[:, None] / RATE
+    assert changes(phases(ankles)) == [BOTH]
+
+
+@settings(max_examples=10)
+@given(high=st.floats(0.1, 0.5), lasts=st.floats(0.8, 5.0), rate=st.sampled_from([40.0, 60.0, 125.0, 240.0]))
+def test_a_foot_that_is_lifted_leaves_and_comes_back(high: float, lasts: float, rate: float) -> None:
+    up = lifted(high, 1.0, 1.0 + lasts)
+    told = phases(standing(2.5 + lasts, rate=rate, right=up), rate)
+    assert changes(told) == [BOTH, LEFT, BOTH]
+    alone = np.flatnonzero(np.array([one is LEFT for one in told])) / rate
+    assert 1.0 <= alone[0] < 1.2 + 2 * DWELL_S + 1.0 / rate
+    assert alone[-1] < 1.0 + lasts + 0.2
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 1000))
+def test_left_and_right_are_alike(seed: int) -> None:
+    """Whatever feet do."""
+    random = np.random.default_rng(seed)
+    way = np.cumsum(np.cumsum(random.normal(0.0, 4e-4, (400, 2, 3)), axis=0), axis=0)
+    way[..., 2] = np.abs(way[..., 2])
+    mirrored = way[:, ::-1] * np.array([1.0, -1.0, 1.0])
+    told, other = phases(way), phases(np.ascontiguousarray(mirrored))
+    same = [MIRRORED[a] is b for a, b in zip(told, other, strict=True)]
+    assert np.mean(same) > 0.99  # feet that leave in one tick leave one after the other
+
+
+def test_between_the_two_heights_nothing_changes() -> None:
+    def hovering(time: FloatArray) -> FloatArray:
+        return np.asarray(0.05 + 0.005 * np.sin(20.0 * time))
+
+    assert changes(phases(standing(3.0, right=hovering))) == [BOTH]
+    up_first = lambda time: np.where(time < 1.0, 0.2, hovering(time))  # noqa: E731
+    assert changes(phases(standing(3.0, right=up_first))) == [LEFT]
+
+
+def test_what_lasts_for_less_than_a_moment_is_not_believed() -> None:
+    """Higher than a lifted foot for 48 ms, and no faster than a planted one."""
+
+    def bump(time: FloatArray) -> FloatArray:
+        return np.asarray(0.062 * np.sin(np.pi * np.clip((time - 1.0) / 0.3, 0.0, 1.0)))
+
+    ankles = standing(2.0, right=bump)
+    assert 0.04 < (ankles[:, 1, 2] - ankles[:, 0, 2] > 0.06).sum() / RATE < DWELL_S
+    assert changes(phases(ankles)) == [BOTH]
+
+
+def test_a_jump_is_flight_and_tiptoe_is_not() -> None:
+    jump = lambda time: np.maximum(0.3 - 4.905 * (time - 1.25) ** 2, 0.0)  # noqa: E731
+    told = changes(phases(standing(3.0, left=jump, right=jump)))
+    assert FLIGHT in told and told[0] is told[-1] is BOTH
+    toes = lifted(0.08, 1.0, 3.0, ramp=0.3)
+    assert changes(phases(standing(4.0, left=toes, right=toes))) == [BOTH]
+
+
+def test_nobody_flies_for_long() -> None:
+    """Who climbed a step stands on it."""
+    told = phases(standing(5.0, left=lifted(0.3, 1.0, 9.0), right=lifted(0.3, 1.2, 9.0)))
+    assert told[-1] is BOTH
+    assert sum(one is FLIGHT for one in told) / RATE < LONGEST_FLIGHT_S + 0.5
+
+
+def test_who_begins_on_one_foot_is_believed_at_once() -> None:
+    assert phases(standing(1.0, left=lambda time: 0.2 + 0.0 * time))[0] is RIGHT
+
+
+def recorded(path: Path) -> list[Carrying]:
+    frames = open_source(path)
+    frames = frames.resample(np.arange(0.0, frames.duration_s, 1.0 / RATE))
+    return phases(np.ascontiguousarray(frames.position[:, [frames.index("l_ankle"), frames.index("r_ankle")]]))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("02_05", [BOTH]), ("02_10", [BOTH]), ("49_18", [LEFT]), ("02_06", [BOTH, LEFT, BOTH])]
+)
+def test_who_stays_in_place(shared: Path, name: str, expected: list[Carrying]) -> None:
+    assert changes(recorded(shared / "mocap" / "cmu_asfamc" / f"{name}.amc")) == expected
+
+
+def test_a_walk_goes_from_foot_to_foot_without_flight(shared: Path) -> None:
+    told = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_01.amc"))
+    assert told == [BOTH, LEFT, BOTH, RIGHT, BOTH, LEFT, BOTH, RIGHT, BOTH, LEFT]
+
+
+def test_a_jog_flies_between_its_steps(shared: Path) -> None:
+    told = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_03.amc"))
+    assert told == [RIGHT, FLIGHT, LEFT, FLIGHT, RIGHT, FLIGHT, LEFT]
+
+
+def test_a_vertical_jump_is_one_flight(shared: Path) -> None:
+    told = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_04.amc"))
+    assert told.count(FLIGHT) == 1

@@ -1,0 +1,194 @@
+"""A robot on its soles that can always stop: what is refused, and that the way to a stop keeps everything."""
+
+import numpy as np
+import pytest
+
+from followers import DT, follow, follower, op3, performer, postures
+from retarget.ik import whole_body_stop as stopping_module
+from retarget.ik.support_polygon import Stance, plant
+from retarget.ik.whole_body_stop import BALANCE_M, PLANTED_M, SHORT_RAD, SOLE_M, Stopping
+from retarget.robot.following_limits import following_limits
+from retarget.robot.posture_reader import standing_dofs
+from retarget.types import FloatArray
+
+
+def stance() -> Stance:
+    return plant(op3(), op3().profile.postures.stand)
+
+
+def stopping() -> Stopping:
+    where = stance()
+    return Stopping(op3().body, following_limits(op3(), where), where, standing_dofs(op3()))
+
+
+def upward(speed: float) -> FloatArray:
+    """Velocity (nv,) of a robot that rises straight at `speed` m/s on planted soles, from its standing posture."""
+    return moving(stance().q, np.array([0.0, 0.0, speed, 0.0, 0.0, 0.0]))
+
+
+def moving(q: FloatArray, root: FloatArray) -> FloatArray:
+    """Velocity (nv,) of a robot on planted soles in posture q (nq,) whose root moves at `root` (6,)."""
+    body, rows = op3().body.solver_body(), []
+    for sole in stance().soles:
+        x, y, z = sole.frame.position.tolist()
+        rows.append(body.frame_jacobian(q, sole.frame.body, (x, y, z)))
+    rows.append(np.eye(6, op3().body.nv))
+    return np.asarray(np.linalg.lstsq(np.concatenate(rows), np.concatenate([np.zeros(12), root]), rcond=None)[0])
+
+
+def step(guard: Stopping) -> tuple[FloatArray, FloatArray]:
+    """The next posture on a way that is known, and its velocity."""
+    found = guard.follow(DT)
+    assert found is not None
+    return found
+
+
+def test_at_rest_it_may_stay() -> None:
+    assert stopping().admits(stance().q, np.zeros(op3().body.nv), DT)
+
+
+def test_a_slow_rise_is_admitted_and_one_into_straight_knees_is_not() -> None:
+    assert stopping().admits(stance().q, upward(0.05), DT)
+    assert not stopping().admits(stance().q, upward(0.6), DT)
+
+
+def test_a_centre_of_mass_over_the_edge_is_not_admitted() -> None:
+    q = stance().q.copy()
+    q[0] += 0.2
+    assert not stopping().admits(q, np.zeros(op3().body.nv), DT)
+
+
+def test_the_way_to_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> None:
+    guard, velocity = stopping(), upward(0.1)
+    arm = op3().body.dof_index("l_sho_pitch")
+    velocity[arm] = 3.0
+    where = stance()
+    assert guard.admits(where.q, velocity, DT)
+    before = velocity
+    for _ in range(30):
+        q, now = step(guard)
+        limits = following_limits(op3(), where).max_acceleration
+        assert (np.abs(now - before) <= limits * DT * (1.0 + 1e-6)).all()
+        for sole in where.soles:
+            corners = op3().body.solver_body().points(q[None], [sole.frame.body] * len(sole.corners), sole.corners)[0]
+            assert np.linalg.norm(corners[:, :2] - sole.outline, axis=1).max() < SOLE_M
+        before = now
+    assert np.abs(before).max() < 1e-9
+
+
+def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
+    guard, where = stopping(), stance()
+    arm, limits = op3().body.dof_index("l_sho_pitch"), following_limits(op3(), where)
+    before = np.zeros(op3().body.nv)
+    before[arm] = 3.0
+    assert guard.admits(where.q, before, DT)
+    ticks = 0
+    while np.abs(before).max() > 1e-9:
+        _, now = step(guard)
+        assert (np.abs(now - before) <= limits.max_acceleration * DT * (1.0 + 1e-6)).all()
+        before, ticks = now, ticks + 1
+    assert ticks > 5
+
+
+def test_a_stop_that_is_taken_for_granted_is_found_when_it_is_looked_for() -> None:
+    human, random = postures(performer()), np.random.default_rng(1)
+    done = follow(follower(), human[: len(human) // 2]).q
+    guard, short = stopping(), 0
+    for q in done[:: len(done) // 100]:
+        for _ in range(3):
+            root = random.normal(size=6) * (0.3, 0.3, 0.3, 1.0, 1.0, 1.0)
+            velocity = moving(q, root * random.integers(0, 2, 6))
+            legs = np.abs(velocity[standing_dofs(op3())][6:])
+            # As fast as a short stop allows, and somewhat faster.
+            velocity *= np.sqrt(1.2 * SHORT_RAD * 2.0 * 40.0) * random.uniform() / max(float(legs.max()), 1e-9)
+            guard.begin(stance().q)
+            if guard._stops_short(q, velocity):
+                assert guard.knows_way(DT), velocity
+                assert guard._known
+                short += 1
+    assert short > 100
+
+
+def test_a_stop_at_a_limit_or_off_the_ground_is_not_taken_for_granted() -> None:
+    guard, where = stopping(), stance()
+    assert guard._stops_short(where.q, upward(0.02))
+    guard._lowest = where.q[guard._leg_columns] - 1e-4
+    assert not guard._stops_short(where.q, upward(0.02))
+    lifted = where.q + 2.0 * PLANTED_M * (np.arange(where.q.size) == 2)
+    assert not guard._stops_short(lifted, np.zeros(op3().body.nv))
+    guard.begin(lifted)  # the soles move
+    assert not guard._stops_short(where.q, np.zeros(op3().body.nv))
+
+
+def test_a_stop_towards_the_edge_is_not_taken_for_granted(monkeypatch: pytest.MonkeyPatch) -> None:
+    guard, where = stopping(), stance()
+    inside = -guard._losses(where.q[None])[1]
+    # The centre of mass is 1 mm within its margin.
+    monkeypatch.setattr(stopping_module, "BALANCE_M", BALANCE_M + inside - 0.001)
+    sway = moving(where.q, np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
+    assert guard._stops_short(where.q, 0.1 * sway)
+    assert not guard._stops_short(where.q, sway)
+
+
+def test_a_robot_that_was_moved_otherwise_looks_for_a_new_way() -> None:
+    guard, where = stopping(), stance()
+    guard.begin(where.q, upward(0.1))
+    assert guard.knows_way(DT)
+    guard.begin(where.q, upward(0.6))
+    assert not guard.knows_way(DT)
+    assert guard.follow(DT) is None
+
+
+def test_without_a_way_every_joint_brakes_within_its_limits() -> None:
+    guard, where, before = stopping(), stance(), upward(0.6)
+    limits, q = following_limits(op3(), where).max_acceleration, where.q
+    guard.begin(q, before)
+    ticks = 0
+    while np.abs(before[6:]).max() > 1e-9:
+        after = guard.brake(DT)
+        now = op3().body.solver_body().difference(q, after) / DT
+        assert (np.abs(now - before)[6:] <= limits[6:] * DT * (1.0 + 1e-6)).all()
+        guard.begin(after, now)
+        q, before, ticks = after, now, ticks + 1
+    assert ticks > 5
+
+
+def test_what_is_already_lost_may_go_on_as_long_as_it_does_not_get_worse() -> None:
+    guard, q = stopping(), stance().q.copy()
+    q[2] += 0.01
+    guard.begin(q)
+    still = np.zeros(op3().body.nv)
+    assert guard.admits(q, still, DT)
+    worse = q.copy()
+    worse[2] += 0.001
+    assert not guard.admits(worse, still, DT)
+
+
+def test_many_small_steps_off_the_ground_do_not_add_up() -> None:
+    guard, q = stopping(), stance().q.copy()
+    guard.begin(q)
+    q[2] += SOLE_M
+    rises = 0
+    while rises < 50 and guard.admits(q, np.zeros(op3().body.nv), DT):
+        q[2] += 9e-6
+        rises += 1
+    assert rises < 5
+
+
+def test_a_follower_without_a_way_asks_no_servo_for_more_than_it_can() -> None:
+    """Its posture is a goal like any other: the gate is to let it pass."""
+    human, robot = postures(performer())[0], follower()
+    limits, dofs = op3().limits, [op3().body.dof_index(joint) for joint in op3().joint_map.joints]
+    before = upward(0.6)
+    stands, q = robot.start(human), stance().q
+    robot.reseed(q, before)
+    assert robot.halt(DT) is None
+    last, speed, height = stands.joint_positions, before[dofs], []
+    for _ in range(70):
+        posture = robot.step(human, DT)
+        now = (posture.joint_positions - last) / DT
+        assert (np.abs(now - speed) <= limits.max_acceleration * DT * (1.0 + 1e-6)).all()
+        last, speed = posture.joint_positions, now
+        height.append(float(posture.q[2]))
+    assert max(height) > stance().q[2] + 0.005  # the root goes on with the legs
+    assert robot.halt(DT) is not None

@@ -1,0 +1,227 @@
+"""Following and holding: only good data end a hold, and nothing that is followed ever leaps."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from retarget.errors import UsageError
+from retarget.frames import SensorSample
+from retarget.live.engagement import (
+    LONGEST_STEP,
+    PEAK,
+    Engaged,
+    Engagement,
+    EngagementTimes,
+    Lasting,
+    Rejoin,
+    RejoinTimes,
+    TurningBack,
+)
+from retarget.live.sensor_validity import TrustState
+from retarget.rotations import from_axis_angle
+from retarget.types import FloatArray
+
+NAMES = ("head", "l_wrist")
+DT = 0.01
+TIMES = EngagementTimes()
+
+
+def sample(x: float, *, valid: tuple[bool, bool] = (True, True)) -> SensorSample:
+    position = np.array([[x, 0.0, 1.6], [x, 0.3, 1.0]])
+    return SensorSample(NAMES, position, np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.array(valid))
+
+
+def test_it_begins_with_good_data_for_long_enough_and_a_blend_from_where_the_robot_arrived() -> None:
+    engagement, followed = Engagement(sample(0.0)), list[float]()
+    for tick in range(200):
+        shown = engagement.step(DT * tick, sample(0.2), good=True)
+        assert (shown is None) == (DT * tick < TIMES.healthy - 1e-9)
+        if shown is not None:
+            followed.append(float(shown.position[0, 0]))
+    assert followed[0] == pytest.approx(0.0, abs=1e-6) and followed[-1] == 0.2
+    steps = np.diff(followed)
+    assert (steps >= 0.0).all() and steps.max() <= PEAK * 0.2 / TIMES.blend * DT * 1.01
+    assert followed.index(0.2) * DT == pytest.approx(TIMES.blend, abs=2 * DT)
+
+
+def test_a_long_way_back_is_slow() -> None:
+    engagement, followed = Engagement(sample(0.0)), list[float]()
+    for tick in range(1000):
+        shown = engagement.step(DT * tick, sample(3.0), good=True)
+        if shown is not None:
+            followed.append(float(shown.position[0, 0]))
+    assert np.diff(followed).max() <= TIMES.speed * DT * 1.001 and followed[-1] == 3.0
+
+
+def test_flapping_data_are_not_followed() -> None:
+    engagement = Engagement(sample(0.0))
+    for tick in range(500):
+        assert engagement.step(DT * tick, sample(0.1), good=tick % 40 != 0) is None
+    assert engagement.state is Engaged.HOLDING
+
+
+def test_a_clutch_lets_go_and_takes_up_again_without_a_leap() -> None:
+    engagement = Engagement(sample(0.0))
+    last, largest = 0.0, 0.0
+    for tick in range(900):
+        engagement.wanted = not 300 <= tick < 500
+        place = 0.0 if tick < 300 else 1.0  # the performer walks while the clutch is out
+        shown = engagement.step(DT * tick, sample(place), good=True)
+        if shown is not None:
+            largest, last = max(largest, abs(float(shown.position[0, 0]) - last)), float(shown.position[0, 0])
+        elif tick > 300:
+            assert float(engagement.shown.position[0, 0]) == 0.0
+    assert last == 1.0 and largest <= TIMES.speed * DT * 1.001
+
+
+def test_a_sensor_that_was_not_held_is_as_it_is() -> None:
+    engagement = Engagement(sample(0.0, valid=(True, False)))
+    for tick in range(60):
+        shown = engagement.step(DT * tick, sample(1.0), good=True)
+    assert shown is not None and shown.position[0, 0] < 0.05 and shown.position[1, 0] == 1.0
+
+
+@settings(max_examples=60)
+@given(st.lists(st.tuples(st.booleans(), st.floats(-0.004, 0.004)), min_size=1, max_size=400))
+def test_whatever_happens_what_is_followed_goes_on_from_where_it_was(moves: list[tuple[bool, float]]) -> None:
+    engagement, place, last = Engagement(sample(0.0)), 0.0, 0.0
+    fastest = TIMES.speed * DT + 0.004
+    for tick, (good, step) in enumerate(moves):
+        place += step
+        shown = engagement.step(DT * tick, sample(place), good=good)
+        if shown is not None:
+            assert abs(float(shown.position[0, 0]) - last) <= fastest + 1e-9
+            last = float(shown.position[0, 0])
+
+
+def test_a_great_turn_back_takes_its_time_too() -> None:
+    engagement, turned = Engagement(sample(0.0)), sample(0.0)
+    turned.orientation[:] = [0.0, 0.0, 0.0, 1.0]  # by pi
+    angles = []
+    for tick in range(1000):
+        shown = engagement.step(DT * tick, turned, good=True)
+        if shown is not None:
+            angles.append(float(2.0 * np.arctan2(shown.orientation[0, 3], shown.orientation[0, 0])))
+    assert np.diff(angles).max() <= TIMES.turn * DT * 1.001 and angles[-1] == pytest.approx(np.pi)
+
+
+def test_the_robot_has_all_of_its_speed_when_the_way_back_is_over_and_never_in_a_hold() -> None:
+    engagement, settled = Engagement(sample(0.0)), list[float]()
+    for tick in range(300):
+        shown = engagement.step(DT * tick, sample(0.1), good=tick < 280)
+        settled.append(engagement.settled)
+        assert shown is not None or engagement.settled == 0.0
+    back = round((TIMES.healthy + TIMES.blend) / DT)
+    assert max(settled[:back]) < 0.01 and settled[279] == 1.0 and settled[299] == 0.0
+    assert 0.0 <= np.diff(settled[:280]).max() <= DT / TIMES.blend * 1.001
+    engagement.begin(sample(1.0))
+    assert engagement.settled == 0.0 and engagement.state is Engaged.HOLDING
+    assert engagement.step(5.0, sample(1.0), good=True) is None
+
+
+def test_what_was_bad_must_be_good_for_so_long_without_a_gap() -> None:
+    lasting = Lasting(0.5)
+    assert [lasting.step(t, good=True) for t in (0.0, 0.3, 0.5, 0.6)] == [False, False, True, True]
+    assert [lasting.step(t, good=good) for t, good in ((0.7, False), (0.8, True), (1.2, False), (1.6, True))] == [
+        False
+    ] * 4
+    assert lasting.step(2.1, good=True)
+    lasting.restart()
+    assert not lasting.step(2.2, good=True)
+
+
+def test_what_was_good_until_now_needs_no_time() -> None:
+    lasting = Lasting(0.5, good=True)
+    assert lasting.step(0.0, good=True) and not lasting.step(0.1, good=False) and not lasting.step(0.2, good=True)
+
+
+FRESH = np.array([TrustState.FRESH], dtype=np.uint8)
+LOST = np.array([TrustState.STALE], dtype=np.uint8)
+
+
+def weights(states: list[np.ndarray], *, full: bool = True) -> np.ndarray:
+    rejoin = Rejoin(1)
+    if full:
+        rejoin.start(FRESH)
+    return np.array([rejoin.step(state, DT)[0] for state in states])
+
+
+@pytest.mark.parametrize("state", [state for state in TrustState if state is not TrustState.FRESH])
+def test_who_is_not_believed_is_out_within_a_tenth_of_a_second(state: TrustState) -> None:
+    way = weights([np.array([state], dtype=np.uint8)] * 20)
+    assert (way[9:] == 0.0).all() and way[0] > 0.9 and (np.diff(way) <= 0.0).all()
+
+
+def test_back_by_a_blend_after_half_a_second() -> None:
+    way = weights([LOST] * 20 + [FRESH] * 140)[20:]
+    assert (way[:49] == 0.0).all() and way[52] > 0.0
+    assert way[int(0.5 / DT + 0.375 / DT)] == pytest.approx(0.5, abs=0.03)
+    assert (np.diff(way) >= 0.0).all() and way[int(1.25 / DT) + 1] == pytest.approx(1.0)
+
+
+def test_a_flicker_starts_the_wait_anew() -> None:
+    way = weights([LOST] * 20 + ([FRESH] * 45 + [LOST]) * 5)
+    assert (way[20:] == 0.0).all()
+
+
+def test_who_flickers_once_goes_all_the_way_out_first() -> None:
+    way = weights([LOST] + [FRESH] * 200)
+    assert way[8] == 0.0 and way[-1] == 1.0
+
+
+def test_nobody_takes_part_at_first_and_whoever_is_believed_after_a_start() -> None:
+    assert weights([FRESH], full=False)[0] == 0.0
+    assert weights([FRESH])[0] == 1.0
+    rejoin = Rejoin(2)
+    rejoin.start(np.array([TrustState.FRESH, TrustState.NOT_WORN], dtype=np.uint8))
+    assert rejoin.weights.tolist() == [1.0, 0.0]
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([0, 0, 0, 1, 4]), st.sampled_from([0.0, DT, 0.005, 1.0, -1.0])),
+        min_size=1,
+        max_size=200,
+    )
+)
+def test_weights_never_jump(ticks: list[tuple[int, float]]) -> None:
+    rejoin = Rejoin(1)
+    rejoin.start(FRESH)
+    before, steepest = 1.0, 1.5 / RejoinTimes().leave
+    for state, dt in ticks:
+        after = float(rejoin.step(np.array([state], dtype=np.uint8), dt)[0])
+        assert 0.0 <= after <= 1.0
+        assert abs(after - before) <= steepest * min(max(dt, 0.0), LONGEST_STEP) + 1e-12
+        before = after
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
+def test_times_are_checked(wrong: float) -> None:
+    with pytest.raises(UsageError):
+        RejoinTimes(blend=wrong)
+
+
+def turning_back_sample(angle: float, weight: float | None, *, valid: bool = True) -> SensorSample:
+    turn = from_axis_angle([0.0, 0.0, 1.0], angle)[None]
+    share: FloatArray | None = None if weight is None else np.array([weight])
+    return SensorSample(("head",), np.zeros((1, 3)), turn, np.array([valid]), share)
+
+
+def angle(shown: SensorSample) -> float:
+    return float(2.0 * np.arctan2(shown.orientation[0, 3], shown.orientation[0, 0]))
+
+
+def test_it_is_turned_by_its_weight_from_where_it_was_last() -> None:
+    turning = TurningBack(1)
+    assert angle(turning.step(turning_back_sample(0.3, 1.0))) == pytest.approx(0.3)
+    turning.step(turning_back_sample(2.0, 0.0, valid=False))
+    got = [angle(turning.step(turning_back_sample(1.3, weight))) for weight in (0.0, 0.25, 0.5, 1.0)]
+    assert got == pytest.approx([0.3, 0.55, 0.8, 1.3])
+
+
+def test_who_was_never_known_or_takes_part_in_full_is_as_it_is() -> None:
+    turning = TurningBack(1)
+    assert angle(turning.step(turning_back_sample(1.0, 0.1))) == pytest.approx(1.0)
+    assert angle(turning.step(turning_back_sample(0.7, None))) == pytest.approx(0.7)

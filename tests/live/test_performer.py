@@ -1,0 +1,78 @@
+"""Sensors without which a live run does not begin: named by who wears them, heard, or refused."""
+
+import pytest
+
+from hardware.clock import VirtualClock
+from live_rig import WHERE, live_stream
+from messages import refuses
+from retarget.errors import InputError, UsageError
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.performer import LivePerformer, carrying, needed, refuse_unmeasurable
+from retarget.live.roles import roles_of
+from retarget.schema.performer import Performer, load_performer
+from sim.faults.sender import FakeSender, Poses, SenderFault
+
+
+def only(*names: str) -> SenderFault:
+    def fault(time: float, poses: Poses) -> Poses:
+        return {name: poses[name] for name in names}
+
+    return fault
+
+
+FIVE = only("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+
+
+def begun(performer: Performer, *faults: SenderFault) -> LivePerformer:
+    stream, clock = live_stream(FakeSender(faults=list(faults)), performer), VirtualClock()
+    options = LiveOptions(patience=1.0, countdown=0.2)
+    found = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=lambda text: None)
+    assert isinstance(found.samples, LivePerformer)
+    return found.samples
+
+
+@pytest.mark.parametrize(("name", "lacking"), [("six", "pelvis"), ("ten", "l_knee")])
+def test_a_listed_role_that_the_stream_lacks_is_refused_by_name(name: str, lacking: str) -> None:
+    with refuses(InputError, lacking, "--performer"):
+        begun(load_performer(name), FIVE)
+
+
+@pytest.mark.parametrize("lost", ["pelvis", "l_ankle"])
+def test_what_carries_is_waited_for(lost: str) -> None:
+    kept = [name for name in load_performer("six").sensors if name != lost]
+    with refuses(InputError, found=lost):
+        begun(load_performer("six"), lambda time, poses: {name: poses[name] for name in kept if name in poses})
+
+
+def test_all_takes_what_there_is_and_moves() -> None:
+    performer = begun(load_performer("all"), FIVE)
+    clock = performer._clock
+    assert isinstance(clock, VirtualClock)
+    told = 0
+    for tick in range(300):
+        clock.advance(0.01)
+        performer.listen()
+        told += performer.sample(tick) is not None
+    assert told > 150
+
+
+def test_a_file_without_wrists_is_refused_at_once() -> None:
+    plain = load_performer("five")
+    without = plain.model_copy(update={"sensors": {name: plain.sensors[name] for name in ("head", "l_ankle")}})
+    with refuses(UsageError, "l_wrist", "r_wrist"):
+        begun(without)
+
+
+def test_vrchat_without_wrists_is_refused_at_once_whatever_its_file_lists() -> None:
+    five = load_performer("five")
+    sensors = {name: five.sensors[name] for name in ("head", "l_ankle", "r_ankle")}
+    roles = roles_of(five.model_copy(update={"sensors": sensors}), "slimevr_vrchat", where="vr.yaml")
+    with refuses(UsageError, "l_wrist", "r_wrist", "VRChat's"):
+        refuse_unmeasurable(roles, where="vrchat://:9000")
+
+
+def test_what_carries() -> None:
+    assert carrying(("head", "l_ankle", "l_wrist")) == ("l_ankle",)
+    assert carrying(("head", "l_wrist")) == ("head",)
+    six, everything = (roles_of(load_performer(name), "json", where="test") for name in ("six", "all"))
+    assert {"pelvis", "head", "l_ankle"} <= set(needed(six)) and needed(everything) == ("head", "l_wrist", "r_wrist")

@@ -1,0 +1,250 @@
+"""Recording what arrives: the tick never waits, and a disk that fails ends the recording only."""
+
+import gzip
+import struct
+import threading
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hardware.clock import VirtualClock
+from messages import refuses, shows
+from retarget.errors import InputError
+from retarget.live import raw_recording
+from retarget.live.address import parse_address
+from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
+from retarget.live.raw_recording import RawTap, ReplayReceiver, open_replay, recorded_kind
+from retarget.sources.raw_record import MAX_UNWRITTEN, RawReader, RawWriter
+
+PATIENCE_S = 5.0
+
+
+def datagram(number: int, size: int = 10) -> Datagram:
+    return Datagram(100.0 + number * 0.01, ("192.168.1.20", 5000 + number % 10), bytes([number % 256]) * size)
+
+
+class HeldWriter(RawWriter):
+    """A writer on a disk that does not answer until it is told to; `reached` when somebody waits for it."""
+
+    def __init__(self, path: Path) -> None:
+        self.answers = threading.Event()
+        self.answers.set()
+        self.reached = threading.Event()
+        super().__init__(path, url="vmc://")
+
+    def flush(self) -> None:
+        self.reached.set()
+        assert self.answers.wait(PATIENCE_S)
+        super().flush()
+
+
+def test_what_is_taken_is_in_the_file_once_it_is_closed(tmp_path: Path) -> None:
+    path = tmp_path / "a.raw"
+    with RawTap(RawWriter(path, url="vmc://:39539")) as tap:
+        for number in range(500):
+            tap.take(datagram(number))
+    tap.close()
+    reader = RawReader(path)
+    found = list(reader)
+    assert reader.url == "vmc://:39539" and (tap.lost, tap.trouble) == (0, "")
+    assert [row.payload for row in found] == [datagram(number).payload for number in range(500)]
+    assert [row.time_s for row in found] == pytest.approx([100.0 + number * 0.01 for number in range(500)], abs=1e-9)
+    assert {(row.address, row.port) for row in found} == {("192.168.1.20", 5000 + port) for port in range(10)}
+
+
+def test_it_is_written_while_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(raw_recording, "FLUSH_S", 0.001)
+    writer = HeldWriter(tmp_path / "a.raw")
+    with RawTap(writer) as tap:
+        tap.take(datagram(1))
+        for _ in range(2):
+            writer.reached.clear()
+            assert writer.reached.wait(PATIENCE_S), "nobody writes"
+        assert len(list(RawReader(tmp_path / "a.raw"))) == 1
+
+
+def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(raw_recording, "FLUSH_S", 0.001)
+    monkeypatch.setattr(raw_recording, "PATIENCE_S", 0.01)
+    writer = HeldWriter(tmp_path / "a.raw")
+    writer.answers.clear()
+    writer.reached.clear()  # before the thread begins: it waits in its first flush
+    tap = RawTap(writer)
+    assert writer.reached.wait(PATIENCE_S)
+    for number in range(100):
+        tap.take(datagram(number, size=60_000))
+    assert tap.lost >= 100 - MAX_UNWRITTEN // 60_000
+    tap.close()
+    assert tap.trouble == "the disk does not answer"
+    writer.answers.set()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no disk that is always full")
+def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None:
+    writer = RawWriter(tmp_path / "a.raw", url="vmc://")
+    writer._file.close()
+    with Path("/dev/full").open("wb", buffering=0) as full:
+        writer._file = full
+        tap = RawTap(writer)
+        tap.take(datagram(1))
+        tap.close()
+    assert tap.trouble == "No space left on device"
+    before = tap.lost
+    tap.take(datagram(2))
+    assert tap.lost == before + 1
+
+
+GAPS = st.lists(st.floats(0.0, 0.3), min_size=1, max_size=40)
+
+
+def recording(path: Path, times: list[float], *, url: str = "vmc://", size: int = 2) -> Path:
+    path.unlink(missing_ok=True)
+    writer = RawWriter(path, url=url)
+    for number, time in enumerate(times):
+        writer.append(number.to_bytes(2) + bytes(size - 2), time_ns=round(time * 1e9), address="10.0.0.5", port=7)
+        writer.flush()
+    writer.close()
+    return path
+
+
+def played(receiver: ReplayReceiver, seconds: float, *, start: float = 0.0, step: float = 0.01) -> list[Datagram]:
+    clock, found = VirtualClock(start), []
+    while clock.now() <= start + seconds:
+        found += receiver.poll(clock.now())
+        clock.advance(step)
+    return found
+
+
+def numbers(found: list[Datagram]) -> list[int]:
+    return [int.from_bytes(datagram.payload[:2]) for datagram in found]
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.5, 4.0])
+def test_arrivals_are_as_far_apart_as_they_were(tmp_path: Path, speed: float) -> None:
+    times = [1000.0, 1000.004, 1000.03, 1000.03, 1000.2]
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", times)), speed=speed)
+    found = played(receiver, 1.0, start=50.0)
+    assert numbers(found) == [0, 1, 2, 3, 4] and receiver.finished and receiver.damage == ""
+    assert [d.arrival for d in found] == pytest.approx([50.0 + (t - 1000.0) / speed for t in times], abs=1e-6)
+    assert {d.source for d in found} == {("10.0.0.5", 7)}
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@given(GAPS, st.floats(0.2, 5.0), st.floats(0.001, 0.5))
+def test_nothing_comes_early_or_twice_or_not_at_all(
+    tmp_path: Path, gaps: list[float], speed: float, step: float
+) -> None:
+    times = [5.0 + sum(gaps[:k]) for k in range(len(gaps))]
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", times)), speed=speed)
+    clock, found = VirtualClock(9.0), list[Datagram]()
+    while not receiver.finished:
+        for datagram in receiver.poll(clock.now()):
+            assert clock.now() - step - 1e-9 <= datagram.arrival <= clock.now()
+            found.append(datagram)
+        clock.advance(step)
+    assert numbers(found) == list(range(len(times)))
+    assert receiver.poll(1e9) == []
+
+
+def test_the_first_round_is_followed_by_the_next(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.raw", [10.0, 10.1, 10.2])
+    receiver = ReplayReceiver(RawReader(path), loop=True)
+    found = played(receiver, 0.951)
+    assert numbers(found) == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0] and not receiver.finished
+    assert [d.arrival for d in found] == pytest.approx([k * 0.1 for k in range(10)], abs=1e-6)
+
+
+@pytest.mark.parametrize("times", [[3.0], [3.0, 3.0]])
+def test_a_round_without_length_does_not_flood(tmp_path: Path, times: list[float]) -> None:
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", times)), loop=True)
+    assert len(played(receiver, 1.05)) == 11 * len(times)
+
+
+def test_an_empty_recording_ends_even_when_it_loops(tmp_path: Path) -> None:
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [])), loop=True)
+    assert receiver.poll(0.0) == [] and receiver.finished
+
+
+def test_a_recorded_clock_that_jumped_back_holds_nothing_up(tmp_path: Path) -> None:
+    receiver = ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [7200.0, 7200.1, 3600.0, 3600.1])))
+    found = played(receiver, 0.25)
+    assert [d.arrival for d in found] == pytest.approx([0.0, 0.1, 0.1, 0.2], abs=1e-6)
+
+
+def test_a_poll_is_bounded(tmp_path: Path) -> None:
+    many = ReplayReceiver(RawReader(recording(tmp_path / "many.raw", [1.0] * (MOST_PER_POLL + 5))))
+    assert [len(many.poll(0.0)) for _ in range(3)] == [MOST_PER_POLL, 5, 0]
+    large = ReplayReceiver(RawReader(recording(tmp_path / "large.raw", [1.0] * 40, size=60_000)))
+    polls = [large.poll(0.0) for _ in range(4)]
+    assert all(sum(len(d.payload) for d in poll) < MOST_BYTES_PER_POLL + 60_000 for poll in polls)
+    assert numbers([d for poll in polls for d in poll]) == list(range(40))
+
+
+def test_a_damaged_end_is_counted_and_what_stands_before_it_is_played(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.raw", [1.0, 1.1, 1.2])
+    path.write_bytes(path.read_bytes()[:-1])
+    receiver = ReplayReceiver(RawReader(path))
+    assert numbers(played(receiver, 1.0)) == [0, 1]
+    assert receiver.finished
+    shows(receiver.damage, 3)
+    assert receiver.dropped.reasons == {"the recording is damaged": 1}
+
+
+def test_a_closed_replay_is_over(tmp_path: Path) -> None:
+    with ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [1.0, 1.1]))) as receiver:
+        assert len(receiver.poll(0.0)) == 1
+    assert receiver.finished and receiver.poll(10.0) == []
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_speed_that_means_nothing_is_refused(tmp_path: Path, speed: float) -> None:
+    with refuses(ValueError):
+        ReplayReceiver(RawReader(recording(tmp_path / "a.raw", [])), speed=speed)
+
+
+def test_opening_by_address(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.raw", [1.0, 2.0], url="natnet://192.168.1.5")
+    address = parse_address(f"replay://{path}?speed=10&loop=1")
+    assert recorded_kind(address) == "natnet"
+    assert numbers(played(open_replay(address), 0.25)) == [0, 1, 0]
+    with refuses(InputError):
+        open_replay(parse_address(f"replay://{tmp_path}/b.raw"))
+
+
+def test_the_kind_of_an_old_recording_has_to_be_said(tmp_path: Path) -> None:
+    path = tmp_path / "old.udprec.gz"
+    path.write_bytes(gzip.compress(b"UDPREC01" + struct.pack("<QHI", 10**18, 7, 2) + b"ab"))
+    with refuses(InputError, "?kind=vmc"):
+        recorded_kind(parse_address(f"replay://{path}"))
+    address = parse_address(f"replay://{path}?kind=vmc")
+    assert recorded_kind(address) == "vmc"
+    assert open_replay(address).poll(3.0) == [Datagram(3.0, ("127.0.0.1", 7), b"ab")]
+
+
+def test_a_real_recording_lasts_as_long_as_it_did(shared: Path) -> None:
+    address = parse_address(f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=vmc")
+    expected = list(RawReader(address.path)) if address.path else []
+    receiver = open_replay(address)
+    found = played(receiver, 60.0, step=0.05)
+    assert receiver.finished and [d.payload for d in found] == [row.payload for row in expected]
+    assert found[-1].arrival == pytest.approx(expected[-1].time_s - expected[0].time_s, abs=1e-3)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("vmc_50hz", "vmc"), ("vrcosc_20hz", "vrchat")])
+def test_a_recording_that_does_not_say_what_it_holds_is_recognised(name: str, kind: str, shared: Path) -> None:
+    path = shared / f"streams/slimevr/full12_{name}.udprec.gz"
+    assert recorded_kind(parse_address(f"replay://{path}")) == kind
+
+
+def test_a_recording_of_several_kinds_or_of_none_is_not(tmp_path: Path) -> None:
+    mixed = [b'{"axes": "rep103", "poses": {"head": {"p": [0, 0, 1]}}}', b"/VMC/Ext/T\0\0,f\0\0\0\0\0\0"]
+    for number, payloads in enumerate((mixed, [b"what is this"], [])):
+        writer = RawWriter(tmp_path / f"{number}.raw", url="")
+        for payload in payloads:
+            writer.append(payload, time_ns=0, address="127.0.0.1", port=5)
+        writer.flush()
+        writer.close()
+        with refuses(InputError):
+            recorded_kind(parse_address(f"replay://{tmp_path / f'{number}.raw'}"))

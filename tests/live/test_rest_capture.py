@@ -1,0 +1,272 @@
+"""A second of standing still: size, floor, heading; and what is refused, by name."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.clock import VirtualClock
+from messages import refuses, shows
+from mvn_packets import quaternions, scale
+from people import at_rest
+from retarget import rotations
+from retarget.errors import InputError
+from retarget.frames import SensorSample
+from retarget.human.samples import Performance
+from retarget.live.admission import Admission, Datagram
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.clock_map import ClockMap
+from retarget.live.playout import Playout
+from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align, told_skeleton
+from retarget.live.roles import roles_of
+from retarget.live.sensor_validity import Trust
+from retarget.live.stream import LiveStream
+from retarget.model.human_dimensions import POINTS, HumanDimensions, proportional_dimensions
+from retarget.schema.performer import load_performer
+from retarget.sources.json_pose import JsonPoseDecoder
+from retarget.sources.mvn import MVN_JOINTS, SEGMENTS, MvnDecoder
+from retarget.sources.stream_frame import Dropped
+from retarget.types import FloatArray
+
+NAMES = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+STANDING = np.array([[0.0, 0.0, 1.62], [0.02, 0.25, 0.8], [0.02, -0.25, 0.8], [0.0, 0.1, 0.07], [0.0, -0.1, 0.07]])
+ANGLES = st.floats(-np.pi, np.pi)
+PLACES = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-1, 1))
+
+
+@settings(max_examples=60)
+@given(ANGLES, PLACES)
+def test_whoever_stands_faces_x_on_the_floor(yaw: float, place: tuple[float, float, float]) -> None:
+    turn = rotations.from_axis_angle([0.0, 0.0, 1.0], yaw)
+    told = rotations.rotate(turn, STANDING) + np.array(place)
+    found = align(NAMES, told)
+    ours = found.positions(told)
+    np.testing.assert_allclose(ours[:, :2], STANDING[:, :2], atol=1e-9)
+    np.testing.assert_allclose(ours[3, 2], 0.07, atol=0.01)
+    assert rotations.angle_between(found.orientations(turn), rotations.IDENTITY) < 1e-7
+
+
+def test_without_ankles_the_stream_s_floor_is_believed() -> None:
+    told = STANDING.copy()
+    told[3:] = np.nan
+    assert align(NAMES, told).origin[2] == 0.0
+
+
+def test_left_and_right_in_one_place_tell_nothing() -> None:
+    told = STANDING.copy()
+    told[:, 1] = 0.0
+    with refuses(InputError):
+        align(NAMES, told, where="vmc://:39539")
+
+
+@settings(max_examples=60)
+@given(ANGLES, PLACES, ANGLES, PLACES)
+def test_a_turn_keeps_its_centre(
+    yaw: float, origin: tuple[float, float, float], turn: float, about: tuple[float, float, float]
+) -> None:
+    before = Alignment(yaw, np.array(origin))
+    after = before.turned(turn, np.array(about))
+    told = np.array([[0.3, -0.2, 1.0], [1.0, 2.0, 0.0]])
+    ours, centre = before.positions(told), np.array([about[0], about[1], 0.0])
+    spun = rotations.rotate(rotations.from_axis_angle([0.0, 0.0, 1.0], turn), ours - centre) + centre
+    np.testing.assert_allclose(after.positions(told), spun, atol=1e-9)
+    q = rotations.from_axis_angle([0.0, 1.0, 0.0], 0.4)
+    expected = rotations.multiply(rotations.from_axis_angle([0.0, 0.0, 1.0], turn), before.orientations(q))
+    assert rotations.angle_between(after.orientations(q), expected) < 1e-7
+
+
+REST_CAPTURE_NAMES = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis")
+PERSON = proportional_dimensions(1.75)
+REST_CAPTURE_STANDING = at_rest(PERSON, 0.1, turn=0.9)
+WHERE = "vmc://:39539"
+
+
+def sample(position: FloatArray, *, lost: tuple[str, ...] = ()) -> SensorSample:
+    valid = np.array([name not in lost for name in REST_CAPTURE_NAMES])
+    return SensorSample(
+        REST_CAPTURE_NAMES,
+        np.where(valid[:, None], position, np.nan),
+        np.full((len(REST_CAPTURE_NAMES), 4), np.nan),
+        valid,
+    )
+
+
+def captured(*, lost: tuple[str, ...] = (), sway: float = 0.004, wave: float = 0.0) -> Calibrated:
+    noise = np.random.default_rng(5)
+    capture = RestCapture(where=WHERE)
+    base = np.array([REST_CAPTURE_STANDING[name] for name in REST_CAPTURE_NAMES])
+    for tick in range(150):
+        if capture.done:
+            break
+        position = base + noise.normal(0.0, sway / 3, base.shape)
+        position[1, 2] += wave * tick / 150
+        capture.take(0.01 * tick, sample(position, lost=lost))
+    assert capture.done and 0.01 * tick == pytest.approx(CAPTURE_S, abs=0.02)
+    return capture.result()
+
+
+def test_whoever_stands_still_is_measured_and_faces_x() -> None:
+    found = captured()
+    assert found.dimensions.stature == pytest.approx(1.75, abs=0.03)
+    assert found.missing == ()
+    at = dict(zip(found.sensors, found.position, strict=True))
+    across = at["l_wrist"] - at["r_wrist"]
+    assert across[1] > 0.3 and abs(across[0]) < 0.02
+    assert at["l_ankle"][2] == pytest.approx(REST_CAPTURE_STANDING["l_ankle"][2], abs=0.015)
+    np.testing.assert_allclose(np.mean([at["l_ankle"], at["r_ankle"]], axis=0)[:2], 0.0, atol=1e-6)
+
+
+def test_a_sensor_that_is_not_fresh_is_named_and_missing_where_it_can_be() -> None:
+    assert captured(lost=("pelvis",)).missing == ("pelvis",)
+    with refuses(InputError, found="l_wrist"):
+        captured(lost=("l_wrist",))
+
+
+def test_whoever_moves_is_told_with_what() -> None:
+    with refuses(InputError, found="l_wrist"):
+        captured(wave=0.5)
+
+
+def test_without_data_there_is_nothing_to_calibrate() -> None:
+    with refuses(InputError, WHERE):
+        RestCapture(where=WHERE).result()
+
+
+def test_whoever_lies_down_is_refused() -> None:
+    capture = RestCapture(where=WHERE)
+    base = np.array([REST_CAPTURE_STANDING[name] for name in REST_CAPTURE_NAMES])[:, [2, 1, 0]]
+    for tick in range(150):
+        capture.take(0.01 * tick, sample(base))
+    with refuses(InputError):
+        capture.result()
+
+
+def taken(standing: dict[str, FloatArray]) -> Calibrated:
+    capture = RestCapture(where=WHERE)
+    base = np.array([standing[name] for name in REST_CAPTURE_NAMES])
+    for tick in range(150):
+        capture.take(0.01 * tick, sample(base))
+    return capture.result()
+
+
+@pytest.mark.parametrize("raised", ["l_wrist", "r_wrist"])
+def test_one_arm_out_and_the_other_hanging_is_no_rest_pose(raised: str) -> None:
+    out = at_rest(PERSON, np.pi / 2, turn=0.9)
+    with refuses(InputError):
+        taken(REST_CAPTURE_STANDING | {raised: out[raised]})
+    assert taken(out).dimensions.stature == pytest.approx(1.75, abs=0.04)
+
+
+@pytest.mark.parametrize(("stature", "fits"), [(1.05, False), (1.3, True), (2.1, True), (2.4, False)])
+def test_a_stature_of_nobody_who_stands_is_refused(stature: float, fits: bool) -> None:
+    standing = at_rest(proportional_dimensions(stature), 0.1, turn=0.9)
+    if fits:
+        assert taken(standing).dimensions.stature == pytest.approx(stature, abs=0.04)
+        return
+    with refuses(InputError, allowed=("1.2", "2.2")):
+        taken(standing)
+
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+LIMBS = ("knee", "ankle", "elbow", "wrist")
+
+
+def long_legs() -> HumanDimensions:
+    """Legs 8 % longer than usual, arms 6 % shorter, and the left thigh 2 cm longer than the right one."""
+    usual = proportional_dimensions(1.75)
+    offset = usual.offset.copy()
+    for name, factor in (("knee", 1.08), ("ankle", 1.08), ("elbow", 0.94), ("wrist", 0.94)):
+        for side in "lr":
+            offset[POINTS.index(f"{side}_{name}")] *= factor
+    offset[POINTS.index("l_knee"), 2] -= 0.02
+    return HumanDimensions(offset, usual.stature, usual.mass, "made")
+
+
+def placed(points: dict[str, FloatArray]) -> list[tuple[str, FloatArray]]:
+    return [(segment, points[joint]) for joint, segment in MVN_JOINTS.items()]
+
+
+def t_pose(person: HumanDimensions) -> bytes:
+    return scale([(segment, at.tolist()) for segment, at in placed(at_rest(person, np.pi / 2, splay=0.0))])
+
+
+@dataclass
+class MvnSender:
+    """Somebody stands still at 100 Hz; the T-pose comes once, with what `rest` makes of it."""
+
+    person: HumanDimensions
+    rest: bytes
+    dropped: Dropped = field(default_factory=Dropped)
+    sent: int = 0
+
+    finished = False
+
+    def poll(self, now: float) -> list[Datagram]:
+        chance = np.random.default_rng(self.sent)
+        segments = [
+            (SEGMENTS.index(segment) + 1, (at + chance.normal(0.0, 0.0005, 3)).tolist(), UPRIGHT)
+            for segment, at in placed(at_rest(self.person, 0.1))
+        ]
+        found = [self.rest] if self.sent == 0 else []
+        while self.sent / 100.0 <= now:
+            found.append(quaternions(segments, sample=self.sent, time_ms=10 * self.sent))
+            self.sent += 1
+        return [Datagram(now, ("127.0.0.1", 9000), datagram) for datagram in found]
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def begun(sender: MvnSender, *, mirror: bool = False) -> tuple[Performance, list[str]]:
+    said: list[str] = []
+    roles = roles_of(load_performer("five"), "mvn", where="test")
+    stream = LiveStream(
+        sender,
+        MvnDecoder(),
+        roles,
+        admission=Admission(),
+        clock_map=ClockMap(resolution=1e-3),
+        trust=Trust(roles.sensors),
+        playout=Playout(len(roles.sensors), delay=None),
+    )
+    options = LiveOptions(countdown=0.2, mirror=mirror)
+    found = begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where="mvn://:9763", tell=said.append)
+    return found, said
+
+
+def worst_limb(found: HumanDimensions, true: HumanDimensions) -> float:
+    return max(abs(found.length(f"{side}_{part}") - true.length(f"{side}_{part}")) for part in LIMBS for side in "lr")
+
+
+def test_the_skeleton_of_mvn_is_the_size() -> None:
+    person = long_legs()
+    told, said = begun(MvnSender(person, t_pose(person)))
+    fitted, measured = begun(MvnSender(person, b""))
+    assert worst_limb(told.dimensions, person) < 1e-5
+    assert worst_limb(fitted.dimensions, person) > 0.02  # what the rest pose of five sensors cannot see
+    assert said[-1].startswith("known: ")
+    shows(said[-1], "mvn://:9763")
+    assert measured[-1].startswith("measured: ")
+
+
+def test_mirrored_the_longer_leg_is_the_other_one() -> None:
+    person = long_legs()
+    found, _ = begun(MvnSender(person, t_pose(person)), mirror=True)
+    for one, other in pairwise(("l_knee", "r_knee", "l_knee")):
+        np.testing.assert_allclose(found.dimensions.of(one), person.of(other) * [1.0, -1.0, 1.0], atol=1e-5)
+
+
+def test_a_skeleton_that_is_no_human_s_is_left_aside() -> None:
+    person = long_legs()
+    half = scale([(segment, at.tolist()) for segment, at in placed(at_rest(person, np.pi / 2)) if "Leg" not in segment])
+    found, said = begun(MvnSender(person, half))
+    assert any(text.startswith("the stream's skeleton is not used: ") and "l_knee" in text for text in said)
+    assert found.dimensions.origin.startswith("N-pose")
+
+
+def test_other_senders_tell_none() -> None:
+    assert told_skeleton(JsonPoseDecoder()) is None
+    assert told_skeleton(MvnDecoder()) is None

@@ -1,0 +1,212 @@
+"""A sender's poses as the sensors of a performer: by convention, by the performer's file, in parts."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from messages import Facts, refuses
+from retarget import rotations
+from retarget.errors import UsageError
+from retarget.frames import SENSORS, mirrored_name
+from retarget.live.roles import (
+    CONVENTIONS,
+    MAX_KNOWN,
+    ROLE_SETS,
+    Role,
+    Roles,
+    RoleSet,
+    canonical_orientation,
+    joint_position,
+    role_set,
+    roles_of,
+)
+from retarget.rotations import from_axis_angle, multiply, rotate
+from retarget.schema.performer import Performer, WornSensor, load_performer
+from retarget.sources.stream_frame import StreamFrame
+from retarget.sources.vmc import BONES
+
+FIVE = load_performer("five")
+
+
+def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]], *, untracked: str = "") -> StreamFrame:
+    """Poses by name; None: not told."""
+    nothing3, nothing4 = [np.nan] * 3, [np.nan] * 4
+    return StreamFrame(
+        tuple(poses),
+        np.array([at or nothing3 for at, _ in poses.values()], dtype=float).reshape(-1, 3),
+        np.array([turn or nothing4 for _, turn in poses.values()], dtype=float).reshape(-1, 4),
+        np.array([name != untracked for name in poses], dtype=bool),
+    )
+
+
+@pytest.mark.parametrize("convention", [name for name in CONVENTIONS if name not in ("natnet", "slimevr_vrchat")])
+def test_every_convention_has_the_default_sensors(convention: str) -> None:
+    roles = roles_of(FIVE, convention, where="five.yaml")
+    assert roles.sensors == tuple(FIVE.sensors)
+    assert all(place.position for place in roles.places)
+    assert set(CONVENTIONS[convention]) <= set(SENSORS)
+
+
+def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_told() -> None:
+    roles = roles_of(FIVE, "slimevr", where="five.yaml")
+    # The identity is an arm that hangs: in the T-pose the sender tells a turn about forward.
+    raised = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2).tolist()
+    poses = roles.take(
+        frame(
+            {
+                "human://LEFT_HAND": ([0.13, 0.3, 0.9], [1.0, 0.0, 0.0, 0.0]),
+                "human://HEAD": ([0.0, 0.0, 1.6], [1.0, 0.0, 0.0, 0.0]),
+            }
+        )
+    )
+    assert poses is not None
+    at = dict(zip(poses.rows.tolist(), range(len(poses.rows)), strict=True))
+    wrist, head = at[roles.sensors.index("l_wrist")], at[roles.sensors.index("head")]
+    np.testing.assert_allclose(poses.position[wrist], [0.0, 0.3, 0.9], atol=1e-12)
+    np.testing.assert_allclose(poses.position[head], [0.0, 0.0, 1.6])
+    # Canonical: identity in the T-pose.
+    down = rotations.rotate(poses.orientation[wrist], [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=1e-12)
+    turned = roles.take(frame({"human://LEFT_HAND": ([0.13, 0.9, 1.4], raised)}))
+    assert turned is not None
+    assert rotations.angle_between(turned.orientation[0], rotations.IDENTITY) < 1e-9
+
+
+def test_what_a_datagram_does_not_tell_stays_untold() -> None:
+    performer = Performer(name="p", description="d", sensors={"l_knee": WornSensor(joint="l_knee", orientation=True)})
+    roles = roles_of(performer, "mvn", where="p.yaml")
+    only_turn = roles.take(frame({"LeftLowerLeg": (None, [0.0, 1.0, 0.0, 0.0])}))
+    assert only_turn is not None and np.isnan(only_turn.position).all()
+    np.testing.assert_allclose(only_turn.orientation, [[0.0, 1.0, 0.0, 0.0]])
+    assert only_turn.tracked.tolist() == [True]
+    lost = roles.take(frame({"LeftLowerLeg": ([0.0, 0.1, 0.5], None)}, untracked="LeftLowerLeg"))
+    assert lost is not None and lost.tracked.tolist() == [False] and np.isnan(lost.orientation).all()
+    assert roles.take(frame({"Pelvis": ([0.0, 0.0, 1.0], None)})) is None
+    assert roles.take(frame({})) is None
+
+
+def test_a_point_and_its_segment_may_be_two_poses() -> None:
+    """SlimeVR's KNEE turns with the thigh: nothing tells the shank of a knee sensor."""
+    performer = Performer(name="p", description="d", sensors={"l_knee": WornSensor(joint="l_knee", orientation=True)})
+    roles = roles_of(performer, "slimevr", where="p.yaml")
+    poses = roles.take(frame({"human://LEFT_KNEE": ([0.0, 0.1, 0.5], [1.0, 0.0, 0.0, 0.0])}))
+    assert poses is not None and np.isfinite(poses.position).all() and np.isnan(poses.orientation).all()
+
+
+def test_names_of_the_file_come_first() -> None:
+    performer = Performer(
+        name="p",
+        description="d",
+        sensors={"l_wrist": WornSensor(joint="l_wrist", role="rigid://left hand"), "head": WornSensor(joint="head")},
+    )
+    with refuses(UsageError, "natnet", "head"):
+        roles_of(performer, "natnet", where="p.yaml")
+    roles = roles_of(performer, "json", where="p.yaml")
+    assert roles.names == ("rigid://left hand", "head")
+    with refuses(UsageError, "convention"):
+        roles_of(performer, "slimvr", where="p.yaml")
+
+
+def test_changing_names_are_remembered_within_bounds() -> None:
+    roles = Roles(("head",), [CONVENTIONS["json"]["head"]])
+    for number in range(3 * MAX_KNOWN):
+        assert roles.take(frame({f"other{number}": (None, None), "head": ([0.0, 0.0, 1.0], None)})) is not None
+    assert len(roles._plans) <= MAX_KNOWN
+
+
+@pytest.mark.parametrize(
+    ("convention", "told"),
+    [
+        ("slimevr_vrchat", ("l_wrist", "r_wrist", "vmc://:39539")),
+        ("natnet", ("head", "l_wrist", "--performer")),
+    ],
+)
+def test_what_a_kind_of_sender_never_tells_is_refused_once_with_what_to_do(convention: str, told: Facts) -> None:
+    with refuses(UsageError, told) as refusal:
+        roles_of(FIVE, convention, where="five.yaml")
+    assert len(refusal.value.problems) == 1
+
+
+def test_who_takes_what_there_is_leaves_out_what_a_kind_of_sender_never_tells() -> None:
+    everything = load_performer("all")
+    roles = roles_of(everything, "slimevr", where="all.yaml")
+    assert roles.sensors == tuple(everything.sensors) and roles.partial
+    assert {name for name, place in zip(roles.sensors, roles.places, strict=True) if not place.position} == {
+        f"{side}_{joint}" for side in "lr" for joint in ("shoulder", "hip", "toe")
+    }
+    poses = roles.take(frame({"human://HEAD": ([0.0, 0.0, 1.6], None), "": ([0.0, 0.0, 1.0], None)}))
+    assert poses is not None and poses.rows.tolist() == [roles.sensors.index("head")]
+    with refuses(UsageError, "l_wrist", "r_wrist"):
+        roles_of(everything, "slimevr_vrchat", where="all.yaml")
+    with refuses(UsageError, "l_shoulder"):
+        roles_of(everything.model_copy(update={"partial": False}), "slimevr", where="all.yaml")
+
+
+@pytest.mark.parametrize("roles", ROLE_SETS.values(), ids=ROLE_SETS)
+def test_each_sensor_has_one_source(roles: RoleSet) -> None:
+    names = [role.name for role in roles.roles]
+    assert len(set(names)) == len(names) and all(roles.role(name) is not None for name in names)
+    for told in ([r.point for r in roles.roles if r.point], [r.segment for r in roles.roles if r.segment]):
+        assert len(set(told)) == len(told) and set(told) <= set(SENSORS)
+        assert {mirrored_name(sensor) for sensor in told} == set(told)
+    assert roles.role("nobody") is None
+
+
+def test_sides_are_where_names_say() -> None:
+    checked = 0
+    for role in (*role_set("slimevr").roles, *role_set("unity_bones").roles):
+        for word, side in (("left", "l_"), ("right", "r_")):
+            if word in role.name.lower():
+                assert role.point.startswith(side) and role.segment.startswith(side)
+                checked += 1
+    assert checked == 22
+
+
+def test_ids_of_slimevr_over_vrchat() -> None:
+    points = {role.name.removeprefix("tracker://"): role.point for role in role_set("slimevr_vrchat").roles}
+    middle = {"head": "head", "6": "chest", "1": "pelvis"}
+    left = {"2": "l_ankle", "4": "l_knee", "7": "l_elbow"}
+    assert points == {**middle, **left, "3": "r_ankle", "5": "r_knee", "8": "r_elbow"}
+
+
+def test_all_slimevr_roles_are_there() -> None:
+    paired = {f"human://{s}_{p}" for s in ("LEFT", "RIGHT") for p in ("KNEE", "FOOT", "ELBOW", "HAND")}
+    assert {r.name for r in role_set("slimevr").roles} == paired | {"human://HEAD", "human://CHEST", "human://WAIST"}
+    knee = role_set("slimevr").role("human://LEFT_KNEE")
+    assert knee is not None and (knee.point, knee.segment) == ("l_knee", "l_hip")
+
+
+def test_bones_are_unitys() -> None:
+    bones = role_set("unity_bones")
+    assert bones.local and {role.name.removeprefix("bone://") for role in bones.roles} <= set(BONES)
+    assert {role.segment for role in bones.roles} - {""} == set(SENSORS)
+
+
+def test_a_hanging_arm_is_turned_from_the_t_pose() -> None:
+    """Told the identity, the left arm hangs: its canonical orientation takes sideward (the T-pose) to down."""
+    for name, side in (("human://LEFT_ELBOW", 1.0), ("human://RIGHT_HAND", -1.0)):
+        role = role_set("slimevr").role(name)
+        assert role is not None
+        hanging = canonical_orientation(role, np.array([1.0, 0.0, 0.0, 0.0]))
+        assert_allclose(rotate(hanging, [0.0, side, 0.0]), [0.0, 0.0, -1.0], atol=1e-12)
+        assert_allclose(canonical_orientation(role, np.array(role.rest)), [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_turn_of_the_body_stays_on_the_left() -> None:
+    role = role_set("slimevr").role("human://LEFT_ELBOW")
+    assert role is not None
+    yaw = from_axis_angle((0.0, 0.0, 1.0), 0.7)
+    assert_allclose(canonical_orientation(role, multiply(yaw, role.rest)), yaw, atol=1e-12)
+
+
+def test_an_offset_turns_with_the_sender() -> None:
+    role = Role("a", "l_wrist", "l_wrist", offset=(0.13, 0.0, 0.0))
+    raised = from_axis_angle((0.0, 1.0, 0.0), -0.5 * np.pi)  # forward becomes up
+    assert_allclose(joint_position(role, np.array([1.0, 2.0, 3.0]), raised), [1.0, 2.0, 2.87])
+    bare = Role("a", "head", "")
+    assert_allclose(joint_position(bare, np.ones(3), np.full(4, np.nan)), np.ones(3))
+
+
+def test_unknown_roles_name_the_nearest() -> None:
+    with refuses(UsageError, "slimevr_vrchat"):
+        role_set("slimevr_vrchatt", where="performer.yaml")

@@ -1,0 +1,96 @@
+"""The sender example: what it sends is used, waves, and passes the beginning of a run."""
+
+import math
+import re
+import runpy
+import socket
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from live_rig import WHERE, five, live_stream
+from retarget.frames import SENSORS
+from retarget.live.admission import Datagram
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.sources.json_pose import DEFAULT_PORT, JsonPoseDecoder
+from retarget.sources.stream_frame import Dropped
+from sim.faults.sender import FakeSender
+
+
+def test_a_waving_performer_is_decoded(root: Path) -> None:
+    sender = runpy.run_path(str(root / "examples/send_poses.py"), run_name="sender")
+    decoder = JsonPoseDecoder()
+    frames = [frame for number in range(720) for frame in decoder.decode(sender["message"](number))]
+    assert len(frames) == 720 and decoder.dropped.count == 0
+    assert set(frames[0].names) == set(SENSORS[:5])
+    assert [frame.number for frame in frames] == list(range(720))
+    assert math.isclose(frames[60].stamp or 0.0, 1.0)
+    position = np.stack([frame.position for frame in frames])
+    span = dict(zip(frames[0].names, np.ptp(position, axis=0), strict=True))
+    assert span.pop("r_wrist")[2] > 0.7 and span.pop("l_wrist")[2] > 0.5
+    assert all(0.0 < still.max() < 0.01 for still in span.values())
+    assert np.ptp(position[:360], axis=0).max() < 0.01  # who is measured stands still
+    place = dict(zip(frames[0].names, position[0], strict=True))
+    assert place["l_wrist"][1] > 0.0 > place["r_wrist"][1] and place["head"][2] > 1.5
+
+
+class _Sender:
+    """What the example sends, from any moment of it on."""
+
+    def __init__(self, message: Callable[[int], bytes], first: int) -> None:
+        self._message, self._first, self._sent = message, first, 0
+        self._begun: float | None = None
+        self.dropped = Dropped()
+
+    @property
+    def finished(self) -> bool:
+        """Never."""
+        return False
+
+    def poll(self, now: float) -> list[Datagram]:
+        """Sixty a second."""
+        self._begun = now if self._begun is None else self._begun
+        found = []
+        while self._sent <= 60.0 * (now - self._begun):
+            found.append(Datagram(now, ("127.0.0.1", 40000), self._message(self._first + self._sent)))
+            self._sent += 1
+        return found
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@pytest.mark.parametrize("second", [0.0, 2.5, 4.0, 6.5, 7.5, 9.0, 10.5])
+def test_a_run_begins_with_it_whenever_it_is_started(root: Path, second: float) -> None:
+    sender = runpy.run_path(str(root / "examples/send_poses.py"), run_name="sender")
+    stream, said = live_stream(FakeSender(), five()), list[str]()
+    stream.receiver = _Sender(sender["message"], round(60.0 * second))
+    options = LiveOptions(check_sides=True)
+    begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, tell=said.append)
+    assert said[-1].startswith("left is left, up is up")
+
+
+def test_it_sends_what_it_makes_in_real_time(root: Path) -> None:
+    sender = runpy.run_path(str(root / "examples/send_poses.py"), run_name="sender")
+    clock = VirtualClock()
+    sender["main"].__globals__["time"] = SimpleNamespace(monotonic=clock.now, sleep=clock.advance)
+    begin = clock.now()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(5.0)
+        sender["main"]("127.0.0.1", str(receiver.getsockname()[1]), "0.5")
+        received = [receiver.recv(65536) for _ in range(30)]
+    assert received == [sender["message"](number) for number in range(30)]
+    assert math.isclose(clock.now() - begin, 0.5)
+
+
+def test_it_is_short_and_needs_nothing_installed(root: Path) -> None:
+    text = (root / "examples/send_poses.py").read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 40 and f'"{DEFAULT_PORT}"' in text
+    imported = re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)
+    assert imported and set(imported) <= sys.stdlib_module_names

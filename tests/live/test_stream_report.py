@@ -1,0 +1,510 @@
+"""What a live run tells of its stream afterwards is what happened."""
+
+import json
+from dataclasses import replace
+from ipaddress import IPv4Network
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from live_rig import LiveRig, five, live_stream
+from live_rig import five as five_sensors
+from messages import refuses, shows
+from mvn_packets import mvn, quaternions, standing
+from retarget.errors import InputError
+from retarget.live.address import StreamAddress, parse_address
+from retarget.live.admission import TOO_LONG, TOO_MANY, Admission, Datagram, Source, admission_for
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.performer import LivePerformer
+from retarget.live.raw_recording import RawTap
+from retarget.live.receivers import NatnetReceiver, session_for
+from retarget.live.sensor_validity import TrustState
+from retarget.live.stream import LiveStream
+from retarget.live.stream_report import (
+    WORDS,
+    Hindered,
+    Holds,
+    LiveReport,
+    StreamNews,
+    StreamTrouble,
+    Tally,
+    hindrance_of,
+    refuse_version,
+    unusable,
+)
+from retarget.live.udp import UdpReceiver
+from retarget.report.measure import measure
+from retarget.report.summary import stream_line
+from retarget.sources.mvn import MvnDecoder
+from retarget.sources.natnet_wire import Version
+from retarget.sources.raw_record import RawWriter
+from retarget.types import FloatArray
+from sim.fake_motive import FakeMotive, MotiveSettings
+from sim.faults.sender import FakeSender, SenderFault, lost, silent
+from sim.performer import synthetic_performer
+
+FRESH, STALE, NOT_WORN = TrustState.FRESH, TrustState.STALE, TrustState.NOT_WORN
+
+
+def test_ticks_are_counted() -> None:
+    tally = Tally(("head", "l_wrist", "pelvis"), 0.01)
+    for ticks, followed, wrist in ((1, False, FRESH), (2, True, STALE), (2, False, FRESH), (1, True, FRESH)):
+        for _ in range(ticks):
+            tally.count(np.array([FRESH, wrist, NOT_WORN], dtype=np.uint8), followed=followed)
+    assert tally.holds == Holds(1, 0.02)
+    assert tally.lost_s == {"l_wrist": 0.02}
+
+
+def test_a_run_tells_of_its_stream() -> None:
+    sender = FakeSender(faults=[silent(5.0, 5.8), lost("l_wrist", 6.5, 7.0)])
+    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=5.0))
+    with rig.prepared() as prepared:
+        result, performer = prepared.run(), prepared.samples
+    assert isinstance(performer, LivePerformer)
+    rig.stream.decoder.dropped.note("not JSON")
+    rig.stream.clock_map.dropped.note("late")
+    rig.stream.playout.dropped.note("older than what is kept")
+    live = performer.report(address="json://:7000", person="anna")
+    assert live.dropped["late"] == live.dropped["older than what is kept"] == 1
+    assert live.holds.count >= 1 and 0.5 < live.holds.s < 2.5
+    assert set(live.lost_s) >= {"l_wrist"} and 0.0 < live.playout_delay_ms < 200.0
+    assert live.frames == rig.stream.frames > 100 and live.dropped["not JSON"] == 1 and not live.refused
+    report = measure(replace(result, live=live))
+    told = json.loads(report.as_json())
+    assert told["source"] == told["live"]["address"] == "json://:7000" and told["live"]["person"] == "anna"
+    assert told["live"]["holds"]["count"] == live.holds.count and measure(result).live is None
+
+
+def test_the_summary_has_a_line_of_it() -> None:
+    assert stream_line(None) == ""
+    good = LiveReport("vmc://:1", 300, 310, {}, (), {}, Holds(0, 0.0), 35.4, None)
+    assert stream_line(good) == "300 frames in 310 datagrams, played 35 ms late"
+    bad = replace(
+        good, dropped={"late": 3}, refused=("10.0.0.2: a second source",), lost_s={"head": 1.0}, holds=Holds(2, 3.0)
+    )
+    assert stream_line(bad).split("; ")[1:] == [
+        "not used: 3 late",
+        "lost: head 1.0 s",
+        "held 2 times, 3.0 s",
+        "not listened to: 10.0.0.2: a second source",
+    ]
+
+
+NAMES = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
+
+
+def now_and_then(first: float, last: float) -> SenderFault:
+    """From `first` on, s of the sender, something is sent for 0.1 s of every 0.4 s; nothing from `last` on."""
+    return lambda time, poses: None if time >= first and (time >= last or (time - first) % 0.4 < 0.3) else poses
+
+
+def told(
+    *, late: bool = False, trouble: str = "", leapt: str = "", came_back: bool = False, **states: TrustState
+) -> str:
+    now = np.array([states.get(name, TrustState.FRESH) for name in NAMES], dtype=np.uint8)
+    jumped = np.array([name == leapt for name in NAMES])
+    return hindrance_of(NAMES, Hindered(now, jumped, (3, 4), late, trouble, came_back))
+
+
+def test_the_first_that_applies_is_told() -> None:
+    stale = TrustState.STALE
+    assert told(trouble="nothing arrived", late=True, l_ankle=stale) == "nothing arrived"
+    assert told(late=True, l_ankle=stale) == "l_ankle: lost"
+    assert told(late=True) == "ticks came late"
+    assert told() == "not for long enough at a time"
+
+
+def test_what_is_in_the_way_only_now_is_not_told_as_if_it_had_been_all_the_time() -> None:
+    assert told(trouble="nothing arrived", came_back=True) == "not for long enough at a time, at last: nothing arrived"
+    assert told(late=True, came_back=True).endswith(", at last: ticks came late")
+    assert told(came_back=True) == "not for long enough at a time"
+
+
+def test_only_sensors_that_hinder_are_named() -> None:
+    jumped = TrustState.JUMPED
+    assert told(l_wrist=jumped, late=True) == "ticks came late"
+    assert told(l_wrist=jumped, leapt="l_wrist") == "l_wrist: jumped"
+    assert told(l_ankle=TrustState.FROZEN, r_ankle=TrustState.STALE) == "l_ankle: frozen, r_ankle: lost"
+    assert set(WORDS) == set(TrustState) - {TrustState.FRESH}
+
+
+def test_a_stream_that_is_heard_is_no_trouble() -> None:
+    stream = live_stream(FakeSender(), five_sensors())
+    trouble = StreamTrouble(stream)
+    stream.last = 1.0
+    assert not trouble.briefly(1.1, 0.14)
+    assert trouble.briefly(1.2, 0.14) == "nothing arrived"
+    assert not trouble.look(1.6)
+    stream.arrived += 3
+    assert trouble.briefly(1.7, 0.14) == "what arrived was unusable: no poses in it"
+    stream.decoder.dropped.note("not JSON")
+    assert trouble.briefly(1.7, 0.14) == "what arrived was unusable: not JSON (1)"
+
+
+def test_what_arrives_instead_is_told_of_a_short_silence_too() -> None:
+    stream = live_stream(FakeSender(), five_sensors())
+    trouble = StreamTrouble(stream)
+    for now in (1.0, 3.0):  # the second time what came in the first does not count
+        stream.last = now
+        assert not trouble.look(now) and not trouble.look(now + 0.06)
+        assert trouble.briefly(now + 0.2, 0.14) == "nothing arrived"
+        stream.arrived += 1
+        stream.decoder.dropped.note("not JSON")
+        assert trouble.briefly(now + 0.2, 0.14) == "what arrived was unusable: not JSON (1)"
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        (silent(5.0, 60.0), "nothing arrived"),
+        (lost("l_ankle", 5.0, 60.0), "l_ankle: lost"),
+        (now_and_then(5.0, 9.9), "not for long enough at a time, at last: nothing arrived"),
+    ],
+)
+def test_it_is_the_reason_of_the_stop(fault: SenderFault, cause: str) -> None:
+    rig = LiveRig(FakeSender(faults=[fault]), options=LiveOptions(countdown=0.5, duration=12.0))
+    with rig.prepared() as prepared:
+        result = prepared.run()
+    assert result.stop is not None
+    assert result.stop.reason == f"nobody could be followed ({cause}) for 4.81 s, allowed 4.8 s"
+
+
+def test_it_is_the_reason_of_a_stop_on_the_way_to_the_performer_too() -> None:
+    rig = LiveRig(FakeSender(faults=[silent(2.0, 60.0)]), options=LiveOptions(countdown=0.5, duration=3.0))
+    with rig.prepared() as prepared:
+        result = prepared.run()
+    assert result.ticks_followed == 0 and result.stop is not None
+    assert result.stop.reason.startswith("nobody could be followed (nothing arrived) for 4.8")
+
+
+STRANGER: Source = ("10.9.8.7", 50_000)
+
+
+def heard(stream: LiveStream, said: list[str], *, seconds: float = 1.5) -> None:
+    """Listened to, with a look after each time."""
+    news = StreamNews(stream, said.append)
+    for tick in range(round(100 * seconds)):
+        stream.listen(0.01 * tick, moving=True)
+        news.look()
+
+
+@pytest.mark.parametrize(
+    ("allow", "told"),
+    [
+        ("0.0.0.0/0", "10.9.8.7:50000 sends too, and is not listened to: 127.0.0.1:40000 was first"),
+        ("127.0.0.1/32", "10.9.8.7:50000 sends too, and is not listened to: not on the allow-list (?allow=)"),
+    ],
+)
+def test_who_else_sends_is_told_once(allow: str, told: str) -> None:
+    sender, said = FakeSender(), list[str]()
+    sender.others = [lambda since, until: [Datagram(until, STRANGER, b"{}")] if since > 0.5 else []]
+    stream = live_stream(sender, five())
+    stream.admission = Admission(allow=[IPv4Network(allow)])
+    heard(stream, said)
+    assert said == [told] and stream.admission.refused.count > 90
+
+
+def test_a_clock_that_leaps_is_told_once_for_each_way() -> None:
+    said: list[str] = []
+    stamps = FakeSender(stamp=lambda time: 1000.0 + time + (3600.0 if 0.5 < time < 1.5 or time > 2.5 else 0.0))
+    stream = live_stream(stamps, five())
+    heard(stream, said, seconds=3.5)
+    assert said == [f"the sender's clock leapt {way} by 3600.00 s" for way in ("forward", "back")]
+    assert stream.clock_map.jumps == 3
+
+
+def test_a_performer_that_is_listened_to_tells_it() -> None:
+    """Also who sent while the performer was measured."""
+    sender = FakeSender()
+    other: Source = ("127.0.0.1", 50001)
+    sender.others = [lambda since, until: [Datagram(until, other, b"{}")] if since < 2.0 else []]
+    rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=1.0))
+    with rig.prepared() as prepared:
+        assert isinstance(prepared.samples, LivePerformer)
+        for _ in range(50):
+            rig.clock.advance(0.01)
+            prepared.samples.listen()
+    assert sum("50001 sends too" in text for text in rig.said) == 1
+
+
+def test_refused_datagrams_of_the_owner_are_told_once_there_are_many() -> None:
+    said: list[str] = []
+    stream = live_stream(FakeSender(), five())
+    news = StreamNews(stream, said.append)
+    for reason, few, many in ((TOO_LONG, 0, 1), (TOO_MANY, 4_999, 5_000)):
+        stream.admission.refused.reasons[reason] = few
+        news.look()
+        assert not said
+        stream.admission.refused.reasons[reason] = many
+        for _ in range(3):
+            news.look()
+            stream.admission.refused.reasons[reason] += 1
+        assert len(said) == 1
+        said.clear()
+
+
+def test_losses_of_the_kernel_are_told_from_the_first_look_on() -> None:
+    said: list[str] = []
+    stream = live_stream(FakeSender(), five())
+    with UdpReceiver(replace(parse_address("json://:14150"), port=0)) as receiver:
+        stream.receiver = receiver
+        news = StreamNews(stream, said.append)
+        for lost in (70, 70, 71, 90):
+            receiver.overflowed = lost
+            news.look()
+            assert len(said) == (lost > 70)
+    assert said == ["datagrams were lost in this computer: they came faster than they were fetched"]
+
+
+@pytest.mark.parametrize(("trouble", "told"), [("No space left on device", "has ended.*No space"), ("", "too slow")])
+def test_a_recording_that_breaks_off_is_told_in_the_run_and_at_its_end(trouble: str, told: str, tmp_path: Path) -> None:
+    said, ended = list[str](), list[str]()
+    writer = RawWriter(tmp_path / "a.raw", url="json://")
+    stream = live_stream(FakeSender(), five())
+    with RawTap(writer, tell=ended.append) as tap:
+        stream.tap = tap
+        news = StreamNews(stream, said.append)
+        news.look()
+        assert not said
+        writer.lost, writer.trouble = 7, trouble
+        news.look()
+        news.look()
+        assert len(said) == 1
+    reason = trouble or "the disk was too slow"
+    assert ended == [f"the recording is not whole: {reason}; 7 datagrams are missing"]
+    assert told.split(".*", maxsplit=1)[0] in said[0] and told.rsplit(".*", maxsplit=1)[-1] in said[0]
+
+
+def test_a_whole_recording_is_no_news(tmp_path: Path) -> None:
+    said: list[str] = []
+    with RawTap(RawWriter(tmp_path / "a.raw", url="json://"), tell=said.append) as tap:
+        tap.take(Datagram(1.0, ("127.0.0.1", 5), b"x"))
+        assert tap.news() == ""
+    assert said == []
+
+
+DT = 0.01
+HERE = "natnet://127.0.0.1"
+
+
+def refused(sender: FakeSender, *, decoder: MvnDecoder | None = None, where: str = "here") -> str:
+    """Why a run with this sender does not begin."""
+    stream = live_stream(sender, five())
+    if decoder is not None:
+        stream.decoder = decoder
+    clock = VirtualClock()
+    with pytest.raises(InputError) as refusal:
+        begin_live(
+            stream,
+            LiveOptions(countdown=0.0, patience=1.0),
+            clock=clock,
+            rate_hz=100.0,
+            where=where,
+            tell=lambda text: None,
+        )
+    return str(refusal.value)
+
+
+def garbled(payload: bytes, first: float = 0.0, last: float = 1e9) -> FakeSender:
+    """A sender that sends something else for a while."""
+    sender = FakeSender()
+    sender.garbles.append(lambda time, datagram: [payload] if first <= time < last else [datagram])
+    return sender
+
+
+def test_nothing_arrives() -> None:
+    text = refused(FakeSender(faults=[silent(0.0, 1e9)]))
+    assert text.startswith("here: nothing arrives, waited 1 s.")
+    shows(text)
+
+
+def test_what_arrives_instead_is_named() -> None:
+    text = refused(garbled(quaternions(standing())), where="json://:7000")
+    shows(text, "MVN", "mvn://:7000", 9763)
+    text = refused(FakeSender(), decoder=MvnDecoder(), where="mvn://:7000")
+    shows(text, "JSON", "json://:7000")
+
+
+def test_a_stream_that_has_ended_is_told_as_such() -> None:
+    text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9), silent(0.05, 1e9)]))
+    shows(text, "1.0")
+    shows(text.lower())
+
+
+def test_something_else_arrives() -> None:
+    text = refused(garbled(b"hello"))
+    shows(text)
+
+
+@pytest.mark.parametrize(("kind", "told"), [("05", "Unity poses"), ("20", "joint angles"), ("99", "type unknown")])
+def test_mvn_set_to_another_datagram(kind: str, told: str) -> None:
+    text = refused(garbled(mvn(kind, bytes(32), items=1)), decoder=MvnDecoder())
+    assert told in text and text.endswith("In MVN's network streamer choose Position + Orientation (Quaternion).")
+
+
+def test_a_role_that_the_stream_does_not_have() -> None:
+    text = refused(FakeSender(faults=[lost("l_wrist", 0.0, 1e9)]))
+    shows(text, "l_wrist", "head")
+
+
+def test_lengths_in_another_unit_are_told_as_such() -> None:
+    def millimetres(time: float, poses: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {name: 1000.0 * point for name, point in poses.items()}
+
+    text = refused(FakeSender(faults=[millimetres]))
+    shows(text)
+    assert "Wear" not in text
+
+
+class Short(FakeSender):
+    """A recording that is over."""
+
+    @property
+    def finished(self) -> bool:
+        """After two seconds."""
+        return self._polled >= 2.0
+
+
+def test_a_recording_that_is_too_short_is_told_as_such() -> None:
+    stream = live_stream(Short(faults=[silent(2.0, 1e9)]), five())
+    told = looks(stream, 0.0, 4.0)
+    assert [text for _, text in told] == [
+        "the recording was over 1.0 s ago. Take a longer one, or play it again and again: ?loop=1"
+    ]
+    shows(str(unusable(stream, [], 1.0, where="here", now=5.0)), "3.0")
+
+
+def test_a_recording_of_another_kind_than_was_said_is_named() -> None:
+    text = refused(garbled(quaternions(standing())), where="replay:///tmp/a.raw?kind=json")
+    shows(text, "MVN", "replay:///tmp/a.raw?kind=mvn")
+
+
+def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:
+    """What is told, and when, from one time to the next."""
+    trouble, told = StreamTrouble(stream), []
+    for tick in range(round(first / DT), round(last / DT)):
+        stream.listen(DT * tick, moving=True)
+        text = trouble.look(DT * tick)
+        if text:
+            told.append((DT * tick, text))
+    return told
+
+
+def test_silence_while_it_runs_is_told_once_and_again_when_it_comes_again() -> None:
+    sender = FakeSender(faults=[silent(2.0, 5.0), silent(7.0, 8.5), silent(9.0, 9.5)])
+    told = looks(live_stream(sender, five()), 0.0, 11.0)
+    assert [round(time, 1) for time, _ in told] == [3.0, 8.0]
+    assert all(text.startswith("nothing has arrived for 1.0 s: see that the sender runs") for _, text in told)
+
+
+def test_another_datagram_while_it_runs_is_told_once_with_the_reason() -> None:
+    (time, text), *more = looks(live_stream(garbled(b"hello", 2.0), five()), 0.0, 6.0)
+    assert time == pytest.approx(3.0, abs=0.05) and not more
+    assert text.startswith("what arrives has been unusable for 1.0 s: ")
+    shows(text)
+
+
+class Motive:
+    """A stream of Motive, without a network. Its session is asked as if a server had answered."""
+
+    def __init__(self, version: Version) -> None:
+        receiver = NatnetReceiver(parse_address(HERE), session_for(parse_address(HERE)))
+        self.stream = live_stream(FakeSender(), five())
+        self.stream.receiver = receiver
+        self.server(version)
+
+    def server(self, version: Version) -> None:
+        """It answers."""
+        receiver = self.stream.receiver
+        assert isinstance(receiver, NatnetReceiver)
+        fake = FakeMotive(synthetic_performer(), MotiveSettings(version=version))
+        for question in receiver.session.poll(0.0):
+            fake.receive(0.0, question)
+        receiver.session.receive(0.0, fake._server_info())
+
+    def close(self) -> None:
+        """Close its sockets."""
+        self.stream.receiver.close()
+
+
+def test_a_wrong_version_is_refused_and_told_once() -> None:
+    motive = Motive(Version(2, 9))
+    try:
+        with refuses(InputError, "NatNet", found="2.9"):
+            refuse_version(motive.stream, 0.1)
+        assert "2.9" in str(unusable(motive.stream, [], 10.0, where=HERE, now=10.0))
+        trouble = StreamTrouble(motive.stream)
+        assert "2.9" in trouble.look(0.1) and trouble.foreign
+        assert trouble.look(0.2) == "" and trouble.foreign
+    finally:
+        motive.close()
+
+
+def test_a_version_that_can_be_read_is_none_of_that_and_a_group_that_is_not_joined_is_told() -> None:
+    motive = Motive(Version(4, 1))
+    try:
+        refuse_version(motive.stream, 0.1)
+        motive.stream.last = 0.0
+        trouble = StreamTrouble(motive.stream)
+        assert trouble.look(0.1) == "" and not trouble.foreign
+        assert isinstance(motive.stream.receiver, NatnetReceiver)
+        motive.stream.receiver.trouble = "the group 239.1.2.3 cannot be joined"
+        told = [text for tick in range(500) if (text := trouble.look(DT * tick))]
+        assert len(told) == 1
+        shows(told[0])
+        motive.stream.admission.refused.note("cut")
+        assert told[0].endswith("lets UDP from Motive in.")
+        shows(trouble.why(9.0), 1)
+        assert "239.1.2.3" in str(unusable(motive.stream, [], 10.0, where=HERE, now=0.5))
+    finally:
+        motive.close()
+
+
+def test_datagrams_of_others_are_told_as_the_reason() -> None:
+    sender = FakeSender(faults=[silent(2.0, 9.0)])
+    other = FakeSender(source=("127.0.0.1", 50000))
+
+    def others(before: float, now: float) -> list[Datagram]:
+        return other.poll(now) if now > 2.5 else []
+
+    sender.others.append(others)
+    told = looks(live_stream(sender, five()), 0.0, 4.0)
+    assert len(told) == 1
+    shows(told[0][1], "127.0.0.1:40000")
+
+
+def test_a_sender_that_sends_more_than_can_be_read_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.faults.sender.MOST_WAITING", 10_000)  # of a socket with a large buffer
+    stream = live_stream(FakeSender(rate_hz=1900.0), five())
+    trouble, told, brief = StreamTrouble(stream), list[str](), ""
+    for tick in range(1500):
+        stream.listen(DT * tick, moving=True)
+        told += [text] if (text := trouble.look(DT * tick)) else []
+        brief = trouble.briefly(DT * tick, 0.13)
+    assert len(told) == 1 and told[0].startswith("what is read arrived 1.0 s ago: more arrives than can be read")
+    assert told[0].endswith("30 to 240 a second are enough") and brief == "more arrived than can be read in time"
+
+
+def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
+    stream = live_stream(FakeSender(source=("192.168.1.20", 40000)), five())
+    where = "json://0.0.0.0:14150?allow=192.168.1.21"
+    stream.admission = admission_for(parse_address(where))
+    for tick in range(20):
+        stream.listen(DT * tick, moving=False)
+    text = str(unusable(stream, [], 10.0, where=where, now=10.0))
+    shows(text)
+    assert text.endswith("?allow=192.168.1.20."), text
+
+
+def test_where_nothing_arrives_at_a_socket_the_place_is_named_and_who_is_heard_there() -> None:
+    stream = live_stream(FakeSender(faults=[silent(0.0, 1e9)]), five())
+    stream.receiver = receiver = UdpReceiver(StreamAddress("vmc://", "vmc"))
+    try:
+        port = receiver.bound[1]
+        text = str(unusable(stream, [], 10.0, where="vmc://:39539", now=10.0))
+    finally:
+        receiver.close()
+    assert port > 0 and receiver.bound == ("", 0)
+    shows(text, "127.0.0.1", "UDP", port, f"vmc://0.0.0.0:{port}?allow=ITS_ADDRESS", "`retarget doctor vmc://:39539`")

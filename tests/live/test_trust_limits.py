@@ -1,0 +1,29 @@
+"""Limits that make sense."""
+
+from typing import Any
+
+import pytest
+
+from retarget.errors import UsageError
+from retarget.live.engagement import RejoinTimes
+from retarget.live.sensor_validity import TrustLimits
+
+
+@pytest.mark.parametrize("name", ["fastest", "settled_after", "stale_after", "frozen_after", "reach"])
+@pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan")])
+def test_what_makes_no_sense_is_refused(name: str, wrong: float) -> None:
+    limits: dict[str, Any] = {name: wrong}
+    with pytest.raises(UsageError):
+        TrustLimits(**limits)
+
+
+def test_the_room_has_a_height() -> None:
+    with pytest.raises(UsageError):
+        TrustLimits(low=1.0, high=1.0)
+
+
+def test_who_is_lost_or_frozen_is_out_in_300_ms() -> None:
+    """One capture and one tick at 100 Hz between what happens and what is done."""
+    limits, times = TrustLimits(), RejoinTimes()
+    for limit in (limits.stale_after, limits.frozen_after):
+        assert limit + times.leave + 0.02 <= 0.3

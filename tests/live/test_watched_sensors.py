@@ -1,0 +1,115 @@
+"""What is remembered of each sensor."""
+
+import numpy as np
+import pytest
+
+from messages import refuses
+from retarget._solver import WatchedSensors
+from retarget.live.sensor_validity import TrustLimits, TrustState, watched_sensors
+from retarget.types import FloatArray
+
+ROWS = np.array([2, 0])
+POSE = np.array([[0.0, 0.1, 1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.1, 1.0, 0.6, 0.8, 0.0, 0.0]])
+
+
+def told() -> WatchedSensors:
+    watched = watched_sensors(3, TrustLimits())
+    watched.put(ROWS, 1.0, POSE)
+    return watched
+
+
+def take(watched: WatchedSensors, time: float, pose: FloatArray, look_again: bool = False) -> bool:
+    """Whether poses were taken at once."""
+    position, orientation = pose[:, :3].copy(), pose[:, 3:].copy()
+    found = watched.take(ROWS, time, position, orientation, np.ones(len(pose), dtype=bool), look_again)
+    return found is None or found[1]
+
+
+def test_the_first_position_counts_as_a_change_and_the_first_orientation_does_not() -> None:
+    watched = told()
+    assert (watched.since[ROWS, :3] == 1.0).all() and np.isnan(watched.since[ROWS, 3:]).all()
+    assert np.isnan(watched.since[1]).all() and watched.at.tolist() == [1.0, -np.inf, 1.0]
+
+
+def test_each_number_knows_its_last_change() -> None:
+    for put in (True, False):
+        watched = told()
+        moved = POSE.copy()
+        moved[0, [1, 4]] += 0.001
+        moved[1, 0] += 1e-7  # rounding
+        if put:
+            watched.put(ROWS, 1.01, moved)
+        else:
+            assert take(watched, 1.01, moved)
+        assert watched.since[2, 1] == 1.01 and watched.since[2, 4] == 1.01
+        assert watched.since[0, 0] == 1.0 and watched.since[2, 0] == 1.0 and np.isnan(watched.since[2, 3])
+        assert watched.latest == 1.01 and watched.before[2] == 1.0 and watched.step[2, 1] > 0.0
+        assert (watched.pose[ROWS] == moved).all() and watched.still_for[0] == pytest.approx(0.01)
+
+
+def test_what_is_far_or_late_or_doubted_needs_a_second_look() -> None:
+    near, far = POSE.copy(), POSE.copy()
+    near[0, 0] += 0.059
+    far[0, 0] += 0.061
+    for time, pose, look_again, taken in (
+        (1.01, near, False, True),
+        (1.01, far, False, False),
+        (1.0, near, False, False),
+        (1.01, near, True, False),
+    ):
+        watched = told()
+        assert take(watched, time, pose, look_again) is taken
+        assert (watched.pose[2] == (near if taken else POSE)[0]).all()
+    assert not take(watched_sensors(3, TrustLimits()), 1.0, POSE)  # nobody knows where they were
+
+
+def test_without_an_orientation_its_changes_are_forgotten() -> None:
+    watched, turned = told(), POSE.copy()
+    turned[:, 4] += 0.001
+    turned[:, 3:] /= np.linalg.norm(turned[:, 3:], axis=1, keepdims=True)
+    assert take(watched, 1.01, turned) and not np.isnan(watched.since[ROWS, 4]).any()
+    turned[:, 3:] = np.nan
+    assert take(watched, 1.02, turned) and np.isnan(watched.since[:, 3:]).all()
+    watched = told()
+    watched.put(ROWS, 1.01, POSE + 0.001)
+    watched.forget_turn(ROWS[:1])
+    assert np.isnan(watched.since[2, 3:]).all() and not np.isnan(watched.since[0, 3:]).any()
+
+
+def test_a_long_way_is_no_step() -> None:
+    watched = told()
+    watched.put(ROWS, 3.0, POSE + 0.01)
+    assert not watched.step.any()
+    assert (watched.since[ROWS] == 3.0).all()
+
+
+def test_nobody_is_told_of() -> None:
+    watched = told()
+    watched.put(ROWS[:0], 9.0, POSE[:0])
+    assert watched.latest == 1.0
+
+
+def test_what_was_not_heard_is_not_worn_and_what_is_outside_is_out_of_range() -> None:
+    limits = TrustLimits()
+    watched, outside = watched_sensors(2, limits), np.array([[50.0, 0.0, 1.0]])
+    turn, yes = POSE[:1, 3:].copy(), np.ones(1, dtype=bool)
+    assert watched.judge(0.0).tolist() == [TrustState.STALE] * 2
+    late = limits.not_worn_after
+    assert watched.judge(late - 0.01).tolist() == [TrustState.STALE] * 2
+    watched.take(np.array([1]), late, outside, turn, yes, False)
+    assert watched.judge(late).tolist() == [TrustState.NOT_WORN, TrustState.OUT_OF_RANGE]
+    assert watched.judge(late + limits.stale_after + 0.01).tolist() == [TrustState.NOT_WORN] * 2
+    watched.put(np.array([1]), late, np.hstack([outside / 50.0, turn]))
+    assert watched.judge(late + 0.01).tolist() == [TrustState.NOT_WORN, TrustState.FRESH]
+    assert watched.judge(np.nan).tolist() == [TrustState.NOT_WORN, TrustState.STALE]
+
+
+def test_bad_arrays_are_refused() -> None:
+    watched, yes = told(), np.ones(2, dtype=bool)
+    position, orientation = POSE[:, :3].copy(), POSE[:, 3:].copy()
+    with refuses(ValueError):
+        watched.take(np.array([3, 0]), 1.1, position, orientation, yes, False)
+    with refuses(ValueError):
+        watched.take(ROWS, 1.1, position, orientation, yes[:1], False)
+    with refuses(ValueError):
+        watched.put(ROWS, 1.1, position)

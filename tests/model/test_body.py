@@ -1,0 +1,205 @@
+"""A body as arrays: names, limits and addresses, and the same motion as MuJoCo."""
+
+from dataclasses import FrozenInstanceError, replace
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bodies import ALL_JOINTS_MJCF, TWO_LINK_URDF
+from followers import DT, dimensions, op3, performer, postures
+from messages import refuses
+from retarget import _solver
+from retarget.errors import ConfigError
+from retarget.model.body import BodyModel, JointLimits, JointType, joint_weights, light_dofs, load_body_text
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import proportional_dimensions
+from retarget.model.robot import load_robot
+from retarget.robot.follower import Follower
+from retarget.robot.posture_reader import robot_frames
+from retarget.schema.priorities import load_priorities
+from retarget.types import FloatArray
+
+
+@pytest.fixture(scope="module")
+def body() -> BodyModel:
+    return load_body_text(ALL_JOINTS_MJCF, source="all.xml")
+
+
+def test_names_types_and_addresses(body: BodyModel) -> None:
+    assert body.body_names == ("world", "base", "upper", "lower", "hand", "other")
+    assert body.joint_names == ("root", "twist", "rail", "ball", "joint_4")
+    assert list(body.joint_type) == [JointType.FREE, JointType.HINGE, JointType.SLIDE, JointType.BALL, JointType.HINGE]
+    assert (body.nq, body.nv) == (14, 12)
+    assert list(body.joint_qpos) == [0, 7, 8, 9, 13] and list(body.joint_dof) == [0, 6, 7, 8, 11]
+    assert body.dof_names[:6] == ("root_x", "root_y", "root_z", "root_rx", "root_ry", "root_rz")
+    assert body.dof_names[6:] == ("twist", "rail", "ball_rx", "ball_ry", "ball_rz", "joint_4")
+    assert np.all(body.parent[1:] < np.arange(1, 6)), "a parent comes before its children"
+    single, address = body.scalar_joints()
+    assert list(np.flatnonzero(single)) == [6, 7, 11] and list(address[single]) == [7, 8, 13]
+
+
+def test_limits_are_a_box_and_cones_are_noted(body: BodyModel) -> None:
+    assert_allclose(body.lower[[6, 7]], [-1.0, -0.1])
+    assert_allclose(body.upper[[6, 7]], [2.0, 0.2])
+    rest = np.delete(np.arange(12), [6, 7])
+    assert np.all(np.isneginf(body.lower[rest])) and np.all(np.isposinf(body.upper[rest]))
+    assert any("'ball'" in note and "cone" in note for note in body.notes)
+
+
+def test_masses_are_the_files(body: BodyModel) -> None:
+    assert body.total_mass == pytest.approx(7.0)
+    assert_allclose(body.com[1], [0.02, 0.0, 0.0], atol=1e-12)
+    urdf = load_body_text(TWO_LINK_URDF, source="two.urdf")
+    assert urdf.total_mass == pytest.approx(3.0)
+    assert_allclose(urdf.com[1], [0.1, 0.0, 0.0], atol=1e-12)
+
+
+def test_frames_are_sites_and_links(body: BodyModel) -> None:
+    assert body.frame("tool").body == 1 and body.frame("hand").body == 4
+    assert_allclose(body.frame("tool").position, [0.0, 0.1, 0.0])
+    with refuses(ConfigError):
+        body.frame("tol")
+    for lookup in (body.body_index, body.joint_index, body.dof_index):
+        with refuses(ConfigError, "all.xml"):
+            lookup("nothing")
+
+
+def test_a_chain_has_its_link_and_the_root_and_not_the_world(body: BodyModel) -> None:
+    links = [body.body_index(name) for name in ("hand", "lower", "upper", "base")]
+    assert body.chain_to_root(links[0]) == tuple(links)
+    assert body.chain_to_root(body.body_index("other")) == (body.body_index("other"), links[-1])
+    assert body.chain_to_root(links[-1]) == (links[-1],) and body.chain_to_root(0) == ()
+    assert body.links_between(links[0], body.body_index("other")) == {*links[:-1], body.body_index("other")}
+    assert body.links_between(links[1], links[0]) == {links[0]} and body.links_between(links[0], links[0]) == set()
+
+
+@pytest.mark.parametrize("text", [ALL_JOINTS_MJCF, TWO_LINK_URDF, "human"])
+def test_the_solver_moves_the_body_as_mujoco_does(text: str) -> None:
+    if text == "human":
+        text = build_human(proportional_dimensions(1.7)).mjcf
+    body = load_body_text(text, source="test")
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compiler.fusestatic = False
+    model = spec.compile()
+    data, solver = mujoco.MjData(model), body.solver_body()
+    assert (solver.nq, solver.nv, solver.nbody) == (model.nq, model.nv, model.nbody)
+    assert_allclose(solver.rest(), model.qpos0)
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        data.qpos[:] = posture = _random_posture(model, rng)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        position, quat = solver.forward(posture)
+        assert_allclose(position, data.xpos, atol=1e-12)
+        assert_allclose(np.abs(np.sum(quat * data.xquat, axis=1)), 1.0, atol=1e-12)
+        assert_allclose(solver.centre_of_mass(posture[None])[0], data.subtree_com[0], atol=1e-9)
+        linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        last, point = model.nbody - 1, np.array([0.1, -0.2, 0.3])
+        world = data.xpos[last] + data.xmat[last].reshape(3, 3) @ point
+        mujoco.mj_jac(model, data, linear, angular, world, last)
+        assert_allclose(solver.frame_jacobian(posture, last, tuple(point)), np.vstack([linear, angular]), atol=1e-12)
+
+
+def _random_posture(model: mujoco.MjModel, rng: np.random.Generator) -> FloatArray:
+    posture = np.array(model.qpos0)
+    mujoco.mj_integratePos(model, posture, rng.normal(size=model.nv), 1.0)
+    return posture
+
+
+def test_limits_are_per_degree_of_freedom() -> None:
+    limits = op3().limits
+    assert isinstance(limits, JointLimits)
+    assert all((part >= 0.0).all() for part in (limits.max_velocity, limits.max_acceleration))
+    assert (limits.lower <= limits.upper).all()
+
+
+def test_limits_do_not_change() -> None:
+    nothing = np.zeros(2)
+    limits = JointLimits(lower=nothing, upper=nothing, max_velocity=nothing, max_acceleration=nothing)
+    with pytest.raises(FrozenInstanceError):
+        limits.lower = np.ones(2)  # type: ignore[misc]
+
+
+def test_from_the_whole_body_to_one_axis() -> None:
+    body = build_human(proportional_dimensions(1.7)).body
+    values = [("hip", 2.0), ("l_hip", 3.0), ("hip_rotation", 4.0), ("r_hip_rotation", 5.0)]
+    by_name = dict(zip(body.dof_names, joint_weights(body, values, default=1.0), strict=True))
+    assert by_name["l_hip_flexion"] == 3.0 and by_name["r_hip_flexion"] == 2.0
+    assert by_name["l_hip_rotation"] == 4.0 and by_name["r_hip_rotation"] == 5.0
+    assert by_name["l_knee_flexion"] == 1.0
+    assert [by_name[f"root_{axis}"] for axis in ("x", "y", "z", "rx", "ry", "rz")] == [0.0] * 6
+
+
+def test_a_free_root_counts_only_when_named() -> None:
+    body = build_human(proportional_dimensions(1.7)).body
+    assert list(joint_weights(body, [("root", 7.0), ("root_z", 8.0)], default=1.0)[:6]) == [7, 7, 8, 7, 7, 7]
+
+
+def test_unknown_names_are_refused() -> None:
+    with refuses(ConfigError):
+        joint_weights(build_human(proportional_dimensions(1.7)).body, [("l_nkee", 1.0)], default=1.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "light", "heavy"),
+    [
+        ("op3", ("head_pan", "head_tilt"), ("l_sho_pitch", "l_el", "l_knee", "r_hip_roll")),
+        ("wolfgang", ("HeadPan", "HeadTilt"), ("LShoulderPitch", "LElbow", "LKnee", "RHipRoll")),
+        ("toddlerbot", ("neck_yaw", "neck_pitch"), ("left_elbow_roll", "left_knee", "waist_roll")),
+        ("poppy", ("head_y", "head_z"), ("l_knee_y", "l_shoulder_x", "abs_y")),
+    ],
+)
+def test_heads_are_light_and_legs_and_trunks_are_not(
+    robot: str, light: tuple[str, ...], heavy: tuple[str, ...]
+) -> None:
+    body = load_robot(robot).body
+    names = {body.dof_names[dof] for dof in light_dofs(body, robot_frames(load_robot(robot)))}
+    assert names >= set(light) and not names & set(heavy)
+
+
+def test_a_heavy_head_is_not_light() -> None:
+    body = op3().body
+    mass = body.mass.copy()
+    mass[body.joint_body[body.joint_index("head_tilt")]] *= 20.0
+    heavy = replace(body, mass=mass)
+    assert light_dofs(heavy, robot_frames(op3())) == []
+
+
+@pytest.mark.parametrize("without", [[], [0], [3, 1]])
+def test_a_support_is_kept_by_the_others_alone(without: list[int]) -> None:
+    """The mass of a free body is pushed back along x: by those that may, the least way."""
+    body = op3().body
+    solver_body, q = body.solver_body(), op3().posture(op3().profile.postures.stand)
+    com = solver_body.centre_of_mass(q[None])[0]
+    wide = np.full(body.nv, np.inf)
+    solver = _solver.Solver(
+        solver_body,
+        [[_solver.Task.support(1, without=without)]],
+        lower=-wide,
+        upper=wide,
+        max_velocity=wide,
+        max_acceleration=wide,
+        locked=np.zeros(body.nv, dtype=np.bool_),
+        n_ik=1,
+    )
+    solver.reset(q)
+    moved = solver_body.difference(q, solver.frame(np.array([1.0, 1.0, 0.0, 0.0, com[0] - 0.01]), DT))
+    column = solver_body.centre_of_mass_jacobian(q)[0]
+    column[without] = 0.0
+    assert np.abs(moved[without]).max(initial=0.0) < 1e-12
+    assert np.abs(moved).max() > 1e-3
+    along = moved @ column / np.linalg.norm(moved) / np.linalg.norm(column)
+    assert along == pytest.approx(-1.0, abs=0.05)
+
+
+def test_a_head_is_not_swung_for_balance() -> None:
+    """OP3's, whose performer hardly turns theirs; it went from stop to stop."""
+    robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    motion = postures(performer())
+    robot.start(motion[0])
+    robot.arrive(motion[0], DT)
+    pan = op3().body.joint_qpos[op3().body.joint_index("head_pan")]
+    angles = np.array([robot.step(human, DT).q[pan] for human in motion[:1000]])
+    assert np.abs(angles).max() < 0.6

@@ -1,0 +1,247 @@
+"""Every shipped robot: its masses, its servos, where it stands, and that its left is the mirror image of its right."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+
+from posed_body import PosedBody
+from retarget.ik.support_polygon import plant, support_distance
+from retarget.model.observers import robot_observers
+from retarget.model.robot import load_robot
+from retarget.schema.catalogue import Kind, entries
+from retarget.schema.profile import load_profile
+
+POSTURES = ("neutral", "stand", "rest", "attractor")
+STALL_SHARE = 0.82
+SEED = 20
+
+
+@dataclass(frozen=True)
+class Published:
+    """What the sources of a robot say of it as a whole. mass: kg, of all links; joints: with a servo."""
+
+    mass: float
+    joints: int
+
+
+PUBLISHED = {
+    "op3": Published(3.14747, 20),
+    "poppy": Published(2.86791, 25),
+    "wolfgang": Published(7.11661, 20),
+}
+NAMES = sorted(PUBLISHED)
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def name(request: pytest.FixtureRequest) -> Iterator[str]:
+    yield str(request.param)
+
+
+@pytest.fixture(scope="module")
+def body(name: str) -> PosedBody:
+    return PosedBody(load_profile(name))
+
+
+def twin(joint: str) -> str | None:
+    """The right joint for a left one; None for others."""
+    if joint.startswith("l_"):
+        return "r_" + joint[2:]
+    return "R" + joint[1:] if joint[0] == "L" and joint[1].isupper() else None
+
+
+def test_they_are_all_looked_at_here_or_have_their_own_test() -> None:
+    shipped = {entry.name for entry in entries(Kind.ROBOT) if entry.shipped}
+    assert set(NAMES) <= shipped <= {*NAMES, "toddlerbot"}
+
+
+def test_masses_and_joints_are_those_of_the_sources(body: PosedBody, name: str) -> None:
+    assert body.model.body_mass.sum() == pytest.approx(PUBLISHED[name].mass, abs=2e-5)
+    assert len(body.profile.servos) == body.model.nu == body.model.nv - 6 == PUBLISHED[name].joints
+
+
+def test_every_link_with_mass_has_a_shape_and_a_sound_inertia(body: PosedBody) -> None:
+    for index in range(1, body.model.nbody):
+        small, middle, large = sorted(body.model.body_inertia[index])
+        link = body.model.body(index).name
+        assert body.model.body_geomnum[index] > 0, link
+        assert 0.0 < small <= large <= small + middle, link
+        # As if all of it were between 1 mm and 15 cm from its centre.
+        assert 1e-6 < large / body.model.body_mass[index] < 0.15**2, link
+
+
+def test_servos_serve_the_range_of_their_joints(body: PosedBody) -> None:
+    for spec in body.profile.servo_specs():
+        assert spec.problems() == ()
+        np.testing.assert_allclose(body.model.joint(spec.joint).range, (spec.lower, spec.upper), atol=1e-6)
+        ends = [spec.zero_tick + spec.ticks_per_rad * limit for limit in (spec.lower, spec.upper)]
+        assert spec.lowest_tick - 0.5 <= min(ends) < max(ends) <= spec.highest_tick + 0.5
+        assert spec.max_velocity < spec.model.no_load_speed
+
+
+def test_the_body_file_has_an_actuator_per_servo_in_their_order(body: PosedBody) -> None:
+    names = [body.model.actuator(index).name for index in range(body.model.nu)]
+    assert list(body.profile.servos) == names
+
+
+@pytest.mark.parametrize("posture", [posture for posture in POSTURES if posture != "rest"])
+def test_postures_stand_flat_and_balanced(body: PosedBody, posture: str) -> None:
+    body.pose(getattr(body.profile.postures, posture))
+    for foot in body.profile.feet.values():
+        np.testing.assert_allclose(body.frame(foot.frame)[1], np.eye(3), atol=2e-3)
+    assert np.ptp(body.sole_corners()[:, 2]) < 5e-4
+    assert body.support_margin() > 0.05
+    assert abs(body.com_in_stand_frame()[0]) < 0.01
+
+
+def test_at_rest_it_squats_flat_and_balanced_and_leans_little(name: str) -> None:
+    robot = load_robot(name)
+    rest = plant(robot, robot.profile.postures.rest)
+    lean = np.degrees(2.0 * np.arccos(min(abs(float(rest.q[3])), 1.0)))
+    assert lean < (13.0 if name == "poppy" else 5.0)  # whose hips are nearly at their stops
+    turns = robot.orientations(rest.q[None], tuple(foot.frame for foot in robot.profile.feet.values()))[0]
+    assert np.abs(turns[:, 1:3]).max() < 1e-3  # no sole tilts
+    places = robot.points(rest.q[None], tuple(foot.frame for foot in robot.profile.feet.values()))[0]
+    assert np.abs(places[:, 2]).max() < 5e-4
+    com = robot.body.solver_body().centre_of_mass(rest.q[None])[0]
+    assert support_distance(com[:2], rest.edges(0.0)) > 0.03
+
+
+def test_the_stance_is_on_the_floor_with_bent_knees(name: str) -> None:
+    robot = load_robot(name)
+    stance = plant(robot, robot.profile.postures.stand)
+    for sole in stance.soles:
+        height = robot.points(stance.q[None], (sole.frame.name,))[0, 0, 2]
+        assert abs(height) < 1e-4
+    for side in "lr":
+        hip, knee, ankle = (stance.points[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))
+        straight = np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee)
+        assert 0.9 * straight < np.linalg.norm(hip - ankle) < 0.99 * straight
+        assert knee[0] > 0.5 * (hip[0] + ankle[0]) + 0.01  # forward of the line from hip to ankle
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+def test_postures_touch_nothing(body: PosedBody, posture: str) -> None:
+    assert body.pose(getattr(body.profile.postures, posture)).touching() == set()
+
+
+def test_no_pair_of_observers_is_in_contact_where_it_stands(name: str) -> None:
+    robot = load_robot(name)
+    observers = robot_observers(robot)
+    seen = {robot.body.body_names[link] for link in observers.links}
+    assert seen == set(robot.body.body_names) - {"world"}
+    # Most that a pair keeps is a share of its distance in `neutral` and `stand`: above 0, it is in contact in neither.
+    assert (observers.pair_margin > 1e-4).all()
+
+
+def test_its_left_is_the_mirror_image_of_its_right(body: PosedBody) -> None:
+    """In random postures whose left mirrors the right; joints without a twin turn if their axis lies across."""
+    body.pose({})
+    pairs = {joint: twin(joint) for joint in body.profile.servos if twin(joint)}
+    limits = {joint: servo.limits for joint, servo in body.profile.servos.items()}
+    assert 2 * len(pairs) >= len(limits) - 7
+    signs, middle = {}, []
+    for left, right in pairs.items():
+        # An axis is a pseudovector: its mirror image keeps y and turns x and z round.
+        signs[left] = float(np.sign(body.anchor(left)[1] @ (body.anchor(str(right))[1] * (-1.0, 1.0, -1.0))))
+        ends = sorted(signs[left] * limit for limit in limits[str(right)])
+        np.testing.assert_allclose(limits[left], ends, atol=1e-6)
+    for joint in set(limits) - set(pairs) - set(pairs.values()):
+        if abs(body.anchor(joint)[1][1]) > 0.99:
+            middle.append(joint)
+    random = np.random.default_rng(SEED)
+    frames = [frame for frame in body.profile.frames if frame.startswith("l_")]
+    assert len(frames) >= 8
+    for _ in range(20):
+        q = {joint: random.uniform(*limits[joint]) for joint in [*pairs, *middle]}
+        q |= {str(pairs[left]): signs[left] * q[left] for left in pairs}
+        body.pose(q)
+        centre = body.data.qpos[:3] * (0.0, 1.0, 0.0)
+        for frame in frames:
+            left, right = body.at(frame) - centre, body.at("r" + frame[1:]) - centre
+            np.testing.assert_allclose(left * (1, -1, 1), right, atol=2e-4, err_msg=f"{frame}, seed {SEED}")
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+def test_postures_are_mirror_images(body: PosedBody, posture: str) -> None:
+    body.pose(getattr(body.profile.postures, posture))
+    for frame in [frame for frame in body.profile.frames if frame.startswith("l_")]:
+        np.testing.assert_allclose(body.at(frame) * (1, -1, 1), body.at("r" + frame[1:]), atol=2e-4)
+
+
+def test_frames_look_where_a_person_would(body: PosedBody) -> None:
+    """In `stand`: left is left, toes and face look ahead, elbows are behind the hands, the head is on top."""
+    body.pose(body.profile.postures.stand)
+    for part in ("shoulder", "elbow", "hand", "hip", "knee", "ankle", "sole", "toe"):
+        assert body.at(f"l_{part}")[1] > 0.02 > -0.02 > body.at(f"r_{part}")[1], part
+    for side in "lr":
+        assert body.at(f"{side}_toe")[0] > body.at(f"{side}_sole")[0] + 0.02
+        assert body.at(f"{side}_hand")[0] > body.at(f"{side}_elbow")[0]
+        heights = [body.at(f"{side}_{part}")[2] for part in ("shoulder", "elbow", "hip", "knee", "ankle", "sole")]
+        assert sorted(heights, reverse=True)[0] == heights[0]
+        assert heights[2:] == sorted(heights[2:], reverse=True)
+    assert body.at("head")[2] > body.at("neck")[2] > body.at("pelvis")[2]
+    np.testing.assert_allclose(body.frame("head")[1][:, 0], (1, 0, 0), atol=2e-3)
+
+
+def test_rest_is_lower_than_stand(body: PosedBody) -> None:
+    heights = {}
+    for posture in ("stand", "rest"):
+        body.pose(getattr(body.profile.postures, posture))
+        heights[posture] = body.at("pelvis")[2] - body.at("l_sole")[2]
+    assert heights["rest"] < 0.65 * heights["stand"]
+
+
+def test_landmarks_ask_for_less_than_the_stretched_limb(body: PosedBody) -> None:
+    """Lengths of the segments; and that from the ankle a sole is where the landmark's offset says."""
+    body.pose(body.profile.postures.stand)
+    landmarks = body.profile.landmarks
+
+    def length(*frames: str) -> float:
+        return float(sum(np.linalg.norm(body.at(a) - body.at(b)) for a, b in pairwise(frames)))
+
+    arm, leg = length("l_shoulder", "l_elbow", "l_hand"), length("l_hip", "l_knee", "l_ankle")
+    assert 0.9 * arm < landmarks["l_hand"].robot_length < arm
+    assert 0.95 * leg < landmarks["l_sole"].robot_length < leg
+    assert landmarks["pelvis"].robot_length == landmarks["l_sole"].robot_length
+    assert landmarks["head"].robot_length == pytest.approx(length("pelvis", "head"), abs=2e-3)
+    np.testing.assert_allclose(body.at("l_sole") - body.at("l_ankle"), landmarks["l_sole"].offset, atol=5e-4)
+
+
+def test_acceleration_limits_are_within_the_torque(body: PosedBody) -> None:
+    """Base held: inertia about each joint times max_acceleration, plus gravity, stays below stall torque at 12 V."""
+    random = np.random.default_rng(SEED)
+    specs = {spec.joint: spec for spec in body.profile.servo_specs()}
+    lower, upper = body.model.jnt_range[1:].T
+    inertia = np.zeros((body.model.nv, body.model.nv))
+    for _ in range(200):
+        body.data.qpos[7:] = random.uniform(lower, upper)
+        mujoco.mj_forward(body.model, body.data)
+        mujoco.mj_fullM(body.model, body.data, inertia)
+        for joint, spec in specs.items():
+            dof = body.model.joint(joint).dofadr[0]
+            torque = inertia[dof, dof] * spec.max_acceleration + abs(body.data.qfrc_bias[dof])
+            stall = spec.model.stall_torque * min(1.0, 12.0 / spec.model.voltage)
+            assert torque < STALL_SHARE * stall, f"{joint}, seed {SEED}"
+
+
+def test_the_stance_stands_by_the_actuators_of_the_body_file(name: str) -> None:
+    """Mechanics of 2 s on a floor, every servo told its angle: upright, not sunk in, soles where they were."""
+    robot = load_robot(name)
+    stance = plant(robot, robot.profile.postures.stand)
+    spec = mujoco.MjSpec.from_file(str(robot.profile.body_path))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = stance.q
+    data.ctrl[:] = [robot.profile.postures.stand.get(model.actuator(index).name, 0.0) for index in range(model.nu)]
+    while data.time < 2.0:
+        mujoco.mj_step(model, data)
+    assert data.qpos[2] > 0.97 * stance.q[2]
+    assert np.degrees(np.arccos(data.xmat[1, 8])) < 4.0
+    soles = tuple(sole.frame.name for sole in stance.soles)
+    before, after = robot.points(np.array([stance.q, data.qpos]), soles)
+    np.testing.assert_allclose(after, before, atol=5e-3)

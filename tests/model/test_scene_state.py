@@ -1,0 +1,356 @@
+"""Live poses: what is taken, what is dropped and counted, and which velocity follows."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from messages import refuses
+from retarget import rotations
+from retarget.errors import UsageError
+from retarget.model.scene_state import (
+    LIVE_SPEED,
+    LIVE_TURN,
+    VELOCITY_HOLDS,
+    Drift,
+    LivePose,
+    Motion,
+    ObstaclePoses,
+    Path,
+    Rest,
+    SceneState,
+    motion_of,
+)
+from retarget.rotations import turn
+from retarget.schema.scene import STILL, MovingPose, Obstacle, Pose, Scene, load_scene
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+NAN, INF = math.nan, math.inf
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def seen(live: LivePose, time: float) -> MovingPose:
+    moving = live.at(time)
+    assert moving is not None
+    return moving
+
+
+def test_nothing_before_the_first() -> None:
+    live = LivePose()
+    assert live.at(0.0) is None
+    assert live.age(5.0) == INF
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"position": (NAN, 0, 0)},
+        {"position": (0, -INF, 0)},
+        {"position": (0, 0, 1001)},
+        {"position": (0, 0)},
+        {"position": (0, 0, 0, 0)},
+        {"position": ("a", 0, 0)},
+        {"position": None},
+        {"position": (10**400, 0, 0)},
+        {"quat": (0, 0, 0, 0)},
+        {"quat": (1, 0, NAN, 0)},
+        {"quat": (1, 0, 0)},
+        {"time": NAN},
+        {"time": INF},
+        {"time": 0.99},
+        {"velocity": (NAN, 0, 0)},
+        {"angular_velocity": (0, INF, 0)},
+        {"angular_velocity": 3},
+    ],
+)
+def test_bad_updates_are_dropped_and_the_last_good_pose_stays(bad: dict[str, Any]) -> None:
+    live = LivePose()
+    assert live.update((1, 2, 3), UPRIGHT, time=1.0, velocity=(0.5, 0, 0))
+    good: dict[str, Any] = {"position": (4, 5, 6), "quat": UPRIGHT, "time": 1.1}
+    held = seen(live, 1.1)
+    assert not live.update(**(good | bad))
+    assert live.dropped == 1
+    assert seen(live, 1.1) == held
+    assert live.age(1.1) == pytest.approx(0.1)
+    assert live.update(**good)
+    assert (live.dropped, seen(live, 1.1).pose) == (1, Pose((4, 5, 6), UPRIGHT))
+    assert live.age(1.1) == 0.0
+
+
+def test_the_velocity_is_that_of_the_last_two_good_poses() -> None:
+    live = LivePose()
+    live.update((0, 0, 0), UPRIGHT, time=1.0)
+    assert seen(live, 1.0) == MovingPose(Pose((0, 0, 0), UPRIGHT))
+    live.update((NAN, 0, 0), UPRIGHT, time=1.05)
+    live.update((0.1, 0, 0), rotations.from_rotation_vector([0, 0, 0.2]), time=1.1)
+    moving = seen(live, 1.1)
+    assert moving.linear == pytest.approx((1, 0, 0))
+    assert moving.angular == pytest.approx((0, 0, 2))
+
+
+def test_a_velocity_that_is_told_counts() -> None:
+    live = LivePose()
+    live.update((0, 0, 0), UPRIGHT, time=1.0, velocity=(0, 1, 0))
+    assert seen(live, 1.0).linear == (0, 1, 0)
+    live.update((1, 0, 0), UPRIGHT, time=2.0, velocity=(0, 3, 0), angular_velocity=(0, 0, 4))
+    assert (seen(live, 2.0).linear, seen(live, 2.0).angular) == ((0, 3, 0), (0, 0, 4))
+
+
+def test_velocities_are_bounded() -> None:
+    live = LivePose()
+    live.update((0, 0, 0), UPRIGHT, time=1.0)
+    live.update((3, 4, 0), rotations.from_rotation_vector([0, 0, 3]), time=1.0 + 1e-9)
+    moving = seen(live, 1.0)
+    assert moving.linear == pytest.approx((0.6 * LIVE_SPEED, 0.8 * LIVE_SPEED, 0))
+    assert moving.angular == pytest.approx((0, 0, LIVE_TURN))
+    live.update((3, 4, 0), UPRIGHT, time=2.0, velocity=(0, 0, -1e6))
+    assert seen(live, 2.0).linear == pytest.approx((0, 0, -LIVE_SPEED))
+
+
+def test_between_updates_it_goes_on_and_in_silence_it_comes_to_rest() -> None:
+    live = LivePose()
+    live.update((1, 0, 0), UPRIGHT, time=1.0, velocity=(1, 0, 0))
+    soon, late = (seen(live, 1.0 + share * VELOCITY_HOLDS) for share in (0.5, 1.1))
+    assert (soon.linear, late.linear) == ((1, 0, 0), STILL)
+    np.testing.assert_allclose(soon.pose.position, (1.0 + 0.5 * VELOCITY_HOLDS, 0, 0))
+    np.testing.assert_allclose(late.pose.position, (1.0 + VELOCITY_HOLDS, 0, 0))
+
+
+def test_a_slow_tracker_is_followed_at_every_tick() -> None:
+    """30 poses a second of what moves at 1 m/s and turns at 2 rad/s, seen 125 times a second, at most a pose late."""
+    live, worst = LivePose(), 0.0
+    for tick in range(125):
+        time = tick / 125.0
+        last = int(time * 30.0 + 1e-9) / 30.0
+        live.update((last, 0, 0), (np.cos(last), 0, 0, np.sin(last)), time=last)
+        there = seen(live, time).pose
+        if tick > 10:
+            worst = max(worst, abs(there.position[0] - time), abs(there.quat[3] - np.sin(time)))
+    assert worst < 1e-9
+
+
+def test_when_time_begins_anew_nothing_is_known() -> None:
+    live = LivePose()
+    live.update((1, 0, 0), UPRIGHT, time=100.0)
+    live.restart()
+    assert live.at(0.0) is None and live.update((2, 0, 0), UPRIGHT, time=0.0)
+
+
+def test_a_second_update_of_one_time_replaces_the_first() -> None:
+    live = LivePose()
+    live.update((0, 0, 0), UPRIGHT, time=1.0)
+    live.update((1, 0, 0), UPRIGHT, time=1.5)
+    assert live.update((2, 0, 0), UPRIGHT, time=1.5)
+    assert seen(live, 1.5).linear == pytest.approx((4, 0, 0))
+
+
+def test_quaternions_are_made_unit() -> None:
+    live = LivePose()
+    live.update((0, 0, 0), (2, 0, 0, 0), time=0.0)
+    assert seen(live, 0.0).pose.quat == UPRIGHT
+
+
+@given(st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY, ANY), max_size=8))
+def test_whatever_comes_what_is_told_is_finite(updates: list[tuple[float, ...]]) -> None:
+    live = LivePose()
+    for x, y, w, i, time, speed in updates:
+        told = live.update((x, y, 0), (w, i, 0, 0), time=time)
+        told_more = live.update((0, y, x), (w, i, 0, 0), time=time, velocity=(speed, 0, 0))
+        moving = live.at(time)
+        assert moving is not None or not (told or told_more)
+        if moving is not None:
+            numbers = (*moving.pose.position, *moving.pose.quat, *moving.linear, *moving.angular)
+            assert all(map(math.isfinite, numbers))
+            assert math.hypot(*moving.linear) <= LIVE_SPEED * (1 + 1e-12)
+            assert math.hypot(*moving.angular) <= LIVE_TURN * (1 + 1e-12)
+    assert live.dropped <= 2 * len(updates)
+
+
+STAND = Pose((1.0, 2.0, 0.0), turn((0.0, 0.0, 0.5 * math.pi)))
+ROD = {"capsule": {"from": [0, 0, 0], "to": [0, 0.4, 0], "radius": 0.1}}
+
+
+def scene(**obstacles: Any) -> Scene:
+    return Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles})
+
+
+def test_a_shipped_scene() -> None:
+    state = SceneState(load_scene("crossing_ball"))
+    now = state.at(2.5)
+    assert state.shapes.names == ("ball",)
+    assert_allclose(now.position, [[0.2, 0.0, 0.34]], atol=1e-12)
+    assert_allclose(now.linear_velocity, [[0.0, -0.4, 0.0]], atol=1e-12)
+    assert_allclose(state.at(6.5).linear_velocity, [[0.0, 0.4, 0.0]], atol=1e-12)
+
+
+def test_arrays() -> None:
+    state = SceneState(load_scene("table"))
+    now = state.at(0.0)
+    shapes = [part.shape for part in (now.position, now.quat, now.linear_velocity, now.angular_velocity)]
+    assert shapes == [(5, 3), (5, 4), (5, 3), (5, 3)]
+    assert all(part.flags.c_contiguous for part in (now.position, now.quat, now.linear_velocity))
+    now.position[:] = 9.0
+    assert_array_equal(state.at(0.0).position[0], [0.31, 0, 0.212])
+
+
+def test_the_pose_is_that_of_the_canonical_frame() -> None:
+    now = SceneState(scene(rod={"shape": ROD, "at": {"pos": [1, 0, 0]}})).at(0.0)
+    assert_allclose(now.position, [[1, 0.2, 0]], atol=1e-15)
+    assert_allclose(rotations.rotate(now.quat[0], [0, 0, 1]), [0, 1, 0], atol=1e-15)
+
+
+def test_the_stand_carries_its_obstacles() -> None:
+    keys = {"shape": ROD, "at": {"pos": [1, 0, 0]}, "velocity": [1, 0, 0]}
+    state = SceneState(scene(here=keys, there=keys | {"frame": "stand"}), stand=STAND)
+    now = state.at(1.0)
+    assert_allclose(now.position, [[2, 0.2, 0], [0.8, 4, 0]], atol=1e-12)
+    assert_allclose(now.linear_velocity, [[1, 0, 0], [0, 1, 0]], atol=1e-12)
+    assert state.update("there", (0, 0, 0), (1, 0, 0, 0), time=1.0, velocity=(0, 1, 0))
+    now = state.at(1.0)
+    assert_allclose(now.position[1], [0.8, 2, 0], atol=1e-12)
+    assert_allclose(now.linear_velocity[1], [-1, 0, 0], atol=1e-12)
+
+
+def differences(state: SceneState, time: float, step: float = 1e-6) -> tuple[ObstaclePoses, Any, Any]:
+    before, now, after = (state.at(moment) for moment in (time - step, time, time + step))
+    turned = rotations.log(rotations.multiply(after.quat, rotations.conjugate(before.quat)))
+    return now, (after.position - before.position) / (2 * step), turned / (2 * step)
+
+
+def test_velocities_of_shape_frames_are_derivatives() -> None:
+    path = [{"time": 0, "pos": [0, 0, 0]}, {"time": 1, "pos": [1, 2, 3], "quat": [0.5, 0.5, 0.5, 0.5]}]
+    spin = {"shape": ROD, "angular_velocity": [1, -2, 3], "velocity": [0.5, 0, 0], "frame": "stand"}
+    now, linear, angular = differences(SceneState(scene(rod={"shape": ROD, "path": path}, spin=spin), stand=STAND), 0.4)
+    assert_allclose(now.linear_velocity, linear, atol=1e-8)
+    assert_allclose(now.angular_velocity, angular, atol=1e-8)
+    assert np.abs(linear).min(axis=0).max() > 0.1
+
+
+@pytest.mark.parametrize("keys", [{}, {"velocity": [1, 0, 0]}], ids=["still", "moving"])
+def test_a_live_update_overrides_the_file(keys: dict[str, Any]) -> None:
+    state = SceneState(scene(other={"shape": ROD}, ball={"shape": {"sphere": {"radius": 0.1}}} | keys))
+    assert state.age("ball", 3.0) == math.inf
+    assert not state.update("ball", (math.nan, 0, 0), (1, 0, 0, 0), time=1.0)
+    assert state.at(1.0).position[1, 0] == pytest.approx(1.0 if keys else 0.0)
+    assert state.update("ball", (5, 6, 7), (1, 0, 0, 0), time=2.0)
+    assert not state.update("ball", (9, 9, 9), (1, 0, 0, 0), time=1.0)
+    assert_allclose(state.at(3.0).position, [[0.0, 0.2, 0.0], [5.0, 6.0, 7.0]])
+    assert_array_equal(state.at(3.0).linear_velocity, np.zeros((2, 3)))
+    assert (state.age("ball", 3.0), state.dropped("ball"), state.dropped("other")) == (1.0, 2, 0)
+
+
+def test_an_unknown_obstacle_is_told_the_nearest() -> None:
+    state = SceneState(load_scene("table"))
+    for ask in (
+        lambda: state.update("tpo", (0, 0, 0), (1, 0, 0, 0), time=0.0),
+        lambda: state.dropped("tpo"),
+        lambda: state.age("tpo", 0.0),
+    ):
+        with refuses(UsageError, found="'tpo'", allowed="l_front_leg", next_step="top"):
+            ask()
+
+
+STEP = 1e-5
+COORDINATES = st.tuples(*[st.floats(-2, 2)] * 3)
+TURNS = st.tuples(*[st.floats(-1.5, 1.5)] * 3).map(lambda turn: tuple(rotations.from_rotation_vector(turn).tolist()))
+
+
+def motion(**keys: Any) -> Motion:
+    return motion_of(Obstacle.model_validate({"shape": {"sphere": {"radius": 0.1}}} | keys))
+
+
+@st.composite
+def paths(draw: st.DrawFn, *, loop: bool = False) -> Path:
+    count = draw(st.integers(2, 6))
+    times = np.cumsum(draw(st.lists(st.floats(0.1, 2), min_size=count, max_size=count)))
+    points = [{"time": float(time), "pos": draw(COORDINATES), "quat": draw(TURNS)} for time in times]
+    if loop:
+        points[-1] |= {"pos": points[0]["pos"], "quat": points[0]["quat"]}
+    found = motion(path=points, loop=loop)
+    assert isinstance(found, Path)
+    return found
+
+
+def apart(a: MovingPose, b: MovingPose) -> float:
+    """Distance and angle between two poses, the larger one."""
+    way = float(np.linalg.norm(np.subtract(a.pose.position, b.pose.position)))
+    return max(way, float(rotations.angle_between(a.pose.quat, b.pose.quat)))
+
+
+def check_derivative(path: Motion, time: float) -> None:
+    before, now, after = path.at(time - STEP), path.at(time), path.at(time + STEP)
+    rate = np.subtract(after.pose.position, before.pose.position) / (2 * STEP)
+    assert_allclose(rate, now.linear, atol=1e-6)
+    turn = rotations.log(rotations.multiply(after.pose.quat, rotations.conjugate(before.pose.quat)))
+    assert_allclose(turn / (2 * STEP), now.angular, atol=1e-6)
+
+
+@given(paths())
+def test_a_path_is_continuous_and_goes_through_its_points(path: Path) -> None:
+    for time, piece in zip(path.times, path.pieces, strict=True):
+        assert apart(path.at(time), MovingPose(piece.pose)) < 1e-9
+        assert apart(path.at(time - 1e-9), path.at(time)) < 1e-6
+
+
+@given(paths(), st.floats(0.01, 0.99))
+def test_velocity_is_the_derivative(path: Path, share: float) -> None:
+    for index in range(len(path.times) - 1):
+        check_derivative(path, path.times[index] + share * (path.times[index + 1] - path.times[index]))
+
+
+@given(paths(), st.floats(0.001, 100))
+def test_before_and_after_a_path_it_rests(path: Path, time: float) -> None:
+    early, late = path.at(path.times[0] - time), path.at(path.times[-1] + time)
+    assert (early.linear, early.angular, late.linear, late.angular) == (STILL,) * 4
+    assert apart(early, MovingPose(path.pieces[0].pose)) < 1e-12
+    assert apart(late, MovingPose(path.pieces[-1].pose)) < 1e-12
+
+
+@given(paths(loop=True), st.floats(0, 1, exclude_max=True), st.integers(1, 1000))
+def test_a_loop_begins_anew(path: Path, share: float, rounds: int) -> None:
+    period = path.times[-1] - path.times[0]
+    time = path.times[0] + share * period
+    assert apart(path.at(time), path.at(time + rounds * period)) < 1e-6
+    assert apart(path.at(path.times[-1] - 1e-9), path.at(path.times[-1])) < 1e-6
+
+
+@given(paths(loop=True), st.floats(0, 500))
+def test_a_loop_never_rests_at_its_seam(path: Path, time: float) -> None:
+    assert path.at(path.times[-1] + time).linear in [piece.linear for piece in path.pieces[:-1]]
+
+
+def test_half_a_turn_takes_its_time() -> None:
+    turning = motion(path=[{"time": 1, "pos": [0, 0, 0]}, {"time": 3, "pos": [2, 0, 0], "quat": [0, 0, 0, 1]}])
+    now = turning.at(2.0)
+    assert now.pose.position == pytest.approx((1, 0, 0))
+    assert now.linear == pytest.approx((1, 0, 0))
+    assert np.abs(now.angular) == pytest.approx((0, 0, 0.5 * np.pi))
+    assert float(rotations.angle_between(now.pose.quat, [1, 0, 0, 0])) == pytest.approx(0.5 * np.pi)
+
+
+@given(COORDINATES, COORDINATES, st.floats(0.1, 0.9))
+def test_a_constant_velocity_lasts_from_until(
+    velocity: tuple[float, ...], spin: tuple[float, ...], share: float
+) -> None:
+    place = {"pos": [1, 2, 3], "quat": [0.6, 0, 0.8, 0]}
+    drift = motion(velocity=velocity, angular_velocity=spin, at=place, **{"from": 1, "until": 3})
+    assert isinstance(drift, Drift)
+    check_derivative(drift, 1 + 2 * share)
+    assert drift.at(0.0) == drift.at(-5.0) == MovingPose(drift.pose)
+    assert drift.at(3.0) == drift.at(100.0) == MovingPose(drift.at(3.0).pose)
+    assert_allclose(drift.at(3.0).pose.position, [1, 2, 3] + 2 * np.array(velocity), atol=1e-12)
+
+
+def test_without_an_end_it_goes_on() -> None:
+    assert motion(velocity=[0, 2, 0]).at(50.0).pose.position == pytest.approx((0, 100, 0))
+    assert motion(angular_velocity=[0, 0, 1]).at(50.0).angular == (0, 0, 1)
+
+
+def test_an_obstacle_that_stays() -> None:
+    rest = motion(at={"pos": [1, 2, 3]})
+    assert isinstance(rest, Rest)
+    assert rest.at(0.0) == rest.at(9.0) == MovingPose(rest.pose)

@@ -1,0 +1,182 @@
+"""The config files of a recorded run: those of then are used where they moved, changed or are gone; or those of now."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from messages import refuses, shows
+from recordings import Recorded, record
+from retarget.errors import InputError, UsageError
+from retarget.recording.configs import PROFILE, as_now, as_then
+from retarget.recording.mcap_writer import RecordingFile
+from retarget.recording.reading import Played, read_recording
+from retarget.recording.replay import replay
+from retarget.run.options import RunOptions
+from retarget.schema.catalogue import shipped_folder
+
+PRIORITIES = "priorities_of_the_robot.yaml"
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("own")
+
+
+@pytest.fixture(scope="module")
+def run(home: Path) -> Recorded:
+    """Of a robot, a performer and priorities that are the user's own files, by path."""
+    shutil.copytree(shipped_folder() / "robots" / "op3", home / "kept" / "op3")
+    shutil.copy(shipped_folder() / "performers" / "five.yaml", home / "kept" / "five.yaml")
+    shutil.copy(shipped_folder() / "priorities" / "servo.yaml", home / "kept" / "servo.yaml")
+    shutil.copytree(home / "kept", home / "own")
+    own = home / "own"
+    options = RunOptions(
+        robot=str(own / "op3"), performer=str(own / "five.yaml"), priorities=str(own / "servo.yaml"), bus="mock"
+    )
+    return record(home / "run.mcap", options=options, seconds=0.2)
+
+
+@pytest.fixture(autouse=True)
+def as_it_was(home: Path) -> Iterator[None]:
+    yield
+    shutil.rmtree(home / "own", ignore_errors=True)
+    shutil.copytree(home / "kept", home / "own")
+
+
+@pytest.fixture
+def found(run: Recorded) -> Played:
+    return run.played()
+
+
+def test_files_that_are_as_they_were_are_used_where_they_are(found: Played, run: Recorded) -> None:
+    with as_then(found.recording) as configs:
+        assert configs.told == () and not configs.attached and configs.options == found.recording.session.options
+        assert configs.robot is not None and run.result.robot is not None
+        assert configs.robot.profile.body_path == run.result.robot.profile.body_path
+
+
+def test_a_robot_that_is_gone_is_in_the_recording(found: Played, home: Path) -> None:
+    shutil.rmtree(home / "own")
+    again = replay(found)
+    assert again.difference.none, again.difference.told()
+    names = [sentence.split()[0] for sentence in again.changed]
+    assert names == [PROFILE, "body.xml", "performer.yaml", PRIORITIES]
+    shows(again.changed)
+
+
+def test_a_robot_that_moved_is_named_and_then_all_is_as_it_is_now(found: Played, home: Path) -> None:
+    shutil.move(home / "own" / "op3", home / "elsewhere")
+    with as_now(found.recording, found.recording.session.options, robot=str(home / "elsewhere")) as configs:
+        assert configs.told == () and not configs.attached
+        assert replay(found, configs).difference.none
+    shutil.rmtree(home / "elsewhere")
+
+
+def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Played, home: Path) -> None:
+    path = home / "own" / "op3" / "robot.yaml"
+    text = path.read_text()
+    slower = text.replace("speed_caps: {follow: 1.0,", "speed_caps: {follow: 0.1,")
+    assert slower != text
+    path.write_text(slower)
+    then = replay(found)
+    assert then.difference.none
+    assert then.changed == (f"{PROFILE} is another one now, {path}: the one of then is used",)
+    with as_now(found.recording, found.recording.session.options, robot=str(home / "own" / "op3")) as configs:
+        now = replay(found, configs)
+    assert now.changed == (f"{PROFILE} has changed: {path}",)
+    assert not now.difference.none
+
+
+def test_the_body_stays_where_its_meshes_are_while_only_the_profile_changed(found: Played, home: Path) -> None:
+    path = home / "own" / "op3" / "robot.yaml"
+    path.write_text(path.read_text() + "# a remark\n")
+    with as_then(found.recording) as configs:
+        assert configs.attached == {PROFILE} and not configs.body_attached
+        assert configs.robot is not None
+        assert configs.robot.profile.body_path == (home / "own" / "op3" / "body.xml").resolve()
+
+
+def test_priorities_of_both_stages_come_back(found: Played, home: Path) -> None:
+    """The human's are named by the profile, the robot's by an option."""
+    files = found.recording.session.files
+    elsewhere = tuple(
+        file.model_copy(update={"path": "gone"}) if file.name.startswith("priorities") else file for file in files
+    )
+    session = found.recording.session.model_copy(update={"files": elsewhere})
+    recording = replace(found.recording, session=session)
+    (home / "own" / "servo.yaml").unlink()
+    with as_then(recording) as configs:
+        assert configs.attached == {PRIORITIES}
+        assert configs.options.priorities is not None
+        assert Path(configs.options.priorities).read_bytes() == recording.attachments[PRIORITIES]
+
+
+def test_a_calibration_of_now_is_not_used_for_then(
+    found: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    place = tmp_path / "retarget" / "calibrations" / "op3.yaml"
+    place.parent.mkdir(parents=True)
+    place.write_text("what is no calibration")
+    again = replay(found)
+    assert again.difference.none
+    assert again.changed == (f"calibration.yaml: there was none then; {place} is not used",)
+
+
+def test_what_is_nowhere_is_said_with_the_way_on(found: Played, home: Path) -> None:
+    shutil.rmtree(home / "own")
+    bare = replace(found.recording, attachments={})
+    with refuses(InputError, "robot.yaml", "--robot", "NAME|FILE"), as_then(bare):
+        pass
+    without = {name: data for name, data in found.recording.attachments.items() if name != "performer.yaml"}
+    bare = replace(found.recording, attachments=without)
+    with refuses(InputError, "performer.yaml"), as_then(bare):
+        pass
+
+
+def test_files_of_another_version_are_refused_in_the_name_of_the_recording(found: Played, home: Path) -> None:
+    (home / "own" / "op3" / "robot.yaml").unlink()
+    strange = {**found.recording.attachments, PROFILE: b"name: op3\nlegs: 3\n"}
+    strange_one = replace(found.recording, attachments=strange)
+    with refuses(InputError, "body", 13, "--robot", where="run.mcap", found="robot.yaml:1"), as_then(strange_one):
+        pass
+
+
+def test_an_attachment_that_is_not_what_was_said_is_none(found: Played, tmp_path: Path) -> None:
+    session = found.recording.session
+    said = {file.name: file for file in session.files}
+    path = tmp_path / "strange.mcap"
+    others = (said[PROFILE], b"another"), (said["body.xml"].model_copy(update={"name": "../body.xml"}), b"out of it")
+    file = RecordingFile(
+        path, session, [*others, (said["performer.yaml"], found.recording.attachments["performer.yaml"])]
+    )
+    file.announce([])
+    file.finish()
+    assert set(found.recording.attachments) == set(said)
+    assert set(read_recording(path).attachments) == {"performer.yaml"}
+
+
+def test_a_human_has_no_robot(tmp_path: Path) -> None:
+    alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
+    recording = alone.played().recording
+    with as_then(recording) as configs:
+        assert configs.robot is None and configs.told == ()
+    with as_now(recording, recording.session.options) as configs:
+        assert configs.robot is None
+    with (
+        refuses(UsageError),
+        as_now(recording, recording.session.options, robot="op3"),
+    ):
+        pass
+
+
+def test_nothing_stays_behind(found: Played, home: Path) -> None:
+    shutil.rmtree(home / "own")
+    with as_then(found.recording) as configs:
+        assert configs.robot is not None
+        body = configs.robot.profile.body_path
+        assert body.is_file() and configs.body_attached
+    assert not body.parent.exists()

@@ -1,0 +1,130 @@
+"""Room for cycles: every array has a row per cycle, of the width that a run has."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from retarget.recording.cycles import READINGS, Asked, Boundary, Cursor, Cycles, Done, Shape
+
+
+def test_a_cycle_holds_one_look() -> None:
+    turns: list[str] = []
+    boundary = Boundary(lambda: turns.append("turn"))
+    boundary.before()
+    assert turns == []  # nothing happened yet
+    boundary.look()
+    boundary.before()
+    boundary.before()
+    assert turns == ["turn"]
+    boundary.look()
+    boundary.look()
+    assert turns == ["turn", "turn"]
+
+
+@given(st.lists(st.booleans(), max_size=40))
+def test_there_are_as_many_cycles_as_looks(looks: list[bool]) -> None:
+    turns: list[int] = []
+    boundary = Boundary(lambda: turns.append(1))
+    for look in looks:
+        (boundary.look if look else boundary.before)()
+    boundary.before()
+    assert len(turns) == sum(looks)
+
+
+DT = 0.008
+SHAPE = Shape(sensors=2, servos=3, rest=7, human=5, joints=4, landmarks=2, observers=1, human_observers=0)
+
+
+def recorded(index: list[int], follow: int) -> Cycles:
+    """Cycles, of which those from `follow` on follow."""
+    cycles = Cycles.empty(len(index), SHAPE)
+    cycles.index[:] = index
+    cycles.clock[:] = DT * np.array(index)[:, None]
+    cycles.sampled[0] = Done.WELL
+    cycles.sampled[cycles.index >= follow] = Done.WELL
+    return cycles
+
+
+def played(cursor: Cursor, count: int, *, follow: int) -> list[int]:
+    """Rows of so many cycles of a run that begins to follow in its cycle `follow`."""
+    rows = []
+    for cycle in range(count):
+        cursor.look()
+        if cycle >= follow:
+            cursor.follow()
+        rows.append(cursor.row)
+        cursor.before()
+    return rows
+
+
+def test_the_same_run_is_the_same_cycle_for_cycle() -> None:
+    cursor = Cursor(recorded(list(range(10)), 4), has_robot=True, dt=DT)
+    assert played(cursor, 10, follow=4) == list(range(10)) and cursor.ahead == pytest.approx(0.0, abs=DT)
+
+
+@pytest.mark.parametrize(("follow", "ahead"), [(2, 2 * DT), (6, -2 * DT)])
+def test_following_begins_in_the_same_cycle(follow: int, ahead: float) -> None:
+    """Time goes on tick by tick: the recorded clock is ahead where cycles are left out, and behind where more come."""
+    cursor = Cursor(recorded(list(range(10)), 4), has_robot=True, dt=DT)
+    rows = played(cursor, follow + 3, follow=follow)
+    assert rows[follow:] == [4, 5, 6] and max(rows[:follow]) <= 4
+    assert cursor.ahead == pytest.approx(ahead)
+
+
+def test_lost_cycles_are_not_those_before_them() -> None:
+    cursor = Cursor(recorded([0, 1, 2, 5, 6], 1), has_robot=True, dt=DT)
+    rows, known = [], []
+    for _ in range(7):
+        cursor.look()
+        if cursor.cycle:
+            cursor.follow()
+        rows.append(cursor.row)
+        known.append(cursor.recorded)
+        cursor.before()
+    assert rows == [0, 1, 2, 2, 2, 3, 4] and known == [True, True, True, False, False, True, True]
+
+
+def test_what_was_asked_is_asked_in_its_cycle() -> None:
+    cycles = recorded(list(range(4)), 1)
+    cycles.asked[2] = Asked.STOP | Asked.PAUSED
+    cursor = Cursor(cycles, has_robot=False, dt=DT)
+    seen = []
+    for _ in range(4):
+        seen.append((cursor.asked(Asked.STOP), cursor.asked(Asked.PAUSED), cursor.asked(Asked.OVER)))
+        cursor.look()
+        cursor.before()
+    assert seen == [(False,) * 3, (False,) * 3, (True, True, False), (False,) * 3]
+
+
+CYCLES_SHAPE = Shape(sensors=2, servos=3, rest=7, human=5, joints=4, landmarks=6, observers=1, human_observers=0)
+
+
+def test_every_array_has_a_row_per_cycle() -> None:
+    cycles = Cycles.empty(9, CYCLES_SHAPE)
+    assert len(cycles) == 9
+    assert {len(getattr(cycles, one.name)) for one in fields(cycles)} == {9}
+    assert cycles.position.shape == cycles.goal.shape == cycles.q.shape == (9, 3)
+    assert cycles.rest.shape == (9, 7) and cycles.landmarks.shape == (9, 6, 3) and cycles.clock.shape == (9, READINGS)
+    assert cycles.sensor_orientation.shape == (9, 2, 4) and cycles.human_observer_modes.shape == (9, 0)
+
+
+def test_kinds_are_those_that_are_declared() -> None:
+    cycles = Cycles.empty(1, CYCLES_SHAPE)
+    assert cycles.goal.dtype == np.int64 and cycles.kept.dtype == np.bool_ and cycles.readings.dtype == np.uint8
+    assert cycles.clock.dtype == np.float64 and cycles.phase.dtype == np.int8
+
+
+def test_rows_that_are_taken_are_copies() -> None:
+    cycles = Cycles.empty(4, CYCLES_SHAPE)
+    cycles.index[:] = [0, 1, 2, 3]
+    taken = cycles.taken(np.array([2, 0]))
+    cycles.index[:] = 9
+    assert taken.index.tolist() == [2, 0] and len(taken) == 2
+
+
+def test_what_is_asked_is_a_bit_each() -> None:
+    bits = [int(one) for one in Asked]
+    assert sorted(bits) == [1 << place for place in range(len(bits))]

@@ -1,0 +1,150 @@
+"""Recorded goals sent to a bus: the same goals, slowly there, parked in the end, and the gate's word stands."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from hardware.guard_state import StopCause
+from messages import refuses, shows
+from recordings import Recorded, mock_bus, record
+from retarget.errors import InputError
+from retarget.recording.goal_playback import sending
+from retarget.recording.reading import Played
+from retarget.report.motion_metrics import LimitViolations, limit_violations
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.types import HumanPosture, RobotPosture
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("sending") / "run.mcap", seconds=1.6)
+
+
+def send(
+    found: Played, *, speed: float = 1.0, watch: Callable[[Prepared], Watch] = lambda prepared: Watch()
+) -> RunResult:
+    options = replace(found.recording.session.options, bus="mock")
+    with sending(
+        found, options, speed=speed, clock=VirtualClock(), make_bus=mock_bus, tell=lambda text: None
+    ) as prepared:
+        return prepared.run(watch(prepared))
+
+
+def check_motion(result: RunResult) -> None:
+    robot, sent = result.robot, result.record.robot
+    assert robot is not None and sent is not None
+    dt = 1.0 / robot.profile.safety.rate_hz
+    joints = np.vstack([sent.start, sent.q[:, robot.servo_columns]])
+    assert limit_violations(joints, robot.limits, dt) == LimitViolations(0, 0, 0)
+
+
+def test_the_same_goals_are_sent(plain: Recorded) -> None:
+    result = send(plain.played())
+    sent, then = result.record.robot, plain.result.record.robot
+    assert sent is not None and then is not None and result.reason is None
+    now, was = sent.goal_ticks[result.record.following], then.goal_ticks[plain.result.record.following]
+    assert len(was) <= len(now) <= len(was) + 30
+    now = now[: len(was)]
+    assert np.abs(now - was).max() <= 1  # a tick, where a rounding lies between two
+    assert np.count_nonzero(now != was) < 0.001 * now.size
+    assert np.abs(was - was[0]).max() > 20 and not sent.gated.any()
+    check_motion(result)
+
+
+def test_it_goes_there_slowly_and_is_parked_in_the_end(plain: Recorded) -> None:
+    result = send(plain.played())
+    robot, sent = result.robot, result.record.robot
+    assert robot is not None and sent is not None
+    phases = result.record.phase
+    way = np.vstack([sent.start, sent.q[phases == Phase.APPROACH][:, robot.servo_columns]])
+    speed = np.abs(np.diff(way, axis=0)) * robot.profile.safety.rate_hz
+    share = robot.profile.safety.speed_caps.approach
+    assert len(way) > 2 and (speed <= share * robot.limits.max_velocity * (1.0 + 1e-9)).all()
+    rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest, atol=1e-6)
+
+
+def test_slower_is_the_same_way_in_more_ticks(plain: Recorded) -> None:
+    result = send(plain.played(), speed=0.5)
+    robot, sent, then = result.robot, result.record.robot, plain.result.record.robot
+    assert robot is not None and sent is not None and then is not None
+    now, was = sent.goal_ticks[result.record.following], then.goal_ticks[plain.result.record.following]
+    assert len(now) >= 2 * len(was) - 1 and np.abs(now[: 2 * len(was) : 2] - was).max() <= 1
+    check_motion(result)
+
+
+def held_for_a_while(prepared: Prepared) -> Watch:
+    """Somebody holds the robot while it moves."""
+    assert prepared.side is not None
+    stage, ticks = prepared.side._follower, iter(range(10**6))
+    step = stage.step
+
+    def step_or_not(human: HumanPosture, dt: float) -> RobotPosture:
+        if 120 <= next(ticks) < 140:
+            start = stage._posture(np.full(20, np.nan))  # type: ignore[attr-defined]
+            assert isinstance(start, RobotPosture)
+            return start
+        return step(human, dt)
+
+    stage.step = step_or_not  # type: ignore[method-assign]
+    return Watch()
+
+
+def test_after_a_hold_it_comes_back_onto_its_way_slowly(plain: Recorded) -> None:
+    result = send(plain.played(), watch=held_for_a_while)
+    robot, sent = result.robot, result.record.robot
+    assert robot is not None and sent is not None and result.reason is None
+    check_motion(result)
+    unled = np.flatnonzero(sent.unled & (result.record.phase == Phase.FOLLOW))
+    assert len(unled) >= 15 and not sent.gated[unled[-1] + 40 :].any()
+    straight = send(plain.played()).record
+    assert straight.robot is not None
+    assert result.ticks_followed > np.count_nonzero(straight.phase == Phase.FOLLOW) + len(unled)
+    last = straight.robot.goal_ticks[straight.following][-1]
+    assert np.abs(sent.goal_ticks[result.record.following][-1] - last).max() <= 1
+
+
+def test_a_stop_is_a_stop(plain: Recorded) -> None:
+    asked = iter([False] * 150 + [True] * 9999)
+    result = send(plain.played(), watch=lambda prepared: Watch(stop_asked=lambda: next(asked)))
+    assert result.stop is not None and result.stop.cause is StopCause.REQUESTED
+    check_motion(result)
+
+
+def test_missing_ticks_are_gone_through_smoothly(plain: Recorded) -> None:
+    found = plain.played()
+    rows = np.delete(np.arange(len(found.cycles)), [150, 160, 161, 162])
+    result = send(replace(found, cycles=found.cycles.taken(rows)))
+    then = plain.result.record
+    assert len(result.record.phase[result.record.following]) >= len(then.phase[then.following])
+    check_motion(result)
+
+
+def test_who_has_no_goals_is_refused(tmp_path: Path, plain: Recorded) -> None:
+    alone = record(tmp_path / "human.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1).played()
+    with refuses(InputError):
+        send(alone)
+    found = plain.played()
+    before = found.cycles.taken(np.arange(20))
+    with refuses(InputError):
+        send(replace(found, cycles=before))
+
+
+def test_the_gate_refuses_what_no_robot_can(plain: Recorded) -> None:
+    """A recording that was tampered with: a goal that leaps is not sent."""
+    found = plain.played()
+    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    cycles.q[200:, 3] += 1.0
+    result = send(replace(found, cycles=cycles))
+    assert result.record.robot is not None and result.record.robot.gated.any()
+    assert result.reason is not None
+    shows(result.reason, "4.8")
+    check_motion(result)

@@ -1,0 +1,346 @@
+"""Events on their way to the file: in order, bounded, and as the log message that tools show."""
+
+import errno
+import threading
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+
+from messages import refuses
+from recordings import record
+from retarget.errors import UsageError
+from retarget.recording.cdr import CdrBuilder
+from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.mcap_writer import (
+    METADATA,
+    MOST_EVENTS,
+    Event,
+    Events,
+    Level,
+    RecordingFile,
+    Ring,
+    WritingThread,
+    _Direct,
+    log_message,
+)
+from retarget.recording.reading import _log_of, read_recording
+from retarget.recording.session import ConfigFile, Session
+from retarget.recording.topics import EVENTS, SCHEMAS, TICK, Topic, topics
+from ros2_messages import decoded, parsed
+
+LOG = parsed("rcl_interfaces/msg/Log", SCHEMAS["rcl_interfaces/msg/Log"])
+
+
+def event(text: str, *, cycle: int = 3) -> Event:
+    return Event(1.0, cycle, Level.WARN, "guard", text)
+
+
+def test_they_come_in_order_and_once() -> None:
+    events = Events()
+    for number in range(5):
+        events.add(event(str(number)))
+    assert [one.text for one in events.take()] == list("01234") and events.take() == [] and events.lost == 0
+
+
+def test_a_flood_is_counted_and_takes_no_memory() -> None:
+    events = Events()
+    for number in range(MOST_EVENTS + 7):
+        events.add(event(str(number)))
+    assert len(events.take()) == MOST_EVENTS and events.lost == 7
+    events.add(event("again"))
+    assert [one.text for one in events.take()] == ["again"]
+
+
+def test_a_message_of_the_log() -> None:
+    message = decoded(LOG, log_message(event("torque on"), stamp_ns=5 * 10**9 + 7))
+    assert message["stamp"] == {"sec": 5, "nanosec": 7} and message["level"] == 30
+    assert (message["name"], message["msg"], message["line"]) == ("guard", "torque on", 3)
+    assert message["file"] == message["function"] == ""
+
+
+def test_any_text_can_be_kept() -> None:
+    """Of any length and language; what is no Unicode does not end a recording."""
+    for text, wanted in (("", ""), ("größer als 90°", "größer als 90°"), ("x" * 5000, "x" * 2000), ("a\udcff", "a?")):
+        data = log_message(event(text, cycle=-1), stamp_ns=0)
+        message = decoded(LOG, data)
+        assert (message["msg"], message["line"]) == (wanted, 0)
+        assert _log_of(data) == ("guard", wanted)
+
+
+CONFIG = ConfigFile(name="robot.yaml", path="robot.yaml", sha256="0")
+EVENT = log_message(Event(0.0, 1, Level.INFO, "run", "x" * 500), stamp_ns=5)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    return record(tmp_path_factory.mktemp("file") / "run.mcap", seconds=0.05).played().recording.session
+
+
+def new(path: Path, session: Session, *configs: tuple[ConfigFile, bytes]) -> RecordingFile:
+    file = RecordingFile(path, session, configs)
+    file.announce([])
+    return file
+
+
+def test_it_is_found_again(session: Session, tmp_path: Path) -> None:
+    file = new(tmp_path / "a.mcap", session, (CONFIG, b"name: op3"))
+    file.add(EVENTS, index=7, stamp_ns=5, data=EVENT)
+    file.finish()
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        (metadata,) = reader.iter_metadata()
+        assert metadata.name == METADATA and set(metadata.metadata) == {"format", "session", "sha256"}
+        (attached,) = reader.iter_attachments()
+        assert (attached.name, attached.data) == ("robot.yaml", b"name: op3")
+        ((_, channel, message),) = reader.iter_messages()
+        assert (channel.topic, message.sequence, message.log_time, message.data) == (EVENTS, 7, 5, EVENT)
+    assert read_recording(tmp_path / "a.mcap").session == session
+    assert file.size == (tmp_path / "a.mcap").stat().st_size
+
+
+def test_names_can_be_told_apart_whatever_is_in_them(session: Session, tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "a.mcap", session, ())
+    layout, names = CdrBuilder().header("").sequence("q", "float32", 3).build(), ("left knee", "neck", "a\tb ")
+    every = lambda cycles: cycles.kept  # noqa: E731
+    file.announce([Topic("/x", "retarget_msgs/msg/Posture", names, layout, every, lambda rows, cycles: None)])
+    file.add("/x", index=0, stamp_ns=0, data=layout.template)
+    file.finish()
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        (found,) = make_reader(stream).iter_messages(topics=["/x"])
+    assert found[1].metadata["names"].split() == ["left_knee", "neck", "a_b"]
+
+
+def test_what_is_flushed_is_whole_and_what_is_not_is_lost(session: Session, tmp_path: Path) -> None:
+    file = new(tmp_path / "a.mcap", session)
+    for index in range(3):
+        file.add(EVENTS, index=index, stamp_ns=index, data=EVENT)
+        if index < 2:
+            file.flush()
+    file.close()
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        records = StreamReader(stream, validate_crcs=True).records
+        found = [next(records) for _ in range(100) if stream.tell() < file.size]
+    assert sum(type(one).__name__ == "Message" for one in found) == 2
+
+
+def test_a_file_that_is_there_is_not_touched(session: Session, tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"mine")
+    with refuses(UsageError):
+        new(tmp_path / "a.mcap", session)
+    assert (tmp_path / "a.mcap").read_bytes() == b"mine"
+    with refuses(UsageError):
+        new(tmp_path / "no" / "a.mcap", session)
+
+
+def test_what_is_discarded_is_gone(session: Session, tmp_path: Path) -> None:
+    file = new(tmp_path / "a.mcap", session)
+    file.discard()
+    file.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_config_file_that_is_too_large_is_left_out(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("retarget.recording.mcap_writer.LARGEST", 10)
+    file = new(tmp_path / "a.mcap", session, (CONFIG, b"12345678901"), (CONFIG, b"1234567890"))
+    file.finish()
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        assert [one.data for one in make_reader(stream).iter_attachments()] == [b"1234567890"]
+
+
+class Slow:
+    """A file that takes a few bytes at a time."""
+
+    def __init__(self, inner: IO[bytes]) -> None:
+        self._inner = inner
+
+    def write(self, data: memoryview) -> int:
+        return self._inner.write(data[:3])
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+def test_a_disk_that_takes_little_at_a_time_gets_all_of_it(tmp_path: Path) -> None:
+    stream = _Direct(tmp_path / "a")
+    stream._file = Slow(stream._file)  # type: ignore[assignment]
+    assert stream.write(b"0123456789") == 10 and stream.tell() == 10
+    stream.close()
+    assert (tmp_path / "a").read_bytes() == b"0123456789"
+
+
+def test_a_disk_that_takes_nothing_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = _Direct(tmp_path / "a")
+    monkeypatch.setattr(Slow, "write", lambda self, data: 0)
+    stream._file = Slow(stream._file)  # type: ignore[assignment]
+    with refuses(OSError, "Input/output"):
+        stream.write(b"0")
+
+
+SHAPE = Shape(sensors=2, servos=3, rest=7, human=5, joints=4, landmarks=2, observers=1, human_observers=0)
+
+
+def fill(ring: Ring, count: int) -> None:
+    for _ in range(count):
+        ring.rows.goal[ring.at] = ring.index
+        ring.rows.written[ring.at] = Done.WELL
+        ring.turn()
+
+
+def test_rows_come_out_in_order_and_once() -> None:
+    ring = Ring(SHAPE, rows=8)
+    seen: list[int] = []
+    for count in (3, 0, 5, 7, 1, 6):
+        fill(ring, count)
+        taken = ring.take()
+        assert len(taken) == count
+        np.testing.assert_array_equal(taken.goal[:, 0], taken.index)
+        seen += taken.index.tolist()
+    assert seen == list(range(22)) and ring.lost == 0
+
+
+def test_what_there_is_no_room_for_is_counted_and_missing() -> None:
+    ring = Ring(SHAPE, rows=8)
+    fill(ring, 20)
+    assert ring.take().index.tolist() == list(range(7)) and ring.lost == 13
+    fill(ring, 2)
+    assert ring.take().index.tolist() == [20, 21]
+
+
+def test_a_new_row_is_as_if_nothing_had_happened() -> None:
+    ring = Ring(SHAPE, rows=4)
+    for _ in range(9):
+        ring.rows.kept[ring.at], ring.rows.read[ring.at] = True, Done.FAILED
+        ring.rows.asked[ring.at] = 63
+        ring.turn()
+        ring.take()
+        at = ring.at
+        assert not ring.rows.kept[at] and ring.rows.read[at] == ring.rows.asked[at] == 0
+
+
+def test_rows_that_were_taken_do_not_change() -> None:
+    ring = Ring(SHAPE, rows=4)
+    fill(ring, 2)
+    taken = ring.take()
+    fill(ring, 2)
+    ring.take()
+    assert taken.goal[:, 0].tolist() == [0, 1]
+
+
+def test_who_may_wait_loses_nothing() -> None:
+    ring = Ring(SHAPE, patient=True, rows=8)
+    seen: list[int] = []
+
+    def takes() -> None:
+        while len(seen) < 500:
+            ring.wanted.wait(5.0)
+            ring.wanted.clear()
+            seen.extend(ring.take().index.tolist())
+
+    taker = threading.Thread(target=takes, daemon=True)
+    taker.start()
+    fill(ring, 500)
+    ring.wanted.set()
+    taker.join(10.0)
+    assert seen == list(range(500)) and ring.lost == 0
+
+
+def test_nobody_waits_for_a_disk_that_is_gone() -> None:
+    ring = Ring(SHAPE, patient=True, rows=4)
+    ring.close()
+    fill(ring, 10)
+    assert ring.lost == 7
+
+
+def test_every_array_has_a_row_per_cycle() -> None:
+    cycles = Cycles.empty(5, SHAPE)
+    assert len(cycles) == 5 and cycles.sensor_orientation.shape == (5, 2, 4) and cycles.cost.shape == (5, 3)
+    assert len(cycles.taken(np.array([1, 3]))) == 2
+    assert cycles.valid.dtype == np.bool_ and cycles.goal.dtype == np.int64 and cycles.phase.dtype == np.int8
+
+
+WRITING_SHAPE = Shape(sensors=1, servos=0, rest=0, human=3, joints=1, landmarks=0, observers=0, human_observers=0)
+
+
+@pytest.fixture(scope="module")
+def writing_session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    return record(tmp_path_factory.mktemp("writing") / "run.mcap", seconds=0.05).played().recording.session
+
+
+@pytest.fixture
+def made() -> list[Topic]:
+    return topics(WRITING_SHAPE, sensors=("head",), human_joints=("a",), landmarks=(), dt=0.01, robot=None)
+
+
+class Begun:
+    """A ring, events and the thread that takes them; not started."""
+
+    def __init__(self, path: Path, session: Session, made: list[Topic]) -> None:
+        self.ring, self.events = Ring(WRITING_SHAPE, rows=64), Events()
+        self.file = RecordingFile(path, session, [])
+        self.file.announce(made)
+        self.thread = WritingThread(self.file, self.ring, self.events, made, lambda time: round(time * 1e9))
+
+    def fill(self, count: int) -> None:
+        rows: Cycles = self.ring.rows
+        for _ in range(count):
+            rows.time[self.ring.at] = 0.01 * self.ring.index
+            self.ring.turn()
+
+
+def test_all_that_was_finished_is_in_the_file_in_order(
+    tmp_path: Path, writing_session: Session, made: list[Topic]
+) -> None:
+    begun = Begun(tmp_path / "a.mcap", writing_session, made)
+    begun.fill(40)
+    begun.events.add(Event(0.105, 10, Level.INFO, "run", "hello"))
+    begun.thread.start()
+    begun.thread.close()
+    begun.thread.close()
+    recording = read_recording(tmp_path / "a.mcap")
+    assert begun.thread.trouble == "" and begun.thread.written == 40 and begun.thread.cpu_s > 0.0
+    assert recording.damage == "" and recording.topic(TICK).cycles.tolist() == list(range(40))
+    assert recording.texts == {(10, "run"): "hello"}
+    assert recording.topic(TICK).rows["stamp.nanosec"].tolist() == [10_000_000 * number for number in range(40)]
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(OSError(errno.ENOSPC, "No space left on device"), "No space left on device"), (KeyError("x"), "KeyError: 'x'")],
+)
+def test_what_goes_wrong_is_said_and_frees_whoever_waits(
+    error: Exception,
+    told: str,
+    tmp_path: Path,
+    writing_session: Session,
+    made: list[Topic],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun = Begun(tmp_path / "a.mcap", writing_session, made)
+
+    def fails(self: RecordingFile) -> None:
+        raise error
+
+    monkeypatch.setattr(RecordingFile, "flush", fails)
+    begun.fill(3)
+    begun.thread.start()
+    begun.thread.close()
+    assert begun.thread.trouble == told and begun.thread.written == 0
+    begun.ring._patient = True
+    begun.fill(200)  # would wait for ever if somebody were still expected
+    assert begun.ring.lost > 0
+
+
+def test_what_is_not_a_number_is_kept(tmp_path: Path, writing_session: Session, made: list[Topic]) -> None:
+    begun = Begun(tmp_path / "a.mcap", writing_session, made)
+    begun.ring.rows.human_q[:], begun.ring.rows.kept[:] = np.nan, True
+    begun.fill(2)
+    begun.thread.start()
+    begun.thread.close()
+    assert begun.thread.trouble == "" and read_recording(tmp_path / "a.mcap").damage == ""

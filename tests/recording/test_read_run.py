@@ -1,0 +1,303 @@
+"""A saved run as a motion; and everything that is none, in one clear message."""
+
+import io
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exported import SLIDER, moved, slider, with_servos
+from exported import saved as export_reading_saved
+from messages import Facts, refuses, shows
+from recordings import Recorded, record
+from retarget.cli import main
+from retarget.errors import InputError
+from retarget.recording.export import FORMATS, export_motion, export_place
+from retarget.recording.mcap_writer import RecordingFile
+from retarget.recording.motion import Motion
+from retarget.recording.npz import write_npz
+from retarget.recording.read_run import read_run
+from retarget.recording.reading import read_recording
+from retarget.run.loop import Pipeline
+from retarget.run.options import PhysicsOptions, RunOptions
+from rig import StubReconstructor, person, result, scripted_run, short_clip
+
+
+@pytest.fixture
+def motion() -> Motion:
+    return with_servos(moved(slider()))
+
+
+@pytest.fixture
+def body(tmp_path: Path) -> Path:
+    path = tmp_path / "slider.xml"
+    path.write_text(SLIDER)
+    return path
+
+
+def test_everything_comes_back(motion: Motion, body: Path, tmp_path: Path) -> None:
+    found = read_run(export_reading_saved(motion, tmp_path / "run.npz", body))
+    assert found.robot == "slider" and found.joint_names == motion.joint_names == ("lift", "swing", "roll")
+    assert found.joint_units == ("m", "rad", "rad")
+    np.testing.assert_allclose(found.q, motion.q, atol=1e-12)
+    for ours, theirs in ((found.servos, motion.servos), (found.goal_ticks, motion.goal_ticks)):
+        assert ours is not None and theirs is not None
+        np.testing.assert_array_equal(ours, theirs)
+    assert found.asked is not None and found.asked.names == ("hand", "lost")
+
+
+def test_what_run_saves_is_read(tmp_path: Path) -> None:
+    run = scripted_run()
+    write_npz(run, tmp_path / "run.npz")
+    assert run.record.robot is not None
+    robot = read_run(tmp_path / "run.npz")
+    assert robot.robot == "op3" and robot.rate_hz == 125.0
+    np.testing.assert_allclose(robot.q, run.record.robot.q, atol=1e-12)
+    followed = read_run(tmp_path / "run.npz", of_human=True)
+    assert followed.robot == "human" and followed.servos is None
+    np.testing.assert_allclose(followed.q, run.record.human.q, atol=1e-9)
+
+
+def test_a_run_of_the_human_alone_needs_no_body_file(tmp_path: Path) -> None:
+    human, clip = person(), short_clip(rate_hz=None)
+    run = result(Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run(), clip, human, None)
+    write_npz(run, tmp_path / "run.npz")
+    (tmp_path / "run_human.xml").unlink()
+    found = read_run(tmp_path / "run.npz")
+    assert found.robot == "human" and found.goal_ticks is None
+    assert found.asked is not None and found.asked.names == clip.frames.names
+    np.testing.assert_allclose(found.q, run.record.human.q, atol=1e-9)
+
+
+def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> None:
+    run = export_reading_saved(motion, tmp_path / "run.npz", tmp_path / "gone" / "elsewhere.xml")
+    with refuses(InputError, "--body"):
+        read_run(run)
+    with refuses(InputError):
+        read_run(export_reading_saved(motion, tmp_path / "long.npz", Path("x" * 5000)))
+    assert read_run(run, body=body).joint_names == motion.joint_names
+    body.rename(tmp_path / "elsewhere.xml")  # beside the run is where a colleague would have put it
+    assert read_run(run).joint_names == motion.joint_names
+
+
+def test_another_robots_body(motion: Motion, tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text(SLIDER.replace('"swing"', '"swung"'))
+    with refuses(InputError, "swing", "--body"):
+        read_run(export_reading_saved(motion, tmp_path / "run.npz", other))
+
+
+BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
+    "time": (np.arange(39) / 50.0, "(39, 3)"),
+    "joint_positions": (np.full((40, 3), np.nan), ("joint_positions", "nan", 1)),
+    "root_position": (np.full((40, 3), np.inf), "root_position"),
+    "root_quaternion": (np.zeros((40, 4)), "[0. 0. 0. 0.]"),
+    "joint_names": (np.arange(3), "joint_names"),
+    "servo_positions": (np.zeros((40, 2)), "servo_positions"),
+    "goal_ticks": (np.zeros((40, 3)), "goal_ticks"),
+    "landmarks_asked": (np.zeros((40, 1, 3)), "landmarks_asked"),
+    "phase": (np.full(40, "dance"), ("phase", "dance")),
+}
+
+
+@pytest.mark.parametrize("key", BAD)
+def test_wrong_content_is_told_by_its_key(key: str, motion: Motion, body: Path, tmp_path: Path) -> None:
+    value, facts = BAD[key]
+    with refuses(InputError, facts):
+        read_run(export_reading_saved(motion, tmp_path / "run.npz", body, **{key: value}))
+
+
+@pytest.mark.parametrize("time", [np.zeros(40), np.zeros(0), np.arange(40)[::-1].astype(float)])
+def test_time_goes_on(
+    time: np.ndarray[tuple[int], np.dtype[np.float64]], motion: Motion, body: Path, tmp_path: Path
+) -> None:
+    with refuses(InputError):
+        read_run(export_reading_saved(motion, tmp_path / "run.npz", body, time=time))
+
+
+def test_missing_keys_are_listed_all_at_once(motion: Motion, body: Path, tmp_path: Path) -> None:
+    run = export_reading_saved(motion, tmp_path / "run.npz", body, time=None, root_position=None)
+    with refuses(InputError, "root_position"):
+        read_run(run)
+
+
+def test_what_is_no_run(tmp_path: Path) -> None:
+    (tmp_path / "text.npz").write_text("time, x\n")
+    (tmp_path / "empty.npz").touch()
+    np.savez(tmp_path / "other.npz", poses=np.zeros(3))
+    with zipfile.ZipFile(tmp_path / "zip.npz", "w") as archive:
+        archive.writestr("time.npy", b"no array")
+    (tmp_path / "folder.npz").mkdir()
+    for name in ("text", "empty", "other", "zip", "folder", "missing"):
+        with refuses(InputError, f"{name}.npz"):
+            read_run(tmp_path / f"{name}.npz")
+    with refuses(InputError):
+        read_run(tmp_path / "run.csv")
+
+
+def test_pickles_are_never_loaded(motion: Motion, body: Path, tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    np.save(stream, np.array([{}], dtype=object), allow_pickle=True)
+    run = export_reading_saved(motion, tmp_path / "run.npz", body, time=None)
+    with zipfile.ZipFile(run, "a") as archive:
+        archive.writestr("time.npy", stream.getvalue())
+    with refuses(InputError):
+        read_run(run)
+
+
+def test_wherever_a_file_is_cut_it_is_one_message(motion: Motion, body: Path, tmp_path: Path) -> None:
+    whole = export_reading_saved(motion, tmp_path / "run.npz", body).read_bytes()
+    for share in np.linspace(0.0, 0.999, 40):
+        (tmp_path / "cut.npz").write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError):
+            read_run(tmp_path / "cut.npz")
+
+
+def test_a_flipped_bit_is_found_or_does_not_matter(motion: Motion, body: Path, tmp_path: Path) -> None:
+    whole = export_reading_saved(motion, tmp_path / "run.npz", body).read_bytes()
+    rng = np.random.default_rng(5)
+    refused = 0
+    for place in rng.integers(0, len(whole), 150):
+        hurt = bytearray(whole)
+        hurt[place] ^= 1 << int(rng.integers(8))
+        (tmp_path / "hurt.npz").write_bytes(hurt)
+        try:
+            read_run(tmp_path / "hurt.npz")
+        except InputError:
+            refused += 1
+    assert refused > 100
+
+
+SINGLE = 3e-7
+"""Goals and the root are kept in single precision."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("export") / "run.mcap")
+
+
+@pytest.fixture(scope="module")
+def mcap_reader_motion(run: Recorded) -> Motion:
+    return read_run(run.path)
+
+
+def saved(run: Recorded) -> Motion:
+    path = run.path.with_suffix(".npz")
+    if not path.exists():
+        write_npz(run.result, path)
+    return read_run(path)
+
+
+def test_rows_are_those_of_the_run_that_was_saved(run: Recorded, mcap_reader_motion: Motion) -> None:
+    then = saved(run)
+    assert mcap_reader_motion.joint_names == then.joint_names and mcap_reader_motion.robot == then.robot == "op3"
+    assert mcap_reader_motion.notes == () and mcap_reader_motion.row == "tick" and mcap_reader_motion.rate_hz == 125.0
+    np.testing.assert_allclose(mcap_reader_motion.time, then.time, atol=1e-12)
+    np.testing.assert_array_equal(mcap_reader_motion.phase, then.phase)
+    np.testing.assert_allclose(mcap_reader_motion.q, then.q, atol=SINGLE)
+    for ours, theirs in ((mcap_reader_motion.goal_ticks, then.goal_ticks), (mcap_reader_motion.servos, then.servos)):
+        assert ours is not None and theirs is not None
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(
+    run: Recorded, mcap_reader_motion: Motion
+) -> None:
+    then = saved(run)
+    assert mcap_reader_motion.asked is not None and then.asked is not None
+    order = [mcap_reader_motion.asked.names.index(name) for name in then.asked.names]
+    assert sorted(mcap_reader_motion.asked.names) == sorted(then.asked.names)
+    followed = np.flatnonzero(mcap_reader_motion.phase == "follow")
+    ours, theirs = mcap_reader_motion.asked.position[followed][:, order], then.asked.position[followed]
+    kept = (followed + 1) % 5 == 0  # of cycles, the first of which arms
+    np.testing.assert_allclose(ours[kept], theirs[kept], atol=1e-5)
+    between = slice(int(np.argmax(kept)), len(kept) - int(np.argmax(kept[::-1])))
+    bend = np.abs(np.diff(ours[between], n=2, axis=0)).max(axis=(1, 2))
+    assert (bend[~kept[between][1:-1]] < 1e-9).all() and np.abs(ours - theirs).max() < 0.01
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_format_takes_it(form: str, mcap_reader_motion: Motion, tmp_path: Path) -> None:
+    followed = mcap_reader_motion.rows(mcap_reader_motion.phase == "follow")
+    place = export_place(FORMATS[form], tmp_path / "run.mcap", None)
+    export_motion(followed, FORMATS[form], place)
+    assert place.exists()
+
+
+def test_the_human_is_as_often_as_it_was_kept(run: Recorded) -> None:
+    human, then = read_run(run.path, of_human=True), run.result.record.human
+    assert human.robot == "human" and human.row == "posture that was kept" and human.rate_hz == 12.5
+    shows(human.notes[0], "12.5")
+    rows = np.searchsorted(run.result.record.time, human.time - 1e-9)
+    np.testing.assert_allclose(run.result.record.time[rows], human.time, atol=1e-9)
+    np.testing.assert_allclose(human.q, then.q[rows], atol=3e-6)
+
+
+def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:
+    alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.2)
+    write_npz(alone.result, tmp_path / "run.npz")
+    for of_human in (False, True):
+        ours, then = read_run(alone.path, of_human=of_human), read_run(tmp_path / "run.npz", of_human=of_human)
+        assert ours.robot == "human" and len(ours) == len(then) and ours.notes == ()
+        np.testing.assert_allclose(ours.time, then.time, atol=1e-12)
+        np.testing.assert_allclose(ours.q, then.q, atol=3e-6)
+    sensors = read_run(alone.path).asked
+    assert sensors is not None
+    asked = [alone.result.clip.sample(tick).position for tick in range(alone.result.clip.ticks)]
+    np.testing.assert_array_equal(sensors.position, asked)
+
+
+def test_a_root_that_stands_still_is_a_root_all_the_same(tmp_path: Path) -> None:
+    """Bolted to a stand: the tree of the run has no free joint, that of a motion has."""
+    options = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount="stand"))
+    held = record(tmp_path / "run.mcap", options=options, seconds=0.1)
+    write_npz(held.result, tmp_path / "run.npz")
+    ours, then = read_run(held.path), read_run(tmp_path / "run.npz")
+    assert ours.body.nq == ours.body.nv + 1
+    np.testing.assert_allclose(ours.q, then.q, atol=SINGLE)
+
+
+def test_without_servos_that_answer_there_are_none(tmp_path: Path) -> None:
+    none = record(tmp_path / "run.mcap", options=RunOptions(robot="op3", bus="none"), seconds=0.1)
+    assert read_run(none.path).servos is None
+
+
+def test_the_body_of_then_is_used_and_another_can_be_given(
+    run: Recorded, mcap_reader_motion: Motion, tmp_path: Path
+) -> None:
+    assert run.result.robot is not None
+    body = tmp_path / "moved.xml"
+    body.write_bytes(run.result.robot.profile.body_path.read_bytes())
+    given = read_run(run.path, body=body)
+    assert given.body.source == str(body)
+    np.testing.assert_array_equal(given.q, mcap_reader_motion.q)
+    with refuses(InputError):
+        read_run(run.path, body=tmp_path / "nothing.xml")
+
+
+def test_half_a_recording_is_exported_with_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("retarget.recording.mcap_writer.FLUSH_S", 0.01)
+    whole = record(tmp_path / "run.mcap")
+    content = whole.path.read_bytes()
+    whole.path.write_bytes(content[: len(content) * 3 // 4])
+    with pytest.raises(SystemExit) as left:
+        main(["export", str(whole.path), "--to", "csv", "--phase", "all"])
+    assert left.value.code == 0
+    shows(capsys.readouterr().err)
+    rows = (tmp_path / "run.csv").read_text().count("\n") - 1
+    assert 0 < rows < len(whole.result.record)
+
+
+def test_a_recording_without_ticks_is_refused(run: Recorded, tmp_path: Path) -> None:
+    path = tmp_path / "none.mcap"
+    file = RecordingFile(path, read_recording(run.path).session, [])
+    file.announce([])
+    file.finish()
+    for of_human in (False, True):
+        with refuses(InputError, found="/tick"):
+            read_run(path, of_human=of_human)

@@ -1,0 +1,365 @@
+"""Reading a recording: whole, cut anywhere, damaged anywhere, and files that are none."""
+
+import json
+import re
+import struct
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+from numpy.typing import NDArray
+
+from messages import refuses, shows
+from recordings import Recorded, record
+from retarget.errors import InputError, RefusedError, UsageError
+from retarget.recording import read_run
+from retarget.recording.cycles import Done
+from retarget.recording.mcap_writer import METADATA
+from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
+from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, SENSORS, SERVOS, TICK
+from retarget.viewer import recorded
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("played") / "run.mcap", seconds=0.1)
+
+
+def changed(recording: Recording, topic: str, change: Callable[[TopicRows], TopicRows]) -> Recording:
+    return replace(recording, topics={**recording.topics, topic: change(recording.topics[topic])})
+
+
+def chosen(rows: TopicRows, at: NDArray[np.intp]) -> TopicRows:
+    return TopicRows(rows.cycles[at], rows.rows[at])
+
+
+def test_all_of_it(run: Recorded) -> None:
+    found = run.played()
+    assert found.whole and found.missing == 0 and found.last_tick == run.result.ticks_followed - 1
+    assert found.cycles.index.tolist() == list(range(len(found.cycles)))
+
+
+def test_cycles_that_were_lost_are_counted(run: Recorded) -> None:
+    whole = run.played()
+
+    def without(rows: TopicRows) -> TopicRows:
+        return chosen(rows, np.delete(np.arange(len(rows.rows)), [20, 21, 22]))
+
+    found = played(changed(whole.recording, TICK, without))
+    assert found.missing == 3 and not found.whole and len(found.cycles) == len(whole.cycles) - 3
+    np.testing.assert_array_equal(found.cycles.goal[20:], whole.cycles.goal[23:])
+    np.testing.assert_array_equal(found.cycles.position[20:], whole.cycles.position[23:])
+
+
+def test_order_and_copies_in_the_file_do_not_matter(run: Recorded) -> None:
+    whole = run.played()
+
+    def shuffled(rows: TopicRows) -> TopicRows:
+        order = np.random.default_rng(3).permutation(len(rows.rows))
+        return chosen(rows, np.concatenate([order, order[:5]]))
+
+    recording = whole.recording
+    for topic in (TICK, SERVOS, GOALS, SENSORS):
+        recording = changed(recording, topic, shuffled)
+    found = played(recording)
+    for name in ("index", "goal", "position", "q", "sensor_position", "clock"):
+        np.testing.assert_array_equal(getattr(found.cycles, name), getattr(whole.cycles, name), err_msg=name)
+
+
+def test_where_the_sensors_were_not_kept_nobody_was_followed(run: Recorded) -> None:
+    found = played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(10))))
+    assert np.count_nonzero(found.cycles.sampled == Done.WELL) == 10 < np.count_nonzero(found.cycles.sampled)
+
+
+def shifted(rows: TopicRows) -> TopicRows:
+    other = rows.rows.copy()
+    other["cycle"] += 1
+    return TopicRows(rows.cycles, other)
+
+
+def nobody(rows: TopicRows) -> TopicRows:
+    other = rows.rows.copy()
+    other["sampled"][0] = Done.FAILED
+    return TopicRows(rows.cycles, other)
+
+
+@pytest.mark.parametrize("change", [shifted, nobody])
+def test_what_is_no_run_is_refused(change: Callable[[TopicRows], TopicRows], run: Recorded) -> None:
+    with refuses(InputError):
+        played(changed(run.played().recording, TICK, change))
+
+
+@pytest.mark.parametrize("topic", [TICK, SERVOS, SENSORS])
+def test_a_topic_that_is_missing_is_named(topic: str, run: Recorded) -> None:
+    recording = run.played().recording
+    topics = {name: rows for name, rows in recording.topics.items() if name != topic}
+    with refuses(InputError, found=topic):
+        played(replace(recording, topics=topics))
+
+
+def test_a_first_tick_that_lost_its_sensors_is_refused(run: Recorded) -> None:
+    with refuses(InputError):
+        played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(1))))
+
+
+def test_more_ticks_than_there_can_be_are_refused(run: Recorded) -> None:
+    recording = run.played().recording
+    with refuses(InputError):
+        played(replace(recording, session=recording.session.model_copy(update={"ticks": 1})))
+
+
+def renamed(topic: str, field: str, recording: Recording) -> Recording:
+    """The same bytes, in which a field has another name."""
+
+    def other(rows: TopicRows) -> TopicRows:
+        kind, names = rows.rows.dtype, rows.rows.dtype.names or ()
+        fields: Mapping[str, Any] = kind.fields or {}
+        told = {
+            "names": [f"no_{name}" if name == field else name for name in names],
+            "formats": [fields[name][0] for name in names],
+            "offsets": [fields[name][1] for name in names],
+            "itemsize": kind.itemsize,
+        }
+        return TopicRows(rows.cycles, rows.rows.view(np.dtype(told)))  # type: ignore[call-overload]
+
+    return changed(recording, topic, other)
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "shown", "exported"),
+    [
+        (TICK, "root", False, False),
+        (TICK, "observer_modes", False, True),
+        (HUMAN_POSTURE, "q", False, True),
+        (LANDMARKS, "poses", False, False),
+    ],
+)
+def test_a_field_that_is_missing_is_one_message_to_whoever_reads_it(
+    topic: str, field: str, shown: bool, exported: bool, run: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    less = renamed(topic, field, run.played().recording)
+    for module in (recorded, read_run):
+        monkeypatch.setattr(module, "read_recording", lambda path: less)
+    for fine, read in ((shown, recorded.open_viewed), (exported, read_run.read_mcap_run)):
+        if fine:
+            read(run.path)
+        else:
+            with refuses(InputError):
+                read(run.path)
+
+
+def test_a_human_whose_postures_have_no_order_is_exported_as_far_as_it_goes(
+    run: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still = changed(run.played().recording, HUMAN_POSTURE, lambda rows: TopicRows(rows.cycles * 0 + 20, rows.rows))
+    monkeypatch.setattr(read_run, "read_recording", lambda path: still)
+    assert len(read_run.read_mcap_human(run.path)) == 1
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A recording of several chunks."""
+    path = tmp_path_factory.mktemp("reading") / "run.mcap"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("retarget.recording.mcap_writer.FLUSH_S", 0.01)
+        record(path, seconds=1.0)
+    return path.read_bytes()
+
+
+def chunk_ends(path: Path) -> list[tuple[int, int]]:
+    """Of every chunk from the first tick on: where it ends, and how many ticks are in the file until there."""
+    ends, content = [], path.read_bytes()
+    with path.open("rb") as stream:
+        for one in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(one, Chunk):
+                end = content.index(one.data) + len(one.data)
+                path_until = path.with_suffix(".until")
+                path_until.write_bytes(content[:end])
+                with suppress(InputError):  # a slow machine writes a first chunk without a tick
+                    ends.append((end, len(read_recording(path_until).topic(TICK).rows)))
+    return ends
+
+
+def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    ends = chunk_ends(path)
+    whole = played(read_recording(path)).cycles
+    assert len(ends) >= 3 and ends[-1][1] == len(whole)
+    assert len({count for _, count in ends}) == len(ends)
+    rng = np.random.default_rng(5)
+    cuts = [*rng.integers(ends[0][0], len(content) - 1, 25).tolist(), len(content) - 1]
+    for cut in cuts:
+        path.write_bytes(content[:cut])
+        recording = read_recording(path)
+        cycles = played(recording).cycles
+        shows(recording.damage, varies=re.compile(r"(?<=early)[:,].*"))
+        assert len(cycles) == max(count for end, count in ends if end <= cut), cut
+        np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
+
+
+def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    first = chunk_ends(path)[0][0]
+    for cut in np.linspace(0, first - 1, 15).astype(int).tolist():
+        path.write_bytes(content[:cut])
+        with pytest.raises(InputError):
+            played(read_recording(path))
+
+
+def test_a_flipped_bit_is_never_believed(content: bytes, tmp_path: Path) -> None:
+    """Whatever stands before it is read; what is read is what was written."""
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    whole = played(read_recording(path)).cycles
+    rng = np.random.default_rng(6)
+    told = 0
+    for place in rng.integers(len(MAGIC), len(content), 40).tolist():
+        path.write_bytes(content[:place] + bytes([content[place] ^ 0x10]) + content[place + 1 :])
+        try:
+            recording = read_recording(path)
+            cycles = played(recording).cycles
+        except RefusedError:
+            told += 1
+            continue
+        told += bool(recording.damage)
+        np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
+        np.testing.assert_array_equal(cycles.sensor_position, whole.sensor_position[: len(cycles)])
+    assert told >= 10
+
+
+@pytest.mark.parametrize("data", [b"", b"\x89MCAP", b"PK\x03\x04" + bytes(50), MAGIC, MAGIC + bytes(100)])
+def test_what_is_no_recording_is_refused(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(data)
+    with refuses(InputError):
+        read_recording(path)
+
+
+def test_there_is_no_file(tmp_path: Path) -> None:
+    with refuses(InputError):
+        read_recording(tmp_path / "x.mcap")
+    with refuses(InputError):
+        read_recording(tmp_path)
+
+
+def foreign(path: Path, metadata: dict[str, str] | None) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        if metadata is not None:
+            writer.add_metadata(METADATA, metadata)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def test_a_file_of_somebody_else_and_of_another_version(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    for metadata, facts in (
+        (None, ()),
+        ({"format": "2", "session": "{}"}, (2, 1)),
+        ({"format": "1", "session": "{}"}, "SHA-256"),
+        ({"format": "1"}, ()),
+        (
+            {"format": "1", "session": "{}", "sha256": sha256(b"{}").hexdigest()},
+            (),
+        ),
+    ):
+        foreign(path, metadata)
+        with refuses(InputError, facts):
+            read_recording(path)
+
+
+def without(content: bytes, path: Path, topic: str) -> None:
+    """The same recording, without a topic."""
+    from mcap.reader import make_reader
+
+    path.write_bytes(content)
+    with path.open("rb") as stream, path.with_suffix(".less.mcap").open("wb") as out:
+        reader, writer = make_reader(stream), Writer(out)
+        writer.start()
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.topic == topic:
+                continue
+            if channel.id not in channels:
+                assert schema is not None
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, "cdr", number, channel.metadata)
+            at = message.log_time
+            writer.add_message(channels[channel.id], at, message.data, at, message.sequence)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize("topic", [TICK, SENSORS, "/servos"])
+def test_a_missing_topic_is_named(content: bytes, tmp_path: Path, topic: str) -> None:
+    path = tmp_path / "run.mcap"
+    without(content, path, topic)
+    with refuses(InputError, found=topic):
+        played(read_recording(path.with_suffix(".less.mcap")))
+
+
+def test_a_topic_that_replay_does_not_need_may_be_missing(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    without(content, path, "/tf")
+    assert len(played(read_recording(path.with_suffix(".less.mcap"))).cycles)
+
+
+def test_hostile_layouts_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    session = read_recording(path).session.model_dump_json()
+    for layout in ("[]", json.dumps({"names": ["a"], "formats": ["O"], "offsets": [0], "itemsize": 8}), "{", "nan"):
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            digest = sha256(session.encode()).hexdigest()
+            writer.add_metadata(METADATA, {"format": "1", "session": session, "sha256": digest})
+            schema = writer.register_schema("x", "ros2msg", b"")
+            channel = writer.register_channel(TICK, "cdr", schema, {"layout": layout})
+            writer.add_message(channel, 0, struct.pack("<d", 1.0), 0, 0)
+            writer.finish()  # type: ignore[no-untyped-call]
+        with refuses(InputError):
+            read_recording(path)
+
+
+def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
+    with refuses(UsageError, "retarget[record]"):
+        read_recording(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize(
+    "update",
+    [{"dt": 0.0}, {"dt": float("nan")}, {"ticks": 0}, {"sensors": ()}, {"intake": (-1.0, 0.0, 0.0)}, {"format": 2}],
+)
+def test_a_session_that_cannot_be_is_refused(content: bytes, tmp_path: Path, update: dict[str, object]) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    session = read_recording(path).session
+    told = json.dumps(session.model_dump() | update)
+    foreign(path, {"format": "1", "session": told, "sha256": sha256(told.encode()).hexdigest()})
+    with refuses(InputError):
+        read_recording(path)
+
+
+def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    recording = read_recording(path)
+    for name, row, value in (("tick", 5, 2**31 - 1), ("tick", 5, -1), ("cycle", 0, 7), ("cycle", -1, 2**32 - 1)):
+        rows = recording.topic(TICK).rows.copy()
+        rows[name][row] = value
+        topics = recording.topics | {TICK: TopicRows(recording.topic(TICK).cycles, rows)}
+        with refuses(InputError):
+            played(replace(recording, topics=topics))

@@ -1,0 +1,205 @@
+"""`--record`: what is in the file is what happened, for any tool that reads MCAP; the run is the same as without."""
+
+import errno
+import threading
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from hardware.errors import RetargetError
+from hardware.guard_state import GuardState
+from messages import Facts, refuses, shows
+from recordings import Recorded, messages, mock_bus, performer, record
+from retarget.cli import main
+from retarget.cli.exit import REFUSED
+from retarget.errors import UsageError
+from retarget.recording.cdr import layout_from
+from retarget.recording.mcap_writer import Ring, _Direct, check_target
+from retarget.recording.reading import read_recording
+from retarget.recording.recorder import Recorder
+from retarget.recording.taps import STATES
+from retarget.recording.topics import GOALS, HUMAN_JOINTS, JOINTS, SENSORS, TICK
+from retarget.run.options import RunOptions
+from retarget.run.run_result import RunResult
+from sim.mock_bus import FaultKind, MockFault
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("recorded") / "run.mcap")
+
+
+def goals(result: RunResult) -> list[list[int]]:
+    assert result.record.robot is not None
+    return [list(row) for row in result.record.robot.goal_ticks.tolist()]
+
+
+def test_it_is_opened_by_the_library_with_its_checks_on(whole: Recorded) -> None:
+    with whole.path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None and reader.get_header().profile == "ros2"
+        kinds = {summary.channels[key].topic: summary.channels[key] for key in summary.channels}
+        schemas = {topic: summary.schemas[channel.schema_id] for topic, channel in kinds.items()}
+        stamps = [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
+        names = [attachment.name for attachment in reader.iter_attachments()]
+    assert stamps == sorted(stamps)
+    assert {schema.encoding for schema in schemas.values()} == {"ros2msg"}
+    assert {channel.message_encoding for channel in kinds.values()} == {"cdr"}
+    assert schemas[GOALS].name == schemas[JOINTS].name == "sensor_msgs/msg/JointState"
+    assert schemas[SENSORS].name == "geometry_msgs/msg/PoseArray" and schemas["/tf"].name == "tf2_msgs/msg/TFMessage"
+    assert schemas["/events"].name == "rcl_interfaces/msg/Log"
+    assert names == ["performer.yaml", "priorities_of_the_human.yaml", "priorities_of_the_robot.yaml", *names[3:]]
+    assert names[3:] == ["robot.yaml", "body.xml"]
+
+
+def test_every_tick_is_in_it(whole: Recorded) -> None:
+    recording = read_recording(whole.path)
+    result, cycles = whole.result, whole.played().cycles
+    sent, robot = result.record.robot, result.robot
+    assert sent is not None and robot is not None
+    kept = cycles.kept
+    assert recording.damage == "" and cycles.index.tolist() == list(range(len(sent.q) + 2))
+    np.testing.assert_array_equal(cycles.goal[kept], sent.goal_ticks)
+    np.testing.assert_allclose(cycles.q[kept], sent.q[:, robot.servo_columns], atol=2e-7)
+    np.testing.assert_array_equal(cycles.phase[kept], result.record.phase)
+    np.testing.assert_array_equal(robot.joint_map.to_radians(cycles.position[kept]), sent.present)
+    np.testing.assert_array_equal(cycles.temperature[kept], sent.temperature)
+    rows = recording.topic(TICK).rows
+    assert rows["observer_modes"].shape[1] == len(recording.session.observers)
+    assert set(rows["state"][1:].tolist()) <= {STATES[state] for state in GuardState}
+    followed = cycles.phase == 1
+    asked = [result.clip.sample(tick).position for tick in range(result.clip.ticks)]
+    np.testing.assert_array_equal(cycles.sensor_position[kept & followed], asked)
+
+
+def test_a_stranger_needs_numpy_and_the_metadata_of_the_topic(whole: Recorded) -> None:
+    with whole.path.open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(topics=[HUMAN_JOINTS]):
+            points = np.frombuffer(message.data, dtype=layout_from(channel.metadata["layout"]))["poses"][0, :, :3]
+            head = points[channel.metadata["names"].split().index("head")]
+            assert 1.0 < head[2] < 2.0
+    times = np.array([message[4:12] for message in messages(whole.path, GOALS)])
+    assert len(np.unique(times)) == len(whole.result.record)
+
+
+def test_events_tell_what_happened(whole: Recorded) -> None:
+    texts = read_recording(whole.path).texts
+    said = Counter(texts.values())
+    for wanted in ("torque on", "approach", "follow", "brake", "moving"):
+        assert said[wanted] == 1, wanted
+
+
+def test_recording_changes_nothing(whole: Recorded) -> None:
+    assert goals(record(None).result) == goals(whole.result)
+
+
+def full_after(count: int) -> Callable[[_Direct, bytes], int]:
+    write = _Direct.write
+
+    def full(self: _Direct, data: bytes) -> int:
+        if self.tell() + len(data) > count:
+            write(self, data[: max(count - self.tell(), 0)])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(self, data)
+
+    return full
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else(
+    whole: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_Direct, "write", full_after(60_000))
+    monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, patient=True, rows=32))
+    run = record(tmp_path / "run.mcap")  # which waits for the disk, so knows in time that it is full
+    assert goals(run.result) == goals(whole.result)
+    assert run.recorder.trouble == "No space left on device" and run.recorder.code(0) == 1
+    warned = [text for text in run.told if "the recording is not whole, the robot goes on" in text]
+    assert len(warned) == 1 and warned[0].endswith("No space left on device")
+    assert read_recording(run.path).damage
+
+
+def test_a_disk_that_is_full_from_the_start_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_Direct, "write", full_after(100))
+    with refuses(UsageError):
+        record(tmp_path / "run.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: Recorded) -> None:
+    hangs, write = threading.Event(), _Direct.write
+
+    def slow(self: _Direct, data: bytes) -> int:
+        if self.tell() > 40_000:
+            hangs.wait(20.0)
+        return write(self, data)
+
+    monkeypatch.setattr(_Direct, "write", slow)
+    monkeypatch.setattr("retarget.recording.mcap_writer.PATIENCE_S", 0.05)
+    monkeypatch.setattr("retarget.recording.recorder.Ring", lambda shape, patient: Ring(shape, rows=64))
+    run = record(tmp_path / "run.mcap")
+    hangs.set()
+    assert goals(run.result) == goals(whole.result)
+    assert run.recorder.trouble and run.recorder.code(0) == 1
+    shows(run.told[0])
+    shows(run.told[-1])
+    assert len(run.told) == 2
+
+
+def test_what_the_bus_fails_with_is_in_it(tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", faults=(MockFault(FaultKind.READ_FAILS, first=40, cycles=1000),))
+    assert run.result.reason is not None
+    shows(run.result.reason)
+    texts = read_recording(run.path).texts
+    assert any(who == "bus read" for _, who in texts) and any(run.result.reason in text for text in texts.values())
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (MockFault(FaultKind.MISSING, first=0, cycles=10, servo=2), "r_sho_roll"),
+        (MockFault(FaultKind.READ_FAILS, first=0, cycles=10), ()),
+        (MockFault(FaultKind.WRITE_FAILS, first=0, cycles=10), ()),
+    ],
+)
+def test_a_robot_that_never_moved_leaves_no_file(fault: MockFault, message: Facts, tmp_path: Path) -> None:
+    """Also where goals were written already: what is refused while it is armed has no tick."""
+    with refuses(RetargetError, message):
+        record(tmp_path / "run.mcap", faults=(fault,))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["run.npz", "no/such/folder/run.mcap", "."])
+def test_a_place_that_cannot_be_is_refused(name: str, tmp_path: Path) -> None:
+    with refuses(UsageError, "--record"):
+        check_target(tmp_path / name)
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str], shared: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"mine")
+    source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
+    with pytest.raises(SystemExit) as leaving:
+        main(["run", "--robot", "op3", "--source", str(source), "--record", str(path)])
+    assert leaving.value.code == REFUSED
+    shows(capsys.readouterr().err)
+    assert path.read_bytes() == b"mine"
+
+
+def test_without_the_library_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "mcap.writer", None)
+    with refuses(UsageError, "'retarget[record]'"):
+        check_target(tmp_path / "run.mcap")
+
+
+def test_without_a_path_nothing_is_between_the_run_and_its_bus() -> None:
+    from hardware.clock import VirtualClock
+
+    clock = VirtualClock()
+    recorder = Recorder(None, RunOptions(robot="op3"), clock=clock, parks=False, tell=str)
+    assert recorder.clock is clock and recorder.make_bus(mock_bus) is mock_bus
+    assert performer()().duration_s > 0.0

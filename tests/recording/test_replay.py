@@ -1,0 +1,433 @@
+"""What differs from a recording, counted and told; goals in ticks, postures of a human to the bit."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from hardware.arrays import TickArray
+from hardware.bus import ServoGoals
+from hardware.errors import BusError
+from hardware.guard_state import StopCause
+from live_rig import LiveRig
+from messages import refuses, shows
+from recordings import Recorded, record
+from retarget.errors import InputError
+from retarget.frames import SensorSample
+from retarget.human.samples import Clip, Samples
+from retarget.live.begin import LiveOptions
+from retarget.recording.configs import as_now
+from retarget.recording.cycles import Cursor, Done
+from retarget.recording.reading import Played, played, read_recording
+from retarget.recording.recorder import Recorder
+from retarget.recording.replay import (
+    Difference,
+    Replayed,
+    ReplayedBus,
+    ReplayedClock,
+    ReplayedSamples,
+    goal_difference,
+    posture_difference,
+    replay,
+    what_computes,
+)
+from retarget.recording.topics import SENSORS
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared
+from retarget.run.run_result import RunResult
+from sim.faults.sender import FakeSender, silent
+from sim.mock_bus import FaultKind, MockFault
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("difference") / "run.mcap", seconds=0.1)
+
+
+def sent(found: Played) -> list[tuple[int, TickArray]]:
+    cycles = found.cycles
+    return [(int(row), cycles.goal[row].copy()) for row in np.flatnonzero(cycles.written != Done.NOT)]
+
+
+def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Played | None = None) -> Difference:
+    assert run.result.robot is not None
+    return goal_difference(found or run.played(), cast(Any, SimpleNamespace(sent=goals)), run.result.robot)
+
+
+def test_nothing_differs(run: Recorded) -> None:
+    goals = sent(run.played())
+    found = compared(run, goals)
+    assert found.none and found.compared == len(goals) and found.first is None
+    assert found.told() == [f"all {len(goals)} goals are as recorded, to the tick"]
+
+
+def test_one_tick_of_one_joint_is_told_where_and_when(run: Recorded) -> None:
+    goals = sent(run.played())
+    row = goals[30][0]
+    goals[30][1][4] -= 2
+    found = compared(run, goals)
+    cycles, robot = run.played().cycles, run.result.robot
+    assert robot is not None
+    assert (found.differ, found.ticks, found.first) == (1, 2, int(cycles.index[row]))
+    assert found.most == pytest.approx(2 * 360.0 / 4096.0, rel=1e-6)
+    assert found.where == f"of {robot.joint_map.joints[4]} in cycle {found.first}"
+    assert found.time_s == pytest.approx(0.008 * (int(cycles.index[row]) - 1), abs=0.02)
+    assert found.told()[0].startswith(f"1 of {len(goals)} goals differ, from cycle {found.first}")
+
+
+def test_goals_that_are_missing_or_more(run: Recorded) -> None:
+    goals = sent(run.played())
+    found = compared(run, [*goals[:-3], (-1, goals[0][1]), goals[5]])
+    assert (found.differ, found.absent, found.extra) == (0, 3, 2) and not found.none
+    assert found.told() == ["3 goals were recorded and are not sent now", "2 goals are sent now and were not recorded"]
+
+
+def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded) -> None:
+    whole = run.played()
+    cut = replace(whole, recording=replace(whole.recording, damage="it ends early"))
+    goals = sent(whole)
+    found = compared(run, [*goals, (-1, goals[0][1])], cut)
+    assert found.none and not found.whole
+    assert found.told() == [f"all {len(goals)} goals that it holds are as recorded, to the tick"]
+
+
+def test_postures_of_a_human(tmp_path: Path) -> None:
+    alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
+    found, q = alone.played(), alone.result.record.human.q.copy()
+    assert posture_difference(found, q).none
+    q[5, 9] += 0.01
+    off = posture_difference(found, q[:-2])
+    assert (off.differ, off.absent, off.unit) == (1, 2, "m or rad")
+    assert off.most == pytest.approx(0.01, rel=1e-4) and off.where == "of q[9] in cycle 5"
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("replay") / "run.mcap")
+
+
+def same(again: Replayed, result: RunResult) -> None:
+    """To the tick, and to the bit before rounding."""
+    assert again.difference.none and again.difference.differ == 0, again.difference.told()
+    now, then = again.result.record, result.record
+    assert len(now) == len(then) and now.robot is not None and then.robot is not None
+    np.testing.assert_array_equal(now.robot.goal_ticks, then.robot.goal_ticks)
+    np.testing.assert_array_equal(now.robot.q, then.robot.q)
+    np.testing.assert_array_equal(now.human.q, then.human.q)
+    np.testing.assert_array_equal(now.phase, then.phase)
+    assert again.result.state == result.state
+
+
+def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
+    again = replay(plain.played())
+    same(again, plain.result)
+    assert again.changed == () and again.difference.compared == len(plain.result.record) + 1
+    assert again.difference.told() == [f"all {again.difference.compared} goals are as recorded, to the tick"]
+
+
+def stopped_from_outside(prepared: Prepared) -> Watch:
+    assert prepared.side is not None
+    guard, asked = prepared.side.guard, iter(range(10_000))
+
+    def look() -> bool:
+        if next(asked) == 70:
+            guard.stop("the robot has fallen: over a wire", StopCause.FALLEN)
+        return False
+
+    return Watch(stop_asked=look)
+
+
+def held_and_then_stopped(prepared: Prepared) -> Watch:
+    assert prepared.side is not None
+    guard, asked = prepared.side.guard, iter(range(10_000))
+
+    def look() -> bool:
+        tick = next(asked)
+        guard.paused = 20 <= tick < 60
+        return tick == 180
+
+    return Watch(stop_asked=look)
+
+
+@pytest.mark.parametrize("watch", [stopped_from_outside, held_and_then_stopped])
+def test_what_people_asked_for_is_asked_for_again(watch: Callable[[Prepared], Watch], tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", watch=watch)
+    again = replay(run.played())
+    same(again, run.result)
+    if watch is stopped_from_outside:
+        assert again.result.reason == "the robot has fallen: over a wire" == run.result.reason
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        MockFault(FaultKind.READ_FAILS, first=90, cycles=1000),
+        MockFault(FaultKind.ALERT, first=90, cycles=1, servo=4, alert=0x04),
+    ],
+)
+def test_what_went_wrong_goes_wrong_again(fault: MockFault, tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", faults=(fault,))
+    again = replay(run.played())
+    same(again, run.result)
+    assert again.result.reason == run.result.reason
+
+
+class Held:
+    """Samples of somebody who cannot be trusted for a while, comes back by weight, and is then taken up slowly."""
+
+    def __init__(self, clip: Samples) -> None:
+        self._clip = clip
+        self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
+        self.over, self.hindrance, self._tick, self._approach = False, "nobody there", 0, 0
+
+    @property
+    def settled(self) -> float:
+        return 1.0 if self._tick < 15 else min(1.0, 0.05 * (self._tick - 15))
+
+    def may_approach(self) -> bool:
+        self._approach += 1
+        return not 20 < self._approach < 40
+
+    def listen(self) -> None:
+        pass
+
+    def sample(self, tick: int) -> SensorSample | None:
+        self._tick = tick
+        said = self._clip.sample(tick)
+        assert said is not None
+        if 10 <= tick < 20:
+            return None
+        weight = np.ones(5)
+        weight[2] = min(1.0, abs(tick - 20) / 20)
+        return replace(said, weight=weight) if tick >= 20 else said
+
+    def recorded(self) -> Clip:
+        return self._clip.recorded()
+
+
+def test_who_was_held_is_held_again(tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", samples=Held)
+    found = run.played()
+    assert (found.cycles.sampled == 2).sum() == 10 and found.cycles.weighted.any()
+    assert found.cycles.settled.min() < 0.3
+    same(replay(found), run.result)
+    assert run.result.record.robot is not None and run.result.record.robot.unled.sum() >= 10
+
+
+@pytest.mark.long
+def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
+    """Sensors are those that were followed: what the stream, its clocks and the trust made of it is done with."""
+    rig = LiveRig(FakeSender(faults=[silent(4.6, 5.0)]), options=LiveOptions(countdown=0.5, duration=2.5))
+    recorder = Recorder(tmp_path / "run.mcap", rig.run_options, clock=rig.clock, parks=True, tell=rig.said.append)
+    with rig.prepared(recorder) as prepared, recorder.recording(prepared, source="json://") as recorded:
+        result = recorded.run(recorder.watch(Watch(), prepared))
+    found = played(read_recording(tmp_path / "run.mcap"))
+    assert (found.cycles.sampled == 2).any()
+    shows(rig.said)
+    assert found.cycles.settled.min() < 1.0
+    same(replay(found), result)
+
+
+def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"))
+    again = replay(run.played())
+    assert again.difference.none and again.difference.compared == len(run.result.record)
+    assert again.difference.told() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
+    np.testing.assert_array_equal(again.result.record.human.q, run.result.record.human.q)
+
+
+def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
+    found = plain.played()
+    where = int(np.flatnonzero(found.cycles.phase == 1)[10])
+    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    cycles.sensor_position[where:, 1] += [0.0, 0.0, 0.3]
+    again = replay(replace(found, cycles=cycles))
+    difference = again.difference
+    assert not difference.none and difference.first is not None
+    assert where <= difference.first <= where + 30 and 0 < difference.differ < difference.compared
+    first, second, *_ = difference.told()
+    assert first.startswith(f"{difference.differ} of {difference.compared} goals differ, from cycle {difference.first}")
+    shows(second)
+
+
+def test_another_setting_is_told_as_a_difference(plain: Recorded) -> None:
+    found = plain.played()
+    session = found.recording.session.model_copy(update={"iterations": 1})
+    again = replay(replace(found, recording=replace(found.recording, session=session)))
+    assert again.difference.differ > 0 and again.difference.most > 0.0
+
+
+@pytest.mark.parametrize("then", ["sooner", "later"])
+def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then: str, plain: Recorded) -> None:
+    """As with another version that arrived then sooner or later: what follows is held against what followed."""
+    found = plain.played()
+    cycles, follow = found.cycles, int(np.flatnonzero(found.cycles.sampled == 1)[1])
+    if then == "sooner":
+        rows = np.delete(np.arange(len(cycles)), np.arange(follow - 20, follow))
+    else:
+        rows = np.insert(np.arange(len(cycles)), follow, [follow - 1] * 20)
+    cycles = cycles.taken(rows)
+    cycles.index[:] = np.arange(len(cycles))
+    cycles.clock[:] = np.maximum(np.arange(len(cycles)) * 0.008, 0.0)[:, None]
+    again = replay(replace(found, cycles=cycles))
+    assert again.result.reason is None and again.result.state == "idle"
+    following = np.flatnonzero(cycles.phase == 1)
+    assert (again.difference.first or 0) < following[0] and again.difference.differ == 0
+    assert (again.difference.extra, again.difference.absent) == ((20, 0) if then == "sooner" else (0, 20))
+    last = again.result.record.robot
+    assert last is not None
+    np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
+
+
+def test_a_recording_that_was_cut_off_is_played_as_far_as_it_goes(plain: Recorded, tmp_path: Path) -> None:
+    found = plain.played()
+    rows = np.arange(len(found.cycles) - 30)
+    cut = replace(found, cycles=found.cycles.taken(rows), recording=replace(found.recording, damage="it ends early"))
+    again = replay(cut)
+    assert again.difference.none and again.difference.compared == len(rows)
+    assert again.result.state == "idle"
+
+
+def test_another_version_is_told(plain: Recorded) -> None:
+    session = plain.played().recording.session
+    assert what_computes(session) == ()
+    told = what_computes(session.model_copy(update={"version": "0.0.1", "machine": "pdp11"}))
+    assert len(told) == 2
+    shows(told[0], "0.0.1")
+    shows(told[1], "pdp11")
+
+
+def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
+    found = plain.played()
+    for update, facts in (
+        ({"joints": ("head_pan",)}, ()),
+        ({"performer": "three"}, ()),
+    ):
+        session = found.recording.session.model_copy(update=update)
+        other = replace(found, recording=replace(found.recording, session=session))
+        with refuses(InputError, facts), as_now(other.recording, session.options) as configs:
+            replay(other, configs)
+
+
+def test_sensors_come_back_bit_by_bit(plain: Recorded) -> None:
+    found, clip = plain.played(), plain.result.clip
+    followed = [clip.sample(tick) for tick in range(40)]
+    rows = [int(np.flatnonzero((found.cycles.tick == tick) & (found.cycles.sampled == 1))[-1]) for tick in range(40)]
+    np.testing.assert_array_equal(found.cycles.sensor_position[rows], [sample.position for sample in followed])
+    np.testing.assert_array_equal(found.cycles.sensor_orientation[rows], [sample.orientation for sample in followed])
+    assert len(found.recording.topic(SENSORS).rows) == len(clip) + 1
+    assert isinstance(found, Played) and found.last_tick == len(clip) - 1
+
+
+@pytest.fixture(scope="module")
+def stand_ins_run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("stand_ins") / "run.mcap", seconds=0.1)
+
+
+@pytest.fixture
+def found(stand_ins_run: Recorded) -> Played:
+    return stand_ins_run.played()
+
+
+def cursor(found: Played) -> Cursor:
+    return Cursor(found.cycles, has_robot=True, dt=found.recording.session.dt)
+
+
+def test_the_clock_reads_what_it_read(found: Played) -> None:
+    at = cursor(found)
+    clock, cycles = ReplayedClock(at), found.cycles
+    for cycle in range(5):
+        at.look()
+        readings = int(cycles.readings[cycle])
+        assert [clock.now() for _ in range(readings)] == cycles.clock[cycle, :readings].tolist()
+        assert clock.now() == cycles.clock[cycle, readings - 1], "what was not read stands still"
+        clock.sleep_until(1e9)
+
+
+def test_the_clock_never_goes_back(found: Played) -> None:
+    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    cycles.clock[3] -= 1.0
+    at = cursor(replace(found, cycles=cycles))
+    clock, last = ReplayedClock(at), -np.inf
+    for _ in range(8):
+        at.look()
+        now = clock.now()
+        assert now >= last
+        last = now
+        at.before()
+
+
+def test_servos_that_are_sent_the_same_are_where_they_were(found: Played) -> None:
+    at = cursor(found)
+    bus, cycles = ReplayedBus(found, at), found.cycles
+    bus.open()
+    for cycle in range(20):
+        states = bus.read()
+        np.testing.assert_array_equal(states.position, cycles.position[cycle])
+        np.testing.assert_array_equal(states.temperature, cycles.temperature[cycle])
+        if cycles.written[cycle] != Done.NOT:
+            bus.write(ServoGoals(cycles.goal[cycle]))
+        at.before()
+    assert [row for row, _ in bus.sent] == np.flatnonzero(cycles.written[:20] != Done.NOT).tolist()
+    bus.torque(True)
+    bus.close()
+
+
+def test_servos_that_are_sent_something_else_are_as_far_from_it(found: Played) -> None:
+    at = cursor(found)
+    bus, cycles = ReplayedBus(found, at), found.cycles
+    for cycle in range(20):
+        states = bus.read()
+        if cycle > 1:
+            np.testing.assert_array_equal(states.position, cycles.position[cycle] + 7)
+        if cycles.written[cycle] != Done.NOT:
+            bus.write(ServoGoals(cycles.goal[cycle] + 7))
+        at.before()
+
+
+def test_a_bus_that_failed_fails_again_in_its_words(found: Played) -> None:
+    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    cycles.read[3], cycles.written[5] = Done.FAILED, Done.FAILED
+    texts = {(3, "bus read"): "cable out"}
+    broken = replace(found, cycles=cycles, recording=replace(found.recording, texts=texts))
+    at = cursor(broken)
+    bus = ReplayedBus(broken, at)
+    for cycle in range(6):
+        if cycle == 3:
+            with refuses(BusError):
+                bus.read()
+        else:
+            bus.read()
+        if cycle == 5:
+            with refuses(BusError):
+                bus.write(ServoGoals(cycles.goal[cycle]))
+        at.before()
+
+
+def test_samples_say_what_was_followed(found: Played, stand_ins_run: Recorded) -> None:
+    samples, frames = ReplayedSamples(found, cursor(found)), stand_ins_run.result.clip.frames
+    assert (
+        samples.kept == len(frames) == stand_ins_run.result.ticks_followed
+        and samples.ticks == found.recording.session.ticks
+    )
+    first = samples.sample(0)
+    assert first is not None and first.names == frames.names
+    np.testing.assert_array_equal(first.position, stand_ins_run.result.clip.sample(0).position)
+    clip = samples.recorded()
+    followed = [stand_ins_run.result.clip.sample(tick).position for tick in range(len(frames))]
+    np.testing.assert_array_equal(clip.frames.position, followed)
+    np.testing.assert_array_equal(clip.frames.valid, frames.valid)
+
+
+def test_a_sample_that_was_none_is_none_again(found: Played) -> None:
+    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    row = int(np.flatnonzero(cycles.sampled != Done.NOT)[5])
+    cycles.sampled[row] = Done.FAILED
+    lost = replace(found, cycles=cycles)
+    samples = ReplayedSamples(lost, cursor(lost))
+    assert samples.sample(int(cycles.tick[row])) is None and samples.hindrance == "as recorded"

@@ -1,0 +1,65 @@
+"""What a recording says of its run: strict, and enough to ask for the same run again."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from recordings import Recorded, record
+from retarget.recording.session import FORMAT, Session, config_files
+from retarget.run.options import PhysicsOptions, RunOptions
+
+ASKED = RunOptions(robot="op3", bus="mock", performer="five_head", iterations=3, parts="upper", allow_contact=True)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("session") / "run.mcap", options=ASKED, seconds=0.05)
+
+
+@pytest.fixture
+def session(run: Recorded) -> Session:
+    return run.played().recording.session
+
+
+def test_the_same_run_can_be_asked_for_again(run: Recorded, session: Session) -> None:
+    assert session.options == ASKED and session.format == FORMAT and session.source == "synthetic"
+    ours, theirs = session.size, run.result.human.dimensions
+    np.testing.assert_array_equal(ours.offset, theirs.offset)
+    assert (ours.stature, ours.mass) == (theirs.stature, theirs.mass)
+    assert run.result.robot is not None and session.joints == run.result.robot.joint_map.joints
+    assert session.sensors == run.result.sensors and session.observers == run.result.observer_names
+
+
+def test_physics_is_part_of_it(session: Session) -> None:
+    told = session.model_copy(update={"bus": "physics", "mount": "gantry", "hook": "neck", "seed": 4, "trouble": ()})
+    assert told.options.physics == PhysicsOptions("gantry", "neck", 4, ())
+
+
+def test_files_are_known_by_their_content(run: Recorded, session: Session) -> None:
+    told = {file.name: file for file in session.files}
+    for file, content in config_files(ASKED, run.result.robot):
+        assert told[file.name] == file and hashlib.sha256(content).hexdigest() == file.sha256
+        assert Path(file.path).read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("format", 2),
+        ("dt", 0.0),
+        ("dt", float("nan")),
+        ("ticks", 0),
+        ("sensors", ()),
+        ("parts", "lower"),
+        ("intake", (1.0, -1.0, 1.0)),
+        ("strange", 1),
+    ],
+)
+def test_what_is_none_is_refused(key: str, value: object, session: Session) -> None:
+    data = session.model_dump() | {key: value}
+    with pytest.raises(ValidationError, match=key):
+        Session.model_validate(data)
+    assert Session.model_validate(session.model_dump()) == session

@@ -1,0 +1,237 @@
+"""What stands between a run and its parts while it is recorded: the same goes through, and it is noted."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from hardware.bus import ServoGoals
+from hardware.clock import VirtualClock
+from hardware.errors import BusError
+from hardware.guard_state import GuardState, Stop, StopCause
+from retarget.frames import SensorSample
+from retarget.model.robot import RobotBody, load_robot
+from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
+from retarget.recording.mcap_writer import Level, Ring
+from retarget.recording.taps import STATES, Note, TappedBus, TappedClock, TappedSamples
+from sim.mock_bus import FaultKind, MockBus, MockFault
+
+SHAPE = Shape(sensors=1, servos=2, rest=0, human=1, joints=1, landmarks=0, observers=0, human_observers=0)
+
+
+class Guarded:
+    """A guard that is looked at."""
+
+    def __init__(self) -> None:
+        self.state, self.paused = GuardState.ARMED, False
+        self.stop_reason: Stop | None = None
+
+
+@pytest.fixture
+def guard() -> Guarded:
+    return Guarded()
+
+
+@pytest.fixture
+def note(guard: Guarded) -> Note:
+    note = Note()
+    note.begin(Ring(SHAPE), now=2.0, dt=0.008, robot=None, guard=guard)  # type: ignore[arg-type]
+    return note
+
+
+def cycles(note: Note) -> Cycles:
+    assert note.ring is not None
+    ring = note.ring
+    note.end()
+    return ring.take()
+
+
+def said(note: Note) -> list[tuple[int, str, str]]:
+    return [(event.cycle, event.who, event.text) for event in note.events.take()]
+
+
+def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None:
+    other = Note()
+    for one in (other, note):
+        if one is note:
+            note.end()
+            note.events.take()
+        one.before()
+        one.look()
+        one.over()
+        one.say("run", "hello")
+        one.failed("bus", "read", BusError("gone"))
+        one.stop_asked(True, stop_before=None)
+        assert one.ring is None and one.events.take() == [] and one.rows == 0
+
+
+def test_what_was_asked_is_of_its_cycle(note: Note, guard: Guarded) -> None:
+    note.look()
+    note.approach()
+    note.before()
+    note.stop_asked(False, stop_before=None)
+    guard.paused = True
+    note.stop_asked(True, stop_before=None)
+    note.look()
+    note.cut_asked()
+    note.over()
+    asked = [int(bits) for bits in cycles(note).asked]
+    assert asked == [Asked.APPROACH, Asked.STOP | Asked.PAUSED | Asked.CUT | Asked.OVER]
+
+
+def test_a_cycle_ends_once_however_often_is_asked(note: Note) -> None:
+    for _ in range(3):
+        note.look()
+        note.before()
+        note.before()
+    assert cycles(note).index.tolist() == [0, 1, 2, 3]
+
+
+def test_somebody_who_stops_the_guard_is_told_from_one_who_stopped_it_before(note: Note, guard: Guarded) -> None:
+    before = Stop(StopCause.BUS, "gone", 1.0)
+    guard.stop_reason = before
+    note.stop_asked(False, stop_before=before)
+    guard.stop_reason = Stop(StopCause.FALLEN, "over a wire", 2.0)
+    note.stop_asked(False, stop_before=before)
+    assert said(note) == [(0, "outside", f"{StopCause.FALLEN.value}: over a wire")]
+    assert int(cycles(note).asked[0]) == Asked.OUTSIDE
+
+
+def test_what_failed_is_marked_and_said(note: Note) -> None:
+    note.look()
+    note.failed("bus", "read", BusError("no answer"))
+    note.failed("bus", "write", BusError("no room"))
+    note.failed("bus", "torque", BusError("no torque"))
+    assert said(note) == [(0, "bus read", "no answer"), (0, "bus write", "no room"), (0, "bus torque", "no torque")]
+    rows = cycles(note)
+    assert (rows.read[0], rows.written[0]) == (Done.FAILED, Done.FAILED)
+
+
+def test_states_and_stops_are_said_when_they_change(note: Note, guard: Guarded) -> None:
+    for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING):
+        guard.state = state
+        note.look()
+        note.before()
+    guard.state, guard.stop_reason = GuardState.STOPPED, Stop(StopCause.REQUESTED, "enough", 3.0)
+    note.look()
+    note.before()
+    events = note.events.take()
+    assert [(event.cycle, event.text) for event in events] == [
+        (0, GuardState.ARMED.value),
+        (2, GuardState.MOVING.value),
+        (3, f"{StopCause.REQUESTED.value}: enough"),
+        (3, GuardState.STOPPED.value),
+    ]
+    assert [event.level for event in events][2] is Level.ERROR
+    assert cycles(note).state.tolist()[:4] == [
+        STATES[state] for state in (GuardState.ARMED, GuardState.ARMED, GuardState.MOVING, GuardState.STOPPED)
+    ]
+
+
+@pytest.fixture(scope="module")
+def robot() -> RobotBody:
+    return load_robot("op3")
+
+
+@pytest.fixture
+def taps_note(robot: RobotBody) -> Note:
+    shape = Shape(2, len(robot.joint_map), 0, 1, 1, 0, 0, 0)
+    note = Note()
+    note.begin(Ring(shape), now=0.0, dt=0.008, robot=None, guard=None)
+    return note
+
+
+def row(note: Note) -> Cycles:
+    assert note.ring is not None
+    return note.ring.rows.taken(np.array([note.ring.at]))
+
+
+def bus(robot: RobotBody, note: Note, *faults: MockFault) -> TappedBus:
+    start = robot.joint_map.to_ticks(robot.posture({})[robot.servo_columns])
+    tapped = TappedBus(MockBus(robot.joint_map.servos, VirtualClock(), start=start, faults=faults), note)
+    tapped.open()
+    return tapped
+
+
+def test_the_clock_is_read_as_it_is() -> None:
+    clock = VirtualClock(5.0)
+    assert TappedClock(clock, Note()).now() == 5.0
+
+
+def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note) -> None:
+    clock = VirtualClock(5.0)
+    tapped = TappedClock(clock, taps_note)
+    for number in range(READINGS + 3):
+        assert tapped.now() == 5.0 + number
+        clock.advance(1.0)
+    kept = row(taps_note)
+    assert kept.readings[0] == READINGS and kept.clock[0].tolist() == [5.0 + number for number in range(READINGS)]
+    assert taps_note.now == 5.0 + READINGS + 2
+    tapped.sleep_until(99.0)
+    assert clock.now() == 99.0
+
+
+def test_servos_and_goals_go_through_and_are_kept(robot: RobotBody, taps_note: Note) -> None:
+    tapped = bus(robot, taps_note)
+    states = tapped.read()
+    tapped.write(ServoGoals(states.position + 1))
+    tapped.torque(True)
+    kept = row(taps_note)
+    assert (kept.read[0], kept.written[0]) == (Done.WELL, Done.WELL)
+    for name in ("position", "velocity", "voltage", "temperature", "age", "valid", "driven", "alert", "error"):
+        np.testing.assert_array_equal(getattr(kept, name)[0], getattr(states, name), err_msg=name)
+    np.testing.assert_array_equal(kept.goal[0], states.position + 1)
+    assert [event.text for event in taps_note.events.take()] == ["torque on"]
+    tapped.close()
+
+
+@pytest.mark.parametrize(("kind", "what"), [(FaultKind.READ_FAILS, "read"), (FaultKind.WRITE_FAILS, "write")])
+def test_what_fails_goes_through_too(kind: FaultKind, what: str, robot: RobotBody, taps_note: Note) -> None:
+    tapped = bus(robot, taps_note, MockFault(kind, first=1, cycles=5))
+    goals = ServoGoals(tapped.read().position)
+    with pytest.raises(BusError):
+        tapped.read()
+        tapped.write(goals)
+    kept = row(taps_note)
+    assert (kept.read if what == "read" else kept.written)[0] == Done.FAILED
+    assert [event.who for event in taps_note.events.take()] == [f"bus {what}"]
+
+
+def samples(*said: SensorSample | None) -> Any:
+    return SimpleNamespace(
+        ticks=2,
+        kept=2,
+        dt=0.008,
+        motion_dt=0.004,
+        over=True,
+        settled=0.25,
+        hindrance="nobody",
+        may_approach=lambda: True,
+        listen=lambda: None,
+        sample=lambda tick: said[tick],
+        recorded=lambda: "all of it",
+    )
+
+
+def test_what_was_followed_is_kept_as_it_was_said(taps_note: Note) -> None:
+    weight = np.array([0.5, 1.0])
+    said = SensorSample(("a", "b"), np.ones((2, 3)), np.full((2, 4), 0.5), np.array([True, False]), weight)
+    tapped = TappedSamples(samples(None, said), taps_note)
+    assert tapped.sample(0) is None and row(taps_note).sampled[0] == Done.FAILED
+    assert tapped.sample(1) is said
+    assert tapped.settled == 0.25 and tapped.over and tapped.may_approach() and tapped.hindrance == "nobody"
+    kept = row(taps_note)
+    assert (kept.sampled[0], kept.tick[0], kept.settled[0]) == (Done.WELL, 1, 0.25) and kept.weighted[0]
+    np.testing.assert_array_equal(kept.sensor_position[0], said.position)
+    np.testing.assert_array_equal(kept.sensor_weight[0], weight)
+    assert int(kept.asked[0]) == Asked.OVER | Asked.APPROACH
+    assert (tapped.ticks, tapped.kept, tapped.dt, tapped.motion_dt) == (2, 2, 0.008, 0.004)
+    assert cast(object, tapped.recorded()) == "all of it"
+
+
+def test_without_a_ring_all_goes_through_unseen(robot: RobotBody) -> None:
+    note = Note()
+    tapped = bus(robot, note)
+    tapped.write(ServoGoals(tapped.read().position))
+    assert TappedSamples(samples(None), note).sample(0) is None and note.events.take() == []

@@ -1,0 +1,150 @@
+"""Cycles as messages: which cycles a topic keeps, when, and what of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from retarget.model.robot import RobotBody, load_robot
+from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.topics import (
+    FRAMES,
+    GOALS,
+    HUMAN_JOINTS,
+    HUMAN_POSTURE,
+    JOINTS,
+    LANDMARKS,
+    SENSORS,
+    SERVOS,
+    STEP,
+    TICK,
+    TRUTH,
+    Topic,
+    topics,
+)
+
+NAMES, LIMBS, MARKS = ("head", "l_wrist"), ("a", "b", "c"), ("l_hand",)
+
+
+@pytest.fixture(scope="module")
+def robot() -> RobotBody:
+    return load_robot("op3")
+
+
+def shape(robot: RobotBody | None) -> Shape:
+    servos = 0 if robot is None else len(robot.joint_map)
+    rest = 0 if robot is None else robot.body.nq - servos
+    return Shape(len(NAMES), servos, rest, 11, len(LIMBS), len(MARKS), 2, 0)
+
+
+def made(robot: RobotBody | None) -> dict[str, Topic]:
+    found = topics(shape(robot), sensors=NAMES, human_joints=LIMBS, landmarks=MARKS, dt=0.008, robot=robot)
+    return {topic.name: topic for topic in found}
+
+
+def cycles(robot: RobotBody | None, count: int = 40) -> Cycles:
+    rows = Cycles.empty(count, shape(robot))
+    rows.index[:], rows.kept[:], rows.sampled[:], rows.read[:] = np.arange(count), True, Done.WELL, Done.WELL
+    rows.sensor_orientation[:] = [0.8, 0.0, 0.6, 0.0]
+    if robot is not None:
+        rows.rest[:, 3] = 1.0
+    return rows
+
+
+def kept(topic: Topic, rows: Cycles) -> list[int]:
+    return [index for index, _, _ in topic.messages(rows, rows.index * 8_000_000)]
+
+
+def test_the_truth_about_a_simulated_body_is_kept_where_it_is_told(robot: RobotBody) -> None:
+    rows, names = cycles(robot), ("x", "y", "z")
+    wide = replace(rows, truth=np.arange(120.0).reshape(40, 3))
+    found = {
+        topic.name: topic
+        for topic in topics(
+            replace(shape(robot), truth=3),
+            sensors=NAMES,
+            human_joints=LIMBS,
+            landmarks=MARKS,
+            dt=0.008,
+            robot=robot,
+            truth=names,
+        )
+    }
+    assert TRUTH not in made(robot) and found[TRUTH].names == names
+    said = list(found[TRUTH].messages(wide, wide.index * 8_000_000))
+    assert [index for index, _, _ in said] == kept(found[LANDMARKS], rows)
+    told = np.frombuffer(b"".join(data for _, _, data in said), dtype=found[TRUTH].layout.dtype)["q"]
+    np.testing.assert_array_equal(told, wide.truth[[index for index, _, _ in said]])
+
+
+def test_a_human_alone_has_no_servos_and_every_posture() -> None:
+    found = made(None)
+    assert set(found) == {SENSORS, TICK, HUMAN_JOINTS, HUMAN_POSTURE}
+    assert kept(found[HUMAN_POSTURE], cycles(None)) == list(range(40))
+
+
+def test_what_is_looked_at_is_kept_less_often(robot: RobotBody) -> None:
+    found, rows = made(robot), cycles(robot)
+    for name in (TICK, SENSORS, GOALS, SERVOS):
+        assert kept(found[name], rows) == list(range(40)), name
+    for name, every in ((LANDMARKS, 5), (JOINTS, 10), (HUMAN_JOINTS, 10), (HUMAN_POSTURE, 10), (FRAMES, 10)):
+        assert kept(found[name], rows) == list(range(0, 40, every)), name
+
+
+def test_what_was_not_there_is_not_kept(robot: RobotBody) -> None:
+    found, rows = made(robot), cycles(robot)
+    rows.sampled[10:20], rows.read[5:15], rows.kept[20:] = Done.FAILED, Done.NOT, False
+    assert kept(found[SENSORS], rows) == [*range(10), *range(20, 40)]
+    assert kept(found[SERVOS], rows) == [*range(5), *range(15, 40)]
+    assert kept(found[GOALS], rows) == list(range(20)) and kept(found[TICK], rows) == list(range(40))
+    rows.sampled[:] = Done.NOT
+    assert kept(found[SENSORS], rows) == []
+
+
+def content(topic: Topic, rows: Cycles) -> np.ndarray:
+    data = b"".join(data for _, _, data in topic.messages(rows, rows.index * 8_000_000))
+    return np.frombuffer(data, topic.layout.dtype)
+
+
+def test_sensors_are_bit_by_bit_and_turned_as_ros_has_them(robot: RobotBody) -> None:
+    rows = cycles(robot, 3)
+    rows.sensor_position[:] = np.random.default_rng(1).normal(size=(3, 2, 3))
+    rows.sensor_orientation[1, 0] = np.nan
+    poses = content(made(robot)[SENSORS], rows)["poses"]
+    np.testing.assert_array_equal(poses[..., :3], rows.sensor_position)
+    assert poses[0, 0, 3:].tolist() == [0.0, 0.6, 0.0, 0.8] and poses[1, 0, 3:].tolist() == [0.0, 0.0, 0.0, 1.0]
+
+
+def test_what_is_looked_at_is_rounded_finely(robot: RobotBody) -> None:
+    rows = cycles(robot, 1)
+    rows.human_joints[:] = np.random.default_rng(2).normal(size=(1, 3, 3))
+    points = content(made(robot)[HUMAN_JOINTS], rows)["poses"][..., :3]
+    assert np.abs(points - rows.human_joints).max() <= STEP / 2 and (points / STEP == np.rint(points / STEP)).all()
+
+
+def test_frames_are_where_the_links_are(robot: RobotBody) -> None:
+    rows = cycles(robot, 1)
+    rows.q[0] = 0.3
+    rows.rest[0, :3] = [0.1, 0.2, 0.4]
+    frames = content(made(robot)[FRAMES], rows)
+    q = np.zeros((1, robot.body.nq))
+    q[0, 3], q[0, :3], q[:, robot.servo_columns] = 1.0, [0.1, 0.2, 0.4], 0.3
+    for link, name in enumerate(robot.body.body_names[1:], start=1):
+        solver = robot.body.solver_body()
+        place, turn = solver.points(q, [link], np.zeros((1, 3)))[0, 0], solver.orientations(q, [link])[0, 0]
+        np.testing.assert_allclose(frames[f"{name}.pose"][0], [*place, *turn[1:], turn[0]], atol=STEP)
+
+
+def test_stamps_are_split_into_seconds_and_the_rest(robot: RobotBody) -> None:
+    rows = cycles(robot, 2)
+    topic = made(robot)[TICK]
+    found = list(topic.messages(rows, np.array([5, 3 * 10**9 + 1])))
+    assert [(index, stamp) for index, stamp, _ in found] == [(0, 5), (1, 3 * 10**9 + 1)]
+    read = np.frombuffer(b"".join(data for _, _, data in found), topic.layout.dtype)
+    assert read["stamp.sec"].tolist() == [0, 3] and read["stamp.nanosec"].tolist() == [5, 1]
+
+
+def test_readings_of_the_clock_that_were_not_made_are_zero(robot: RobotBody) -> None:
+    rows = cycles(robot, 1)
+    rows.clock[:], rows.readings[:] = 7.0, 2
+    assert content(made(robot)[TICK], rows)["clock"][0].tolist() == [7.0, 7.0, *[0.0] * 6]

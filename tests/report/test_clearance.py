@@ -1,0 +1,231 @@
+"""Clearance is exact, near by and far away, of a body to itself and to a scene."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import proportional_dimensions
+from retarget.model.robot import load_robot
+from retarget.model.scene_state import SceneState
+from retarget.report.clearance import Clearance, LeftOut, compared_pairs, place_body, scene_clearance, self_clearance
+from retarget.schema.scene import load_scene
+from retarget.types import FloatArray
+
+TWO_BALLS = """
+<mujoco><worldbody>
+  <body name="base"><geom type="sphere" size="0.01" mass="1"/>
+    <body name="arm"><joint name="s" type="slide" axis="1 0 0"/><geom type="sphere" size="0.001" mass="1"/>
+      <body name="hand"><geom type="sphere" size="0.01" pos="0.02 0 0" mass="1"/></body>
+    </body>
+  </body>
+</worldbody></mujoco>"""
+
+
+def clearance(gaps: list[float]) -> Clearance:
+    """Of two balls with these gaps (m) between them, one posture each."""
+    return self_clearance(TWO_BALLS, np.array([[gap] for gap in gaps]), root="fixed", neutral=np.array([1.0]))
+
+
+def scene(folder: Path, *obstacles: str) -> SceneState:
+    path = folder / "scene.yaml"
+    path.write_text("name: scene\ndescription: For a test\nobstacles:\n" + "".join(f"  {line}\n" for line in obstacles))
+    return SceneState(load_scene(path))
+
+
+@pytest.mark.parametrize("nearest", [-0.004, 0.003, 0.03, 0.4, 3.0])
+def test_the_smallest_gap_is_found_however_far(nearest: float) -> None:
+    found = clearance([*np.linspace(3.5, 3.6, 30), nearest, 4.0])
+    assert found.smallest == pytest.approx(nearest, abs=1e-9)
+    assert found.row == 30
+    assert found.penetrating == found.deep == (1 if nearest < 0.0 else 0)
+    assert found.deepest == pytest.approx(max(0.0, -nearest), abs=1e-9)
+    assert found.pair is not None and set(found.pair) == {"base", "hand"}
+
+
+def test_touches_are_told_from_penetrations() -> None:
+    found = clearance([0.1, -5e-7, -0.0005, -0.002, 0.2, -0.0009, -0.0011])
+    assert (found.penetrating, found.deep) == (4, 2)
+
+
+def test_a_body_file_is_read_as_its_text_is(tmp_path: Path) -> None:
+    path = tmp_path / "balls.xml"
+    path.write_text(TWO_BALLS)
+    postures = np.array([[0.3], [0.2]])
+    assert self_clearance(path, postures, root="fixed", neutral=np.ones(1)) == clearance([0.3, 0.2])
+
+
+def test_what_cannot_meet_has_no_clearance() -> None:
+    alone = '<mujoco><worldbody><body name="b"><freejoint/><geom size="1"/></body></worldbody></mujoco>'
+    q = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    assert self_clearance(alone, q, neutral=q[0]) == Clearance(None, 0, None)
+    assert self_clearance(TWO_BALLS, np.zeros((0, 1)), neutral=np.ones(1)).smallest is None
+
+
+def test_postures_that_are_not_known_take_no_part() -> None:
+    found = clearance([0.4, np.nan, 0.3])
+    assert found.smallest == pytest.approx(0.3)
+    assert found.row == 2
+
+
+def wavy(name: str, rows: int = 120) -> FloatArray:
+    """Postures (T, nq) of a robot that waves all its joints."""
+    robot = load_robot(name)
+    q = np.tile(robot.posture(robot.profile.postures.stand), (rows, 1))
+    swing = np.random.default_rng(3).uniform(-1.0, 1.0, len(robot.servo_columns))
+    q[:, robot.servo_columns] += np.sin(np.linspace(0.0, 9.0, rows))[:, None] * swing
+    return q
+
+
+def test_no_posture_and_no_pair_is_overlooked() -> None:
+    """Against a look at every pair of OP3's geoms in every posture."""
+    robot, q = load_robot("op3"), wavy("op3")
+    found = self_clearance(
+        robot.profile.body_path, q, root="free", neutral=robot.posture(robot.profile.postures.neutral)
+    )
+    left_out = {frozenset((pair.first, pair.second)) for pair in found.left_out}
+    model = place_body(robot.profile.body_path, q[:1], root="free").model
+    data, links = mujoco.MjData(model), [model.body(int(link)).name for link in model.geom_bodyid]
+    pairs = [
+        (a, b)
+        for a, b in zip(*np.triu_indices(model.ngeom, 1), strict=True)
+        if links[a] != links[b] and frozenset((links[a], links[b])) not in left_out
+    ]
+    nearest = np.empty(len(q))
+    for row, posture in enumerate(q):
+        data.qpos[:] = posture
+        mujoco.mj_kinematics(model, data)
+        nearest[row] = min(mujoco.mj_geomDistance(model, data, a, b, 10.0, None) for a, b in pairs)
+    assert found.smallest == pytest.approx(nearest.min(), abs=1e-12)
+    assert found.row == int(np.argmin(nearest))
+    assert found.penetrating == int(np.count_nonzero(nearest < -1e-6)) > 0
+    assert found.deep == int(np.count_nonzero(nearest < -1e-3))
+
+
+OBSTACLES = (
+    ("{sphere: {radius: 0.1}}", 0.39),
+    ("{segment: {from: [0, -1, 0], to: [0, 1, 0]}}", 0.49),
+    ("{capsule: {from: [0, -1, 0], to: [0, 1, 0], radius: 0.05}}", 0.44),
+    ("{cylinder: {from: [0, 0, -1], to: [0, 0, 1], radius: 0.2}}", 0.29),
+    ("{box: {size: [0.1, 0.2, 0.3]}}", 0.39),
+    ("{half_space: {point: [-0.1, 0, 0], normal: [-2, 0, 0]}}", 0.39),
+)
+
+
+@pytest.mark.parametrize(("shape", "gap"), OBSTACLES)
+def test_every_shape_of_a_scene_is_where_the_scene_says(tmp_path: Path, shape: str, gap: float) -> None:
+    around = scene(tmp_path, f"it: {{shape: {shape}, at: {{pos: [0.53, 0, 0]}}}}")
+    found = scene_clearance(TWO_BALLS, np.array([[-1.0], [0.01], [-0.5]]), scene=around, times=np.zeros(3))
+    assert found.smallest == pytest.approx(gap, abs=1e-9)
+    assert (found.row, found.pair, found.penetrating) == (1, ("hand", "it"), 0)
+    inside = scene_clearance(TWO_BALLS, np.array([[0.01 + gap + 0.004]]), scene=around, times=np.zeros(1))
+    assert inside.smallest == pytest.approx(-0.004, abs=1e-9)
+    assert (inside.penetrating, inside.deep) == (1, 1)
+
+
+def test_an_obstacle_is_where_it_is_at_the_time(tmp_path: Path) -> None:
+    around = scene(
+        tmp_path, "far: {shape: {sphere: {radius: 0.1}}, at: {pos: [9, 0, 0]}}",
+        "it: {shape: {sphere: {radius: 0.1}}, at: {pos: [1, 0, 0]}, velocity: [-0.1, 0, 0]}",
+    )  # fmt: skip
+    times = np.linspace(-1.0, 6.0, 71)
+    found = scene_clearance(TWO_BALLS, np.full((71, 1), 0.08), scene=around, times=times)
+    assert found.pair == ("hand", "it")
+    assert found.smallest == pytest.approx(0.4 - 0.21, abs=1e-9)
+    assert found.row == 70
+
+
+def test_a_half_space_that_turns_is_followed(tmp_path: Path) -> None:
+    """A wall that swings: only at one of the times does it reach the hand."""
+    around = scene(
+        tmp_path,
+        "wall: {shape: {half_space: {normal: [0, 0, 1]}}, at: {pos: [0, 0, -0.2]}, angular_velocity: [0, 1, 0]}",
+    )
+    times = np.linspace(0.0, 2.0, 41)
+    found = scene_clearance(TWO_BALLS, np.full((41, 1), 0.48), scene=around, times=times)
+    gaps = [0.5 * np.sin(t) + 0.2 * np.cos(t) - 0.01 for t in times]
+    base = [0.2 * np.cos(t) - 0.01 for t in times]
+    assert found.smallest == pytest.approx(min(*gaps, *base), abs=1e-9)
+
+
+def test_a_mesh_is_measured_where_it_was(tmp_path: Path) -> None:
+    corners = " ".join(f"{x} {y} {z}" for x in (0.1, 0.3) for y in (0, 0.05) for z in (-0.02, 0.01))
+    body = (
+        f'<mujoco><asset><mesh name="m" vertex="{corners}"/></asset><worldbody><body name="b"><freejoint/>'
+        '<geom type="mesh" mesh="m" mass="1"/></body></worldbody></mujoco>'
+    )
+    around = scene(tmp_path, "it: {shape: {box: {size: [0.1, 0.1, 0.1]}}, at: {pos: [0.6, 0.1, 0]}}")
+    q = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    assert scene_clearance(body, q[:1], scene=around, times=np.zeros(1)).smallest == pytest.approx(0.2, abs=1e-6)
+    turned = scene_clearance(body, q[1:], scene=around, times=np.zeros(1)).smallest
+    assert turned == pytest.approx(np.hypot(0.2, 0.3), abs=1e-6)
+
+
+def test_the_human_is_looked_at_by_its_text(tmp_path: Path) -> None:
+    human = build_human(proportional_dimensions(1.7))
+    neutral = human.posture("attractor")
+    placed = place_body(human.mjcf, neutral[None])
+    found = placed.to_itself(neutral=neutral)
+    assert found.smallest is not None and found.smallest > 0.0
+    assert {pair.reason for pair in found.left_out} == {"touch in the neutral posture", "neighbours along the body"}
+    floor = scene(tmp_path, "floor: {shape: {half_space: {normal: [0, 0, 1]}}}")
+    ground = placed.to_scene(floor, np.zeros(1))
+    assert ground.pair is not None and ground.pair[0] in ("l_ankle", "r_ankle")
+
+
+def test_every_obstacle_in_every_posture_is_known(tmp_path: Path) -> None:
+    around = scene(
+        tmp_path, "a: {shape: {sphere: {radius: 0.1}}, at: {pos: [1, 0, 0]}}",
+        "b: {shape: {sphere: {radius: 0.1}}, at: {pos: [-1, 0, 0]}, velocity: [0.1, 0, 0]}",
+    )  # fmt: skip
+    placed = place_body(TWO_BALLS, np.array([[0.1], [0.2], [0.3]]))
+    times = np.array([0.0, 1.0, 2.0])
+    found = placed.scene_distances(around, times)
+    np.testing.assert_allclose(found, [[0.77, 0.89], [0.67, 0.79], [0.57, 0.69]], atol=1e-12)
+    hand = placed.part(np.array([2]), np.array([2])).scene_distances(around, times[2:])
+    np.testing.assert_allclose(hand, [[0.57, 1.01]], atol=1e-12)
+
+
+CHAIN = """
+<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+  <body name="base"><freejoint/><geom size="0.01"/><geom size="0.01" pos="0.02 0 0"/>
+    <body name="arm" pos="0.1 0 0"><joint/><geom size="0.01"/>
+      <body name="plate" pos="0.1 0 0"><geom size="0.01"/>
+        <body name="hand" pos="0.1 0 0"><joint axis="1 0 0"/><geom size="0.01"/></body>
+      </body>
+    </body>
+    <body name="leg" pos="0 0 -0.1"><joint/><geom size="0.01"/></body>
+    <body name="tail" pos="0.015 0 0"><joint/><geom size="0.01"/>
+      <body name="tip" pos="0 0 0"><joint/><geom size="0.012"/></body>
+    </body>
+  </body>
+</worldbody><contact><exclude body1="hand" body2="leg"/></contact></mujoco>"""
+
+
+def test_every_pair_is_compared_or_told() -> None:
+    model = mujoco.MjModel.from_xml_string(CHAIN)
+    geoms = np.flatnonzero(model.geom_bodyid > 0)
+    links = model.geom_bodyid[geoms].astype(np.int64)
+    pairs, left_out = compared_pairs(model, links, geoms, neutral=model.qpos0, ignored=[("tip", "leg")])
+    named = {frozenset(str(model.body(int(links[side])).name) for side in pair) for pair in pairs}
+    near = "neighbours along the body"
+    assert set(left_out) == {
+        LeftOut("base", "arm", near),
+        LeftOut("base", "leg", near),
+        LeftOut("base", "tail", near),
+        LeftOut("arm", "plate", near),
+        LeftOut("arm", "hand", near),  # the plate is one with the arm
+        LeftOut("base", "plate", near),
+        LeftOut("plate", "hand", near),
+        LeftOut("tail", "tip", near),
+        LeftOut("hand", "leg", "excluded by the body's file"),
+        LeftOut("leg", "tip", "ignored by the profile"),
+        LeftOut("base", "tip", "touch in the neutral posture"),
+    }
+    told = {frozenset((pair.first, pair.second)) for pair in left_out}
+    names = [str(model.body(link).name) for link in sorted(set(links.tolist()))]
+    every = {frozenset((a, b)) for k, a in enumerate(names) for b in names[k + 1 :]}
+    assert named | told == every
+    assert not named & told

@@ -1,0 +1,193 @@
+"""What the report says of the bus: its clock as it went, and every failure that somebody saw."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.bus import ServoGoals, ServoStates
+from hardware.errors import BusError
+from hardware.guard_state import StopCause
+from live_rig import LiveRig
+from messages import shows
+from retarget.cli import run as follow_clip
+from retarget.cli.exit import STOPPED
+from retarget.live.begin import LiveOptions
+from retarget.report import measure as bus
+from retarget.report.measure import latest_of, measure, measure_latest
+from retarget.report.outputs import Outputs
+from retarget.report.report import BusReport, ServoExtreme
+from retarget.run.loop import INTERRUPTED, Watch
+from retarget.run.prepare import Prepared
+from retarget.run.run_result import RunResult
+from retarget.types import FloatArray
+from rig import Rig, StubReconstructor, five, person, scripted_run, short_clip
+from sim.faults.sender import FakeSender
+from sim.mock_bus import FaultKind, MockFault
+
+TICKS = 51
+
+
+def played(rig: Rig, watch: Watch | None = None) -> tuple[BusReport, RunResult]:
+    human = person()
+    stage = StubReconstructor(human)
+    prepared = Prepared(short_clip(), human, five(), stage, rig.side, (), has_bus=True, notes=())
+    run = prepared.run(watch)
+    found = measure(run).bus
+    assert found is not None
+    return found, run
+
+
+def still() -> FloatArray:
+    return np.zeros((TICKS, 20))
+
+
+def swing() -> FloatArray:
+    script = still()
+    script[:, 0] = 0.15 * (1.0 - np.cos(2.0 * np.pi * np.arange(TICKS) / (TICKS - 1)))
+    return script
+
+
+def test_the_rate_is_the_profiles_where_nothing_stalls() -> None:
+    found, _ = played(Rig(still()))
+    assert found.rate_hz == pytest.approx(125.0) and found.longest_period_ms == pytest.approx(8.0)
+
+
+def test_the_hottest_servo_and_the_lowest_voltage_are_named() -> None:
+    hot = MockFault(FaultKind.HOT, 20, 10, servo=3, value=61.5)
+    low = MockFault(FaultKind.SUPPLY, 30, 1, servo=7, value=10.4)
+    found, run = played(Rig(still(), faults=(hot, low)))
+    assert run.robot is not None
+    joints = run.robot.joint_map.joints
+    assert found.hottest == ServoExtreme(joints[3], 61.5)
+    assert found.lowest_voltage == ServoExtreme(joints[7], 10.4)
+    assert found.retries == 0
+
+
+def test_a_stall_of_the_bus_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, reads = Rig(still()), 0
+    read = rig.bus.read
+
+    def stalling() -> ServoStates:
+        nonlocal reads
+        reads += 1
+        if reads == 20:
+            rig.clock.advance(0.05)
+        return read()
+
+    monkeypatch.setattr(rig.bus, "read", stalling)
+    found, _ = played(rig)
+    assert found.rate_hz is not None and 50 / 0.5 < found.rate_hz < 120.0
+    assert found.longest_period_ms == pytest.approx(58.0) and found.missed_ticks == 6
+
+
+def test_what_was_not_measured_is_unknown() -> None:
+    for times in (np.zeros(0), np.zeros(1), np.full(3, np.nan), np.zeros(3)):
+        assert bus.tick_rate(times) is None
+    assert bus.longest_period(np.full(3, np.nan)) is None
+    assert bus.tick_rate(np.array([0.0, np.nan, 0.5])) == pytest.approx(2.0)
+    times = np.array([0.0, 0.01, 0.024, 0.03, np.nan, 0.05, 0.06, 0.1])
+    assert bus.missed_ticks(times, 0.01) == 4 and bus.missed_ticks(times[:1], 0.01) is None
+
+
+def test_a_run_without_a_failure_has_no_faults() -> None:
+    found, run = played(Rig(swing()))
+    assert found.faults == 0 and run.stop is None
+
+
+@pytest.mark.parametrize("first", [1, 2, 20])
+def test_a_bus_that_dies_is_a_fault_though_its_tick_has_no_row(first: int) -> None:
+    found, run = played(Rig(still(), faults=(MockFault(FaultKind.READ_FAILS, first=first, cycles=1000),)))
+    assert (
+        len(run.record) == first - 1 and run.stop is not None and run.stop.cause is StopCause.BUS
+    )  # read cycle 0 was for arming
+    assert found.faults == 1 and (found.rate_hz is None) is (first < 3)
+
+
+def test_a_bus_that_dies_while_the_robot_brakes_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, asked = Rig(swing()), iter([False] * 15 + [True] * 1000)
+    write = rig.bus.write
+
+    def failing(goals: ServoGoals) -> None:
+        if rig.guard.stop_reason is not None:
+            raise BusError("the cable is out")
+        write(goals)
+
+    monkeypatch.setattr(rig.bus, "write", failing)
+    found, run = played(rig, Watch(stop_asked=lambda: next(asked)))
+    assert run.stop is not None and run.stop.cause is StopCause.REQUESTED
+    assert run.reason is not None and INTERRUPTED in run.reason
+    shows(run.reason)
+    assert found.faults == 1
+
+
+def test_a_person_who_insists_is_no_fault_of_the_bus() -> None:
+    asked = iter([False] * 15 + [True] * 1000)
+    found, run = played(Rig(swing()), Watch(stop_asked=lambda: next(asked), cut_asked=lambda: True))
+    assert run.stop is not None and run.stop.then is StopCause.REQUESTED
+    assert found.faults == 0
+
+
+@pytest.mark.parametrize("script", [still(), swing()], ids=["stands", "brakes"])
+def test_an_alarm_is_a_fault_with_and_without_a_row(script: FloatArray) -> None:
+    fault = MockFault(FaultKind.ALERT, first=15, cycles=1, servo=4, alert=0x04)
+    found, run = played(Rig(script, faults=(fault,)))
+    assert run.stop is not None and run.stop.cause is StopCause.SERVO_ALERT and run.record.robot is not None
+    assert found.faults == max(run.record.robot.faults.sum(), 1)
+
+
+@pytest.fixture(scope="module")
+def run() -> RunResult:
+    """Asked to end in motion."""
+    ticks = iter(range(10_000))
+    with LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=8.0)).prepared() as prepared:
+        return prepared.run(Watch(stop_asked=lambda: next(ticks) > 700))
+
+
+def test_its_rows_are_those_of_the_end(run: RunResult) -> None:
+    last = latest_of(run, 4.0)
+    assert len(last.record) == 500 and last.ticks_followed < run.ticks_followed
+    for name in ("sensors_asked", "sensors_reached", "landmarks_reached"):
+        np.testing.assert_array_equal(getattr(last, name), getattr(run, name)[-500:])
+    whole, sent = run.record.robot, last.record.robot
+    assert whole is not None and sent is not None and run.robot is not None
+    np.testing.assert_array_equal(sent.start, whole.q[-501, run.robot.servo_columns])
+
+
+def test_it_tells_of_the_whole_what_costs_little(run: RunResult) -> None:
+    last, whole, part = measure_latest(run, 4.0), measure(run), measure(latest_of(run, 4.0))
+    assert (last.ticks, last.frames, last.duration_s) == (whole.ticks, whole.frames, whole.duration_s)
+    assert last.limit_violations == whole.limit_violations and last.bus == whole.bus and last.stop == whole.stop
+    assert last.sensors_mm == part.sensors_mm != whole.sensors_mm
+    assert last.min_clearance_mm == part.min_clearance_mm and last.foot_slide_mm == part.foot_slide_mm
+    assert any("last 4 s" in note and "--report" in note for note in last.notes)
+
+
+def test_after_the_end_of_following_nothing_is_asked(run: RunResult) -> None:
+    last = latest_of(run, 0.5)
+    assert last.ticks_followed == 0 and measure(last).tracking_mm == {}
+
+
+def test_a_short_one_is_told_whole() -> None:
+    run = scripted_run()
+    assert latest_of(run, 10.0) is run and measure_latest(run, 10.0) == measure(run)
+
+
+def test_who_asked_a_run_to_end_waits_for_its_end_only(
+    run: RunResult, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(follow_clip, "measure_latest", lambda run: measure_latest(run, 4.0))
+    said: list[tuple[str, ...]] = []
+    monkeypatch.setattr(follow_clip, "_tell", lambda report, written: said.append(report.notes))
+    assert follow_clip.finished(run, Outputs()) == STOPPED
+    follow_clip.finished(replace(run, stop=None), Outputs())
+    assert ["last 4 s" in " ".join(notes) for notes in said] == [True, False]
+
+
+def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    said: list[tuple[str, ...]] = []
+    monkeypatch.setattr(follow_clip, "_tell", lambda report, written: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
+    follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
+    assert "last" not in " ".join(said[0])

@@ -1,0 +1,87 @@
+"""Summaries of recordings: jumps, heights, speeds, lengths."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from retarget import rotations
+from retarget.frames import SensorFrames, Skeleton, stature
+from retarget.report.motion_summary import body_lengths, find_jumps, summarise
+from retarget.sources.asf_amc import read_amc
+from sim.performer import synthetic_performer
+
+
+@pytest.fixture(scope="module")
+def performer() -> SensorFrames:
+    return synthetic_performer()
+
+
+def test_a_smooth_motion_has_no_jumps(performer: SensorFrames) -> None:
+    summary = summarise(performer)
+    assert summary.jumps == () and summary.frames == len(performer)
+    wrist = summary.sensors[performer.index("r_wrist")]
+    assert wrist.valid == wrist.oriented == 1.0 and wrist.jumps == 0
+    assert 1.8 < wrist.highest_m < 1.9 and 2.0 < wrist.max_speed_m_s < 4.0
+    assert summary.stature_m == pytest.approx(1.65, abs=0.1)
+    assert summary.lengths_m["thigh"] == pytest.approx(0.42) and summary.lengths_m["hip width"] == pytest.approx(0.18)
+    assert summary.travel_m < 0.3
+
+
+def test_a_moved_sensor_is_a_jump_there_and_back(performer: SensorFrames) -> None:
+    position = performer.position.copy()
+    position[500, performer.index("pelvis")] += [0.0, 0.2, 0.0]
+    jumps = find_jumps(replace(performer, position=position))
+    assert [(jump.frame, jump.sensor) for jump in jumps] == [(499, "pelvis"), (500, "pelvis")]
+    assert jumps[0].distance_m == pytest.approx(0.2, abs=0.01) and jumps[0].speed_m_s > 20.0
+    assert jumps[0].time_s == performer.time[499]
+
+
+def test_a_flipped_orientation_is_a_jump_and_a_negated_quaternion_is_none(performer: SensorFrames) -> None:
+    orientation = performer.orientation.copy()
+    head = performer.index("head")
+    orientation[300:, head] *= -1.0
+    assert find_jumps(replace(performer, orientation=orientation)) == ()
+    flip = rotations.from_axis_angle([0.0, 0.0, 1.0], np.pi)
+    orientation[300:, head] = rotations.multiply(orientation[300:, head], flip)
+    (jump,) = find_jumps(replace(performer, orientation=orientation))
+    assert jump.frame == 299 and jump.turn_deg == pytest.approx(180.0, abs=3.0)
+
+
+def test_lost_sensors_neither_jump_nor_spoil_the_numbers(performer: SensorFrames) -> None:
+    position, valid = performer.position.copy(), performer.valid.copy()
+    head = performer.index("head")
+    position[100:200, head], valid[100:200, head] = np.nan, False
+    summary = summarise(replace(performer, position=position, valid=valid))
+    assert summary.jumps == ()
+    assert summary.sensors[head].valid == pytest.approx(1 - 100 / len(performer))
+    assert np.isfinite([summary.sensors[head].highest_m, summary.sensors[head].max_speed_m_s]).all()
+
+
+def test_a_sensor_that_is_never_seen_and_a_single_frame_are_summarised(performer: SensorFrames) -> None:
+    nothing = replace(
+        performer,
+        position=np.full_like(performer.position, np.nan),
+        valid=np.zeros_like(performer.valid),
+        skeleton=None,
+        joints=None,
+    )
+    summary = summarise(nothing)
+    assert np.isnan(summary.sensors[0].highest_m) and summary.travel_m == 0.0 and summary.stature_m is None
+    single = summarise(performer.cut(0.0, 0.0))
+    assert single.frames == 1 and np.isnan(single.sensors[0].max_speed_m_s)
+
+
+def test_lengths_and_stature_need_their_joints() -> None:
+    legs = Skeleton(("l_hip", "l_knee"), np.array([[0.0, 0.1, 0.0], [0.0, 0.1, -0.4]]))
+    assert body_lengths(legs) == {"thigh": pytest.approx(0.4)}
+    assert stature(legs) is None
+
+
+def test_the_known_fault_of_a_recording_is_found(shared: Path) -> None:
+    jumps = find_jumps(read_amc(shared / "mocap/cmu_asfamc/01_07.amc"))
+    pelvis = [jump for jump in jumps if jump.sensor == "pelvis"]
+    assert [jump.frame + 1 for jump in pelvis] == [3364] and pelvis[0].distance_m == pytest.approx(0.205, abs=0.001)
+    for name in ("02_01", "02_03", "02_04", "02_05", "02_06", "02_10", "49_18", "01_01"):
+        assert find_jumps(read_amc(shared / f"mocap/cmu_asfamc/{name}.amc")) == ()

@@ -1,0 +1,116 @@
+"""Pictures are made, are PNG files of a sensible size, and are left out where there is nothing to show."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from messages import refuses
+from retarget.errors import UsageError
+from retarget.report.plots import PICTURES, plot_balance, plot_tracking, write_plots
+from retarget.report.pose_pictures import performer_facing, plot_poses, telling_ticks, turned
+from retarget.rotations import multiply
+from retarget.run.loop import Pipeline
+from retarget.run.run_result import RunResult
+from rig import Rig, StubReconstructor, person, result, short_clip
+
+
+@pytest.fixture(scope="module")
+def run() -> RunResult:
+    rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    return result(ending, clip, human, rig.robot)
+
+
+@pytest.fixture(scope="module")
+def human_run() -> RunResult:
+    human, clip = person(), short_clip(rate_hz=None)
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run()
+    return result(ending, clip, human, None)
+
+
+def test_all_pictures_of_a_robot(run: RunResult, tmp_path: Path) -> None:
+    written = write_plots(run, tmp_path / "new" / "folder")
+    assert [path.stem for path in written] == [name for name in PICTURES if name != "pressure"]  # it has no mass
+    for path in written:
+        content = path.read_bytes()
+        assert content.startswith(b"\x89PNG") and 10_000 < len(content) < 1_000_000
+
+
+def test_a_human_has_no_balance(human_run: RunResult, tmp_path: Path) -> None:
+    assert plot_balance(human_run) is None
+    assert PICTURES["poses"](human_run) is not None and PICTURES["tracking"](human_run) is not None
+
+
+def test_poses_are_spread_over_the_run(run: RunResult) -> None:
+    ticks = [row - run.record.following.start for row in telling_ticks(run)]
+    assert len(ticks) == 9 and ticks == sorted(ticks)
+    parts = np.linspace(0, 51, 10).astype(int)
+    assert [int(np.searchsorted(parts, tick, side="right")) for tick in ticks] == list(range(1, 10))
+
+
+def test_no_two_poses_are_of_nearly_the_same_instant(run: RunResult) -> None:
+    assert min(np.diff(telling_ticks(run))) >= 51 / 9 / 2
+
+
+def test_no_part_of_a_pose_is_beyond_the_edge_of_the_picture(run: RunResult, human_run: RunResult) -> None:
+    for either in (run, human_run):
+        figure = plot_poses(either)
+        assert figure is not None
+        (axes,) = figure.axes
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        points = np.concatenate([line.get_xydata() for line in axes.lines])
+        assert left < points[:, 0].min() and points[:, 0].max() < right
+        assert bottom < points[:, 1].min() and points[:, 1].max() < top
+
+
+def test_a_performer_is_drawn_facing_as_the_robot_does(human_run: RunResult) -> None:
+    """Whatever the world axes: turned by 130 degrees, the same skeleton is drawn."""
+    angle = np.deg2rad(130.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    human = human_run.record.human
+    q = human.q.copy()
+    q[:, :3] = q[:, :3] @ turn.T
+    q[:, 3:7] = multiply(np.array([np.cos(angle / 2.0), 0.0, 0.0, np.sin(angle / 2.0)]), q[:, 3:7])
+    other = replace(human_run.record, human=replace(human, q=q, joints=human.joints @ turn.T))
+    plain, away = human_run, replace(human_run, record=other)
+    facing = performer_facing(away)
+    np.testing.assert_allclose(facing, np.tile([np.cos(angle), np.sin(angle)], (len(facing), 1)), atol=1e-9)
+    following = plain.record.following
+    np.testing.assert_allclose(
+        turned(other.human.joints[following], facing) @ turn.T, other.human.joints[following], atol=1e-9
+    )
+    assert telling_ticks(away) == telling_ticks(plain)
+
+
+def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult, tmp_path: Path) -> None:
+    assert write_plots(replace(human_run, record=human_run.record.rows(0, 1)), tmp_path) == []
+
+
+def test_a_folder_that_cannot_be_made(run: RunResult, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with refuses(UsageError, "--plots"):
+        write_plots(run, tmp_path / "file")
+
+
+def test_tracking_shows_what_was_sent_and_where_the_servos_stood(run: RunResult) -> None:
+    figure, unanswered = plot_tracking(run), plot_tracking(replace(run, has_bus=False))
+    assert figure is not None and unanswered is not None
+    assert [line.get_label() for line in figure.axes[0].lines] == ["asked", "sent", "servos"]
+    assert [line.get_label() for line in unanswered.axes[0].lines] == ["asked", "sent"]
+    sent, servos = (line.get_ydata() for line in figure.axes[0].lines[1:])
+    assert np.shape(sent) == np.shape(servos) and np.isfinite(np.asarray(servos, dtype=float)).all()
+
+
+def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunResult) -> None:
+    worn = human_run.sensors
+    assert len(worn) == 5
+    figure = plot_tracking(human_run)
+    assert figure is not None and len(figure.axes) == 4 * len(worn)
+    joints = human_run.record.human.joints.copy()
+    names = human_run.record.human.joint_names
+    joints[:, [names.index(human_run.performer.sensors[sensor].joint) for sensor in worn]] = human_run.sensors_asked
+    exact = replace(human_run.record, human=replace(human_run.record.human, joints=joints))
+    figure = plot_tracking(replace(human_run, record=exact))
+    assert figure is not None and len(figure.axes) == 3 * len(worn)

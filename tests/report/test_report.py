@@ -1,0 +1,101 @@
+"""The report: its keys are a contract, its numbers are JSON, its file appears whole or not at all."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from messages import refuses
+from retarget.errors import UsageError
+from retarget.report.measure import measure
+from retarget.report.report import Report, report_path, write_report
+from retarget.run.loop import Pipeline
+from retarget.schema.files import check_folder, check_place, write_atomic
+from rig import Rig, StubReconstructor, person, result, short_clip
+
+CONTRACT = [
+    *("frames", "ticks", "duration_s", "rate_hz", "frames_per_s", "solve_us", "reconstruct_us", "retarget_us"),
+    *("tracking_mm", "lag_s", "hand_path_ratio", "pelvis_excursion_ratio", "unsensed_mm", "min_clearance_mm"),
+    *("penetrating_frames", "gated_frames", "limit_violations", "priority_violation_max"),
+    *("com_outside_support_frames", "foot_slide_mm", "jerk_p95", "fallen", "mode_switches_per_s", "bus", "stop"),
+]
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    return measure(result(ending, clip, human, rig.robot))
+
+
+def test_the_keys_of_the_contract_come_first_and_in_order(report: Report) -> None:
+    data = json.loads(report.as_json())
+    assert list(data)[: len(CONTRACT)] == CONTRACT
+    assert set(data["solve_us"]) == {"p50", "p99", "max"}
+    assert set(data["tracking_mm"]["l_hand"]) == {"mean", "p95", "max"}
+    assert set(data["min_clearance_mm"]) == {"self", "scene", "ground"}
+    assert set(data["limit_violations"]) == {"position", "velocity", "acceleration"}
+    assert {"rate_hz", "cycle_ms", "faults"} <= set(data["bus"]) and {"p50", "p99"} <= set(data["bus"]["cycle_ms"])
+    assert set(data["stop"]) == {"state", "reason"}
+
+
+def test_numbers_that_are_not_finite_become_null() -> None:
+    from dataclasses import replace
+
+    rig, human, clip = Rig(np.zeros((51, 20))), person(), short_clip()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    broken = replace(measure(result(ending, clip, human, rig.robot)), lag_s=float("nan"), jerk_p95=float("inf"))
+    data = json.loads(broken.as_json())
+    assert data["lag_s"] is None and data["jerk_p95"] is None
+
+
+def test_a_report_is_written_whole(report: Report, tmp_path: Path) -> None:
+    path = report_path(tmp_path / "r.json")
+    assert not path.exists()
+    write_report(report, path)
+    write_report(report, path)
+    assert json.loads(path.read_text())["ticks"] == report.ticks
+    assert [entry.name for entry in tmp_path.iterdir()] == ["r.json"]
+
+
+def test_a_folder_gets_a_report_of_our_name(tmp_path: Path) -> None:
+    assert report_path(tmp_path) == tmp_path / "report.json"
+    assert report_path(tmp_path / "new") == tmp_path / "new" / "report.json" and not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("name", ["r.txt", "r.html", "r.json.gz", "nowhere/r.json", "a" * 300 + ".json", "r\0.json"])
+def test_places_that_cannot_hold_a_report(name: str, tmp_path: Path) -> None:
+    with refuses(UsageError, "--report"):
+        report_path(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_a_locked_folder(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with refuses(UsageError):
+        check_place(tmp_path / "r.json", option="--report")
+
+
+def test_a_file_where_a_folder_is_meant(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "inside"):
+        with refuses(UsageError, "--plots"):
+            check_folder(folder, option="--plots")
+    with refuses(UsageError):
+        check_place(tmp_path, option="--report")
+
+
+def test_a_failing_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "r.json"
+    path.write_text("old")
+
+    def full(self: Path, target: Path) -> Path:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with refuses(UsageError):
+        write_atomic(path, b"new", option="--report")
+    assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,271 @@
+"""The page of a report: one file, nothing from elsewhere, every text escaped, and data that is the run's."""
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from hardware.guard_state import Stop, StopCause
+from retarget.report.animation import UNKNOWN, animation_of, packed
+from retarget.report.measure import measure
+from retarget.report.page import drawn, page_html, write_page
+from retarget.report.plot_style import new_figure
+from retarget.report.plots import PICTURES
+from retarget.report.report import Report, page_path, report_path
+from retarget.report.verdicts import moments
+from retarget.run.loop import Pipeline
+from retarget.run.run_result import Fallen, PhysicsRun, RunResult
+from rig import StubReconstructor, person, result, scripted_run, short_clip
+
+EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & $\\frac$ </title>"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_pictures() -> Iterator[None]:
+    """Big drawings take seconds; all of them are drawn by the test of the demo."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("retarget.report.plots.PICTURES", {name: PICTURES[name] for name in ("balance", "poses")})
+        yield
+
+
+@pytest.fixture(scope="module")
+def run() -> RunResult:
+    return scripted_run()
+
+
+@pytest.fixture(scope="module")
+def report(run: RunResult) -> Report:
+    return measure(run)
+
+
+@pytest.fixture(scope="module")
+def html(run: RunResult, report: Report) -> str:
+    return page_html(run, report)
+
+
+class Page(HTMLParser):
+    """What a browser would make of it: elements with attributes, texts outside of scripts, contents of scripts."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.texts: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self._open.append(tag)
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        while self._open and self._open.pop() != tag:
+            pass
+
+    def handle_data(self, data: str) -> None:
+        if self._open and self._open[-1] == "script":
+            self.scripts[-1] += data
+        elif not (self._open and self._open[-1] == "style"):
+            self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.texts)
+
+
+def data_of(page: Page) -> Any:
+    return json.loads(page.scripts[0])
+
+
+def test_nothing_comes_from_elsewhere(html: str) -> None:
+    page = Page(html)
+    for tag, attributes in page.elements:
+        assert tag not in ("link", "iframe", "object", "embed", "base", "img"), tag
+        for name, value in attributes.items():
+            assert not name.startswith("on"), (tag, name)
+            if name in ("src", "href", "xlink:href", "action", "data"):
+                assert value is not None and value.startswith("#"), (tag, name, value)
+    style = re.findall(r"<style>(.*?)</style>", html, re.DOTALL)
+    assert style and not any("url(" in text.replace("url(#", "") or "@import" in text for text in style[:1])
+    assert "fetch(" not in html and "XMLHttpRequest" not in html
+
+
+def test_only_our_own_script_may_run(html: str) -> None:
+    page = Page(html)
+    policy = next(
+        attributes["content"]
+        for tag, attributes in page.elements
+        if tag == "meta" and attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert policy is not None and policy.startswith("default-src 'none'")
+    kinds = [attributes.get("type") for tag, attributes in page.elements if tag == "script"]
+    assert kinds == ["application/json", None]
+    digest = base64.b64encode(hashlib.sha256(page.scripts[1].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in policy
+
+
+def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) -> None:
+    assert run.robot is not None
+    profile = run.robot.profile.model_copy(update={"name": EVIL})
+    hostile = replace(
+        run, robot=replace(run.robot, profile=profile), reason=EVIL, stop=Stop(StopCause.SOURCE, EVIL, 0.0)
+    )
+    worse = replace(
+        measure(hostile), source=EVIL, performer=EVIL, priorities=(EVIL,), notes=(EVIL,), tracking_mm={
+            EVIL: next(iter(report.tracking_mm.values()))
+        }
+    )  # fmt: skip
+    page, plain = Page(page_html(hostile, worse)), Page(html)
+    assert len(page.scripts) == len(plain.scripts) == 2 and page.scripts[1] == plain.scripts[1]
+    assert data_of(page)["robot"]["label"] == EVIL
+    tags, usual = ([tag for tag, _ in one.elements] for one in (page, plain))
+    assert set(tags) - set(usual) <= {"ul", "li"} and "img" not in tags  # notes are a list that was not there
+    assert not any(name.startswith("on") for _, attributes in page.elements for name in attributes)
+    assert page.text.count("<script>alert(1)</script>") >= 5
+
+
+def test_a_file_with_a_hostile_joint_does_nothing(run: RunResult, report: Report) -> None:
+    assert report.servo_error_deg is not None and report.bus is not None and report.bus.hottest is not None
+    spread = next(iter(report.servo_error_deg.values()))
+    hottest = replace(report.bus.hottest, joint=EVIL)
+    worse = replace(
+        report, servo_error_deg={EVIL: spread}, closest_links=(EVIL, EVIL), bus=replace(report.bus, hottest=hottest)
+    )
+    page = Page(page_html(run, worse))
+    assert len(page.scripts) == 2 and "img" not in [tag for tag, _ in page.elements]
+    assert page.text.count("onerror=alert(2)") >= 4
+
+
+def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> None:
+    drawings = re.findall(r'<svg viewBox="[^"]*" role="img".*?</svg>', html, re.DOTALL)
+    assert len(drawings) == 2
+    for drawing in drawings:
+        ElementTree.fromstring(drawing.replace("<svg ", '<svg xmlns:xlink="x" ', 1))
+        for used in re.findall(r'(?:xlink:href="#|url\(#)([^")]+)', drawing):
+            assert f'id="{used}"' in drawing
+    ids = re.findall(r'\bid="([^"]+)"', html)
+    assert len(ids) == len(set(ids))
+    assert "#000000" not in "".join(drawings) and "var(--ink)" in "".join(drawings)
+
+
+def test_a_drawing_says_what_the_figure_says() -> None:
+    figure = new_figure(4.0, 3.0, "#000000 of 12.3456 mm")
+    axes = figure.subplots()
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#000000")
+    axes.set_yticks([0.325, 0.12345], ["0.325", "0.12345"])
+    axes.set_xlabel('<b> & "id=" d="1.23456"')
+    drawing = ElementTree.fromstring(drawn(figure, "mine").replace("<svg ", '<svg xmlns:xlink="x" ', 1))
+    texts = {"".join(element.itertext()).strip() for element in drawing.iter("text")}
+    assert {"0.325", "0.12345", "#000000 of 12.3456 mm", '<b> & "id=" d="1.23456"'} <= texts
+    lines = [element for element in drawing.iter("path") if "var(--ink)" in element.get("style", "")]
+    assert lines and not re.search(r"\.\d{3}", " ".join(element.get("d", "") for element in lines))
+
+
+def test_the_numbers_are_the_reports(html: str, report: Report) -> None:
+    page = Page(html)
+    shown = next(text for text in page.texts if '"tracking_mm"' in text)
+    assert json.loads(shown) == json.loads(report.as_json())
+    assert f"{report.tracking_mm['l_hand'].max:.1f}" in page.texts
+
+
+def unpacked(track: dict[str, Any], *shape: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    whole = np.frombuffer(base64.b64decode(track["data"]), dtype="<i2").astype(float)
+    whole[whole == UNKNOWN] = np.nan
+    return np.asarray(whole.reshape(shape) * track["unit"])
+
+
+def test_the_player_shows_what_was_sent(html: str, run: RunResult) -> None:
+    data, robot, sent = data_of(Page(html)), run.robot, run.record.robot
+    assert robot is not None and sent is not None
+    rows = np.arange(0, len(run.record), data["every"])
+    figure = data["robot"]
+    points = unpacked(figure["points"], len(rows), len(figure["names"]), 3)
+    np.testing.assert_allclose(points, robot.points(sent.q[rows], tuple(figure["names"])), atol=1e-4)
+    marks = unpacked(figure["marks"], len(rows), figure["mark_count"], 3)
+    np.testing.assert_allclose(marks, sent.landmarks_asked[rows], atol=1e-4)
+    np.testing.assert_allclose(np.array(data["time"]) / 1e3, run.record.time[rows], atol=1e-3)
+    assert len(data["phase"]) == len(data["gated"]) == len(rows) and set(data["phase"]) == {"a", "f"}
+    com = unpacked(data["ground"]["com"], len(rows), 3)
+    np.testing.assert_allclose(com, robot.body.solver_body().centre_of_mass(sent.q[rows]), atol=1e-4)
+    corners = unpacked(data["ground"]["corners"], len(rows), sum(data["ground"]["sizes"]), 3)
+    assert np.abs(corners[..., 2]).max() < 0.01
+
+
+def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
+    stop = Stop(StopCause.VOLTAGE, "9.1 V", 0.0, powered=True, then=StopCause.BUS)
+    stopped = replace(run, reason="the supply is low", stop=stop)
+    (moment,) = moments(stopped)
+    braking = run.record.time[run.record.following.stop]
+    assert moment.time == braking and moment.text == "the supply is low"
+    page = Page(page_html(stopped, replace(report, stop=replace(report.stop, reason="the supply is low"))))
+    assert f"Stopped at {braking:.2f} s" in page.texts and "bus" in page.text and "torque is off" in page.text
+    assert any(attributes.get("data-time") == f"{1e3 * braking:.0f}" for _, attributes in page.elements)
+    assert "✗ fail" in page.texts and "stopped: the supply is low" in page.texts
+    assert data_of(page)["moments"] == [round(1e3 * braking)]
+
+
+def test_a_fall_is_a_moment_too(run: RunResult) -> None:
+    none, some = np.zeros(0), np.zeros((0, 3))
+    fall = Fallen(0.2, "onto its knees")
+    physics = PhysicsRun("floor", 0, (), fall, None, none, some, some[:, :2], none, np.zeros(2), 0.0, some, none, 0, 0)
+    assert [(moment.what, moment.time) for moment in moments(replace(run, physics=physics))] == [("Fell", 0.2)]
+    assert moments(run) == ()
+
+
+def test_a_human_alone(tmp_path: Path) -> None:
+    human, clip = person(), short_clip(rate_hz=None)
+    alone = result(Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run(), clip, human, None)
+    write_page(alone, measure(alone), tmp_path / "report.html")
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    data = data_of(page)
+    assert data["robot"] is None and data["ground"] is None
+    assert "view-performer" in {attributes.get("id") for _, attributes in page.elements}
+    assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_a_run_that_followed_nothing_has_a_page_without_motion(run: RunResult, report: Report) -> None:
+    ticks = int(run.record.following.start)
+    early = replace(run, record=run.record.rows(0, ticks), reason="a servo is silent")
+    assert animation_of(early) is None
+    page = Page(page_html(early, measure(early)))
+    assert len(page.scripts) == 1 and "a servo is silent" in page.text
+
+
+def test_packing_keeps_a_tenth_of_a_millimetre_and_what_is_not_known() -> None:
+    values = np.array([0.0, 1.23456, -3.2, np.nan])
+    found = packed(values)
+    whole = np.frombuffer(base64.b64decode(found.data), dtype="<i2").astype(float)
+    assert whole[3] == UNKNOWN
+    np.testing.assert_allclose(whole[:3] * found.unit, values[:3], atol=5e-5)
+    far = packed(np.array([500.0, -500.0]))
+    whole = np.frombuffer(base64.b64decode(far.data), dtype="<i2").astype(float)
+    np.testing.assert_allclose(whole * far.unit, [500.0, -500.0], rtol=1e-4)
+    assert packed(np.full(3, np.nan)).unit > 0.0
+
+
+def test_a_long_run_is_shown_more_coarsely(run: RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = animation_of(run)
+    monkeypatch.setattr("retarget.report.animation.MOST_ROWS", 7)
+    coarse = animation_of(run)
+    assert usual is not None and coarse is not None
+    assert len(coarse.time) <= 7 < len(usual.time) and coarse.every > usual.every
+
+
+def test_where_a_page_goes(tmp_path: Path) -> None:
+    assert page_path(tmp_path / "r.json") is None
+    for name in ("new", "run.2026", "a/b"):
+        assert page_path(tmp_path / name) == tmp_path / name / "report.html"
+        assert report_path(tmp_path / name) == tmp_path / name / "report.json"
+    assert list(tmp_path.iterdir()) == []

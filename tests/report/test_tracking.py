@@ -1,0 +1,111 @@
+"""What is asked of the hands is judged by what is asked of the torso; what the robot does takes no part."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from followers import DT, follower, op3, performance, performer, postures
+from retarget import rotations
+from retarget.report.tracking import HANDS, asked_arms, chain_to_anchor, reachable_hands, within_reach
+from retarget.robot.landmarks import AskedLandmarks
+from retarget.types import FloatArray, HumanPosture
+
+
+@cache
+def performed() -> tuple[list[HumanPosture], list[AskedLandmarks]]:
+    """A performer who turns on the spot while reaching and crouching, and what that asks."""
+    human = postures(performer())
+    for tick, posture in enumerate(human):
+        turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), 0.3 * np.sin(0.002 * tick))
+        human[tick] = HumanPosture(
+            posture.q,
+            posture.joint_names,
+            rotations.rotate(turn, posture.joints),
+            rotations.multiply(turn, posture.orientations),
+            posture.centre_of_mass,
+            posture.sensor_error,
+            posture.balance_error,
+            posture.heading,
+        )
+    landmarks = follower().landmark_map
+    landmarks.restart()
+    return human, [landmarks.ask(posture, DT) for posture in human]
+
+
+def points() -> FloatArray:
+    return np.array([asked.landmarks for asked in performed()[1]])
+
+
+def test_the_asked_torso_is_found_again() -> None:
+    human, asked = performed()
+    names, stance = follower().landmark_map.names, follower().stance
+    found = asked_arms(op3(), stance, performance(human, names, points()))
+    assert tuple(found) == HANDS
+    back = rotations.conjugate(np.array([one.trunk for one in asked]))
+    pelvis = points()[:, names.index("pelvis")]
+    for name in HANDS:
+        expected = stance.points["pelvis"] + rotations.rotate(back, points()[:, names.index(name)] - pelvis)
+        np.testing.assert_allclose(found[name], expected, atol=1e-9)
+    assert np.ptp(np.array([one.trunk for one in asked])[:, 2]) > 0.2  # it did lean
+
+
+def test_without_both_hands_nothing_is_said() -> None:
+    human, _ = performed()
+    one = performance(human, ("l_hand", "pelvis"), points()[:, :2])
+    assert asked_arms(op3(), follower().stance, one) == {}
+    assert reachable_hands(op3(), one, points()[:, :2]) == {}
+
+
+def test_an_arm_knows_its_joints_and_its_ends() -> None:
+    assert [op3().body.joint_names[joint] for joint in chain_to_anchor(op3(), "l_hand")] == [
+        "l_el",
+        "l_sho_roll",
+        "l_sho_pitch",
+    ]
+    stance = follower().stance
+    shoulder = stance.points["l_shoulder"]
+    bent = stance.q.copy()
+    for joint, angle in (("l_sho_pitch", -1.2), ("l_sho_roll", 0.2), ("l_el", -1.3)):
+        bent[op3().body.joint_qpos[op3().body.joint_index(joint)]] = angle
+    within = op3().points(bent[None], ("l_hand",))[0, 0]
+    stretched = shoulder + np.array([0.0, 0.245, 0.0])
+    folded = shoulder + np.array([0.05, 0.0, 0.0])  # the elbow bends by 90 degrees only
+    places = np.array([within, stretched, folded, shoulder + np.array([0.0, 1.0, 0.0])])
+    assert within_reach(op3(), stance, "l_hand", places).tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize("hand", ["l_hand", "r_hand"])
+def test_wherever_an_arm_has_been_it_gets_to(hand: str) -> None:
+    robot, stance = op3(), follower().stance
+    columns = robot.body.joint_qpos[list(chain_to_anchor(robot, hand))]
+    servos = [robot.servo_columns.tolist().index(column) for column in columns]
+    low, high = robot.limits.lower[servos], robot.limits.upper[servos]
+    postures = np.tile(stance.q, (300, 1))
+    share = np.random.default_rng(3).uniform(-0.3, 1.3, (300, len(columns))).clip(0.0, 1.0)  # many at their limits
+    postures[:, columns] = low + share * (high - low)
+    assert within_reach(robot, stance, hand, robot.points(postures, (hand,))[:, 0]).all()
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_a_frozen_robot_hides_nothing(frozen: bool) -> None:
+    human, _ = performed()
+    names = follower().landmark_map.names
+    asked = performance(human, names, points())
+    reached = np.repeat(points()[:1], len(points()), axis=0) if frozen else points() + np.array([0.003, 0.0, 0.0])
+    honest = reachable_hands(op3(), asked, points())
+    for name, hand in reachable_hands(op3(), asked, reached).items():
+        assert hand.share == honest[name].share > 0.2
+        assert hand.error is not None
+        assert hand.error > 0.02 if frozen else hand.error == pytest.approx(0.003)
+
+
+def test_ticks_without_a_wish_take_no_part() -> None:
+    human, _ = performed()
+    landmarks = points()
+    landmarks[len(landmarks) // 2 :] = np.nan
+    names = follower().landmark_map.names
+    half = len(landmarks) // 2
+    whole = reachable_hands(op3(), performance(human, names, landmarks), landmarks)
+    first = reachable_hands(op3(), performance(human[:half], names, landmarks[:half]), landmarks[:half])
+    assert whole == first

@@ -1,0 +1,267 @@
+"""What legs carry in `stand`, in `rest` and on one leg, against the static balance of the body."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import null_space
+from scipy.optimize import linprog
+
+from followers import DT, dimensions, follower, op3, performer, postures
+from messages import refuses
+from retarget.ik.support_polygon import plant, support_distance
+from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.balance import (
+    BEYOND_M,
+    ENOUGH,
+    LEAST_THROW,
+    StandingBalance,
+    StandingStrength,
+    heaviest_loads,
+    leg_joints,
+    one_leg_load,
+    standing_strength,
+)
+from retarget.robot.balance import GRAVITY as STANDING_BALANCE_GRAVITY
+from retarget.robot.follower import Follower
+from retarget.schema.priorities import Priorities, load_priorities
+from retarget.types import FloatArray
+
+ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
+GRAVITY = 9.81
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_loads_are_told_beside_the_strength(name: str) -> None:
+    robot = load_robot(name)
+    stand, rest, alone = heaviest_loads(robot)
+    assert [load.posture for load in (stand, rest, alone)] == ["in stand", "in rest", "on one leg"]
+    assert 0.0 < stand.torque < 0.3 * stand.stall and stand.joint in leg_joints(robot)
+    assert 0.0 < rest.torque < 0.6 * rest.stall
+    assert alone.share > stand.share
+    assert str(rest).endswith(f"N m, {100.0 * rest.torque / rest.stall:.0f}% of its stall torque")
+
+
+@pytest.mark.parametrize("name", ["op3", "toddlerbot", "wolfgang"])
+def test_the_hip_carries_all_but_its_leg_beside_itself(name: str) -> None:
+    """Its roll joint: the weight of all that it holds up, as far beside it as the middle of the body nearly is."""
+    robot = load_robot(name)
+    load = one_leg_load(robot)
+    assert "hip_roll" in load.joint.lower() or "HipRoll" in load.joint
+    body = robot.body
+    place = body.solver_body().points(
+        body.qpos0[None], [body.joint_body[body.joint_index(load.joint)]], np.zeros((1, 3))
+    )
+    aside = abs(float(place[0, 0, 1]))
+    weight = GRAVITY * body.total_mass
+    assert 0.6 * weight * aside < load.torque < 1.5 * weight * aside
+
+
+def test_toddlerbot_alone_is_too_weak_for_one_leg() -> None:
+    assert {name: one_leg_load(load_robot(name)).share > ENOUGH for name in ROBOTS} == {
+        "op3": False,
+        "poppy": False,
+        "toddlerbot": True,
+        "wolfgang": False,
+    }
+
+
+HEIGHT = 0.25
+
+
+def balance(name: str = "steady") -> StandingBalance:
+    return StandingBalance(load_priorities(name), plant(op3(), op3().profile.postures.stand))
+
+
+def shrunk() -> FloatArray:
+    """Edges (e, 3) that `steady` keeps to."""
+    return np.array(balance()._room)
+
+
+def farthest(spaces: FloatArray, way: FloatArray, com: FloatArray) -> FloatArray:
+    """The point at height HEIGHT that is farthest along a way (2,) from com (3,), inside all half-spaces."""
+    low, high = -np.inf, np.inf
+    for nx, ny, nz, offset in spaces.tolist():
+        along, room = nx * way[0] + ny * way[1], offset - nx * com[0] - ny * com[1] - nz * HEIGHT
+        if along > 1e-12:
+            high = min(high, room / along)
+        elif along < -1e-12:
+            low = max(low, room / along)
+        else:
+            assert room > -1e-9
+    assert low <= high + 1e-9, "there is always somewhere to go"
+    return com + max(low, high) * np.array([*way, 0.0])
+
+
+@settings(max_examples=12)
+@given(st.floats(0.0, 2.0 * np.pi), st.lists(st.sampled_from([-1.0, 1.0]), min_size=15, max_size=30))
+def test_whoever_goes_as_far_as_it_may_stays_on_its_soles(angle: float, turns: list[float]) -> None:
+    """To and fro along any line: there is always a next point, and the zero-moment point never leaves."""
+    keeps, way = balance(), np.array([np.cos(angle), np.sin(angle)])
+    middle = np.concatenate([sole.outline for sole in plant(op3(), op3().profile.postures.stand).soles]).mean(axis=0)
+    before = com = np.array([*middle, HEIGHT])
+    for turn in np.repeat(turns, 5):
+        after = farthest(keeps.spaces(com, (com - before) / DT, DT), turn * way, com)
+        zmp = com - HEIGHT / STANDING_BALANCE_GRAVITY * (after - 2.0 * com + before) / DT**2
+        assert support_distance(zmp, shrunk()) > -1e-6
+        before, com = com, after
+
+
+def test_at_the_edge_of_its_room_a_robot_that_lands_may_be_pushed_in() -> None:
+    """The zero-moment point has to go beyond that edge for it."""
+    keeps, still, (nx, ny, offset) = balance(), np.zeros(3), balance()._room[0]
+    com = np.array([nx * offset, ny * offset, HEIGHT])
+    inward = (
+        com - np.array([nx, ny, 0.0]) * STANDING_BALANCE_GRAVITY / HEIGHT * 0.005 * DT**2
+    )  # as from 5 mm farther out
+    follows, lands = keeps.spaces(com, still, DT), keeps.spaces(com, still, DT, lands=True)
+    assert (follows[:, :3] @ inward > follows[:, 3]).any()
+    assert (lands[:, :3] @ inward <= lands[:, 3]).all()
+
+
+def test_at_rest_inside_it_may_stay_and_outside_it_must_come_back() -> None:
+    keeps, still = balance(), np.zeros(3)
+    spaces = keeps.spaces(np.array([0.0, 0.0, HEIGHT]), still, DT)
+    assert (spaces[:, :3] @ [0.0, 0.0, HEIGHT] <= spaces[:, 3]).all()
+    out = np.array([0.05, 0.0, HEIGHT])
+    spaces = keeps.spaces(out, still, DT)
+    assert (spaces[:, :3] @ out > spaces[:, 3]).any()
+
+
+@pytest.mark.parametrize("away", [0.002, 0.01])
+@pytest.mark.parametrize("edge", range(8))
+def test_from_outside_there_is_a_way_back_in(away: float, edge: int) -> None:
+    """Whom a stop left beyond the room, at rest, gets back there, and never presses beyond the soles for it."""
+    keeps, room = balance(), shrunk()
+    way = room[edge, :2]
+    before = com = np.array([*((room[edge, 2] + away) * way), HEIGHT])
+    for _ in range(round(2.0 / DT)):
+        spaces = keeps.spaces(com, (com - before) / DT, DT)
+        room_left = 1e6 * (spaces[:, 3] - spaces[:, :3] @ com)  # [um]
+        found = linprog(way, spaces[:, :2], room_left, bounds=(None, None))
+        assert found.success, "there is always somewhere to go"
+        after = com + 1e-6 * np.array([*found.x, 0.0])
+        zmp = com - HEIGHT / STANDING_BALANCE_GRAVITY * (after - 2.0 * com + before) / DT**2
+        assert support_distance(zmp, keeps.edges) > -1e-6
+        capture = after + (after - com) / DT * np.sqrt(HEIGHT / STANDING_BALANCE_GRAVITY)
+        before, com = com, after
+        if support_distance(capture, room) > -BEYOND_M:
+            return
+    pytest.fail("it stays outside")
+
+
+def test_without_motion_the_margin_alone_counts() -> None:
+    keeps = balance("servo")
+    assert not keeps.looks_at_motion
+    spaces = keeps.spaces(np.array([0.0, 0.0, HEIGHT]), np.array([9.0, 0.0, 0.0]), DT)
+    assert len(spaces) == len(keeps.edges) and (spaces[:, 2] == 0.0).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 1.5])
+def test_an_impossible_share_is_refused(share: float) -> None:
+    with refuses(ValueError, "moving"):
+        task = {"type": "centre_of_mass", "mode": "support", "moving": share}
+        Priorities.model_validate({"name": "t", "description": "t", "levels": [{"name": "b", "tasks": [task]}]})
+
+
+def zmp_outside(robot: Follower) -> float:
+    """Share of ticks in which a hurried follower's zero-moment point is not where `steady` keeps it."""
+    human = postures(performer(), speed=2.5)[:600]
+    robot.start(human[0])
+    com = np.array([robot.step(posture, DT).centre_of_mass for posture in human])
+    push = (com[2:] - 2.0 * com[1:-1] + com[:-2]) / DT**2
+    zmp = com[1:-1] - com[1:-1, 2:] / (STANDING_BALANCE_GRAVITY + push[:, 2:]) * push
+    return float((support_distance(zmp, shrunk()) < -5e-3).mean())
+
+
+def test_a_robot_that_follows_with_it_keeps_its_zero_moment_point_on_its_soles() -> None:
+    assert zmp_outside(follower(priorities="steady")) < 0.01 < 0.3 < zmp_outside(follower())
+
+
+SHARE = 0.3
+STANDING_STRENGTH_ROBOTS = ["op3", "poppy", "toddlerbot", "wolfgang"]
+
+
+@cache
+def robot(name: str) -> RobotBody:
+    return load_robot(name)
+
+
+def strength(name: str, share: float = SHARE) -> StandingStrength:
+    return StandingStrength(robot(name), plant(robot(name), robot(name).profile.postures.stand), share=share)
+
+
+def planted_moves(name: str, q: FloatArray, count: int) -> FloatArray:
+    """Small moves (count, nv) from q (nq,) that leave both soles where they are."""
+    body, soles = robot(name).body.solver_body(), robot(name).soles
+    rows = [body.frame_jacobian(q, sole.body, tuple(sole.position.tolist())) for sole in soles]
+    free = null_space(np.concatenate(rows))
+    return np.asarray(1e-5 * np.random.default_rng(5).normal(size=(count, free.shape[1])) @ free.T)
+
+
+@pytest.mark.parametrize("name", STANDING_STRENGTH_ROBOTS)
+def test_torques_change_as_the_half_spaces_say(name: str) -> None:
+    """By finite differences over postures with planted soles: but for the leg's own weight, which is left out."""
+    keeps, body = strength(name), robot(name).body.solver_body()
+    q = plant(robot(name), robot(name).profile.postures.attractor).q
+    com, before = body.centre_of_mass(q[None])[0], keeps.torques(q)
+    by_com, by_joint, places = keeps._gradients(q, com)
+    errors, sizes = [], []
+    for move in planted_moves(name, q, 20):
+        there = body.integrate(q, move)
+        moved = body.centre_of_mass(there[None])[0] - com
+        places_moved = keeps._probe.read(there)[0] - places
+        said = by_com @ moved[:2] + np.einsum("ki,ki->k", by_joint, places_moved[:, :2])
+        errors.append(said - (keeps.torques(there) - before))
+        sizes.append(keeps.torques(there) - before)
+    pitch = [k for k, joint in enumerate(keeps.names) if "knee" in joint.lower() or "ank" in joint.lower()]
+    assert np.linalg.norm(np.array(errors)[:, pitch]) < 0.05 * np.linalg.norm(np.array(sizes)[:, pitch])
+    assert np.linalg.norm(errors) < 0.25 * np.linalg.norm(sizes)
+
+
+def test_only_joints_of_one_leg_are_watched() -> None:
+    joints = leg_joints(robot("toddlerbot"))
+    assert "waist_roll" not in joints and "left_shoulder_pitch" not in joints
+    assert joints["left_knee"][0] == 0 and joints["right_knee"][0] == 1
+    assert len(joints) == 12
+
+
+def test_stand_is_always_allowed() -> None:
+    keeps = strength("wolfgang", share=0.01)
+    stance = plant(robot("wolfgang"), robot("wolfgang").profile.postures.stand)
+    assert (np.abs(keeps.torques(stance.q)) <= keeps.most + 1e-9).all()
+
+
+def test_a_mass_is_not_thrown_up_faster_than_the_most_loaded_joint_can() -> None:
+    keeps = strength("toddlerbot")
+    q = plant(robot("toddlerbot"), robot("toddlerbot").profile.postures.rest).q
+    com = robot("toddlerbot").body.solver_body().centre_of_mass(q[None])[0]
+    rises = [edges[-1] for edges in keeps.spaces(q, (com, np.zeros(3)), 0.02) if len(edges) and edges[-1, 2] == 1.0]
+    assert len(rises) == 1
+    assert LEAST_THROW <= (rises[0][6] - com[2]) / 0.02**2 < 9.81
+
+
+def most_used(priorities: str) -> float:
+    """Greatest share of what ToddlerBot's legs may carry for long, at rest, while a performer reaches and crouches."""
+    follower = Follower(robot("toddlerbot"), load_priorities(priorities), dimensions(performer()))
+    keeps, used = strength("toddlerbot"), 0.0
+    humans = postures(performer(), speed=2.0)[:600]
+    follower.start(humans[0])
+    for human in humans:
+        used = max(used, float((np.abs(keeps.torques(follower.step(human, DT).q)) / keeps.most).max()))
+    return used
+
+
+def test_legs_carry_no_more_than_they_can_for_long() -> None:
+    assert most_used("steady") > 1.5
+    assert most_used("lasting") < 1.25
+
+
+def test_whoever_does_not_ask_for_it_keeps_to_balance_alone() -> None:
+    stance = plant(robot("op3"), robot("op3").profile.postures.stand)
+    assert standing_strength(robot("op3"), load_priorities("steady"), stance) is None
+    assert standing_strength(robot("op3"), load_priorities("lasting"), stance) is not None
+    assert standing_strength(robot("op3"), load_priorities("lasting"), replace(stance, soles=stance.soles[:1])) is None

@@ -1,0 +1,195 @@
+"""Goals that hold a robot up: beside the posture by what servos give way, within the gate's limits, always."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from followers import DT, op3
+from hardware.arrays import FloatArray
+from hardware.bus import ServoGoals
+from hardware.guard_state import GoalFilter
+from hardware.servo import loop_lag
+from physics_rig import PhysicsRig, ticks
+from retarget.ik.gravity_torque import CarriedLoad, servo_give
+from retarget.ik.support_polygon import plant
+from retarget.model.robot import load_robot
+from retarget.robot.deflection_compensation import MOST_RAD, STILL_RAD, HeldPath, UpheldGoals
+from retarget.safety.gate import Gate
+
+JOINTS = op3().joint_map
+STANCE = plant(op3(), op3().profile.postures.stand)
+STAND = STANCE.q[op3().servo_columns]
+TINY = 1e-8
+
+
+def make(held: HeldPath | None = None, *, start: FloatArray = STAND) -> UpheldGoals:
+    upheld = UpheldGoals(
+        Gate.for_servos(JOINTS, dt=DT, path_is_clear=held), op3(), STANCE, dt=DT, settle=0.02, held=held
+    )
+    upheld.seed(start)
+    return upheld
+
+
+def load_of(angles: dict[str, float]) -> FloatArray:
+    """How far servos give way (n,) rad in a posture on both soles."""
+    stance = plant(op3(), angles)
+    torque = CarriedLoad(op3(), stance).torques(stance.q, np.zeros(3))
+    return np.asarray(servo_give(op3()) @ torque[[op3().body.dof_index(joint) for joint in JOINTS.joints]])
+
+
+def check_motion(goals: FloatArray, start: FloatArray) -> None:
+    """Assert that what is sent (T, n), from rest at `start` on, keeps every limit of the servos."""
+    steps = np.diff(goals, axis=0, prepend=start[None])
+    assert np.all((goals >= JOINTS.lower - TINY) & (goals <= JOINTS.upper + TINY))
+    assert np.all(np.abs(steps) <= JOINTS.max_velocity * DT + TINY)
+    assert np.all(np.abs(np.diff(steps, axis=0, prepend=0.0)) <= JOINTS.max_acceleration * DT**2 + TINY)
+
+
+def test_it_is_a_goal_filter() -> None:
+    upheld: GoalFilter = make()
+    assert upheld.at_rest
+    np.testing.assert_array_equal(upheld.position, STAND)
+
+
+def test_a_standing_robot_is_held_by_what_its_servos_give_way() -> None:
+    upheld = make()
+    goals = np.array([upheld.admit(STAND) for _ in range(100)])
+    np.testing.assert_allclose(goals[-1] - STAND, load_of(op3().profile.postures.stand), atol=STILL_RAD)
+    np.testing.assert_array_equal(upheld.position, STAND)
+    np.testing.assert_array_equal(upheld.sent, goals[-1])
+    check_motion(goals, STAND)
+    knee = JOINTS.joints.index("l_knee")
+    assert np.all(np.diff(goals[:, knee]) * (goals[-1, knee] - STAND[knee]) >= 0.0), "it comes to it from one side"
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**31))
+def test_whatever_is_asked_it_keeps_the_limits_and_tells_where_it_holds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    upheld, sent, asked = make(), [], STAND.copy()
+    for _ in range(120):
+        match rng.integers(8):
+            case 0:
+                goal = rng.uniform(-4.0, 4.0, len(JOINTS))
+            case 1:
+                goal = np.full(len(JOINTS), rng.choice([np.nan, np.inf]))
+            case 2:
+                sent.append(upheld.brake())
+                asked = upheld.position
+                continue
+            case _:
+                goal = asked + rng.normal(0.0, 0.002, len(JOINTS))
+        passed = upheld.passes(goal)
+        sent.append(upheld.admit(goal))
+        assert passed == bool(np.array_equal(upheld.position, goal))
+        np.testing.assert_allclose(upheld.position + upheld.beside, sent[-1], atol=1e-12)
+        assert np.abs(upheld.beside).max() <= MOST_RAD
+        asked = upheld.position
+    check_motion(np.array(sent), STAND)
+
+
+def test_a_motion_within_the_limits_passes_while_the_load_changes() -> None:
+    """From standing down to the rest posture: no goal is refused, and all that is sent keeps the limits."""
+    end = op3().posture(op3().profile.postures.rest)[op3().servo_columns]
+    upheld, sent = make(), []
+    for share in 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 200)):
+        goal = STAND + share * (end - STAND)
+        sent.append(upheld.admit(goal))
+        np.testing.assert_array_equal(upheld.position, goal)
+    check_motion(np.array(sent), STAND)
+
+
+def test_a_stop_keeps_goals_beside_postures_and_ends() -> None:
+    upheld, way = make(), []
+    for tick in range(60):
+        upheld.admit(STAND + 0.001 * tick)
+    beside = upheld.beside
+    for _ in range(60):
+        sent = upheld.brake()
+        np.testing.assert_allclose(sent - upheld.position, beside, atol=1e-12)
+        way.append(sent)
+    assert upheld.at_rest and np.array_equal(way[-1], way[-2])
+
+
+def test_who_asks_for_one_posture_is_soon_at_rest() -> None:
+    """The load settles for ever; goals do not: a stop must end."""
+    upheld = make()
+    for tick in range(40):
+        upheld.admit(STAND + 0.002 * np.sin(0.1 * tick))
+    ticks_moving = 0
+    for _ in range(8):  # its own velocity is braked first
+        upheld.brake()
+    posture = upheld.position
+    while ticks_moving < 100:
+        upheld.admit(posture)
+        if upheld.at_rest:
+            break
+        ticks_moving += 1
+    assert ticks_moving < 40
+
+
+def test_at_a_limit_the_goal_stays_within_it() -> None:
+    upper = JOINTS.upper.copy()
+    start = STAND.copy()
+    knee = JOINTS.joints.index("l_knee")
+    start[knee] = upper[knee]  # bent as far as it goes, the load bends it more or holds it back
+    upheld = make(start=start)
+    sent = np.array([upheld.admit(start) for _ in range(50)])
+    assert (sent <= JOINTS.upper + TINY).all() and (sent >= JOINTS.lower - TINY).all()
+    np.testing.assert_array_equal(upheld.position, start)
+
+
+def test_collisions_are_looked_for_where_the_robot_is_held() -> None:
+    paths: list[FloatArray] = []
+
+    def look(path: FloatArray, instead: FloatArray) -> bool:
+        paths.append(path.copy())
+        return len(paths) < 150
+
+    upheld = make(HeldPath(look))
+    for _ in range(149):
+        upheld.admit(STAND)
+        np.testing.assert_allclose(paths[-1][:2], np.array([STAND, STAND]), atol=1e-12)
+    assert np.abs(upheld.beside).max() > 0.01
+    upheld.admit(STAND + 1e-4)  # refused
+    np.testing.assert_allclose(paths[-1][1], STAND + 1e-4, atol=1e-12)
+    np.testing.assert_allclose(upheld.position, STAND, atol=1e-3)
+
+
+def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
+    """In physics: knees under load stand at their goals' posture, and beside it without."""
+    rest = op3().profile.postures.rest
+    knees = [JOINTS.joints.index(joint) for joint in ("l_knee", "r_knee")]
+    plan = op3().posture(rest)[op3().servo_columns]
+    upheld = make(start=plan)
+    for _ in range(100):
+        goal = upheld.admit(plan)
+    off = []
+    for sent in (plan, goal):
+        rig = PhysicsRig(start=ticks(rest))
+        rig.arm()
+        states = rig.run(2.0, JOINTS.to_ticks(sent))
+        off.append(float(np.abs(JOINTS.to_radians(states.position) - plan)[knees].max()))
+        rig.bus.write(ServoGoals(states.position))
+    assert off[0] > 0.04 > 0.012 > off[1]
+
+
+def test_legs_wait_for_their_slowest_servo() -> None:
+    """Wolfgang's stiff knees, at an even speed, are sent as far behind as its ankles lag more; arms wait for nobody."""
+    robot = load_robot("wolfgang")
+    stance = plant(robot, robot.profile.postures.stand)
+    joints = robot.joint_map
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    lag = {servo.joint: loop_lag(servo, protocol=protocols[servo.bus]) for servo in joints.servos}
+    upheld = UpheldGoals(Gate.for_servos(joints, dt=DT), robot, stance, dt=DT, settle=0.02)
+    posture, speed = stance.q[robot.servo_columns].copy(), np.zeros(len(joints))
+    upheld.seed(posture)
+    knee, ankle, elbow = (joints.joints.index(name) for name in ("LKnee", "LAnklePitch", "LElbow"))
+    for _ in range(40):
+        speed[[knee, ankle, elbow]] = np.minimum(speed[[knee, ankle, elbow]] + 20.0 * DT, 0.5)
+        posture = posture + speed * DT
+        upheld.admit(posture)
+        np.testing.assert_array_equal(upheld.position, posture)
+    assert lag["LAnklePitch"] > 2.0 * lag["LKnee"]
+    behind = upheld._behind[[knee, ankle, elbow]]
+    np.testing.assert_allclose(behind, [-0.5 * (lag["LAnklePitch"] - lag["LKnee"]), 0.0, 0.0], atol=1e-4)

@@ -1,0 +1,94 @@
+"""Where the first thought is not safe: soles before all else, then what the legs carry alone."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from followers import DT, follower, performer, postures
+from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.whole_body_stop import Stopping
+from retarget.robot.fallback_hierarchy import parted_first, soles_first
+from retarget.robot.follower import Follower
+from retarget.robot.posture_reader import standing_dofs
+from retarget.schema.priorities import load_priorities
+from retarget.types import FloatArray
+
+SOLES = frozenset({"l_sole", "r_sole"})
+
+
+def followed(robot: Follower, ticks: int = 500) -> FloatArray:
+    """Postures (T, nq)."""
+    human = postures(performer())[:ticks]
+    robot.start(human[0])
+    return np.array([robot.step(posture, DT).q for posture in human])
+
+
+def test_the_level_of_the_soles_comes_first_and_the_others_keep_their_order() -> None:
+    levels = load_priorities("servo").levels
+    order = soles_first(levels, SOLES)
+    assert levels[order[0]].name == "soles"
+    assert order[1:] == [k for k in range(len(levels)) if k != order[0]]
+
+
+def test_where_limbs_are_parted_nothing_comes_before_that() -> None:
+    levels = load_priorities("steady").levels
+    names = [levels[k].name for k in parted_first(levels, SOLES)]
+    assert names[:4] == ["self collision", "fixtures", "soles", "balance"]
+
+
+def test_who_stands_refused_thinks_once_of_parting_limbs(monkeypatch: pytest.MonkeyPatch) -> None:
+    human = postures(performer())[:120]
+    robot = follower(priorities="steady")
+    robot.start(human[0])
+    second = robot._second
+    assert second is not None and not second.parts
+    thought, asked = second._thought, []
+
+    def heard(hierarchy: Hierarchy, *rest: Any) -> tuple[FloatArray, FloatArray]:
+        asked.append(hierarchy is second._parted)
+        return thought(hierarchy, *rest)
+
+    monkeypatch.setattr(second, "_thought", heard)
+    assert robot.halt(DT) is not None
+    rows = np.array([robot.step(posture, DT).q for posture in human])
+    assert asked == [True]
+    assert np.abs(rows - followed(follower(priorities="steady"), 120)).max() < 0.05  # it asks for the same
+
+
+def test_a_halt_in_motion_changes_no_thought() -> None:
+    human = postures(performer())[:200]
+    robot = follower()
+    robot.start(human[0])
+    for posture in human:
+        robot.step(posture, DT)
+    assert robot.halt(DT) is not None
+    assert robot._second is not None and not robot._second.parts
+
+
+def test_with_soles_first_the_same_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing is near, a robot that only ever thinks twice follows as one that thinks once."""
+    once = followed(follower())
+    robot, admits, turn = follower(), Stopping.admits, [0]
+
+    def second_only(self: Stopping, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
+        turn[0] += 1
+        return turn[0] % 2 == 0 and admits(self, q, velocity, dt)
+
+    monkeypatch.setattr(Stopping, "admits", second_only)
+    assert np.abs(followed(robot) - once).max() < 0.1  # limbs come near in a crouch
+
+
+def test_arms_follow_while_no_posture_that_moves_the_legs_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, admits = follower(), Stopping.admits
+    legs = standing_dofs(robot._robot)
+
+    def only_still_legs(self: Stopping, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
+        return float(np.abs(velocity[legs]).max()) < 1e-9 and admits(self, q, velocity, dt)
+
+    monkeypatch.setattr(Stopping, "admits", only_still_legs)
+    track = followed(robot)
+    moved = np.abs(track - track[0]).max(axis=0)
+    _, address = robot._robot.body.scalar_joints()
+    assert moved[:7].max() < 1e-6 and moved[address[6:][legs[6:]]].max() < 1e-6
+    assert moved[address[6:][~legs[6:]]].max() > 0.3

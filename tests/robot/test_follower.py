@@ -1,0 +1,413 @@
+"""Before the clip begins the robot goes to where the performer is, on its soles, and can be stopped on the way."""
+
+from functools import cache
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from followers import DT, dimensions, follower, op3, performer, postures
+from hardware.bus import ServoBus
+from hardware.clock import Clock, VirtualClock
+from hardware.servo_health import RAMP_S
+from retarget.human.samples import Playback
+from retarget.ik.support_polygon import plant
+from retarget.model.body import JointLimits
+from retarget.model.robot import HEAD, TRUNK, RobotBody, load_robot
+from retarget.report import motion_metrics
+from retarget.report.motion_metrics import LimitViolations, limit_violations
+from retarget.robot.balance import StandingBalance
+from retarget.robot.follower import (
+    ARRIVAL_S,
+    LED_SPEED,
+    RESTING_SPEED,
+    RESTS_S,
+    STANCE_RESTING_SPEED,
+    Follower,
+    Landing,
+    SlowTime,
+    landing_of,
+)
+from retarget.robot.landmarks import AskedLandmarks
+from retarget.robot.posture_reader import RobotReader, standing_dofs
+from retarget.rotations import plus
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.record import Phase
+from retarget.run.rest_trajectory import LONGEST_LANDING_S, PACE
+from retarget.run.run_result import RunResult
+from retarget.safety.gate import Gate
+from retarget.schema.priorities import load_priorities
+from retarget.sources.open import open_source
+from retarget.types import FloatArray, HumanPosture, IntArray
+from sim.mock_bus import MockBus
+from sim.performer import synthetic_performer
+
+
+def run_from(source: Path, start: float, watch: Watch | None = None) -> RunResult:
+    """The OP3 from standing, following 0.2 s of a recording."""
+
+    def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
+        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
+
+    options = RunOptions(robot="op3", playback=Playback(start=start, end=start + 0.2))
+    with prepare(lambda: open_source(source), options, clock=VirtualClock(), make_bus=make_bus) as ready:
+        return ready.run(watch or Watch())
+
+
+def assert_well(run: RunResult) -> None:
+    robot, sent = run.robot, run.record.robot
+    assert robot is not None and sent is not None
+    assert not sent.gated.any()
+    positions = np.vstack([sent.start, sent.q[:, robot.servo_columns]])
+    assert limit_violations(np.vstack([positions, positions[-1:]]), robot.limits, run.clip.dt) == LimitViolations(
+        0, 0, 0
+    )
+    for sole in motion_metrics.soles_of(robot, sent.q):
+        corners = motion_metrics.sole_corners(sole)
+        assert np.linalg.norm(corners - corners[0], axis=-1).max() < 0.003
+
+
+@pytest.mark.parametrize(("trial", "start"), [("02_06", 2.0), ("02_06", 5.0), ("49_18", 0.0)])
+def test_a_raised_hand_is_raised_when_following_begins(trial: str, start: float, shared: Path) -> None:
+    """A hand that is chased from below while the clip runs stays 0.3 m behind for seconds."""
+    run = run_from(shared / "mocap" / "cmu_asfamc" / f"{trial}.amc", start)
+    sent = run.record.robot
+    assert sent is not None and run.landmarks_reached is not None
+    first = run.record.following.start
+    off = np.linalg.norm(run.landmarks_reached[first] - sent.landmarks_asked[first], axis=-1)
+    hands = [sent.landmark_names.index(name) for name in ("l_hand", "r_hand")]
+    assert first > 50 and off[hands].max() < 0.06
+    assert_well(run)
+
+
+@pytest.mark.parametrize("tick", [20, 60, 110, 160])
+def test_a_stop_on_the_way(tick: int, shared: Path) -> None:
+    asked = count()
+    watch = Watch(stop_asked=lambda: next(asked) >= tick)
+    run = run_from(shared / "mocap" / "cmu_asfamc" / "02_06.amc", 2.0, watch)
+    assert run.state == "stopped"
+    phases = run.record.phase
+    assert phases[0] == Phase.APPROACH and phases[-1] == Phase.BRAKE and not (phases == Phase.FOLLOW).any()
+    assert_well(run)
+
+
+def test_it_rests_where_it_arrives_and_takes_no_longer_than_it_may() -> None:
+    human = postures(synthetic_performer())[250]
+    robot = follower()
+    robot.start(human)
+    way = robot.arrive(human, DT)
+    q = np.array([posture.q for posture in way])
+    assert 10 < len(way) <= ARRIVAL_S / DT
+    assert np.abs(np.diff(q[-5:], axis=0)).max() < RESTING_SPEED * DT
+
+
+PELVIS = list(op3().profile.landmarks).index("pelvis")
+STEADY = {"op3": "steady", "toddlerbot": "lasting", "wolfgang": "steady"}
+
+
+def crouched(name: str = "op3", ticks: int = 300) -> Follower:
+    """Stopped in the midst of what the performer does."""
+    robot = Follower(load_robot(name), load_priorities(STEADY[name]), dimensions(performer()))
+    motion = postures(performer())
+    robot.start(motion[0])
+    robot.arrive(motion[0], DT)
+    for human in motion[1:ticks]:
+        robot.step(human, DT)
+    for _ in range(100):
+        robot.halt(DT)
+    robot.begin_landing(robot._q.copy())
+    return robot
+
+
+def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
+    robot = crouched(ticks=200)
+    reader = RobotReader(op3(), robot.stance)
+    start = reader.read(robot._q)
+    way: list[FloatArray] = []
+    while (q := robot.land(DT)) is not None:
+        way.append(q.copy())
+        assert len(way) * DT < LONGEST_LANDING_S
+    now = reader.read(way[-1])
+    lean = [2.0 * np.arccos(min(abs(there.trunk[0]), 1.0)) for there in (start, now)]
+    assert lean[0] > 0.3 and lean[1] < 0.1
+    assert robot._balance is not None
+    x, y, _ = now.centre_of_mass
+    assert all(nx * x + ny * y < offset + 1e-3 for nx, ny, offset in robot._balance._wide)
+    soles = op3().points(np.array(way), ("l_sole", "r_sole"))
+    assert np.abs(soles - [sole.position for sole in robot.stance.soles]).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", list(STEADY))
+def test_legs_and_trunk_end_as_in_the_stance_and_arms_aside(name: str) -> None:
+    """Hands that stay, with arms that are drawn elsewhere, would hold a waist aside, and two planted soles cannot go
+    straight to `rest` from there."""
+    follower = crouched(name)
+    robot, start = load_robot(name), follower._q.copy()
+    while (q := follower.land(DT)) is not None:
+        last = q.copy()
+    carrying, arms = joints_of(robot)
+    stand = follower.stance.q
+    assert np.abs(start - stand)[carrying].max() > 0.3
+    assert np.abs(last - stand)[carrying].max() < 0.06
+    aside = robot.posture(robot.profile.postures.attractor)
+    assert np.abs(start - aside)[arms].max() > 0.3
+    assert np.abs(last - aside)[arms].max() < 0.1
+
+
+def joints_of(robot: RobotBody) -> tuple[IntArray, IntArray]:
+    """Where legs and trunk, and where arms are in q; a head looks straight ahead, wherever it was."""
+    single, address = robot.body.scalar_joints()
+    carrying = standing_dofs(robot, TRUNK)
+    head = standing_dofs(robot, HEAD) & ~carrying
+    return address[single & carrying], address[single & ~carrying & ~head]
+
+
+def leaning() -> Follower:
+    """Asked aside, forward and round, as far as its room goes."""
+    robot = crouched(ticks=200)
+    standing = robot.landmark_map.standing
+    aside = [plus(place, (0.05, 0.05, 0.0)) for place in standing.landmarks]
+    turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
+    for _ in range(300):
+        robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT, haste=1.0)
+    return robot
+
+
+def test_from_the_edge_of_its_room_it_comes_upright_at_once() -> None:
+    """With the room in which it follows, its mass would crawl along that edge, and the robot be parked from there."""
+    robot = leaning()
+
+    def away() -> float:
+        return float(
+            np.linalg.norm(np.subtract(robot._reached.landmarks[PELVIS], robot.landmark_map.standing.landmarks[PELVIS]))
+        )
+
+    assert away() > 0.01
+    ticks = 0
+    while away() > 2e-3:
+        assert robot.land(DT) is not None
+        ticks += 1
+    assert ticks * DT < 2.0
+
+
+def test_joints_are_led_straight_from_where_they_are() -> None:
+    follower = crouched()
+    landing = landing_of(op3(), follower.stance, follower.landmark_map.standing, follower._balance)
+    assert landing is not None
+    start = follower._q.copy()
+    landing.begin(start)
+    way = [landing.lead(DT)[7:].copy()]
+    while not landing.arrived:
+        way.append(landing.lead(DT)[7:].copy())
+    steps = np.diff(np.array([start[7:], *way]), axis=0)
+    assert np.abs(steps).max() <= LED_SPEED * DT + 1e-9
+    assert np.linalg.matrix_rank(steps, tol=1e-6) == 1
+    landing.begin(follower.stance.q)
+    assert np.abs(landing.lead(DT) - follower.stance.q)[7:].max() <= LED_SPEED * DT + 1e-9, "and again, from there"
+
+
+def test_one_tick_that_stands_still_is_no_stand() -> None:
+    """Where limbs meet, all stand still for a tick."""
+    follower = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    landing = Landing(op3(), follower.stance, follower.landmark_map.standing)
+    landing.begin(follower.stance.q)
+    moving, still = np.ones(op3().body.nv), np.zeros(op3().body.nv)
+    assert all(landing.goes_on(still, DT, stands=True) for _ in range(100)), "joints are still led"
+    while not landing.arrived:
+        landing.lead(DT)
+    for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
+        assert landing.goes_on(velocity, DT, stands=True)
+    assert not landing.goes_on(still, DT, stands=True)
+    landing.begin(follower.stance.q)
+    assert landing.goes_on(still, DT, stands=True), "and once more from the beginning"
+
+
+def test_it_lands_at_half_of_its_speeds_and_ends_at_rest() -> None:
+    robot = crouched()
+    robot.keep_pace(PACE)
+    way = [robot._q.copy()]
+    while (q := robot.land(DT)) is not None:
+        way.append(q.copy())
+    speeds = np.abs(np.diff(np.array(way)[:, op3().servo_columns], axis=0)) / DT
+    most = robot._limits.max_velocity[[op3().body.dof_index(joint) for joint in op3().joint_map.joints]]
+    assert 0.45 < (speeds / most).max() < 0.5 + 1e-6
+    assert speeds[-10:].max() < STANCE_RESTING_SPEED
+
+
+def test_hands_that_do_not_get_there_do_not_draw_the_body() -> None:
+    robot = crouched("toddlerbot")
+    standing = robot.landmark_map.standing
+    away = [
+        plus(place, (0.3, 0.0, 0.3)) if "hand" in name else place
+        for name, place in zip(robot.landmark_map.names, standing.landmarks, strict=True)
+    ]
+    hands = frozenset(row for row, name in enumerate(robot.landmark_map.names) if "hand" in name)
+    drawn = []
+    for anywhere in (hands, frozenset[int]()):
+        for _ in range(200):
+            robot._advance(AskedLandmarks(away, standing.trunk, standing.gaze, open=anywhere), DT, haste=1.0)
+        pelvis = robot.landmark_map.names.index("pelvis")
+        drawn.append(float(np.linalg.norm(np.subtract(robot._reached.landmarks[pelvis], standing.landmarks[pelvis]))))
+    assert drawn[0] < 0.005 < drawn[1]
+
+
+def test_priorities_that_look_at_no_motion_know_no_landing() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    servo = Follower(op3(), load_priorities("servo"), dimensions(performer()))
+    servo.start(postures(performer())[0])
+    assert servo.land(DT) is None
+    standing = servo.landmark_map.standing
+    assert landing_of(op3(), stance, standing, StandingBalance(load_priorities("servo"), stance)) is None
+    assert landing_of(op3(), stance, standing, None) is None
+
+
+TICKS = 900
+WARM = range(250, 550)
+
+
+@cache
+def human() -> list[HumanPosture]:
+    return postures(performer(), speed=2.0)[:TICKS]
+
+
+def asked(tick: int) -> float:
+    """The share of the speed that the guard would ask for."""
+    step = 0.5 * DT / RAMP_S
+    return max(0.5, 1.0 - step * (tick - WARM.start)) if tick < WARM.stop else min(1.0, 0.5 + step * (tick - WARM.stop))
+
+
+def begun() -> Follower:
+    robot = follower()
+    robot.start(human()[0])
+    last = robot.arrive(human()[0], DT)[-1]
+    robot.reseed(last.q, np.zeros(op3().body.nv))
+    return robot
+
+
+def followed(*, warm: bool) -> tuple[FloatArray, FloatArray]:
+    """Servo angles (T, n) that a gate lets pass, and how far the robot is behind (T,) m."""
+    robot, gate = begun(), Gate.for_servos(op3().joint_map, dt=DT)
+    rows: list[FloatArray] = []
+    behind: list[float] = []
+    for tick, posture in enumerate(human()):
+        if warm and tick >= WARM.start:
+            robot.keep_pace(asked(tick))
+        reached = robot.step(posture, DT)
+        if not rows:
+            gate.seed(reached.joint_positions)
+        rows.append(reached.joint_positions)
+        assert gate.passes(rows[-1]), tick
+        gate.admit(rows[-1])
+        behind.append(float(np.linalg.norm(reached.landmarks_asked - reached.landmarks_reached, axis=1).max()))
+    return np.array(rows), np.array(behind)
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    return followed(warm=True), followed(warm=False)
+
+
+def test_half_of_the_speed_in_time_and_every_limit_kept(both: tuple[tuple[FloatArray, ...], ...]) -> None:
+    speeds = np.abs(np.diff(both[0][0], axis=0)) / DT
+    most = op3().joint_map.max_velocity
+    slow = slice(WARM.start + round(0.7 / DT), WARM.stop - 1)
+    assert (speeds[slow] <= 0.5 * most + 1e-9).all()
+    assert np.abs(np.diff(both[1][0], axis=0)[slow]).max() / DT > 0.6 * most.max()  # it would have been faster
+    changes = np.abs(np.diff(both[0][0], n=2, axis=0)) / DT**2
+    assert (changes <= op3().joint_map.max_acceleration + 1e-6).all()
+
+
+def test_the_robot_lags_and_catches_up(both: tuple[tuple[FloatArray, ...], ...]) -> None:
+    (warm, behind), (cold, usual) = both
+    assert np.array_equal(warm[: WARM.start], cold[: WARM.start])
+    assert behind[WARM.start : WARM.stop].mean() > 1.2 * usual[WARM.start : WARM.stop].mean()
+    late = slice(WARM.stop + 150, TICKS)
+    assert behind[late].mean() < 1.1 * usual[late].mean()
+
+
+def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
+    """The way to a stop is one from the speed that the robot has, not from twice or half of it."""
+    robot = begun()
+    for tick, posture in enumerate(human()[: WARM.start + 120]):
+        if tick >= WARM.start:
+            robot.keep_pace(asked(tick))
+        reached = robot.step(posture, DT)
+        if tick == WARM.start + 118:
+            rows = [reached.joint_positions]
+    rows.append(reached.joint_positions)
+    for _ in range(60):
+        q = robot.halt(DT)
+        assert q is not None
+        rows.append(q[op3().servo_columns])
+    steps = np.diff(np.array(rows), axis=0)
+    assert np.abs(steps[0]).max() / DT > 0.2
+    assert (np.abs(np.diff(steps, axis=0)) <= op3().joint_map.max_acceleration * DT**2 + 1e-9).all()
+    assert not steps[-1].any()
+    still = int(np.argmax(~(np.abs(steps) > 0.0).any(axis=1)))
+    assert still * DT <= 0.35
+
+
+def test_a_leap_of_the_pace_is_none_of_the_robot() -> None:
+    """What moves goes on at its speed, and brakes from there: in following, and on the way to a stop."""
+    for halts in (False, True):
+        robot = begun()
+        rows = [robot.step(posture, DT).joint_positions for posture in human()[:200]]
+        robot.keep_pace(0.7)
+        q = robot.halt(DT) if halts else robot.step(human()[200], DT).q
+        assert q is not None
+        steps = np.diff([*rows[-2:], q[op3().servo_columns]], axis=0)
+        assert np.abs(steps[0]).max() / DT > 1.0
+        gentler = 0.7**2 if not halts else 1.0  # a way to a stop that was known is gone on as it was
+        assert (np.abs(steps[1] - steps[0]) <= gentler * op3().joint_map.max_acceleration * DT**2 + 1e-9).all()
+
+
+def test_whoever_tells_where_it_is_speaks_of_our_time() -> None:
+    robot = begun()
+    for posture in human()[:100]:
+        before, q = robot.step(posture, DT), robot.step(posture, DT).q
+    robot.keep_pace(0.5)
+    body = op3().body.solver_body()
+    moved = body.difference(before.q, q)
+    robot.reseed(q, moved / DT)
+    after = robot.step(human()[100], DT).q
+    change = np.abs(body.difference(q, after) - moved)[-len(op3().joint_map) :]
+    assert np.abs(moved[-len(op3().joint_map) :]).max() / DT > 0.5
+    assert change.max() <= 0.25 * op3().joint_map.max_acceleration.max() * DT**2 + 1e-9
+
+
+def test_obstacles_are_told_of_the_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, told = begun(), list[tuple[float, float]]()
+    robot.keep_pace(0.5)
+    monkeypatch.setattr(robot.surroundings, "tick", lambda who, dt, pace=1.0: told.append((dt, pace)))
+    robot.step(human()[0], DT)
+    robot.halt(DT)
+    assert told == [(DT, 0.5), (DT, 1.0)]
+
+
+def hinge() -> tuple[SlowTime, FloatArray, FloatArray]:
+    body = op3().body
+    limits = JointLimits(*(np.full(body.nv, value) for value in (-1.0, 1.0, 4.0, 10.0)))
+    return SlowTime(body, limits), body.qpos0.copy(), np.zeros(body.nv)
+
+
+def test_a_joint_that_brakes_before_its_limit_is_not_asked_to_brake_less() -> None:
+    time, q, velocity = hinge()
+    velocity[-1] = 2.0  # needs 0.2 rad to stand
+    q[-1] = 0.75
+    assert time.turn(0.95, q, velocity) == 0.95 and time.pace == 0.95
+    q[-1] = 0.79
+    assert time.turn(0.9, q, velocity) == 1.0 and time.pace == 0.95
+    velocity[-1] = -2.0  # away from the limit
+    assert time.turn(0.9, q, velocity) == pytest.approx(0.9 / 0.95)
+
+
+def test_faster_again_is_always_possible_and_a_joint_at_its_limit_hinders_nothing() -> None:
+    time, q, velocity = hinge()
+    q[-1] = 1.0
+    assert time.turn(0.5, q, velocity) == 0.5
+    velocity[-1] = 2.0
+    assert time.turn(1.0, q, velocity) == 2.0 and time.pace == 1.0

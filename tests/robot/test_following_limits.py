@@ -1,0 +1,175 @@
+"""The limits within which a robot follows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from followers import op3
+from hardware.servo import loop_lag
+from retarget.ik.support_polygon import plant
+from retarget.model.body import JointLimits
+from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.following_limits import (
+    BENT,
+    SHARE,
+    SLOWEST,
+    followed_speed,
+    following_limits,
+    loaded_speed,
+    off_stops,
+)
+from retarget.robot.posture_reader import standing_dofs
+
+
+def limits(robot: RobotBody) -> JointLimits:
+    return following_limits(robot, plant(robot, robot.profile.postures.stand))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.03, 0.1])
+def test_a_servo_at_this_speed_stays_within_the_error_that_lasts(late: float) -> None:
+    robot, dt = op3(), 1e-4
+    safety = robot.profile.safety
+    assert safety.following_error_lasting is not None
+    speeds = followed_speed(robot, limits(robot), late=late).max_velocity
+    for servo in robot.joint_map.servos:
+        speed = float(speeds[robot.body.dof_index(servo.joint)])
+        delay, share = round((1.0 / safety.rate_hz + late) / dt), dt / loop_lag(servo)
+        shaft, worst = 0.0, 0.0
+        for tick in range(round(0.8 / dt)):
+            shaft += share * (speed * max(tick - delay, 0) * dt - shaft)
+            worst = max(worst, speed * tick * dt - shaft)
+        assert worst == pytest.approx(SHARE * safety.following_error_lasting, rel=0.02)
+
+
+def test_no_joint_gets_faster_and_nothing_else_changes() -> None:
+    for name in ("op3", "wolfgang", "toddlerbot", "poppy"):
+        robot = load_robot(name)
+        free = limits(robot)
+        slow, slower = (followed_speed(robot, free, late=late) for late in (0.0, 0.03))
+        assert (slow.max_velocity <= free.max_velocity).all()
+        assert (slower.max_velocity <= slow.max_velocity).all() and (slower.max_velocity[6:] > 0.0).all()
+        for part in ("lower", "upper", "max_acceleration"):
+            np.testing.assert_array_equal(getattr(slower, part), getattr(free, part))
+
+
+def test_a_profile_without_that_bound_keeps_its_speeds() -> None:
+    robot = load_robot("op3")
+    safety = robot.profile.safety.model_copy(update={"following_error_lasting": None})
+    unwatched = replace(robot, profile=robot.profile.model_copy(update={"safety": safety}))
+    free = limits(robot)
+    assert followed_speed(unwatched, free, late=0.03) is free
+
+
+def test_they_are_those_of_the_servos_but_for_limbs_that_stay_bent() -> None:
+    body, servos = op3().body, op3().limits
+    limits = following_limits(op3(), plant(op3(), op3().profile.postures.stand))
+    drawn_in = {}
+    for index, joint in enumerate(op3().joint_map.joints):
+        dof = body.dof_index(joint)
+        assert limits.max_velocity[dof] == servos.max_velocity[index]
+        assert limits.max_acceleration[dof] == servos.max_acceleration[index]
+        if (limits.lower[dof], limits.upper[dof]) != (servos.lower[index], servos.upper[index]):
+            drawn_in[joint] = (limits.lower[dof], limits.upper[dof])
+    assert set(drawn_in) == {"l_knee", "r_knee", "l_el", "r_el"}
+    assert abs(drawn_in["l_knee"][0] - BENT) < 0.06 and abs(drawn_in["r_knee"][1] + BENT) < 0.06
+    assert drawn_in["l_el"][1] < -BENT / 2 and drawn_in["r_el"][0] > BENT / 2
+
+
+def test_a_free_root_has_none() -> None:
+    limits = following_limits(op3(), plant(op3(), op3().profile.postures.stand))
+    assert np.isinf(limits.max_velocity[:6]).all() and np.isinf(limits.max_acceleration[:6]).all()
+
+
+def test_the_standing_posture_is_inside() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    limits = following_limits(op3(), stance)
+    single, address = op3().body.scalar_joints()
+    q = stance.q[address[single]]
+    assert (q >= limits.lower[single]).all() and (q <= limits.upper[single]).all()
+
+
+BODY = op3().body
+
+
+def loaded_speed_limits() -> JointLimits:
+    return following_limits(op3(), plant(op3(), op3().profile.postures.stand))
+
+
+def test_a_knee_that_carries_is_slower_and_a_head_is_not() -> None:
+    free, loaded = loaded_speed_limits(), loaded_speed(op3(), loaded_speed_limits(), reserve=0.25)
+    for joint, expected in (("l_knee", 3.06), ("r_knee", 3.06), ("head_pan", 4.5), ("l_el", 4.5)):
+        assert loaded.max_velocity[BODY.dof_index(joint)] == pytest.approx(expected, abs=0.03)
+    assert (loaded.max_velocity <= free.max_velocity).all()
+    for name in ("lower", "upper", "max_acceleration"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(free, name))
+
+
+def test_more_reserve_is_slower_down_to_a_share() -> None:
+    knee = BODY.dof_index("l_knee")
+    speeds = [
+        float(loaded_speed(op3(), loaded_speed_limits(), reserve=reserve).max_velocity[knee])
+        for reserve in (0.0, 0.5, 99.0)
+    ]
+    servo = next(servo for servo in op3().joint_map.servos if servo.joint == "l_knee")
+    assert speeds[0] > speeds[1] > speeds[2] == pytest.approx(SLOWEST * servo.model.no_load_speed)
+
+
+def test_who_does_not_stand_keeps_its_limits() -> None:
+    hanging = load_robot("op3", root="fixed")
+    free = replace(loaded_speed_limits())
+    assert loaded_speed(hanging, free, reserve=0.25) is free
+
+
+@pytest.mark.parametrize("name", ["wolfgang", "toddlerbot"])
+def test_every_robot_keeps_some_speed(name: str) -> None:
+    robot = load_robot(name)
+    free = following_limits(robot, plant(robot, robot.profile.postures.stand))
+    loaded = loaded_speed(robot, free, reserve=0.25)
+    ratio = loaded.max_velocity[6:] / free.max_velocity[6:]
+    assert SLOWEST <= ratio.min() < 1.0 or np.isclose(ratio, 1.0).all()
+    assert ratio.max() == 1.0
+
+
+def off_stops_limits(robot: RobotBody) -> JointLimits:
+    return following_limits(robot, plant(robot, robot.profile.postures.stand))
+
+
+def test_legs_keep_off_and_arms_do_not() -> None:
+    free = off_stops_limits(op3())
+    kept = off_stops(op3(), free, margin=0.05)
+    body = op3().body
+    for joint, low, high in (("l_hip_pitch", -2.306194, 0.438692), ("l_ank_roll", -1.346263, 1.346263)):
+        dof = body.dof_index(joint)
+        assert (kept.lower[dof], kept.upper[dof]) == pytest.approx((low, high))
+    knee = body.dof_index("l_knee")
+    assert kept.upper[knee] == pytest.approx(2.533087)
+    assert kept.lower[knee] == free.lower[knee]  # it is kept bent by more than that already
+    arm = body.dof_index("l_el")
+    assert (kept.lower[arm], kept.upper[arm]) == (free.lower[arm], free.upper[arm])
+    for name in ("max_velocity", "max_acceleration"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(free, name))
+
+
+@pytest.mark.parametrize("name", ["op3", "wolfgang", "toddlerbot", "poppy"])
+@pytest.mark.parametrize("margin", [0.02, 0.05, 0.5])
+def test_no_robot_loses_how_it_stands(name: str, margin: float) -> None:
+    robot = load_robot(name)
+    free = off_stops_limits(robot)
+    kept = off_stops(robot, free, margin=margin)
+    assert (kept.lower >= free.lower).all() and (kept.upper <= free.upper).all()
+    assert (kept.lower < kept.upper)[6:].all()
+    dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
+    posture = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+    inside = (posture >= kept.lower[dofs] - 1e-12) & (posture <= kept.upper[dofs] + 1e-12)
+    was = (posture >= free.lower[dofs] - 1e-12) & (posture <= free.upper[dofs] + 1e-12)
+    assert inside[was].all()
+    changed = (kept.lower != free.lower) | (kept.upper != free.upper)
+    assert not (changed & ~standing_dofs(robot)).any()
+
+
+def test_nothing_to_keep_off_is_nothing() -> None:
+    free = off_stops_limits(op3())
+    assert off_stops(op3(), free, margin=0.0) is free
+    hanging = load_robot("op3", root="fixed")
+    assert off_stops(hanging, free, margin=0.05) is free

@@ -1,0 +1,371 @@
+"""What is asked of a robot: scaled limb by limb, in the performer's heading, within what the robot can do."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from followers import DT as LANDMARKS_DT
+from followers import dimensions, follower, op3, performer, postures
+from retarget import rotations
+from retarget.ik.support_polygon import plant
+from retarget.model.human_dimensions import POINTS
+from retarget.model.robot import load_robot
+from retarget.robot.crouch_envelope import Envelope
+from retarget.robot.landmarks import (
+    KNEE,
+    SETTLE_S,
+    Facing,
+    FeetApart,
+    LandmarkMap,
+    PelvisOverFoot,
+    drawn_in,
+    feet_apart,
+)
+from retarget.rotations import Vector, axis_turn, product
+from retarget.types import Carrying, FloatArray, HumanPosture
+
+DT = 0.008
+AHEAD = (0.1, 0.0, -0.02)
+
+
+def turned(angle: float) -> tuple[float, float, float]:
+    return (0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.0)
+
+
+def yaw(heading: tuple[float, float]) -> float:
+    return float(np.arctan2(heading[1], heading[0]))
+
+
+def test_the_first_posture_is_taken_as_it_is() -> None:
+    pelvis = axis_turn((0.0, 0.0, 1.0), 1.0)
+    assert abs(yaw(Facing().update(pelvis, turned(1.0), turned(1.0), DT)) - 1.0) < 1e-9
+
+
+def test_bending_does_not_turn_it() -> None:
+    for lean in (0.5, 1.5, 2.0):
+        pelvis = product(axis_turn((0.0, 0.0, 1.0), 0.7), axis_turn((0.0, 1.0, 0.0), lean))
+        assert abs(yaw(Facing().update(pelvis, turned(0.7), turned(0.7), DT)) - 0.7) < 1e-9
+
+
+def test_a_quick_twist_hardly_turns_it_and_a_new_stance_does() -> None:
+    facing, straight = Facing(), axis_turn((0.0, 0.0, 1.0), 0.0)
+    facing.update(straight, AHEAD, AHEAD, DT)
+    twist = axis_turn((0.0, 0.0, 1.0), 0.8)
+    for _ in range(int(0.2 / DT)):
+        heading = facing.update(twist, AHEAD, AHEAD, DT)
+    assert 0.0 < yaw(heading) < 0.1
+    for _ in range(int(8.0 * SETTLE_S / DT)):
+        heading = facing.update(twist, turned(0.8), turned(0.8), DT)
+    assert abs(yaw(heading) - 0.8) < 0.01
+
+
+def test_directions_that_disagree_hold_it() -> None:
+    facing, straight = Facing(), axis_turn((0.0, 0.0, 1.0), 0.0)
+    facing.update(straight, AHEAD, AHEAD, DT)
+    back = (-0.1, 0.0, 0.0)
+    for _ in range(1000):
+        heading = facing.update(straight, back, back, DT)
+    assert heading == (1.0, 0.0)
+
+
+def test_what_is_not_finite_takes_no_part() -> None:
+    nan = float("nan")
+    assert Facing().update(axis_turn((0.0, 0.0, 1.0), 0.3), (nan, nan, nan), turned(0.3), DT)[0] > 0.9
+
+
+def test_a_restart_forgets() -> None:
+    facing = Facing()
+    facing.update(axis_turn((0.0, 0.0, 1.0), 0.0), AHEAD, AHEAD, DT)
+    facing.restart()
+    assert abs(yaw(facing.update(axis_turn((0.0, 0.0, 1.0), 2.0), turned(2.0), turned(2.0), DT)) - 2.0) < 1e-9
+
+
+ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
+LEAST = 0.1
+reach = st.floats(-0.5, 0.5)
+
+
+@cache
+def of(name: str) -> FeetApart | None:
+    robot = load_robot(name, root="suspended")
+    stance = plant(robot, robot.profile.postures.stand)
+    return feet_apart(robot.profile, stance, tuple(robot.profile.landmarks))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_robot_keeps_its_left_foot_to_the_left_by_as_much_as_it_stands(name: str) -> None:
+    feet = of(name)
+    assert feet is not None
+    rows = tuple(load_robot(name).profile.landmarks)
+    assert (rows[feet.left], rows[feet.right]) == ("l_sole", "r_sole")
+    assert 0.03 < feet.least < 0.3
+
+
+def test_a_robot_without_two_feet_keeps_nothing() -> None:
+    profile = op3().profile
+    stance = plant(op3(), profile.postures.stand)
+    assert feet_apart(profile, stance, ("l_hand", "r_hand", "l_sole")) is None
+
+
+def ask(left: Vector, right: Vector) -> tuple[Vector, Vector]:
+    landmarks = [right, (1.0, 2.0, 3.0), left]
+    FeetApart(left=2, right=0, least=LEAST).ask(landmarks)
+    assert landmarks[1] == (1.0, 2.0, 3.0)
+    return landmarks[2], landmarks[0]
+
+
+@given(reach, reach, st.floats(LEAST * (1.0 + KNEE), 0.5))
+def test_what_is_asked_far_apart_stays(x: float, y: float, apart: float) -> None:
+    left, right = (x, y + apart, 0.1), (0.0, y, 0.0)
+    now = ask(left, right)
+    assert now[0] == pytest.approx(left, abs=1e-12) and now[1] == pytest.approx(right, abs=1e-12)
+
+
+@given(reach, reach)
+def test_feet_that_meet_or_cross_pass_beside_each_other(left: float, right: float) -> None:
+    first, second = ask((0.1, left, 0.2), (-0.1, right, 0.0))
+    assert first[1] - second[1] >= LEAST - 1e-12
+    assert first[1] + second[1] == pytest.approx(left + right, abs=1e-12)
+    assert (first[0], first[2], second[0], second[2]) == (0.1, 0.2, -0.1, 0.0)
+
+
+@given(st.floats(-0.3, 0.3), st.floats(1e-6, 1e-3))
+def test_no_leap_and_no_turning_back(apart: float, more: float) -> None:
+    """As feet come closer, what is asked comes closer as well, and never faster."""
+    here, there = (ask((0.0, way, 0.0), (0.0, 0.0, 0.0)) for way in (apart, apart + more))
+    grown = (there[0][1] - there[1][1]) - (here[0][1] - here[1][1])
+    assert -1e-12 <= grown <= more + 1e-12
+
+
+IDENTITIES = np.tile(rotations.IDENTITY, (3, 1))
+WIDE = Envelope(np.array([0.1, 0.25]), np.full((2, 4), 1.2))
+
+
+@cache
+def size() -> FloatArray:
+    return dimensions(performer()).standing()
+
+
+def landmark_map(envelope: Envelope | None = WIDE) -> LandmarkMap:
+    return LandmarkMap(op3().profile, dimensions(performer()), plant(op3(), op3().profile.postures.stand), envelope)
+
+
+def human(joints: FloatArray | None = None, orientations: FloatArray = IDENTITIES) -> HumanPosture:
+    """A performer with these joint centres (23, 3); absent: standing upright, facing x."""
+    joints = size() if joints is None else joints
+    return HumanPosture(np.zeros(0), POINTS, joints, orientations, np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0))
+
+
+def changed(change: Callable[[str, FloatArray], FloatArray]) -> FloatArray:
+    return np.array([change(name, point) for name, point in zip(POINTS, size(), strict=True)])
+
+
+def crouched(share: float) -> FloatArray:
+    """Feet nearer to the hips: their height under the pelvis times `share`."""
+    return changed(lambda n, p: p * np.array([1.0, 1.0, share]) if "ankle" in n or "toe" in n else p)
+
+
+def landmarks_ask(posture: HumanPosture, envelope: Envelope | None = WIDE) -> dict[str, FloatArray]:
+    where = landmark_map(envelope)
+    return dict(zip(where.names, map(np.array, where.ask(posture, LANDMARKS_DT).landmarks), strict=True))
+
+
+def test_a_standing_performer_is_a_standing_robot() -> None:
+    asked = landmarks_ask(human())
+    stance = plant(op3(), op3().profile.postures.stand)
+    assert np.allclose(asked["l_sole"], stance.points["l_sole"])
+    assert abs(asked["pelvis"][2] - stance.points["pelvis"][2]) < 0.01
+    assert np.linalg.norm(asked["head"] - stance.points["head"]) < 0.03
+    # Arms hang: a hand is an arm's length under the shoulder.
+    assert asked["l_hand"][2] < asked["pelvis"][2]
+    assert abs(np.linalg.norm(asked["l_hand"] - asked["r_hand"]) - 0.177) < 0.03
+
+
+def test_where_the_performer_stands_and_faces_does_not_matter() -> None:
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), 2.0)
+    moved = human(rotations.rotate(turn, size()) + np.array([3.0, -1.0, 0.0]), np.tile(turn, (3, 1)))
+    here, there = landmarks_ask(human()), landmarks_ask(moved)
+    assert all(np.allclose(here[name], there[name], atol=1e-9) for name in here)
+
+
+def test_a_crouch_is_a_crouch_and_stops_where_the_robot_does() -> None:
+    heights = [landmarks_ask(human(crouched(share)))["pelvis"][2] for share in np.linspace(1.0, 0.1, 10)]
+    assert (np.diff(heights) < 0.0).all()
+    assert heights[0] - heights[2] > 0.03
+    assert heights[-1] > WIDE.lowest
+
+
+def test_arms_are_scaled_from_the_robots_own_shoulders() -> None:
+    arm = np.linalg.norm(size()[POINTS.index("l_elbow")] - size()[POINTS.index("l_shoulder")])
+    arm += np.linalg.norm(size()[POINTS.index("l_wrist")] - size()[POINTS.index("l_elbow")])
+    shoulder = size()[POINTS.index("l_shoulder")]
+    forward = changed(lambda n, p: shoulder + np.array([arm, 0.0, 0.0]) if n == "l_wrist" else p)
+    asked = landmarks_ask(human(forward))["l_hand"]
+    stance = plant(op3(), op3().profile.postures.stand)
+    at = landmarks_ask(human())["pelvis"] + stance.points["l_shoulder"] - stance.points["pelvis"]
+    assert np.allclose(asked - at, [0.23, 0.0, 0.0], atol=1e-9)
+
+
+@given(st.floats(-0.9, 0.9), st.floats(-0.5, 0.5))
+def test_the_trunk_leans_and_twists_with_the_performer(lean: float, twist: float) -> None:
+    turn = rotations.multiply(
+        rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), lean),
+        rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), twist),
+    )
+    legs = ("hip", "knee", "ankle", "toe")
+    bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
+    asked = landmark_map().ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), LANDMARKS_DT)
+    if lean < 0.8:
+        assert rotations.angle_between(np.array(asked.trunk), turn) < 0.02
+    assert np.allclose(asked.gaze, rotations.rotate(turn, np.array([1.0, 0.0, 0.0])), atol=1e-9)
+
+
+def test_where_there_is_no_room_nothing_is_drawn_in_but_cut() -> None:
+    """A robot that cannot crouch at all."""
+    assert drawn_in(0.1, 0.0, 0.5) == 0.0 and drawn_in(-0.1, 0.0, 0.5) == -0.1
+
+
+def test_a_lean_beyond_the_robots_is_drawn_in() -> None:
+    turn = rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), 1.2)
+    legs = ("hip", "knee", "ankle", "toe")
+    bent = changed(lambda n, p: p if n.endswith(legs) else rotations.rotate(turn, p - hips()) + hips())
+    stiff = Envelope(np.array([0.1, 0.25]), np.full((2, 4), 0.5))
+    trunk = np.array(
+        landmark_map(stiff).ask(human(bent, np.array([rotations.IDENTITY, turn, turn])), LANDMARKS_DT).trunk
+    )
+    lean = float(rotations.angle_between(trunk, rotations.IDENTITY))
+    assert 0.35 < lean < 0.5
+
+
+def test_without_legs_pelvis_and_trunk_stay() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    assert np.allclose(landmarks_ask(human(crouched(0.5)), None)["pelvis"], stance.points["pelvis"])
+
+
+@given(st.floats(0.0, 3.0), st.floats(0.1, 2.0), st.floats(0.05, 0.9))
+def test_drawing_in_is_smooth_and_never_reaches_the_most(value: float, most: float, knee: float) -> None:
+    inside = drawn_in(value, most, knee)
+    assert inside <= most + 1e-12 and inside <= value + 1e-12
+    assert inside == value or value > (1.0 - knee) * most
+    assert drawn_in(value + 1e-3, most, knee) - inside <= 1e-3 + 1e-9
+    assert drawn_in(value + 1e-3, most, knee) >= inside
+
+
+def test_left_and_right_are_alike() -> None:
+    frames = performer()
+    there, mirrored = follower(frames), follower(frames.mirror())
+    for one, other in zip(postures(frames)[::100], postures(frames.mirror())[::100], strict=True):
+        a, b = there.start(one), mirrored.start(other)
+        left, right = a.landmark_names.index("l_hand"), a.landmark_names.index("r_hand")
+        assert np.allclose(a.landmarks_asked[left] * [1.0, -1.0, 1.0], b.landmarks_asked[right], atol=2e-3)
+
+
+def test_what_is_asked_does_not_depend_on_the_robot() -> None:
+    human_postures = postures(performer())[:300]
+    quick, still = follower(), follower(parts="whole")
+    quick.start(human_postures[0])
+    asked = [quick.step(posture, LANDMARKS_DT).landmarks_asked for posture in human_postures]
+    still.start(human_postures[0])
+    for posture, expected in zip(human_postures, asked, strict=True):
+        still.reseed(still.stance.q, np.zeros(op3().body.nv))
+        assert (still.step(posture, LANDMARKS_DT).landmarks_asked == expected).all()
+
+
+def hips() -> FloatArray:
+    return np.asarray(0.5 * (size()[POINTS.index("l_hip")] + size()[POINTS.index("r_hip")]))
+
+
+def stepping_map() -> LandmarkMap:
+    stance = plant(op3(), op3().profile.postures.stand)
+    return LandmarkMap(op3().profile, dimensions(performer()), stance, WIDE, steps=True)
+
+
+def test_a_robot_that_steps_is_asked_the_same_of_who_stands_on_both() -> None:
+    one, other = landmark_map().ask(human(), LANDMARKS_DT), stepping_map().ask(human(), LANDMARKS_DT)
+    assert np.allclose(one.landmarks, other.landmarks, atol=1e-12)
+    assert 0.0 < other.apart[1] < 0.1 and one.apart == (0.0, 0.0, 0.0)
+
+
+def test_who_lifts_a_foot_asks_a_robot_that_steps_for_no_crouch() -> None:
+    lifted = replace(
+        human(changed(lambda n, p: p + np.array([0.0, 0.0, 0.3]) if n == "r_ankle" else p)), carrying=Carrying.LEFT
+    )
+    where, row = stepping_map(), stepping_map().names.index("pelvis")
+    upright = where.ask(human(), LANDMARKS_DT).landmarks[row][2]
+    for _ in range(300):
+        asked = where.ask(lifted, LANDMARKS_DT)
+    assert abs(asked.landmarks[row][2] - upright) < 1e-3
+    assert landmark_map().ask(lifted, LANDMARKS_DT).landmarks[row][2] < upright - 0.02
+    assert asked.apart[2] < -0.05 and asked.carrying is Carrying.LEFT
+
+
+def test_a_body_that_is_led_aside_goes_there_as_a_whole_or_the_pelvis_alone() -> None:
+    asked = stepping_map().ask(human(), LANDMARKS_DT)
+    row, aside = stepping_map().names.index("pelvis"), (0.01, 0.04, 0.0)
+    for share in (0.0, 0.5, 1.0):
+        moved = np.array(asked.led(row, aside, share).landmarks) - np.array(asked.landmarks)
+        assert np.allclose(moved[row], aside)
+        assert np.allclose(np.delete(moved, row, axis=0), share * np.array(aside))
+
+
+def test_what_asks_a_robot_to_stand_is_its_stance() -> None:
+    stance = plant(op3(), op3().profile.postures.stand)
+    asked = dict(zip(landmark_map().names, landmark_map().standing.landmarks, strict=True))
+    assert all(np.allclose(asked[name], stance.points[op3().profile.landmarks[name].frame]) for name in asked)
+
+
+def test_a_robot_that_hangs_keeps_its_feet_apart_and_its_head_on_its_trunk() -> None:
+    robot = load_robot("op3", root="suspended")
+    stance = plant(robot, robot.profile.postures.stand)
+    where = LandmarkMap(robot.profile, dimensions(performer()), stance, None)
+    beside = {"l_ankle": np.array([0.0, -0.2, 0.0]), "head": np.array([0.1, 0.0, -0.1])}  # a foot across, a bent neck
+    joints = changed(lambda name, point: point + beside.get(name, 0.0))
+    asked = dict(zip(where.names, map(np.array, where.ask(human(joints), LANDMARKS_DT).landmarks), strict=True))
+    apart = stance.points["l_sole"][1] - stance.points["r_sole"][1]
+    assert apart <= asked["l_sole"][1] - asked["r_sole"][1] < 1.1 * apart
+    assert np.allclose(asked["head"], stance.points["head"]) and np.allclose(asked["pelvis"], stance.points["pelvis"])
+
+
+LEFT, RIGHT = np.array([0.0, 0.035, 0.03]), np.array([0.0, -0.035, 0.03])
+
+
+def settled(carrying: Carrying, pelvis: tuple[float, float, float], apart: tuple[float, float, float]) -> list[float]:
+    over = PelvisOverFoot(LEFT, RIGHT)
+    for _ in range(1000):
+        offset = over.step(pelvis, apart, carrying, 0.008)
+    return list(offset)
+
+
+def test_on_both_feet_it_is_where_it_was() -> None:
+    assert settled(Carrying.BOTH, (0.02, 0.0, 0.2), (0.1, 0.07, 0.0)) == [0.0, 0.0, 0.0]
+    assert settled(Carrying.FLIGHT, (0.02, 0.0, 0.2), (0.1, 0.07, 0.0)) == [0.0, 0.0, 0.0]
+
+
+def test_who_lifts_a_foot_does_not_crouch() -> None:
+    """The middle of both ankles rises by half of what the foot does."""
+    assert settled(Carrying.LEFT, (0.0, 0.0, 0.15), (0.0, 0.07, -0.1))[2] == pytest.approx(0.05)
+    assert settled(Carrying.RIGHT, (0.0, 0.0, 0.15), (0.0, 0.07, 0.1))[2] == pytest.approx(0.05)
+
+
+def test_aside_it_is_as_far_from_the_foot_as_on_the_performer() -> None:
+    """Hips over the left ankle, feet 0.1 apart: the robot's hips are over its left ankle."""
+    offset = settled(Carrying.LEFT, (0.0, 0.05, 0.2), (0.0, 0.1, 0.0))
+    assert 0.05 + offset[1] == pytest.approx(LEFT[1])
+
+
+def test_fore_and_aft_it_is_over_what_it_is_nearer_to() -> None:
+    walker = (0.01, 0.0, 0.2)
+    assert walker[0] + settled(Carrying.LEFT, walker, (-0.2, 0.07, 0.0))[0] == pytest.approx(0.01)
+    balancing = (-0.08, 0.0, 0.2)  # a leg is held out to the front, the hips are over the other
+    assert balancing[0] + settled(Carrying.LEFT, balancing, (-0.16, 0.07, 0.0))[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_it_goes_there_smoothly() -> None:
+    over = PelvisOverFoot(LEFT, RIGHT)
+    path = np.array([over.step((0.0, 0.0, 0.2), (0.0, 0.07, -0.1), Carrying.LEFT, 0.008) for _ in range(100)])
+    assert np.abs(np.diff(path, axis=0)).max() < 0.003

@@ -1,0 +1,210 @@
+"""Goals of one tick: near to where the robot is, towards what is asked, and nothing for what nobody asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from followers import DT as CHASE_DT
+from followers import follower, op3, performer, postures
+from hardware.joint_map import JointMap
+from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.support_polygon import plant
+from retarget.ik.tasks import SlotKind
+from retarget.model.robot import load_robot
+from retarget.robot.landmarks import AskedLandmarks
+from retarget.robot.posture_reader import RobotReader
+from retarget.robot.reference_governor import HELD, STANDING, Chase, Glide, Pace, Pursuit, braking_displacement
+from retarget.rotations import Vector
+from retarget.types import FloatArray
+
+STILL = frozenset({"l_sole", "r_sole"})
+
+
+def goal(hierarchy: Hierarchy, targets: np.ndarray, name: str) -> np.ndarray:
+    _, slots = hierarchy.position_slots([name])
+    return np.asarray(targets[slots[0]])
+
+
+def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> None:
+    robot = follower()
+    robot.start(postures(performer())[0])
+    hierarchy = robot.hierarchy
+    stance = plant(op3(), op3().profile.postures.stand)
+    reader = RobotReader(op3(), stance)
+    reached = reader.read(stance.q)
+    chase = Chase(op3(), hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+    hand = list(op3().profile.landmarks).index("l_hand")
+    landmarks: list[Vector] = list(reached.landmarks)
+    x, y, z = landmarks[hand]
+    landmarks[hand] = (x + 0.1, y, z)
+    asked = AskedLandmarks(landmarks, reached.trunk, reached.gaze)
+    targets = hierarchy.blank()
+    steps = []
+    for _ in range(5):
+        chase.aim(targets, asked, reached, CHASE_DT, haste=1.0)
+        weight, *place = goal(hierarchy, targets, "l_hand")
+        steps.append(np.array(place) - np.array((x, y, z)))
+        assert weight == 1.0
+    assert np.allclose(steps, [[step[0], 0.0, 0.0] for step in steps], atol=1e-12)
+    assert (np.diff([step[0] for step in steps]) > 0.0).all() and steps[-1][0] < 0.002
+    assert np.allclose(goal(hierarchy, targets, "pelvis")[1:], reached.landmarks[3], atol=1e-12)
+
+
+def test_planted_landmarks_are_not_chased() -> None:
+    robot = follower()
+    chase = Chase(op3(), robot.hierarchy, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
+    targets = robot.hierarchy.blank()
+    stance = plant(op3(), op3().profile.postures.stand)
+    reached = RobotReader(op3(), stance).read(stance.q)
+    chase.aim(targets, AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze), reached, CHASE_DT, haste=1.0)
+    assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
+    assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
+
+
+def test_the_pace_of_a_limb_is_that_of_its_own_joints() -> None:
+    """A weak joint elsewhere, such as a waist's, holds up no hand."""
+    steps = {}
+    for weak in ("none", "l_el", "l_ank_roll"):
+        servos = [
+            replace(servo, max_acceleration=4.0 if servo.joint == weak else 40.0) for servo in op3().joint_map.servos
+        ]
+        robot, hierarchy = replace(op3(), joint_map=JointMap(servos)), follower().hierarchy
+        stance = plant(robot, robot.profile.postures.stand)
+        reader = RobotReader(robot, stance)
+        reached = reader.read(stance.q)
+        chase = Chase(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
+        targets = hierarchy.blank()
+        chase.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, CHASE_DT, haste=1.0)
+        for name in ("l_hand", "r_hand", "pelvis"):
+            row = list(robot.profile.landmarks).index(name)
+            steps[weak, name] = float(goal(hierarchy, targets, name)[1]) - reached.landmarks[row][0]
+    assert steps["l_el", "l_hand"] == pytest.approx(0.1 * steps["none", "l_hand"])
+    assert steps["l_ank_roll", "pelvis"] == pytest.approx(0.1 * steps["none", "pelvis"])
+    for weak, name in (("l_el", "r_hand"), ("l_el", "pelvis"), ("l_ank_roll", "l_hand")):
+        assert steps[weak, name] == steps["none", name] > 0.0
+
+
+def test_who_is_held_goes_after_what_is_asked_with_more_of_its_servos() -> None:
+    steps = []
+    for root in ("free", "suspended"):
+        robot = load_robot("op3", root=root)
+        stance = plant(robot, robot.profile.postures.stand)
+        reader, hierarchy = RobotReader(robot, stance), follower().hierarchy
+        reached = reader.read(stance.q)
+        chase = Chase(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        targets, there = hierarchy.blank(), [(x + 0.1, y, z) for x, y, z in reached.landmarks]
+        chase.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, CHASE_DT, haste=1.0)
+        row = list(robot.profile.landmarks).index("l_hand")
+        steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - reached.landmarks[row][0])
+    assert steps[1] == pytest.approx(HELD[1] / STANDING[1] * steps[0])
+
+
+DT, ACCELERATION, SPEED = 0.008, 0.5, 0.1
+
+
+@settings(max_examples=30)
+@given(goals=st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)), min_size=1, max_size=8))
+def test_whatever_is_asked_it_keeps_its_speed_and_acceleration(goals: list[tuple[float, float]]) -> None:
+    glide, way = Glide((0.0, 0.0), acceleration=ACCELERATION, speed=SPEED), [[0.0, 0.0]]
+    for goal in goals:
+        way += [glide.step(goal, DT).copy() for _ in range(40)]
+    velocity = np.diff(np.array(way), axis=0) / DT
+    assert np.abs(velocity).max() <= SPEED + 1e-9
+    assert np.abs(np.diff(velocity, axis=0, prepend=0.0)).max() <= ACCELERATION * DT + 1e-9
+
+
+@given(goal=st.floats(-0.2, 0.2))
+def test_from_rest_it_arrives_without_overshoot_and_stays(goal: float) -> None:
+    glide = Glide((0.0,), acceleration=ACCELERATION, speed=SPEED)
+    way = np.array([glide.step((goal,), DT)[0] for _ in range(500)])
+    assert (np.abs(way) <= abs(goal) + 1e-12).all()
+    assert abs(way[-1] - goal) < 1e-9 and abs(glide.moved[0]) < 1e-9
+
+
+def test_it_goes_on_as_it_moved() -> None:
+    glide = Glide((0.0,), acceleration=ACCELERATION, speed=SPEED)
+    glide.restart((0.3,), (0.0008,))
+    assert glide.step((0.3,), DT)[0] > 0.3
+    assert glide.at[0] - 0.3 <= 0.0008
+
+
+PURSUIT_DT = 0.008
+PACE = Pace(own=4.0, catch_up=2.0, speed=0.5)
+
+
+def chase(asked: FloatArray, start: float | None = None, *, haste: float = 1.0) -> FloatArray:
+    """Where a point gets that goes after asked (T,) m along x and reaches every goal."""
+    pursuit = Pursuit(PACE)
+    here, last = asked[0] if start is None else start, asked[0]
+    track = []
+    for there in asked:
+        here += pursuit.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), PURSUIT_DT, haste=haste)[0]
+        last = there
+        track.append(here)
+    return np.array(track)
+
+
+@given(st.floats(1e-6, 1.0), st.floats(1e-5, 1e-2))
+def test_braking_ends_just_at_the_goal(gap: float, change: float) -> None:
+    step = braking_displacement(gap, change)
+    way, here = 0.0, step
+    while here > 0.0:
+        way, here = way + here, here - change
+    assert way <= gap * (1.0 + 1e-9) + 1e-12
+    assert step <= gap
+
+
+def test_outside_it_goes_straight_back() -> None:
+    assert braking_displacement(-0.01, 1e-4) == -0.01
+
+
+def test_a_jump_is_caught_up_with_once_and_for_all() -> None:
+    track = chase(np.r_[np.zeros(5), np.full(400, 0.3)])
+    speed = np.diff(track) / PURSUIT_DT
+    assert track.max() < 0.3 * 1.005
+    assert abs(track[-1] - 0.3) < 1e-4
+    assert speed.max() <= PACE.speed + PACE.own * PURSUIT_DT + 1e-9
+
+
+def test_a_smooth_motion_is_followed_with_hardly_any_lag() -> None:
+    time = np.arange(0.0, 4.0, PURSUIT_DT)
+    asked = 0.1 * np.sin(2.0 * np.pi * 0.7 * time)
+    assert np.abs(chase(asked) - asked)[100:].max() < 0.004
+
+
+def test_noise_is_not_passed_on() -> None:
+    noise = 0.001 * np.random.default_rng(0).standard_normal(1000)
+    track = chase(noise)
+    assert np.std(np.diff(track, n=2)[50:]) < 0.25 * np.std(np.diff(noise, n=2)[50:])
+
+
+def test_haste_slows_the_way_there() -> None:
+    asked = np.full(400, 0.3)
+    slow = np.diff(chase(asked, 0.0, haste=0.2)) / PURSUIT_DT
+    assert slow.max() <= 0.2 * PACE.speed + 1e-9
+
+
+def test_a_restart_forgets_the_motion() -> None:
+    pursuit = Pursuit(PACE)
+    for _ in range(50):
+        pursuit.step((0.002, 0.0, 0.0), (0.002, 0.0, 0.0), PURSUIT_DT)
+    pursuit.restart()
+    assert pursuit.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), PURSUIT_DT) == (0.0, 0.0, 0.0)
+
+
+def test_ahead_of_an_even_motion_by_just_so_much_time() -> None:
+    """Of a jump, which has no motion of its own that is believed at once, it is not ahead for long."""
+    ahead, speed = 0.05, 0.3
+    asked = speed * PURSUIT_DT * np.arange(150)
+    pursuit, here, last = Pursuit(PACE, ahead=ahead), 0.0, 0.0
+    for there in asked:
+        here += pursuit.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), PURSUIT_DT)[0]
+        last = there
+    assert here - asked[-1] == pytest.approx(speed * ahead, rel=0.05)
+    for _ in range(200):
+        here += pursuit.step((0.0, 0.0, 0.0), (last - here, 0.0, 0.0), PURSUIT_DT)[0]
+    assert here == pytest.approx(last, abs=1e-6)

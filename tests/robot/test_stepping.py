@@ -1,0 +1,268 @@
+"""A follower that steps in place: its soles, its balance and its limits, on postures alone; then with mass."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from followers import DT as STEPPING_DT
+from followers import DT as WEIGHT_SHIFT_DT
+from followers import Followed, assert_within_limits, collect, dimensions, op3, performer, postures
+from hardware.clock import VirtualClock
+from retarget.cli.buses import PhysicsBench
+from retarget.human.samples import Playback
+from retarget.ik.support_polygon import plant
+from retarget.report.measure import measure
+from retarget.robot.balance import GRAVITY
+from retarget.robot.follower import Follower
+from retarget.robot.step_plan import UNFELT_S, StepBalance, StepState
+from retarget.robot.stepping import HIGH, LOW, WAY, SwingFoot, WeightShift
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.schema.priorities import load_priorities
+from retarget.sources.open import open_source
+from retarget.types import Carrying, FloatArray, HumanPosture
+
+BOTH, LEFT, RIGHT = Carrying.BOTH, Carrying.LEFT, Carrying.RIGHT
+STANDS: HumanPosture = postures(performer())[0]
+
+
+def stepper() -> Follower:
+    priorities = load_priorities("steady").model_copy(update={"steps": "shift"})
+    return Follower(op3(), priorities, dimensions(performer()))
+
+
+def lifting(carrying: Carrying, high: float = 0.3) -> HumanPosture:
+    """The performer, standing, one ankle lifted."""
+    joints = STANDS.joints.copy()
+    if carrying in (LEFT, RIGHT):
+        joints[STANDS.joint_names.index("r_ankle" if carrying is LEFT else "l_ankle"), 2] += high
+    return replace(STANDS, joints=joints, carrying=carrying)
+
+
+def played(robot: Follower, story: Sequence[tuple[Carrying, float]]) -> Followed:
+    """Each for so many seconds."""
+    rows = [robot.start(STANDS)]
+    for carrying, seconds in story:
+        human = lifting(carrying)
+        rows += [robot.step(human, STEPPING_DT) for _ in range(round(seconds / STEPPING_DT))]
+    return collect(rows)
+
+
+def state(robot: Follower) -> StepState:
+    assert robot.steps is not None
+    return robot.steps.plan.state
+
+
+@cache
+def two_steps() -> tuple[Follower, Followed]:
+    robot = stepper()
+    return robot, played(robot, ((BOTH, 0.5), (LEFT, 3.0), (RIGHT, 4.0), (BOTH, 3.0)))
+
+
+def soles(q: FloatArray) -> FloatArray:
+    """Places (T, 2, 3) m."""
+    return op3().points(q, ("l_sole", "r_sole"))
+
+
+def test_each_foot_is_lifted_in_turn_and_put_down_in_its_place() -> None:
+    robot, done = two_steps()
+    height = soles(done.q)[..., 2]
+    assert robot.steps is not None and robot.steps.plan.state is StepState.BOTH
+    assert (robot.steps.plan.tally.asked, robot.steps.plan.tally.made) == (2, 2)
+    assert (height.max(axis=0) > 0.03).all() and height.min() > -2e-4
+    assert (height < 2e-4).any(axis=1).all(), "one is always down"
+    places = np.array([sole.position for sole in robot.stance.soles])
+    assert np.abs(soles(done.q[-1:])[0] - places).max() < 2e-4
+
+
+def test_it_keeps_its_limits_and_the_sole_that_carries() -> None:
+    robot, done = two_steps()
+    assert_within_limits(done.joints)
+    places = np.array([sole.position for sole in robot.stance.soles])
+    off = np.linalg.norm(soles(done.q) - places, axis=2)
+    assert off.min(axis=1).max() < 2e-4
+    quats = op3().orientations(done.q, ("l_sole", "r_sole"))
+    tilt = 2.0 * np.arcsin(np.hypot(quats[..., 1], quats[..., 2]))
+    assert tilt.max() < 0.02
+
+
+def test_no_foot_is_off_the_floor_before_the_balance_is_over_the_other() -> None:
+    robot, done = two_steps()
+    balance = StepBalance(robot.stance, 0.25)
+    com = op3().body.solver_body().centre_of_mass(np.ascontiguousarray(done.q))
+    velocity = np.gradient(com, STEPPING_DT, axis=0)
+    height = soles(done.q)[..., 2]
+    still = np.zeros(3)
+    for foot in (0, 1):
+        for row in np.flatnonzero(height[:, 1 - foot] > 5e-4):
+            assert balance.depth(balance.over[foot], com[row], velocity[row], still) > 0.0
+    assert done.support.min() > 0.02
+
+
+def test_who_is_too_fast_is_declined_and_stays_planted() -> None:
+    robot = stepper()
+    done = played(robot, ((BOTH, 0.5), *((LEFT, 0.2), (BOTH, 0.3)) * 3, (BOTH, 2.0)))
+    assert robot.steps is not None
+    tally = robot.steps.plan.tally
+    assert (tally.asked, tally.made, tally.declined) == (3, 0, 3)
+    assert soles(done.q)[..., 2].max() < 1e-4
+    assert robot.steps.stands
+
+
+def test_on_its_way_to_the_first_posture_it_makes_no_step() -> None:
+    robot = stepper()
+    robot.start(lifting(LEFT))
+    way = robot.arrive(lifting(LEFT), STEPPING_DT)
+    assert max(float(soles(posture.q[None])[..., 2].max()) for posture in way) < 1e-4
+    for _ in range(300):
+        robot.step(lifting(LEFT), STEPPING_DT)
+    assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
+
+
+def test_a_stop_on_one_foot_keeps_it_and_landing_ends_on_both() -> None:
+    robot = stepper()
+    played(robot, ((LEFT, 3.0),))
+    assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
+    for _ in range(30):
+        q = robot.halt(STEPPING_DT)
+        assert q is not None and np.abs(soles(q[None])[0, 0] - robot.stance.soles[0].position).max() < 1e-3
+    landed: list[FloatArray] = []
+    while (q := robot.land(STEPPING_DT)) is not None and len(landed) < 500:
+        landed.append(q)
+    assert len(landed) < 500 and robot.steps.stands
+    assert np.abs(soles(np.array(landed[-1:]))[0, :, 2]).max() < 2e-4
+    assert_within_limits(np.array(landed)[:, op3().servo_columns])
+
+
+def test_a_mass_that_was_stopped_beside_its_room_is_led_back_before_it_stands() -> None:
+    robot = stepper()
+    played(robot, ((BOTH, 0.5),))
+    steps = robot.steps
+    assert steps is not None and steps.stands
+    steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is beside
+    assert robot.land(STEPPING_DT) is not None and steps.plan.state is StepState.BACK
+
+
+def test_planted_priorities_make_no_steps() -> None:
+    robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    robot.start(STANDS)
+    assert robot.steps is None
+
+
+def test_a_foot_that_does_not_feel_the_floor_is_waited_for() -> None:
+    took = []
+    for felt in (None, (True, True), (True, False)):
+        robot = stepper()
+        played(robot, ((LEFT, 3.0),))
+        robot.feel(None if felt is None else np.array(felt))
+        ticks = 0
+        while state(robot) is StepState.SWING:
+            q, ticks = robot.step(STANDS, STEPPING_DT).q, ticks + 1
+        took.append(ticks * STEPPING_DT)
+        assert ticks > 0 and soles(q[None])[0, 1, 2] < 3e-4
+    assert took[1] == took[0] and took[2] - took[0] == pytest.approx(UNFELT_S, abs=2.0 * STEPPING_DT)
+
+
+@pytest.mark.parametrize("carrying", [LEFT, RIGHT])
+def test_whatever_goes_on_from_elsewhere_steps_on(carrying: Carrying) -> None:
+    """Something else was sent, as after a refusal of the gate."""
+    robot = stepper()
+    played(robot, ((carrying, 2.5),))
+    q = robot.step(lifting(carrying), STEPPING_DT).q.copy()
+    robot.reseed(q, np.zeros(op3().body.nv))
+    done = [robot.step(lifting(BOTH), STEPPING_DT) for _ in range(500)]
+    assert robot.steps is not None and robot.steps.stands
+    assert np.abs(soles(np.array([done[-1].q]))[0, :, 2]).max() < 2e-4
+
+
+@pytest.mark.long
+def test_with_mass_it_stands_on_one_foot_and_is_parked_on_both(shared: Path) -> None:
+    """A performer who balances on the left foot, for two seconds."""
+    source = shared / "mocap" / "cmu_asfamc" / "49_18.amc"
+    options = RunOptions(robot="op3", bus="physics", steps="shift", playback=Playback(end=1.5))
+    bench = PhysicsBench(options, lambda text: None)
+    clock = VirtualClock()
+    with prepare(lambda: open_source(source), options, clock=clock, make_bus=bench.make_bus, parks=True) as prepared:
+        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+    report = measure(bench.seen(run))
+    assert report.steps is not None and (report.steps.asked, report.steps.made, report.steps.declined) == (1, 1, 0)
+    assert report.fallen is False and report.gated_frames == 0 and report.stop.reason is None
+    assert report.physics is not None and report.soles is not None
+    assert report.soles.height_mm > 20.0 and report.physics.sole_tilt_max_deg < 3.0
+    assert report.physics.foot_slip_mm["total"] < 10.0
+    assert report.priority_violation_max is not None and report.priority_violation_max < 1.0
+    assert '"steps": {' in report.as_json()
+
+
+DT, LEG = 0.008, 0.2
+PLACE = np.array([0.01, 0.05, 0.0])
+
+
+def offsets() -> st.SearchStrategy[tuple[float, float, float]]:
+    return st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+
+
+@settings(max_examples=20)
+@given(asked=st.lists(offsets(), min_size=1, max_size=5), outward=st.sampled_from([1.0, -1.0]))
+def test_it_stays_within_bounds_and_comes_back(asked: list[tuple[float, float, float]], outward: float) -> None:
+    foot = SwingFoot(PLACE, outward=outward, leg=LEG)
+    up = np.array([foot.follow(offset, DT).copy() for offset in asked for _ in range(100)]) - PLACE
+    assert up[:, 2].min() >= 0.0 and up[:, 2].max() <= HIGH * LEG + 1e-9
+    assert np.abs(up[:, 0]).max() <= WAY * LEG + 1e-9
+    assert (outward * up[:, 1]).min() >= -1e-9 and (outward * up[:, 1]).max() <= WAY * LEG + 1e-9
+    assert up[-1, 2] >= LOW * LEG - 1e-9
+    aside = np.abs(up[:, :2]).max(axis=1) > 1e-9
+    assert not aside.any() or up[aside, 2].min() > 0.5 * LOW * LEG
+    down = np.array([foot.lower(DT).copy() for _ in range(400)]) - PLACE
+    assert np.abs(down[-1]).max() < 1e-6
+    low = down[:, 2] < 0.5 * LOW * LEG
+    assert np.abs(down[low, :2]).max() < 1.1e-3, "straight down at the end"
+
+
+def test_it_goes_on_from_where_it_was_sent() -> None:
+    foot = SwingFoot(PLACE, outward=1.0, leg=LEG)
+    foot.restart([0.02, 0.06, 0.03])
+    assert np.abs(np.array(foot.lower(DT)) - [0.02, 0.06, 0.03]).max() < 1e-4
+
+
+HEIGHT = 0.25
+STANCE = plant(op3(), op3().profile.postures.stand)
+BALANCE = StepBalance(STANCE, 0.25)
+STILL = np.zeros(3)
+
+
+def shift() -> WeightShift:
+    return WeightShift(room=BALANCE.room, height=HEIGHT)
+
+
+@settings(max_examples=20)
+@given(share_x=st.floats(-0.99, 0.99), share_y=st.floats(-0.99, 0.99), foot=st.sampled_from([1, 2]))
+def test_from_wherever_it_stands_it_arrives_and_is_never_pushed_from_outside(
+    share_x: float, share_y: float, foot: int
+) -> None:
+    way = shift()
+    way.restart(np.array([0.0158 * share_x, 0.0216 * share_y, HEIGHT]), STILL, WEIGHT_SHIFT_DT)
+    rows = [np.array(way.at)] * 2
+    rows += [way.step(BALANCE.middles[foot], BALANCE.on_the_way, WEIGHT_SHIFT_DT).copy() for _ in range(500)]
+    path = np.array(rows)
+    pushed = path[1:-1] - HEIGHT / GRAVITY * np.diff(path, n=2, axis=0) / WEIGHT_SHIFT_DT**2
+    worst = min(BALANCE.depth(BALANCE.on_the_way, np.array([*point, 0.0]), STILL, STILL) for point in pushed)
+    assert worst > -1e-9
+    assert np.abs(path[-1] - BALANCE.middles[foot]).max() < 1e-6
+
+
+def test_who_stands_at_the_edge_still_goes_along_it() -> None:
+    """No room to be pushed away from the edge, but along it."""
+    edge = max(offset for nx, _, offset in BALANCE.on_the_way if nx == 1.0)
+    way = shift()
+    way.restart(np.array([edge, 0.0, HEIGHT]), STILL, WEIGHT_SHIFT_DT)
+    for _ in range(50):
+        way.step(BALANCE.middles[1], BALANCE.on_the_way, WEIGHT_SHIFT_DT)
+    assert way.at[1] > 0.01 and way.at[0] <= edge + 1e-12

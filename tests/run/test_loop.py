@@ -1,0 +1,314 @@
+"""The tick loop: rows, timing, gating, stops. Stages are stand-ins; bus, guard and gate are real."""
+
+import numpy as np
+import pytest
+
+from hardware.bus import ServoGoals
+from hardware.clock import VirtualClock
+from hardware.errors import BusError, RetargetError
+from messages import refuses, shows
+from retarget.report.motion_metrics import LimitViolations, limit_violations
+from retarget.run.loop import INTERRUPTED, Ending, Pipeline, Unfailing, Watch
+from retarget.run.record import Phase, Record
+from retarget.types import FloatArray, HumanPosture, RobotPosture
+from rig import Rig, StubReconstructor, person, short_clip
+from sim.mock_bus import FaultKind, MockFault
+
+TICKS = 51
+
+
+def still() -> FloatArray:
+    return np.zeros((TICKS, 20))
+
+
+def swing(size: float) -> FloatArray:
+    """Joint 0 goes there and back smoothly."""
+    script = still()
+    script[:, 0] = size * 0.5 * (1.0 - np.cos(2.0 * np.pi * np.arange(TICKS) / (TICKS - 1)))
+    return script
+
+
+def ramp() -> FloatArray:
+    """Joint 0 sets off smoothly and is moving when the clip ends."""
+    script = still()
+    script[:, 0] = 4.0 * (np.arange(TICKS) / 125.0) ** 2
+    return script
+
+
+def play(rig: Rig, watch: Watch | None = None) -> Ending:
+    clip = short_clip(seconds=0.4)
+    assert len(clip) == TICKS
+    return Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run(watch)
+
+
+def written(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
+    """Everything that goes onto the bus, filled while the rig plays; the first is the present posture, at arming."""
+    goals: list[list[int]] = []
+    write = rig.bus.write
+
+    def noted(wanted: ServoGoals) -> None:
+        write(wanted)
+        goals.append(wanted.ticks.tolist())
+
+    monkeypatch.setattr(rig.bus, "write", noted)
+    return goals
+
+
+def test_every_tick_has_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(ramp())
+    goals = written(rig, monkeypatch)
+    ending = play(rig)
+    record, robot = ending.record, ending.record.robot
+    assert robot is not None
+    assert (ending.state, ending.reason) == ("idle", None)
+    assert len(record) == len(robot.q) == len(record.human.q)
+    assert robot.goal_ticks.tolist() == goals[1:]
+    phases = record.phase.tolist()
+    assert phases == sorted(phases) and phases.count(Phase.FOLLOW) == TICKS
+    assert phases.count(Phase.APPROACH) > 0 and phases.count(Phase.BRAKE) > 0
+    assert np.isfinite(robot.q).all() and np.isfinite(record.human.joints).all() and np.isfinite(robot.present).all()
+    assert record.time == pytest.approx((np.arange(len(record)) - phases.count(Phase.APPROACH)) / 125.0)
+    assert not robot.gated.any()
+    assert not rig.bus.torque_on
+
+
+def test_only_what_follows_is_compared_with_what_is_asked() -> None:
+    record = play(Rig(ramp())).record
+    assert record.robot is not None
+    known = np.asarray(np.isfinite(record.robot.landmarks_asked).all(axis=(1, 2)))
+    following = record.phase == Phase.FOLLOW
+    assert known.tolist() == following.tolist() == np.isfinite(record.timing.retarget).tolist()
+    assert np.isfinite(record.human.balance_error).tolist() == following.tolist()
+    assert known[record.following].all() and np.count_nonzero(known) == TICKS
+
+
+def test_what_is_kept_is_what_was_sent() -> None:
+    rig = Rig(swing(0.1))
+    record = play(rig).record
+    robot = record.robot
+    assert robot is not None
+    sent = robot.q[:, rig.robot.servo_columns]
+    np.testing.assert_array_equal(rig.robot.joint_map.to_ticks(sent), robot.goal_ticks)
+    stand = rig.follower.stance.q[rig.robot.servo_columns]
+    np.testing.assert_allclose((sent - stand)[record.following], swing(0.1), atol=1e-12)
+    # The servos follow, late: what they say at the start of a tick is not yet the goal of that tick.
+    assert 0.03 < np.abs(robot.present[:, 0] - stand[0]).max() <= 0.1
+
+
+def test_the_whole_motion_from_rest_to_rest_keeps_the_limits() -> None:
+    rig = Rig(ramp())
+    robot = play(rig).record.robot
+    assert robot is not None
+    sent = np.vstack([robot.start, robot.q[:, rig.robot.servo_columns]])
+    assert limit_violations(sent, rig.robot.limits, rig.dt) == LimitViolations(0, 0, 0)
+    last = np.abs(np.diff(sent[-2:], axis=0)[0])
+    assert (last <= rig.robot.limits.max_acceleration * rig.dt**2 * (1.0 + 1e-9)).all()
+
+
+def test_times_are_counted() -> None:
+    record = play(Rig(still())).record
+    timing, following = record.timing, record.following
+    assert (timing.cycle > 0.0).all()
+    assert (timing.retarget[following] > 0.0).all() and (timing.reconstruct[following] > 0.0).all()
+
+
+def test_who_looks_on_is_part_of_the_time_of_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They see the tick without themselves, and it is then counted with them."""
+    wall, seen = VirtualClock(), list[float]()
+    monkeypatch.setattr("retarget.run.loop.MonotonicClock", lambda: wall)
+
+    def look(record: Record, row: int) -> None:
+        seen.append(float(record.timing.cycle[row]))
+        wall.advance(0.25)
+
+    clip, human = short_clip(rate_hz=None), person()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human)).run(Watch(on_row=look))
+    assert seen == [0.0] * len(ending.record) and (ending.record.timing.cycle == 0.25).all()
+
+
+def test_a_jump_is_gated_and_the_follower_is_told() -> None:
+    script = still()
+    script[10:, 3] = 1.0
+    rig = Rig(script)
+    record = play(rig).record
+    robot, first = record.robot, record.following.start
+    assert robot is not None
+    assert robot.gated[first + 10 :].all() and not robot.gated[: first + 10].any()
+    assert len(rig.follower.reseeded) == np.count_nonzero(robot.gated)
+    np.testing.assert_array_equal(rig.follower.reseeded[0], robot.q[first + 10, rig.robot.servo_columns])
+    assert np.abs(np.diff(robot.q[:, rig.robot.servo_columns], axis=0)).max() < 0.01
+
+
+def test_a_goal_that_is_not_finite_stops_nothing_and_is_not_sent() -> None:
+    script = still()
+    script[20] = np.nan
+    record = play(Rig(script)).record
+    robot = record.robot
+    assert robot is not None
+    assert robot.gated[record.following].tolist() == [tick == 20 for tick in range(TICKS)]
+    assert np.isfinite(robot.q).all()
+
+
+def test_a_servo_alert_stops_with_a_reason_and_keeps_the_braking() -> None:
+    fault = MockFault(FaultKind.ALERT, first=30, cycles=1, servo=4, alert=0x04)
+    rig = Rig(swing(0.3), faults=(fault,))
+    ending = play(rig)
+    robot = ending.record.robot
+    assert robot is not None
+    assert ending.state == "stopped"
+    assert ending.reason is not None and "OVERHEATING" in ending.reason
+    assert 10 < len(ending.record) < TICKS
+    assert ending.record.phase[-1] == Phase.BRAKE and robot.faults[-1] == 1
+    assert np.isfinite(robot.q).all()
+    assert not rig.bus.torque_on
+
+
+def test_a_lost_bus_stops() -> None:
+    rig = Rig(still(), faults=(MockFault(FaultKind.READ_FAILS, first=20, cycles=1000),))
+    ending = play(rig)
+    assert ending.state == "stopped" and ending.reason is not None
+    shows(ending.reason)
+    assert ending.record.robot is not None and len(ending.record) == 19  # read cycle 0 was for arming
+
+
+def test_an_exception_in_a_stage_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing(0.3))
+
+    def fail(human: HumanPosture, dt: float) -> RobotPosture:
+        if rig.follower.tick == 12:
+            raise ArithmeticError("the stage broke")
+        return follow(human, dt)
+
+    follow = rig.follower.step
+    monkeypatch.setattr(rig.follower, "step", fail)
+    ending = play(rig)
+    assert ending.state == "stopped" and ending.reason == "the stage broke"
+
+
+def test_asking_to_stop_brakes() -> None:
+    asked = iter([False] * 15 + [True] * 1000)
+    rig = Rig(swing(0.3))
+    ending = play(rig, Watch(stop_asked=lambda: next(asked)))
+    robot = ending.record.robot
+    assert robot is not None
+    assert ending.state == "stopped" and ending.reason == INTERRUPTED
+    steps = np.abs(np.diff(robot.q[:, rig.robot.servo_columns], axis=0)).max(axis=1)
+    assert steps[13] > 1e-4 and steps[-1] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("after", [0, 1, 60])
+def test_a_stop_asked_for_during_the_approach_is_heard(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = iter([False] * after + [True])
+    rig = Rig(still() + np.linspace(-0.4, 0.4, 20))
+    goals = written(rig, monkeypatch)
+    ending = play(rig, Watch(stop_asked=lambda: next(asked)))
+    record, robot = ending.record, ending.record.robot
+    assert robot is not None
+    assert ending.state == "stopped" and ending.reason == INTERRUPTED
+    assert np.count_nonzero(record.phase == Phase.APPROACH) == after
+    assert set(record.phase.tolist()) <= {Phase.APPROACH, Phase.BRAKE}
+    assert robot.goal_ticks.tolist() == goals[1:] and not robot.gated.any()
+    assert record.following == slice(0, 0) and not np.isfinite(robot.landmarks_asked).any()
+    if after == 60:
+        # It stops on the line that it goes.
+        way = robot.q[:, rig.robot.servo_columns] - robot.start
+        line = way[-1] / np.linalg.norm(way[-1])
+        assert np.linalg.norm(way - np.outer(way @ line, line), axis=1).max() < 1e-12
+        sent = np.vstack([robot.start, robot.q[:, rig.robot.servo_columns]])
+        assert limit_violations(sent, rig.robot.limits, rig.dt) == LimitViolations(0, 0, 0)
+        assert len(record) - after > 1
+
+
+def test_nothing_starts_on_a_robot_that_is_not_well() -> None:
+    rig = Rig(still(), faults=(MockFault(FaultKind.MISSING, first=0, cycles=10, servo=2),))
+    with refuses(RetargetError, "r_sho_roll"):
+        play(rig)
+    assert not rig.bus.torque_on
+
+
+def test_the_robot_walks_slowly_to_where_following_begins() -> None:
+    script = still() + 0.4
+    rig = Rig(script)
+    ending = play(rig)
+    robot = ending.record.robot
+    assert robot is not None
+    record = ending.record
+    assert not robot.gated.any()
+    way = robot.q[record.phase == Phase.APPROACH][:, rig.robot.servo_columns]
+    stand = rig.follower.stance.q[rig.robot.servo_columns]
+    np.testing.assert_allclose(robot.start, stand, atol=1e-3)
+    np.testing.assert_allclose(way[-1], stand + 0.4, atol=1e-12)
+    speed = np.abs(np.diff(np.vstack([robot.start, way]), axis=0)) / rig.dt
+    assert (speed <= 0.2 * rig.robot.limits.max_velocity * (1.0 + 1e-9)).all()
+    assert len(way) * rig.dt > 1.8 * 0.4 / (0.2 * 4.5)
+
+
+def test_the_human_alone_needs_no_robot() -> None:
+    clip = short_clip(seconds=0.3, rate_hz=None)
+    reconstructor = StubReconstructor(person())
+    done: list[int] = []
+    ending = Pipeline(clip=clip, reconstructor=reconstructor).run(Watch(done.append, every=10))
+    assert ending.record.robot is None and ending.state is None and ending.reason is None
+    assert len(ending.record) == clip.source_frames == 37
+    assert done[0] == 1 and done[-1] == 37
+    assert set(reconstructor.calls) == {1.0 / 120.0}
+
+
+def test_slow_motion_keeps_the_performers_clock() -> None:
+    clip = short_clip(seconds=0.2, speed=0.5)
+    assert len(clip) == TICKS
+    reconstructor = StubReconstructor(person())
+    Pipeline(clip=clip, reconstructor=reconstructor).run()
+    assert reconstructor.calls == pytest.approx([0.5 / 125.0] * (TICKS - 1))
+
+
+def test_a_failure_outside_a_tick_stops_the_robot_too() -> None:
+    rig = Rig(swing(0.1))
+
+    def broken(_tick: int) -> None:
+        raise OSError("no terminal")
+
+    with refuses(OSError):
+        play(rig, Watch(broken))
+    assert rig.guard.stop_reason is not None
+    shows(rig.guard.stop_reason.reason)
+    assert rig.gate.at_rest and not rig.bus.torque_on
+
+
+def test_torque_that_cannot_be_switched_off_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(still())
+    torque = rig.bus.torque
+
+    def stuck(on: bool) -> None:
+        if not on:
+            raise BusError("no answer")
+        torque(on)
+
+    monkeypatch.setattr(rig.bus, "torque", stuck)
+    ending = play(rig)
+    assert ending.state == "stopped"
+    assert ending.reason is not None
+    shows(ending.reason)
+
+
+def test_the_answer_is_that_of_the_question() -> None:
+    answers = iter((False, True))
+    asked = Unfailing(lambda: next(answers))
+    assert (asked(), asked()) == (False, True)
+    asked.settle()
+
+
+def test_from_its_failure_on_it_is_no_and_the_failure_is_raised_in_the_end() -> None:
+    count = 0
+
+    def question() -> bool:
+        nonlocal count
+        count += 1
+        if count == 2:
+            raise OSError("no such drive")
+        return True
+
+    asked = Unfailing(question)
+    assert [asked() for _ in range(4)] == [True, False, False, False] and count == 2
+    with refuses(OSError):
+        asked.settle()

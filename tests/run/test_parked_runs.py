@@ -1,0 +1,145 @@
+"""Whole runs that are stopped at any time: the robot is parked, slowly, around what moves, and stays there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.bus import ServoBus
+from hardware.clock import Clock, VirtualClock
+from retarget.cli.buses import PhysicsBench
+from retarget.human.samples import Playback
+from retarget.ik.hierarchy import Surroundings
+from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.follower import Follower
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.rest_trajectory import PACE
+from retarget.run.run_result import RunResult
+from retarget.safety.gate import Gate
+from retarget.types import FloatArray
+from sim.mock_bus import MockBus
+from sim.performer import synthetic_performer
+from sim.physics.witness import Witness
+
+BALL = """
+name: ball
+description: A ball that comes to where the robot squats, while it is parked
+obstacles:
+  ball:
+    shape: {sphere: {radius: 0.05}}
+    path:
+      - {time: 0.0, pos: [2.0, 0.0, 0.5]}
+      - {time: 30.0, pos: [1.0, 0.0, 0.5]}
+"""
+
+
+def angles(robot: RobotBody, name: str) -> FloatArray:
+    return robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns]
+
+
+def stopped(name: str, after: int, *, start: str, scene: Path | None = None) -> tuple[RunResult, Surroundings | None]:
+    """A run on a mock bus, of a robot in the posture `start`, that is stopped after so many ticks."""
+
+    def bus(robot: RobotBody, clock: Clock) -> ServoBus:
+        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(angles(robot, start)))
+
+    asked = RunOptions(
+        robot=name,
+        bus="mock",
+        priorities="steady",
+        scene=None if scene is None else str(scene),
+        playback=Playback(end=1.0),
+    )
+    ticks = iter(range(10**6))
+    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bus, parks=True) as prepared:
+        run = prepared.run(Watch(stop_asked=lambda: next(ticks) >= after))
+        return run, prepared.surroundings
+
+
+@pytest.mark.parametrize(("name", "after"), [("op3", 1), ("op3", 100), ("wolfgang", 30)])
+def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, after: int) -> None:
+    run, _ = stopped(name, after, start="rest")
+    assert run.record is not None and run.record.robot is not None and run.robot is not None
+    rest, stand = angles(run.robot, "rest"), angles(run.robot, "stand")
+    risen = (run.record.robot.goals - rest) @ (stand - rest) / ((stand - rest) @ (stand - rest))
+    at_stop = risen[: after + 1].max()
+    assert risen.max() < at_stop + 0.05 < 0.9  # it brakes first
+    assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("parked" in note for note in run.notes)
+
+
+def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has left the straight way on which it rises, and has not followed; some goals of the landing are refused."""
+    refused: list[int] = []
+    admit, land, reseed = Gate.admit, Follower.land, Follower.reseed
+    told: list[int] = []
+    landed: list[FloatArray] = []
+
+    def landing(self: Follower, dt: float) -> FloatArray | None:
+        q = land(self, dt)
+        landed.extend([] if q is None else [q.copy()])
+        return q
+
+    def once(self: Gate, goal: FloatArray) -> FloatArray:
+        if len(landed) >= 60 and len(refused) < 3:
+            refused.append(len(landed))
+            return self.brake()
+        return admit(self, goal)
+
+    def reseeded(self: Follower, q: FloatArray, velocity: FloatArray) -> None:
+        told.append(len(landed))
+        reseed(self, q, velocity)
+
+    monkeypatch.setattr(Follower, "land", landing)
+    monkeypatch.setattr(Follower, "reseed", reseeded)
+    monkeypatch.setattr(Gate, "admit", once)
+    run, _ = stopped("op3", 60, start="stand")
+    assert run.record is not None and run.record.robot is not None and run.robot is not None
+    assert run.record.following.start == run.record.following.stop
+    assert np.count_nonzero(run.record.robot.gated) == len(refused) == 3, "it went on from where it was"
+    assert told[-3:] == refused and told[-4] == 0, "the follower knows, and began from where the robot stood"
+    aside = np.abs(run.record.robot.goals - angles(run.robot, "attractor"))[:, :6].max(axis=1)
+    assert aside.min() < 0.05 and np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
+
+
+def test_a_stop_after_it_followed_lands_at_half_of_all_speeds() -> None:
+    run, _ = stopped("op3", 10**6, start="stand")
+    assert run.record is not None and run.record.robot is not None and run.robot is not None
+    goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
+    stop = run.record.following.stop + 60  # it brakes first
+    speeds = np.abs(np.diff(goals[stop:], axis=0)) / dt / run.robot.joint_map.max_velocity
+    assert 0.1 < speeds.max() < PACE + 0.05  # goals are held beside postures
+    assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
+
+
+def test_obstacles_move_on_while_it_is_parked(tmp_path: Path) -> None:
+    scene = tmp_path / "ball.yaml"
+    scene.write_text(BALL)
+    run, around = stopped("op3", 10**6, start="stand", scene=scene)
+    assert run.record is not None and run.record.robot is not None and run.robot is not None and around is not None
+    lasted = float(run.record.time[-1])  # since it follows
+    assert lasted > 5.0 and around.time == pytest.approx(lasted, abs=0.1)
+
+
+@pytest.mark.parametrize("name", ["op3", "poppy", "wolfgang"])
+def test_a_run_that_is_parked_stays_so_when_its_torque_goes(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """ToddlerBot does not: its ankles have no stop within reach, and next to no friction."""
+    witnesses: list[Witness] = []
+    see_it_out = Witness.see_it_out
+
+    def kept(witness: Witness) -> None:
+        witnesses.append(witness)
+        see_it_out(witness)
+
+    monkeypatch.setattr(Witness, "see_it_out", kept)
+    asked = RunOptions(robot=name, bus="physics", playback=Playback(end=2.0))
+    bench = PhysicsBench(asked, lambda text: None)
+    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
+        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+    run = bench.seen(run)
+    assert run.physics is not None and run.physics.fall is None and run.physics.toppled is None
+    robot = load_robot(name)
+    legs = [column for column, joint in zip(robot.servo_columns, robot.joint_map.joints, strict=True) if "nee" in joint]
+    now = witnesses[-1].state.q[legs]
+    assert np.abs(now - robot.posture(robot.profile.postures.rest)[legs]).max() < 0.2

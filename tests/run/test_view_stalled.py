@@ -1,0 +1,89 @@
+"""A page that hangs, is stopped, or is dead changes nothing of a run: on virtual time it is equal bit for bit."""
+
+import os
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from retarget.cli.buses import make_bus
+from retarget.cli.exit import StopRequest
+from retarget.cli.view import viewing
+from retarget.human.samples import Playback
+from retarget.run.loop import Watch
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.record import Record
+from retarget.viewer.feed import ViewFeed
+from sim.performer import synthetic_performer
+
+pytest.importorskip("viser", reason="the viewer's extra is not installed")
+
+HURT_AT = 40
+"""The row after which something happens to the page: rows have been shown by then."""
+
+
+def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: None) -> tuple[Record, int]:
+    """A second of the performer on virtual time, and how many moments the page did not take. hurt: what happens to the
+    process of the page."""
+    options, feeds = RunOptions(robot="op3", playback=Playback(end=1.0)), list[ViewFeed]()
+    with (
+        prepare(
+            synthetic_performer,
+            options,
+            clock=VirtualClock(),
+            make_bus=lambda body, clock: make_bus(options.bus, body, clock),
+        ) as prepared,
+        viewing(port, prepared, options, tell=lambda text: None) as page,
+    ):
+        feed = page._feed
+        if feed is not None:
+            feed._every = 1  # so that what the page does not take is more than fits between the two
+        stop = StopRequest()
+
+        def hurting(record: Record, row: int) -> None:
+            if row == HURT_AT and feed is not None:
+                feeds.append(feed)
+                hurt(feed._process.pid)
+
+        watch = Watch(stop_asked=page.heard(stop, stop), on_row=hurting)
+        record = prepared.run(page.watch(watch)).record
+        for one in feeds:  # else closing it would wait for a process that cannot end
+            with suppress(ProcessLookupError):
+                os.kill(one._process.pid, signal.SIGKILL)
+    return record, sum(one.dropped for one in feeds)
+
+
+@pytest.fixture(scope="module")
+def alone() -> Record:
+    return run(port=None)[0]
+
+
+def nothing(process: int) -> None:
+    """Nobody hurts it."""
+
+
+def stopped(process: int) -> None:
+    os.kill(process, signal.SIGSTOP)
+
+
+def killed(process: int) -> None:
+    os.kill(process, signal.SIGKILL)
+
+
+@pytest.mark.parametrize(("hurt", "least_dropped"), [(nothing, 0), (stopped, 10), (killed, 100)])
+def test_goals_and_all_else_are_equal_bit_for_bit(
+    alone: Record, hurt: Callable[[int], object], least_dropped: int
+) -> None:
+    record, dropped = run(port=0, hurt=hurt)
+    assert dropped >= least_dropped, "the page was hurt"
+    assert len(record) == len(alone) > 150
+    for part in ("human", "robot"):
+        ours, theirs = getattr(record, part), getattr(alone, part)
+        for name, values in vars(theirs).items():
+            if isinstance(values, np.ndarray):
+                np.testing.assert_array_equal(getattr(ours, name), values, err_msg=f"{part}.{name}")
+    np.testing.assert_array_equal(record.phase, alone.phase)

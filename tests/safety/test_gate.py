@@ -1,0 +1,285 @@
+"""The gate: whatever is asked, what is sent is finite, inside the limits, and can stop."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hardware.arrays import FloatArray
+from hardware.errors import HardwareError
+from hardware.guard_state import GoalFilter
+from hardware.joint_map import JointMap
+from messages import refuses
+from oracles.frame_bounds import braking_displacement
+from oracles.frame_bounds import frame_bounds as bounds_oracle
+from retarget._solver import frame_bounds
+from retarget.safety.gate import Gate, OpenGate, PathCheck
+from servos import four_servos
+
+MAP = JointMap(four_servos())
+DT = 0.008
+STEP = MAP.max_velocity * DT
+CHANGE = MAP.max_acceleration * DT**2
+TINY = 1e-8
+
+
+def make(start: FloatArray | None = None, path_is_clear: PathCheck | None = None) -> Gate:
+    gate = Gate.for_servos(MAP, dt=DT, path_is_clear=path_is_clear)
+    gate.seed(np.zeros(4) if start is None else start)
+    return gate
+
+
+def passes(gate: Gate, goal: FloatArray) -> bool:
+    """Whether the goal is what is sent, to the bit."""
+    return bool(np.array_equal(gate.admit(goal), goal))
+
+
+def check_motion(path: FloatArray) -> None:
+    """Assert that postures (T, 4), starting at rest, keep every limit."""
+    steps = np.diff(path, axis=0)
+    changes = np.diff(steps, axis=0, prepend=0.0)
+    assert np.isfinite(path).all()
+    assert np.all((path >= MAP.lower - TINY) & (path <= MAP.upper + TINY))
+    assert np.all(np.abs(steps) <= STEP + TINY)
+    assert np.all(np.abs(changes) <= CHANGE + TINY)
+
+
+def test_it_is_a_goal_filter() -> None:
+    gate: GoalFilter = make()
+    assert gate.at_rest
+
+
+def test_a_goal_within_reach_passes_untouched() -> None:
+    gate = make()
+    goal = 0.5 * CHANGE
+    assert passes(gate, goal)
+    np.testing.assert_allclose(gate.velocity, goal / DT)
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        pytest.param([0.0, np.nan, 0.0, 0.0], id="not a number"),
+        pytest.param([np.inf, 0.0, 0.0, 0.0], id="not finite"),
+        pytest.param([0.0, 0.0, 0.7, 0.0], id="position"),
+        pytest.param([0.0, 0.0, 0.0, -0.5], id="velocity"),
+        pytest.param([0.003, 0.0, 0.0, 0.0], id="acceleration"),
+        pytest.param([0.0, 0.0, 0.0], id="wrong size"),
+    ],
+)
+def test_a_goal_beyond_a_limit_is_refused_whole(goal: list[float]) -> None:
+    assert make().admit(np.array(goal)).tolist() == [0.0] * 4
+
+
+def test_a_share_of_the_speed_is_the_bound() -> None:
+    for speed, passed in ((1.0, True), (0.5, False)):
+        gate = Gate.for_servos(MAP, dt=DT, speed=speed)
+        gate.seed(np.zeros(4))
+        displacement = np.zeros(4)
+        while (displacement < 0.51 * STEP).any():
+            displacement = np.minimum(displacement + CHANGE, 0.51 * STEP)
+            last = passes(gate, gate.position + displacement)
+        assert last == passed
+
+
+def test_goals_at_the_bound_pass_to_the_bit_for_ever() -> None:
+    """Rounding of another program must not add up: its difference would be asked for again in every tick, and grow."""
+    gate, rng = make(), np.random.default_rng(3)
+    position, before, rounding = np.zeros(4), np.zeros(4), 1e-13
+    for _ in range(5000):
+        lo, hi = frame_bounds(position, before, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT)
+        step = np.where(rng.random(4) < 0.5, lo, hi) * (1.0 + rounding * rng.standard_normal(4))
+        before = np.clip(step, lo, hi)
+        position = position + step
+        assert passes(gate, position)
+
+
+def test_a_goal_from_which_no_braking_is_left_is_refused() -> None:
+    gate = make()
+    refused = 0
+    velocity = np.zeros(4)
+    for _ in range(400):  # always faster towards the upper limits, and never a thought of stopping
+        velocity = np.minimum(velocity + CHANGE, STEP)
+        goal = gate.position + velocity
+        refused += not passes(gate, goal) and bool((goal <= MAP.upper).all())
+        velocity = gate.velocity * DT
+    assert refused > 0
+    assert np.all(gate.position <= MAP.upper)
+
+
+def test_a_refusal_brakes_every_joint_at_full_deceleration() -> None:
+    gate = make()
+    for k in range(1, 6):
+        gate.admit(gate.position + k * CHANGE)
+    path = [gate.position]
+    gate.admit(np.full(4, np.nan))
+    path.append(gate.position)
+    while not gate.at_rest:
+        path.append(gate.brake())
+    np.testing.assert_allclose(np.diff(path, axis=0)[:4], np.array([4, 3, 2, 1])[:, None] * CHANGE, rtol=1e-9)
+    rest = gate.position
+    assert gate.brake().tolist() == rest.tolist()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_nothing_that_is_asked_breaks_a_limit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    gate = make(rng.uniform(MAP.lower, MAP.upper))
+    path = [gate.position]
+    for _ in range(60):
+        kind = rng.integers(4)
+        lo, hi = bounds_oracle(
+            gate.position, gate.velocity * DT, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT
+        )
+        goals = (
+            gate.position + rng.uniform(lo, hi),  # legal
+            gate.position + rng.choice([lo, hi]),  # at the bound
+            gate.position + rng.normal(0.0, 2.0, 4) * STEP,  # wild
+            np.where(rng.random(4) < 0.3, np.nan, 0.0),
+        )
+        path.append(gate.admit(goals[kind]))
+        if kind < 2:
+            assert path[-1].tolist() == goals[kind].tolist()
+    while not gate.at_rest:
+        path.append(gate.brake())
+    check_motion(np.array(path))
+
+
+def test_from_beyond_a_limit_it_may_stand_or_walk_back_in() -> None:
+    start = np.array([1.7, 0.0, 0.0, 0.0])  # 0.2 beyond
+    gate = make(start)
+    assert passes(gate, start)
+    assert not passes(gate, np.add(start, [1e-3, 0.0, 0.0, 0.0]))
+    assert passes(gate, start - [CHANGE[0], 0.0, 0.0, 0.0])
+    assert gate.position[0] < start[0]
+
+
+def test_a_path_that_collides_is_refused_and_the_clear_one_is_followed() -> None:
+    seen: list[FloatArray] = []
+
+    def below_a_wall(path: FloatArray, instead: FloatArray) -> bool:
+        seen.append(path)
+        return bool((path[:, 0] < 0.5).all())
+
+    gate = make(path_is_clear=below_a_wall)
+    sent = [gate.position]
+    passed = True
+    while passed:
+        before = gate.position
+        goal = before + np.minimum(gate.velocity * DT + CHANGE, STEP) * [1, 0, 0, 0]
+        passed = passes(gate, goal)
+        sent.append(gate.position)
+        path = seen[-1]
+        assert path[0].tolist() == before.tolist()
+        np.testing.assert_allclose(path[-1], path[-2])
+    while not gate.at_rest:
+        sent.append(gate.brake())
+    assert 0.4 < gate.position[0] < 0.5
+    check_motion(np.array(sent))
+
+
+@pytest.mark.parametrize("start", [np.full(4, np.nan), np.zeros(5)])
+def test_a_senseless_start_is_refused(start: FloatArray) -> None:
+    with refuses(HardwareError, 4):
+        make(start)
+
+
+def test_a_seed_forgets_the_past() -> None:
+    gate = make()
+    gate.admit(CHANGE)
+    gate.admit(np.full(4, np.nan))
+    gate.seed(np.zeros(4))
+    assert gate.at_rest
+
+
+@pytest.mark.parametrize(
+    "change", [{"upper": MAP.lower}, {"max_velocity": np.zeros(4)}, {"lower": np.full(4, -np.inf)}]
+)
+def test_senseless_limits_are_refused(change: dict[str, FloatArray]) -> None:
+    def limit(name: str) -> FloatArray:
+        original: FloatArray = getattr(MAP, name)
+        return change.get(name, original)
+
+    with refuses(HardwareError):
+        Gate(
+            lower=limit("lower"),
+            upper=limit("upper"),
+            max_velocity=limit("max_velocity"),
+            max_acceleration=limit("max_acceleration"),
+            dt=DT,
+        )
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_crates_bounds_are_the_oracles(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(MAP.lower - 0.1, MAP.upper + 0.1)
+    before = rng.uniform(-STEP, STEP)
+    arguments = (q, before, MAP.lower, MAP.upper, MAP.max_velocity, MAP.max_acceleration, DT)
+    lo, hi = frame_bounds(*arguments)
+    expected_lo, expected_hi = bounds_oracle(*arguments)
+    np.testing.assert_allclose(lo, expected_lo, atol=1e-12)
+    np.testing.assert_allclose(hi, expected_hi, atol=1e-12)
+    assert np.all(lo <= hi)
+
+
+@given(st.floats(1e-6, 3.0), st.floats(1e-5, 1e-2))
+def test_the_oracle_uses_the_gap_to_the_last_bit(gap: float, change: float) -> None:
+    x = float(braking_displacement(np.array(gap), np.array(change)))
+    terms = x - change * np.arange(int(x / change) + 2)
+    assert terms[terms > 0].sum() == pytest.approx(gap, rel=1e-9)
+
+
+@given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.booleans()), min_size=1, max_size=20))
+def test_asking_first_changes_nothing(asked: list[tuple[float, bool]]) -> None:
+    """`passes` says what `admit` does, and what is sent is the same whether anybody asked."""
+    told, silent = make(), make()
+    for size, other in asked:
+        goal = told.position + size * STEP
+        says = told.passes(goal)
+        if other:
+            told.passes(goal + 1e-3)  # of something else, last
+        sent = told.admit(goal)
+        assert says == np.array_equal(sent, goal)
+        np.testing.assert_array_equal(sent, silent.admit(goal))
+
+
+def test_a_verdict_does_not_outlive_the_posture_that_it_was_given_from() -> None:
+    gate = make()
+    goal = 0.9 * CHANGE
+    assert gate.passes(goal)
+    gate.admit(0.9 * CHANGE)
+    gate.admit(1.8 * CHANGE)
+    assert not np.array_equal(gate.admit(goal), goal)  # back at once: beyond the acceleration
+
+
+@given(st.integers(0, 2**31))
+def test_the_nearest_to_any_goal_passes_and_one_that_passes_is_nearest_to_itself(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    gate = make(rng.uniform(0.5 * MAP.lower, 0.5 * MAP.upper))
+    for _ in range(60):
+        goal = rng.uniform(-3.0, 3.0, 4) if rng.integers(2) else gate.position + 2.0 * CHANGE * rng.normal(size=4)
+        nearest = gate.nearest(goal)
+        assert gate.passes(nearest)
+        if gate.passes(goal):
+            np.testing.assert_allclose(nearest, goal, atol=TINY)
+        gate.admit(nearest)
+
+
+def test_goals_pass_and_braking_ends_at_rest() -> None:
+    gate = OpenGate(np.full(2, 10.0), dt=0.1)
+    gate.seed(np.zeros(2))
+    assert gate.at_rest
+    np.testing.assert_array_equal(gate.admit(np.array([0.25, -5.0])), [0.25, -5.0])
+    np.testing.assert_allclose(gate.brake(), [0.4, -9.9])
+    for _ in range(100):
+        gate.brake()
+    assert gate.at_rest
+    np.testing.assert_array_equal(gate.brake(), gate.position)
+
+
+@pytest.mark.parametrize("goal", [[np.nan, 0.0], [np.inf, 0.0], [0.0]])
+def test_what_no_servo_can_take(goal: list[float]) -> None:
+    gate = OpenGate(np.full(2, 10.0), dt=0.1)
+    with refuses(HardwareError):
+        gate.admit(np.array(goal))

@@ -1,0 +1,187 @@
+"""Things worn or held beside a joint: where exactly is found out while the performer stands, and holds in any pose."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from live_rig import WHERE, live_stream
+from messages import refuses
+from people import at_rest
+from retarget import rotations
+from retarget.errors import ConfigError, UsageError
+from retarget.frames import on_grid
+from retarget.human import rest_pose
+from retarget.human.performer_calibration import read_person
+from retarget.human.rest_pose import MAX_LOOSE_M, fit_rest_pose
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.performer import LivePerformer
+from retarget.live.roles import CONVENTIONS, roles_of
+from retarget.model.human_dimensions import HumanDimensions, stature_of
+from retarget.schema.performer import HELD, Performer, WornSensor, load_performer
+from retarget.types import FloatArray
+from sim.faults.sender import FakeSender
+
+FIVE = (*HELD, "l_ankle", "r_ankle")
+TEN = (*FIVE, "pelvis", "chest", "l_elbow", "r_elbow", "l_knee", "r_knee")
+ARMS = 0.1
+LENGTHS = ("l_elbow", "l_wrist", "l_knee", "l_ankle", "head")
+
+
+def somebody(chance: np.random.Generator) -> HumanDimensions:
+    """Of any size, each proportion off the average as people's are."""
+    parameters = np.zeros(rest_pose.COUNT)
+    parameters[rest_pose.STATURE] = np.log(chance.uniform(1.55, 1.95))
+    parameters[rest_pose.PROPORTIONS] = chance.normal(0.0, 0.04, 7)
+    offset = rest_pose.offsets(parameters)
+    return HumanDimensions(offset, stature_of(offset), 60.0, "made")
+
+
+def beside(chance: np.random.Generator) -> dict[str, FloatArray]:
+    """A grip below and beside each wrist, a headset before the head, m."""
+    found = {"head": np.array([0.1, 0.0, 0.05])}
+    for name, side in (("l_wrist", 1.0), ("r_wrist", -1.0)):
+        found[name] = np.array([0.0, 0.03 * side, -0.06]) + chance.normal(0.0, 0.03, 3)
+    return found
+
+
+def errors(names: tuple[str, ...], scale: float) -> FloatArray:
+    """Mean error, m, over 8 people: of points taken for joints, before and after; of lengths, before and after."""
+    chance, rows = np.random.default_rng(1), []
+    for _ in range(8):
+        person = somebody(chance)
+        off = {name: scale * by for name, by in beside(chance).items()}
+        points = at_rest(person, ARMS)
+        position = np.array([points[name] + off.get(name, chance.normal(0.0, 0.008, 3)) for name in names])
+        plain, loose = fit_rest_pose(names, position), fit_rest_pose(names, position, loose=HELD)
+        found = dict(zip(names, loose.offset, strict=True))
+        assert not plain.offset.any() and np.linalg.norm(loose.offset, axis=1).max() <= MAX_LOOSE_M + 1e-9
+        rows.append(
+            [
+                np.mean([np.linalg.norm(off[name]) for name in HELD]),
+                np.mean([np.linalg.norm(off[name] - found[name]) for name in HELD]),
+                *(
+                    np.mean([abs(one.dimensions.length(name) - person.length(name)) for name in LENGTHS])
+                    for one in (plain, loose)
+                ),
+            ]
+        )
+    return np.asarray(np.mean(rows, axis=0))
+
+
+@pytest.mark.parametrize(("names", "share"), [(FIVE, 0.75), (TEN, 0.45)])
+def test_what_is_beside_its_joint_is_found(names: tuple[str, ...], share: float) -> None:
+    before, after, plain, loose = errors(names, 1.0)
+    assert before > 0.08 and after < share * before
+    assert loose < 0.6 * plain
+
+
+@pytest.mark.parametrize("names", [FIVE, TEN])
+def test_what_sits_on_its_joint_stays_nearly_there(names: tuple[str, ...]) -> None:
+    _, after, plain, loose = errors(names, 0.0)
+    assert after < 0.012 and loose < plain + 0.002
+
+
+def slime(name: str) -> Performer:
+    return Performer(name="one", description="One.", sensors={name: WornSensor(joint=name, beside=True)})
+
+
+def test_only_what_the_performer_s_file_says_is_loose_and_turns_by_itself() -> None:
+    assert not any(place.loose for places in CONVENTIONS.values() for place in places.values())
+    assert roles_of(slime("head"), "slimevr", where="one").loose == ("head",)
+    with refuses(UsageError, "head"):
+        roles_of(slime("head"), "slimevr_vrchat", where="one")
+
+
+def test_an_ankle_is_not_beside_its_joint(tmp_path: Path) -> None:
+    file = tmp_path / "one.yaml"
+    file.write_text("name: one\ndescription: One.\nsensors:\n  l_ankle: {joint: l_ankle, beside: true}\n")
+    with refuses(ConfigError, allowed="head"):
+        load_performer(file)
+
+
+def test_what_is_known_further_is_added_in_the_axes_of_the_pose() -> None:
+    roles = roles_of(slime("l_wrist"), "slimevr", where="one")
+    shifted = roles.shifted(np.array([[0.0, 0.0, -0.05]]))
+    # Canonical axes are those of the T-pose; SlimeVR's hand is the identity while it hangs.
+    np.testing.assert_allclose(shifted.places[0].offset, [0.13, -0.05, 0.0], atol=1e-12)
+    assert shifted.convention == "slimevr" and shifted.loose == ("l_wrist",)
+
+
+@dataclass
+class Controllers(FakeSender):
+    """Somebody with ten sensors as JSON, a cap on the head and controllers in the hands, under names of their own. The
+    left arm is straight out to the side from `raised_s` on."""
+
+    person: HumanDimensions = field(default_factory=lambda: somebody(np.random.default_rng(4)))
+    off: dict[str, FloatArray] = field(default_factory=lambda: beside(np.random.default_rng(4)))
+    raised_s: float = 99.0
+
+    def joints(self, time: float) -> dict[str, FloatArray]:
+        hanging, out = at_rest(self.person, ARMS), at_rest(self.person, ARMS + 1.2)
+        share = float(np.clip(time - self.raised_s, 0.0, 1.0))
+        left = {name: hanging[name] + share * (out[name] - hanging[name]) for name in ("l_elbow", "l_wrist")}
+        return hanging | left
+
+    def _payload(self, time: float) -> bytes | None:
+        share = float(np.clip(time - self.raised_s, 0.0, 1.0))
+        points, told = self.joints(time), {}
+        for name in TEN:
+            turn = rotations.from_axis_angle([1.0, 0.0, 0.0], 1.2 * share if name == "l_wrist" else 0.0)
+            at = points[name] + rotations.rotate(turn, self.off.get(name, np.zeros(3)))
+            at = at + self._chance.normal(0.0, 0.0005, 3)
+            told[f"my {name}"] = {"p": at.tolist(), "q": turn.tolist()}
+        return json.dumps({"axes": "rep103", "quaternion": "wxyz", "time": self.stamp(time), "poses": told}).encode()
+
+
+def wearing() -> Performer:
+    sensors = {name: WornSensor(joint=name, role=f"my {name}", beside=name in HELD) for name in TEN}
+    return Performer(name="mine", description="Controllers.", sensors=sensors)
+
+
+def followed(sender: Controllers, *, until: float) -> tuple[dict[str, FloatArray], list[str]]:
+    """Where sensors are taken to be at a time of the sender, from the pelvis, in our world; and what was said."""
+    said: list[str] = []
+    clock, stream = VirtualClock(), live_stream(sender, wearing())
+    options = LiveOptions(countdown=0.2, person="anna")
+    performance = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=said.append)
+    live = performance.samples
+    assert isinstance(live, LivePerformer)
+    sample = live.sample(0)
+    assert sample is not None
+    np.testing.assert_array_equal(sample.position, on_grid(sample).position)
+    while clock.now() < until:
+        clock.advance(0.01)
+        stream.listen(clock.now(), moving=False)
+        heard = stream.read(clock.now())
+    if until:
+        at = live.alignment.positions(heard.position)
+    else:
+        assert sample is not None
+        at = sample.position
+    return dict(zip(TEN, at - at[TEN.index("pelvis")], strict=True)), said
+
+
+def worst(sender: Controllers, at: dict[str, FloatArray], time: float) -> float:
+    true = sender.joints(time)
+    return max(float(np.linalg.norm(at[name] - (true[name] - true["pelvis"]))) for name in HELD)
+
+
+def test_live_a_controller_is_taken_off_in_any_pose_and_kept_in_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    sender = Controllers(raised_s=3.0)
+    off = max(float(np.linalg.norm(by)) for by in sender.off.values())
+    at, said = followed(sender, until=5.0)
+    assert worst(sender, at, 5.0) < 0.55 * off
+    assert any(text.startswith("beside their joints: ") for text in said)
+    kept = read_person("anna")
+    assert kept is not None and set(kept.sensor_offsets["json"]) == set(HELD)
+    again = Controllers()
+    at, said = followed(again, until=0.0)
+    assert worst(again, at, 0.0) < 0.55 * off
+    assert not any(text.startswith("beside their joints: ") for text in said)

@@ -1,0 +1,55 @@
+"""Tables of keys: every key of every configuration file is told, with its unit, and as it is read."""
+
+import pytest
+from pydantic import BaseModel
+
+from model_tables import keys_of_model, models_below, section
+from retarget.schema.performer import Performer
+from retarget.schema.priorities import PositionTask, Priorities
+from retarget.schema.profile import RobotProfile
+from retarget.schema.profile_parts import Bus, Frame, Servo
+from retarget.schema.scene import Obstacle, PathPoint, Scene
+
+ROOTS: tuple[type[BaseModel], ...] = (RobotProfile, Priorities, Performer, Scene)
+MODELS = list(dict.fromkeys(model for root in ROOTS for model in models_below(root)))
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+def test_every_key_has_its_meaning_where_it_stands(model: type[BaseModel]) -> None:
+    keys = keys_of_model(model)
+    assert {key.name for key in keys} == {field.alias or name for name, field in model.model_fields.items()}
+    for key in keys:
+        assert key.meaning.endswith(".") and key.type and key.default, f"{model.__name__}.{key.name}"
+        assert not key.meaning.startswith("["), "a unit that is not closed"
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+def test_links_lead_to_sections_of_the_same_page(model: type[BaseModel]) -> None:
+    for root in ROOTS:
+        names = {one.__name__.lower() for one in models_below(root)}
+        if model in models_below(root):
+            linked = {part.split(")")[0] for key in keys_of_model(model) for part in key.type.split("](#")[1:]}
+            assert linked <= names
+
+
+def test_a_key_is_told_as_it_is_read() -> None:
+    told = {key.name: key for key in keys_of_model(Servo)}
+    limits, gear, mode = told["limits"], told["gear"], told["mode"]
+    assert (limits.type, limits.unit, limits.default) == ("[lower, upper]", "rad", "**required**")
+    assert (gear.type, gear.unit, gear.default) == ("number above 0", "", "`1`")
+    assert mode.default == "`position`" and "or `current_based_position`" in mode.type
+    assert {key.name: key.default for key in keys_of_model(Frame)}["quat"] == "`[1, 0, 0, 0]`"
+    assert {key.name: key.default for key in keys_of_model(Bus)}["watchdog_s"] == "absent"
+    assert {key.name: key.default for key in keys_of_model(PathPoint)}["time"] == "**required**"
+    assert "from" in {key.name for key in keys_of_model(Obstacle)}
+
+
+def test_own_keys_come_before_those_of_every_task() -> None:
+    names = [key.name for key in keys_of_model(PositionTask)]
+    assert names[:3] == ["type", "of", "weight"] and set(names[3:]) == {"gain", "max_error", "optional"}
+
+
+def test_a_section_is_a_table_of_five_columns() -> None:
+    lines = [line for line in section(Servo).splitlines() if line.startswith("|")]
+    assert len(lines) == 2 + len(Servo.model_fields)
+    assert {line.replace("\\|", "").count("|") for line in lines} == {6}

@@ -1,0 +1,308 @@
+"""Priority files: every task type, the defaults, and what is refused."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from followers import DT, dimensions, performer, postures
+from messages import Facts, refuses, shows
+from retarget import rotations
+from retarget.cli import main
+from retarget.cli.exit import REFUSED
+from retarget.errors import ConfigError, UsageError
+from retarget.model.robot import load_robot
+from retarget.robot.follower import Follower
+from retarget.run.options import PhysicsOptions, RunOptions, priority_names
+from retarget.schema.priorities import (
+    AxisTask,
+    CentreOfMassTask,
+    HeadingSettings,
+    OrientationTask,
+    PositionTask,
+    PostureTask,
+    PreventiveTask,
+    Priorities,
+    Task,
+    check_for_human,
+    load_priorities,
+)
+
+
+def test_defaults_are_whole() -> None:
+    settings = HeadingSettings()
+    assert settings.pairs["wrist"] > settings.pairs["ankle"] > 0.0
+    assert settings.walking[0] < settings.walking[1]
+
+
+@pytest.mark.parametrize("walking", [(1.0, 0.5), (0.5, 0.5), (-1.0, 1.0)])
+def test_walking_speeds_rise_from_zero(walking: tuple[float, float]) -> None:
+    with pytest.raises(ValidationError):
+        HeadingSettings(walking=walking)
+
+
+@pytest.mark.parametrize("forward", [True, False])
+def test_feet_that_are_asked_to_point_forward_do(forward: bool) -> None:
+    """The axis of a robot's frame points along a direction of its own world, x forward."""
+    robot, held = load_robot("op3", root="suspended"), load_priorities("held")
+    dropped = (PostureTask,) if forward else (PostureTask, AxisTask)
+    levels = tuple(
+        level.model_copy(update={"tasks": tuple(task for task in level.tasks if not isinstance(task, dropped))})
+        for level in held.levels
+    )
+    one = Follower(robot, held.model_copy(update={"levels": levels}), dimensions(performer()))
+    human = postures(performer())[0]
+    one.start(human)
+    turned = robot.posture(robot.profile.postures.stand)
+    turned[robot.body.joint_qpos[robot.body.joint_index("l_hip_yaw")]] = 0.5
+    one.reseed(turned, np.zeros(robot.body.nv))
+    posture = one.step(human, DT)
+    for _ in range(400):
+        posture = one.step(human, DT)
+    x, y, _ = rotations.rotate(robot.orientations(posture.q[None], ("l_sole",))[0, 0], np.array([1.0, 0.0, 0.0]))
+    assert (abs(float(np.arctan2(y, x))) < 0.02) is forward
+    for name in ("l_sole", "l_hand"):
+        row = posture.landmark_names.index(name)
+        assert np.linalg.norm(posture.landmarks_reached[row] - posture.landmarks_asked[row]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("bus", "mount", "named", "chosen"),
+    [
+        ("physics", "gantry", None, "held"),
+        ("physics", "stand", None, "held"),
+        ("physics", "floor", None, "steady"),
+        ("physics", "gantry", "servo", "servo"),
+        ("mock", None, None, "servo"),
+    ],
+)
+def test_who_runs_them(bus: str, mount: str | None, named: str | None, chosen: str) -> None:
+    hook = "neck" if mount == "gantry" else None
+    physics = PhysicsOptions(mount=mount, hook=hook)
+    options = RunOptions(robot="op3", bus=bus, priorities=named, physics=physics)
+    assert priority_names(load_robot("op3", root=physics.root), options)[-1] == chosen
+
+
+EVERYTHING = """\
+name: everything
+description: One task of each type.
+iterations: 8
+activation: ranked
+levels:
+  - name: balance
+    tasks:
+      - {type: centre_of_mass, mode: support, margin: 0.01}
+      - {type: reactive, speed: 0.2}
+  - name: feet
+    tasks:
+      - {type: position, of: [l_sole, r_sole], weight: [1, 1, 2]}
+      - {type: axis, of: [l_sole, r_sole], axis: [0, 0, 1], direction: [0, 0, 1]}
+      - {type: preventive, of: [l_forearm]}
+  - name: kept free
+    tasks: []
+  - name: hands
+    tasks:
+      - {type: position, of: l_hand, weight: 3, gain: 0.5, max_error: 0.02, optional: true}
+      - {type: orientation, of: head}
+      - {type: look_at, of: head}
+      - {type: heading, of: [pelvis, chest], weight: 0.3}
+  - name: posture
+    tasks:
+      - {type: posture, stiffness: {default: 1.0, spine: 20}, settle: 0.1, gain: 0.05}
+      - {type: centre_of_mass, mode: over_feet, forward: 0.05, fade_speed: 0.5}
+"""
+
+
+def load(text: str, folder: Path) -> Priorities:
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_priorities(path)
+
+
+def refused(text: str, folder: Path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(text, folder)
+    return str(caught.value)
+
+
+def test_every_task_type_is_read(tmp_path: Path) -> None:
+    priorities = load(EVERYTHING, tmp_path)
+    assert (priorities.iterations, priorities.activation) == (8, "ranked")
+    kinds = {task.type for _, _, task in priorities.tasks()}
+    assert kinds == {
+        *("position", "orientation", "axis", "heading", "look_at", "centre_of_mass", "posture", "reactive"),
+        "preventive",
+    }
+
+
+def test_tasks_come_with_their_places(tmp_path: Path) -> None:
+    places = [(level, index) for level, index, _ in load(EVERYTHING, tmp_path).tasks()]
+    assert places == [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2), (3, 0), (3, 1), (3, 2), (3, 3), (4, 0), (4, 1)]
+
+
+def test_short_forms_and_defaults(tmp_path: Path) -> None:
+    levels = load(EVERYTHING, tmp_path).levels
+    hand = levels[3].tasks[0]
+    assert isinstance(hand, PositionTask)
+    assert (hand.of, hand.weight, hand.gain, hand.max_error, hand.optional) == (
+        *(("l_hand",), (3, 3, 3), 0.5, 0.02, True),
+    )
+    axis = levels[1].tasks[1]
+    assert isinstance(axis, AxisTask)
+    assert (axis.gain, axis.max_error, axis.optional, axis.weight) == (1.0, None, False, 1.0)
+    preventive = levels[1].tasks[2]
+    assert isinstance(preventive, PreventiveTask)
+    assert preventive.of == ("l_forearm",)
+    com = levels[0].tasks[0]
+    assert isinstance(com, CentreOfMassTask)
+    assert com.weight == (1.0, 1.0, 0.0)
+    posture = levels[4].tasks[0]
+    assert isinstance(posture, PostureTask)
+    assert (posture.towards, posture.stiffness, posture.settle) == ("attractor", {"default": 1.0, "spine": 20.0}, 0.1)
+
+
+def test_iterations_and_activation_are_the_papers_by_default(tmp_path: Path) -> None:
+    text = EVERYTHING.replace("iterations: 8\nactivation: ranked\n", "")
+    priorities = load(text, tmp_path)
+    assert (priorities.iterations, priorities.activation) == (5, "closest")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("type: reactive", "type: reactve", ":9: levels[0].tasks[1].type: wrong value; found 'reactve'"),
+        ("type: reactive", "type: reactve", "Did you mean reactive?"),
+        ("type: reactive, ", "", ":9: levels[0].tasks[1].type: missing key. Add 'type'"),
+        ("mode: support", "mode: over_rot", "Did you mean over_root"),
+        ("settle: 0.1", "setle: 0.1", "setle: unknown key; found 'setle'; allowed: gain, max_error"),
+        ("settle: 0.1", "settle: -1", "levels[4].tasks[0].settle: wrong value; found -1"),
+        ("weight: [1, 1, 2]", "weight: [1, x, 2]", "levels[1].tasks[0].weight[1]: wrong value; found 'x'"),
+        ("weight: [1, 1, 2]", "weight: [0, 0, 0]", "weight: all three are zero"),
+        ("weight: [1, 1, 2]", "weight: -1", "levels[1].tasks[0].weight"),
+        ("weight: [1, 1, 2]", "weight: true", "weight: wrong value; found true"),
+        ("axis: [0, 0, 1], ", "axis: [0, 0, 0], ", "levels[1].tasks[1].axis: all three are zero"),
+        ("gain: 0.05", "gain: 0", "gain: wrong value; found 0; allowed: greater than 0"),
+        ("optional: true", "optional: yes", "optional: wrong value; found 'yes'; allowed: true or false"),
+        ("iterations: 8", "iterations: 8.5", ":3: iterations: wrong value; found 8.5; allowed: a whole number"),
+        ("iterations: 8", "iterations: 0", "iterations: wrong value; found 0"),
+        ("name: feet", "name: balance", "levels[1].name: duplicate level name; found 'balance', also of level 1"),
+        ("    tasks: []", "    task: []", "levels[2].task: unknown key; found 'task'; allowed: name, tasks"),
+        ("spine: 20", "spine: .nan", "stiffness.spine: a number that is not finite"),
+    ],
+)
+def test_refused_with_its_place(tmp_path: Path, old: str, new: str, part: str) -> None:
+    assert old in EVERYTHING
+    assert part in refused(EVERYTHING.replace(old, new, 1), tmp_path)
+
+
+def test_levels_are_needed(tmp_path: Path) -> None:
+    head = "name: a\ndescription: b\n"
+    shows(refused(head, tmp_path))
+    shows(refused(head + "levels: []\n", tmp_path), 1)
+    shows(refused(head + "levels:\n  - {name: a, tasks: []}\n", tmp_path))
+
+
+def test_wrong_tasks_do_not_make_their_list_wrong_too(tmp_path: Path) -> None:
+    text = refused(EVERYTHING.replace("type: look_at", "type: loo_at"), tmp_path)
+    assert "problems" not in text
+
+
+def test_unknown_name_is_refused() -> None:
+    with refuses(UsageError):
+        load_priorities("no_such_priorities")
+
+
+@pytest.mark.parametrize(
+    ("settings", "part"),
+    [({"settle": 0.0}, "settle"), ({"settle": 2.0}, "settle"), ({"reserve": -0.1}, "reserve"), ({"share": 1}, "share")],
+)
+def test_what_cannot_uphold_is_refused(settings: dict[str, float], part: Facts) -> None:
+    levels = [{"name": "b", "tasks": [{"type": "posture", "towards": "stand"}]}]
+    sound = {"name": "t", "description": "t", "levels": levels}
+    assert Priorities.model_validate(sound).uphold is None
+    uphold = Priorities.model_validate({**sound, "uphold": {}}).uphold
+    assert uphold is not None and uphold.settle > 0.0 and uphold.reserve > 0.0
+    with refuses(ValueError, part):
+        Priorities.model_validate({**sound, "uphold": settings})
+
+
+def test_only_steady_upholds_and_it_puts_soles_and_balance_before_limbs() -> None:
+    for name in ("servo", "paper", "human"):
+        assert load_priorities(name).uphold is None
+    steady = load_priorities("steady")
+    assert steady.uphold is not None
+    assert [level.name for level in steady.levels][:3] == ["soles", "balance", "self collision"]
+
+
+@pytest.mark.parametrize("name", ["human", "paper"])
+def test_the_human_has_files_of_its_own(name: str) -> None:
+    check_for_human(load_priorities(name), name)
+
+
+def test_a_robots_file_moves_no_human() -> None:
+    with refuses(ConfigError, "servo.yaml", "l_hand", "r_hand") as caught:
+        check_for_human(load_priorities("servo"), "servo")
+    assert len(caught.value.problems) > 1
+
+
+@pytest.mark.parametrize(
+    ("robot", "priorities", "message"),
+    [
+        ("human", "servo", r"servo\.yaml.*nothing that a performer wears"),
+        ("op3", "human", r"human\.yaml: .*l_wrist, r_wrist.*leave --priorities out"),
+    ],
+)
+def test_the_wrong_file_is_refused(
+    robot: str, priorities: str, message: str, shared: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = str(shared / "mocap" / "cmu_asfamc" / "02_06.amc")
+    with pytest.raises(SystemExit) as leaving:
+        main(["run", "--robot", robot, "--source", source, "--end", "0.1", "--priorities", priorities])
+    error = capsys.readouterr().err
+    assert leaving.value.code == REFUSED
+    assert re.search(message, error, re.DOTALL), error
+
+
+TASK: TypeAdapter[Task] = TypeAdapter(Task)
+
+
+def read(**keys: Any) -> Task:
+    return TASK.validate_python(keys)
+
+
+@pytest.mark.parametrize("kind", ["position", "orientation"])
+def test_one_number_weighs_all_rows_and_one_name_is_a_list(kind: str) -> None:
+    task = read(type=kind, of="head", weight=2.0)
+    assert isinstance(task, PositionTask | OrientationTask)
+    assert task.weight == (2.0, 2.0, 2.0) and task.of == ("head",)
+    assert read(type=kind, of=["head"], weight=[2.0, 2.0, 2.0]) == task
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"type": "position", "of": "head", "weight": 0.0},
+        {"type": "position", "of": "head", "weight": True},
+        {"type": "position", "of": []},
+        {"type": "axis", "of": "head", "axis": [0, 0, 0], "direction": [0, 0, 1]},
+        {"type": "axis", "of": "head", "axis": [0, 0, 1]},
+        {"type": "reactive", "speed": 0.0},
+        {"type": "reactive", "gain": 0.5},
+        {"type": "centre_of_mass", "mode": "support", "moving": 1.5},
+        {"type": "dance", "of": "head"},
+    ],
+)
+def test_what_cannot_be_meant_is_refused(keys: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        read(**keys)
+
+
+def test_what_is_left_out_has_its_usual_value() -> None:
+    axis = read(type="axis", of="chest", axis=[0, 0, 1], direction=[0, 0, 1])
+    assert isinstance(axis, AxisTask) and (axis.gain, axis.max_error, axis.optional) == (1.0, None, False)
+    first, second = read(type="posture"), read(type="posture")
+    assert isinstance(first, PostureTask) and isinstance(second, PostureTask)
+    assert first.stiffness == {"default": 1.0} and first.stiffness is not second.stiffness

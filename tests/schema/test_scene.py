@@ -1,0 +1,210 @@
+"""Scene files: the shipped ones, the format, and what is refused."""
+
+import re
+import textwrap
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from messages import refuses, shows
+from retarget import rotations
+from retarget.errors import ConfigError, UsageError
+from retarget.model.robot import load_robot
+from retarget.model.scene_shapes import ShapeKind
+from retarget.model.scene_state import SceneState
+from retarget.rotations import product, turn
+from retarget.schema.catalogue import Kind, entries
+from retarget.schema.scene import MovingPose, Pose, Scene, carried_by, load_scene, on_body, unit
+
+SHIPPED = ("crossing_ball", "door_frame", "gantry", "table", "wall")
+
+GOOD = """\
+name: mine
+description: one of each
+obstacles:
+  top: {frame: world, shape: {box: {size: [0.2, 0.4, 0.01]}}, at: {pos: [0.3, 0, 0.2]}, influence: 0.06, margin: 0.01}
+  wall: {shape: {half_space: {normal: [-1, 0, 0]}}, at: {pos: [1, 0, 0], quat: [1, 0, 0, 0]}}
+  post: {frame: stand, shape: {cylinder: {from: [0, 0, 0], to: [0, 0, 1], radius: 0.02}}}
+  ball: {shape: {sphere: {radius: 0.1}}, velocity: [1, 0, 0], from: 1, until: 2}
+  rope: {shape: {segment: {from: [0, 0, 0], to: [0, 0, 1]}}, angular_velocity: [0, 0, 1]}
+  car:
+    shape: {capsule: {from: [0, 0, 0], to: [1, 0, 0], radius: 0.1}}
+    path:
+      - {time: 0, pos: [2, 0, 0]}
+      - {time: 1, pos: [3, 0, 0], quat: [0, 0, 0, 1]}
+      - {time: 2.5, pos: [2, 0, 0], quat: [-1, 0, 0, 0]}
+    loop: true
+"""
+
+
+def load(text: str, folder: Path) -> Scene:
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_scene(path)
+
+
+def message(text: str, folder: Path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(text, folder)
+    return str(caught.value)
+
+
+def test_one_of_each_is_read(tmp_path: Path) -> None:
+    scene = load(GOOD, tmp_path)
+    assert [obstacle.shape.label for obstacle in scene.obstacles.values()] == [
+        "box", "half_space", "cylinder", "sphere", "segment", "capsule",
+    ]  # fmt: skip
+    wall = scene.obstacles["wall"]
+    assert (wall.frame, wall.influence, wall.margin) == ("world", 0.1, 0.01)
+
+
+def test_shipped_scenes_bear_their_names() -> None:
+    shipped = [entry for entry in entries(Kind.SCENE) if entry.shipped]
+    assert tuple(entry.name for entry in shipped) == SHIPPED
+    assert all(load_scene(entry.path).name == entry.name for entry in shipped)
+
+
+def test_unknown_names_are_told_the_nearest() -> None:
+    with refuses(UsageError, found="'tabel'", allowed="crossing_ball", next_step="table"):
+        load_scene("tabel")
+
+
+def op3_with(scene: Scene, time: float) -> tuple[mujoco.MjModel, int]:
+    """OP3's body in its stand posture, its soles about the origin, and how many of the last geoms are obstacles."""
+    robot = load_robot("op3")
+    state = SceneState(scene)
+    poses, shapes = state.at(time), state.shapes
+    spec = mujoco.MjSpec.from_file(str(robot.profile.body_path))
+    kinds = {ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER, ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX}
+    for row, kind in enumerate(shapes.kinds):
+        size, position = shapes.sizes[row].copy(), poses.position[row].copy()
+        form = kinds.get(kind, mujoco.mjtGeom.mjGEOM_SPHERE)
+        if kind == ShapeKind.HALF_SPACE:  # a slab as thick as far from its plane as no body reaches
+            form, size = mujoco.mjtGeom.mjGEOM_BOX, np.array([5.0, 5.0, 0.5])
+            position -= rotations.rotate(poses.quat[row], [0, 0, 0.5])
+        spec.worldbody.add_geom(type=form, size=size, pos=position, quat=poses.quat[row])
+    return spec.compile(), len(shapes.kinds)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("time", [0.0, 2.5])
+def test_shipped_scenes_are_clear_of_a_standing_op3(name: str, time: float) -> None:
+    robot = load_robot("op3")
+    q = robot.posture(robot.profile.postures.stand)
+    soles = robot.points(q[None], ("l_sole", "r_sole"))[0]
+    q[:3] -= soles.mean(axis=0)
+    scene = load_scene(name)
+    model, count = op3_with(scene, time)
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    fixed = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == 0][-count:]
+    own = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] != 0]
+    assert len(own) > 10
+    gaps = [mujoco.mj_geomDistance(model, data, a, b, 1.0, None) for a in own for b in fixed]
+    assert min(gaps) > (0.0 if time else max(obstacle.margin for obstacle in scene.obstacles.values()))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("{box:", "{bix:", ":4: obstacles.top.shape.bix: unknown key; found 'bix'; allowed: segment, capsule, cylinde"),
+        ("{box:", "{bix:", "Did you mean box?"),
+        ("{box: {size: [0.2, 0.4, 0.01]}}", "half_space", "obstacles.top.shape: not a shape; found 'half_space'; allo"),
+        ("{box: {size: [0.2, 0.4, 0.01]}}", "{}", "top.shape: not one shape; found {}; allowed: exactly one of: segme"),
+        ("sphere: {radius: 0.1}", "sphere: 0.1", "ball.shape.sphere: keys are missing; found 0.1; allowed: a mapping"),
+        ("frame: stand", "frame: stnad", "post.frame: wrong value; found 'stnad'; allowed: 'world' or 'stand'. Did yo"),
+        ("0.4, 0.01]", "0, 0.01]", "top.shape.box.size[1]: wrong value; found 0; allowed: greater than 0"),
+        ("radius: 0.02", "radius: -0.02", "post.shape.cylinder.radius: wrong value; found -0.02; allowed: greater tha"),
+        ("pos: [0.3, 0, 0.2]", "pos: [0.3, .nan, 0.2]", ":4: obstacles.top.at.pos[1]: a number that is not finite"),
+        ("pos: [0.3, 0, 0.2]", "pos: [0.3, nan, 0.2]", "top.at.pos[1]: wrong value; found 'nan'; allowed: a number"),
+        ("pos: [0.3, 0, 0.2]", "pos: [0.3, 0, 2e4]", "top.at.pos[2]: wrong value; found 20000.0; allowed: less than o"),
+        ("normal: [-1, 0, 0]", "normal: [0, 0, 0]", "half_space.normal: a direction without length; found [0, 0, 0]"),
+        ("quat: [1, 0, 0, 0]", "quat: [1, 1, 0, 0]", "wall.at.quat: not a unit quaternion"),
+        ("influence: 0.06", "influence: 0.01", "top.influence: the influence must be larger than the margin; found in"),
+        ("influence: 0.06, margin: 0.01", "margin: 0.2", "top.margin: the influence must be larger than the margin"),
+        ("margin: 0.01", "margin: -0.01", "top.margin: wrong value; found -0.01; allowed: greater than or equal to 0"),
+        ("to: [0, 0, 1], radius", "to: [0, 0, 0], radius", "a cylinder without length; found [0.0, 0.0, 0.0], where i"),
+        ("  wall:", "  top:", ":5: obstacles.top: duplicate key; found the same key in line 4; allowed: each key once"),
+        ("{time: 1, pos", "{pos", "car.path[1].time: a moving obstacle without time; found nothing; allowed: time: se"),
+        ("time: 2.5", "time: 1", "car.path[2].time: a moving obstacle whose times do not rise; found 1.0 s after 1.0"),
+        ("time: 1,", "time: 0.001,", "car.path[1].time: the path is too fast; found 1000 m/s since the point before"),
+        ("time: 1,", "time: 0.02,", "car.path[1].time: the path is too fast; found 157.1 rad/s since the point before"),
+        ("2.5, pos: [2,", "2.5, pos: [2.1,", "car.path[2]: the loop does not close; found pos [2.1, 0.0, 0.0]"),
+        ("quat: [-1, 0, 0, 0]", "quat: [0, 1, 0, 0]", "car.path[2]: the loop does not close"),
+        ("    loop: true", "    velocity: [0, 0, 1]", "car.velocity: 'path' and 'velocity' exclude each other. Remove"),
+        ("    loop: true", "    at: {pos: [0, 0, 1]}", "car.at: 'path' and 'at' exclude each other"),
+        ("velocity: [1, 0, 0], from", "loop: true, from", "ball.loop: a loop without a path"),
+        ("velocity: [1, 0, 0], from", "from", "ball.from: a time without a velocity. Add 'velocity', or remove 'from'"),
+        ("until: 2", "until: 1", "ball.until: the motion ends before it begins; found 1.0 s; allowed: later than 'fro"),
+        ("velocity: [1, 0, 0]", "velocity: [101, 0, 0]", "ball.velocity[0]: wrong value; found 101; allowed: less tha"),
+        ("velocity: [1, 0, 0]", "velocity: 1", "ball.velocity: wrong value; found 1; allowed: "),
+        ("description: one of each\n", "", "description: missing key"),
+        ("influence:", "influense:", "influense: unknown key; found 'influense'; allowed: shape, frame, at, influence"),
+    ],
+)  # fmt: skip
+def test_refused_with_its_place(tmp_path: Path, old: str, new: str, part: str) -> None:
+    assert GOOD.count(old) >= 1
+    assert part in message(GOOD.replace(old, new, 1), tmp_path)
+
+
+def test_a_path_has_two_points_and_a_scene_an_obstacle(tmp_path: Path) -> None:
+    start = GOOD[: GOOD.index("obstacles")]
+    shows(message(start + "obstacles: {}\n", tmp_path))
+    one = start + "obstacles:\n  a: {shape: {sphere: {radius: 1}}, path: [{time: 0, pos: [0, 0, 0]}]}\n"
+    shows(message(one, tmp_path), "a.path", 1, "'at'")
+
+
+def test_the_examples_of_the_page_are_good(tmp_path: Path, root: Path) -> None:
+    page = (root / "docs" / "scenes.md").read_text(encoding="utf-8")
+    blocks = [textwrap.dedent(block) for block in re.findall(r"(?:^    .*\n|^\n)+", page, re.MULTILINE)]
+    whole = next(block for block in blocks if "name: mine\n" in block).strip("\n") + "\n"
+    parts = [textwrap.indent(block.strip("\n"), "  ") for block in blocks if block.strip().startswith(("door", "ball"))]
+    assert len(parts) == 2
+    scene = load(whole + "\n".join(parts).replace("  ball:", "  path:", 1) + "\n", tmp_path)
+    assert list(scene.obstacles) == ["top", "wall", "ball", "door", "path"]
+
+
+def test_all_errors_at_once(tmp_path: Path) -> None:
+    text = GOOD.replace("radius: 0.02", "radius: 0").replace("from: 1, until: 2", "from: 2, until: 1")
+    text = text.replace("[0, 0, 1]}}, angular", "[0, 0, 0]}}, angular").replace("frame: world", "frame: moon")
+    told = message(text, tmp_path)
+    shows(told, 4)
+    for place in ("top.frame", "post.shape.cylinder.radius", "ball.until", "rope.shape.segment.to"):
+        assert place in told
+
+
+def test_a_sphere_needs_its_radius_only(tmp_path: Path) -> None:
+    shows(message(GOOD.replace("{radius: 0.1}", "{}", 1), tmp_path), "ball.shape.sphere.radius")
+
+
+PARENT = Pose((1.0, -2.0, 0.5), turn((0.3, -1.0, 2.0)))
+CHILD = Pose((0.2, 0.4, -0.1), turn((1.0, 0.5, -0.2)))
+
+
+def test_inside_is_the_product_of_transforms() -> None:
+    both = PARENT.inside(CHILD)
+    assert_allclose(both.position, PARENT.position + rotations.rotate(PARENT.quat, CHILD.position), atol=1e-15)
+    assert_allclose(both.quat, rotations.multiply(PARENT.quat, CHILD.quat), atol=1e-15)
+
+
+def test_velocities_are_derivatives() -> None:
+    linear, angular, h = (0.3, -0.2, 0.7), (1.0, -2.0, 0.4), 1e-6
+
+    def seen(time: float) -> MovingPose:
+        x, y, z = (CHILD.position[i] + time * linear[i] for i in range(3))
+        spun = product(turn((time * angular[0], time * angular[1], time * angular[2])), CHILD.quat)
+        return on_body(carried_by(PARENT, MovingPose(Pose((x, y, z), spun), linear, angular)), Pose((0.5, 0.1, -0.3)))
+
+    now, before, after = seen(0.0), seen(-h), seen(h)
+    rate = (np.array(after.pose.position) - before.pose.position) / (2 * h)
+    assert_allclose(rate, now.linear, atol=1e-8)
+    spin = rotations.log(rotations.multiply(after.pose.quat, rotations.conjugate(before.pose.quat))) / (2 * h)
+    assert_allclose(spin, now.angular, atol=1e-8)
+
+
+def test_unit() -> None:
+    assert unit((0.0, 3.0, 0.0, -4.0)) == pytest.approx((0.0, 0.6, 0.0, -0.8))

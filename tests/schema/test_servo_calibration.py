@@ -1,0 +1,212 @@
+"""The calibration of one specimen: written and read back, applied to the right robot only, never half written."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hardware.joint_map import JointMap
+from hardware.servo import ServoSpec
+from messages import refuses, shows
+from retarget.cli import main
+from retarget.errors import ConfigError, UsageError
+from retarget.model.robot import load_robot, load_uncalibrated
+from retarget.schema.catalogue import calibration_path
+from retarget.schema.profile import RobotProfile, load_profile
+from retarget.schema.servo_calibration import (
+    HomedServo,
+    ServoCalibration,
+    calibrated,
+    impossible_zeros,
+    previous_path,
+    read_calibration,
+    write_calibration,
+)
+from servos import four_servos, waist_servos
+
+
+@pytest.fixture(autouse=True)
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's configuration folder, empty."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    return tmp_path / "retarget"
+
+
+@pytest.fixture(scope="module")
+def op3() -> RobotProfile:
+    return load_profile("op3")
+
+
+def entry(number: int, tick: int, *, angle: float = 0.0, **more: object) -> HomedServo:
+    fields = {"id": number, "model": "XM430-W350", "posture": "neutral", "angle": angle, "tick": tick}
+    return HomedServo.model_validate(fields | {"date": "2026-01-31"} | more)
+
+
+def head(**more: object) -> ServoCalibration:
+    servos = {"head_pan": entry(19, 2100), "head_tilt": entry(20, 1900, angle=0.25)}
+    return ServoCalibration.model_validate({"robot": "op3", "servos": servos} | more)
+
+
+def test_what_is_written_is_read(op3: RobotProfile) -> None:
+    assert read_calibration(op3) is None
+    path = write_calibration(head())
+    assert path == calibration_path("op3")
+    assert read_calibration(op3) == head()
+    assert not previous_path(path).exists()
+
+
+@given(
+    joint=st.text(
+        st.characters(exclude_categories=["Cs", "Cc", "Z"], exclude_characters="/\\\ufeff"), min_size=1, max_size=8
+    ),
+    angle=st.floats(-7.0, 7.0),
+    tick=st.integers(-20000, 20000),
+)
+def test_any_name_and_number_survives_the_file(joint: str, angle: float, tick: int) -> None:
+    from retarget.schema.servo_calibration import _as_yaml
+    from retarget.schema.strict_yaml import parse
+
+    calibration = ServoCalibration(robot="op3", servos={joint: entry(3, tick, angle=angle, homing_offset=-7)})
+    document = parse(_as_yaml(calibration), Path("calibration.yaml"))
+    assert ServoCalibration.model_validate(document.data) == calibration
+
+
+def test_the_one_before_is_kept(op3: RobotProfile) -> None:
+    write_calibration(head())
+    newer = head(servos={"head_pan": entry(19, 2200)})
+    path = write_calibration(newer)
+    assert read_calibration(op3) == newer
+    assert "2100" in previous_path(path).read_text()
+    assert sorted(file.name for file in path.parent.iterdir()) == ["op3.previous.yaml", "op3.yaml"]
+
+
+def test_a_file_that_is_named_is_the_only_one_that_is_written(op3: RobotProfile, tmp_path: Path) -> None:
+    own = write_calibration(head()).read_bytes()
+    named = tmp_path / "named" / "zeros.yaml"
+    named.parent.mkdir()
+    for tick in (2200, 2300):
+        assert write_calibration(head(servos={"head_pan": entry(19, tick)}), named) == named
+        assert f"tick: {tick}" in named.read_text()
+    assert list(named.parent.iterdir()) == [named]
+    path = calibration_path("op3")
+    assert path.read_bytes() == own and list(path.parent.iterdir()) == [path]
+
+
+def test_a_write_that_fails_leaves_the_old_one(op3: RobotProfile, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_calibration(head())
+
+    def broken(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("retarget.schema.servo_calibration.os.fsync", broken)
+    with refuses(UsageError):
+        write_calibration(head(servos={"head_pan": entry(19, 2200)}))
+    assert read_calibration(op3) == head()
+    assert not list(calibration_path("op3").parent.glob("*.part"))
+
+
+def test_a_calibrated_robot_has_its_zeros_there() -> None:
+    write_calibration(head())
+    robot, plain = load_robot("op3"), load_uncalibrated("op3")
+    assert robot.calibration == head() and plain.calibration is None
+    zeros = {servo.joint: servo.zero_tick for servo in robot.joint_map.servos}
+    assert zeros["head_pan"] == 2100
+    assert zeros["head_tilt"] == round(1900 - 0.25 * 2048 / np.pi)
+    assert {zero for joint, zero in zeros.items() if not joint.startswith("head")} == {2048}
+    assert [servo.zero_tick for servo in plain.joint_map.servos] == [2048] * 20
+
+
+@pytest.mark.parametrize("servos", [four_servos(), waist_servos()], ids=["plain", "coupled"])
+@given(data=st.data())
+def test_the_tick_read_then_is_the_angle_of_then(servos: tuple[ServoSpec, ...], data: st.DataObject) -> None:
+    share = np.array(data.draw(st.lists(st.floats(0.3, 0.7), min_size=4, max_size=4)))
+    moved = data.draw(st.lists(st.integers(-80, 80), min_size=4, max_size=4))
+    truth = JointMap([replace(spec, zero_tick=spec.zero_tick + by) for spec, by in zip(servos, moved, strict=True)])
+    asked = truth.lower + share * (truth.upper - truth.lower)
+    ticks = truth.to_ticks(asked)
+    placed = truth.to_radians(ticks)
+    homed = {
+        spec.joint: entry(spec.id, int(tick), angle=float(angle), model=spec.model.name)
+        for spec, tick, angle in zip(servos, ticks, placed, strict=True)
+    }
+    found = calibrated(servos, ServoCalibration(robot="r", servos=homed))
+    assert [spec.zero_tick for spec in found] == [spec.zero_tick for spec in truth.servos]
+
+
+WRONG: dict[str, tuple[dict[str, object], str]] = {
+    "robot": ({"robot": "poppy"}, "robot: of another robot; found poppy; allowed: op3"),
+    "joint": ({"servos": {"tail": entry(19, 2048)}}, "servos.tail: unknown joint of this robot; found 'tail'"),
+    "id": (
+        {"servos": {"head_pan": entry(18, 2048)}},
+        "head_pan.id: another id than in the profile; found 18; allowed: 19",
+    ),
+    "model": (
+        {"servos": {"head_pan": entry(19, 2048, model="XL430-W250")}},
+        "head_pan.model: another model than in the profile; found XL430-W250; allowed: XM430-W350",
+    ),
+    "offset": ({"servos": {"head_pan": entry(19, 2048, homing_offset=4)}}, "another homing offset than in the profile"),
+    "travel": ({"servos": {"head_pan": entry(19, 200)}}, "head_pan.tick: impossible zero: head_pan: limits"),
+}
+
+
+@pytest.mark.parametrize("case", list(WRONG))
+def test_of_another_robot_is_refused(case: str) -> None:
+    change, text = WRONG[case]
+    write_calibration(head(**change))
+    with pytest.raises(ConfigError) as refusal:
+        load_robot("op3") if case != "robot" else read_as_op3()
+    assert text in str(refusal.value)
+
+
+def read_as_op3() -> None:
+    """The file of another robot under this one's name."""
+    shutil.move(calibration_path("poppy"), calibration_path("op3"))
+    load_robot("op3")
+
+
+def test_all_that_differs_is_said_at_once() -> None:
+    write_calibration(head(servos={"head_pan": entry(18, 1), "head_tilt": entry(19, 1), "tail": entry(3, 3)}))
+    with refuses(ConfigError) as refusal:
+        load_robot("op3")
+    assert len(refusal.value.problems) == 3
+
+
+def test_a_connector_suffix_is_no_other_model() -> None:
+    write_calibration(head(servos={"head_pan": entry(19, 2048, model="XM430-W350-R")}))
+    assert load_robot("op3").calibration is not None
+
+
+@pytest.mark.parametrize(
+    "text", ["", "robot: op3\n", "robot: op3\nservos: {}\n", "[", "robot: op3\nservos: {head_pan: {id: 19}}\n"]
+)
+def test_an_unsound_file_is_refused(text: str, op3: RobotProfile) -> None:
+    path = calibration_path("op3")
+    path.parent.mkdir(parents=True)
+    path.write_text(text)
+    with pytest.raises(ConfigError):
+        read_calibration(op3)
+
+
+def test_what_stands_in_its_place_is_not_passed_over(op3: RobotProfile) -> None:
+    calibration_path("op3").mkdir(parents=True)
+    with pytest.raises(ConfigError):
+        read_calibration(op3)
+
+
+def test_half_a_pair_shifted_beyond_its_servo_is_impossible() -> None:
+    assert impossible_zeros(waist_servos(), ServoCalibration(robot="r", servos={"knee": entry(7, 2048)})) == []
+    ((joint, text),) = impossible_zeros(waist_servos(), ServoCalibration(robot="r", servos={"knee": entry(7, 100)}))
+    assert joint == "knee"
+    shows(text)
+
+
+def test_check_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
+    for text in ("calibration:   none: zero ticks of the profile", "2 of 20 servos homed on 2026-01-31 ("):
+        with pytest.raises(SystemExit):
+            main(["check", "op3"])
+        assert text in capsys.readouterr().out
+        write_calibration(head())

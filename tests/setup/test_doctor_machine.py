@@ -1,0 +1,200 @@
+"""Findings as lines."""
+
+import importlib
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from doctor_rig import mends, text_of
+from hardware.clock import VirtualClock
+from messages import shows, shows_lines
+from retarget.errors import Problem
+from retarget.setup.doctor_machine import (
+    Level,
+    firewall_findings,
+    frame_findings,
+    lateness_finding,
+    machine_findings,
+    mend,
+    mend_all,
+    note,
+    ok,
+    port_findings,
+    python_findings,
+    seconds_per_frame,
+    serial_findings,
+)
+
+
+def test_a_line_for_each() -> None:
+    assert ok("rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
+    assert note("clock", "coarse").render() == "note clock: coarse"
+    assert mend("port", "taken", "Stop it").render() == "mend port: taken. Stop it."
+    assert mend("port", "taken", "Who?").render().endswith("Who?")
+
+
+def test_a_senders_words_cannot_move_the_cursor() -> None:
+    assert mend("sensors", "tells \x1b[2Jx\n\r", "No").render() == "mend sensors: tells ?[2Jx??. No."
+
+
+def test_problems_of_a_refusal() -> None:
+    found = mend_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
+    assert [finding.level for finding in found] == [Level.MEND, Level.MEND]
+    assert found[0].what == "taken. Stop it."
+
+
+def test_what_is_there_is_told_with_its_command(tmp_path: Path) -> None:
+    (tmp_path / "etc/ufw").mkdir(parents=True)
+    (tmp_path / "etc/ufw/ufw.conf").write_text("ENABLED=yes\n")
+    (tmp_path / "run/firewalld").mkdir(parents=True)
+    (tmp_path / "proc").mkdir()
+    (tmp_path / "proc/version").write_text("Linux 5.15 Microsoft")
+    (tmp_path / ".dockerenv").touch()
+    text = text_of(firewall_findings(39_539, root=tmp_path))
+    for part in ("sudo ufw allow 39539/udp", "--add-port=39539/udp", "mirrored", "-p 39539:39539/udp", "Windows"):
+        assert part in text
+
+
+def test_one_that_is_off_is_not_blamed(tmp_path: Path) -> None:
+    (tmp_path / "etc/ufw").mkdir(parents=True)
+    (tmp_path / "etc/ufw/ufw.conf").write_text("ENABLED=no\n")
+    text = text_of(firewall_findings(9_763, protocol="tcp", root=tmp_path))
+    shows(text, "TCP", 9763)
+
+
+GOVERNOR = "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
+CLOCK = "sys/devices/system/clocksource/clocksource0/current_clocksource"
+
+CORES = re.compile(r"\d+ of \d+")
+
+
+def said(root: Path, name: str, content: str) -> str:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(content + "\n")
+    return text_of(machine_findings(root, root=root))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line"),
+    [
+        (GOVERNOR, "powersave", "note governor: powersave"),
+        (GOVERNOR, "performance", "ok   governor: performance"),
+        (CLOCK, "hpet", "note clock: source hpet"),
+        (CLOCK, "tsc", "ok   clock: source tsc"),
+        ("proc/sys/net/core/rmem_max", "65536", "mend UDP buffer: net.core.rmem_max 65536"),
+        ("proc/sys/net/core/rmem_max", "212992", "note UDP buffer"),
+        ("proc/sys/net/core/rmem_max", "4194304", "ok   UDP buffer"),
+        ("sys/fs/cgroup/cpu.max", "50000 100000", "limited to 0.5 by a cgroup"),
+        ("proc/loadavg", "99.00 1 1", "note cores"),
+        ("sys/kernel/realtime", "1", "PREEMPT_RT"),
+        ("proc/version", "Linux #1 SMP PREEMPT_DYNAMIC", "PREEMPT_DYNAMIC"),
+    ],
+)
+def test_each_file_is_read(tmp_path: Path, name: str, content: str, line: str) -> None:
+    assert line in said(tmp_path, name, content)
+
+
+def test_half_a_core_is_too_little(tmp_path: Path) -> None:
+    shows_lines(said(tmp_path, "sys/fs/cgroup/cpu.max", "50000 100000"), "mend cores", varies=CORES)
+
+
+def test_without_the_files_nothing_fails(tmp_path: Path) -> None:
+    text = text_of(machine_findings(tmp_path / "gone", root=tmp_path))
+    shows_lines(text, re.compile("disk|UDP buffer"))
+
+
+def test_who_wakes_in_time_and_who_late() -> None:
+    assert not mends([lateness_finding(VirtualClock())])
+
+    class Late(VirtualClock):
+        def sleep_until(self, deadline: float) -> None:
+            super().sleep_until(deadline + 0.006)
+
+    assert mends([lateness_finding(Late())])
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Path:
+    """A link to a device of characters that everybody may open."""
+    link = tmp_path / "servo"
+    link.symlink_to(os.devnull)
+    return link
+
+
+def test_a_sound_port(terminal: Path, tmp_path: Path) -> None:
+    found = port_findings(str(terminal), baud=1_000_000, devices=tmp_path, processes=tmp_path)
+    assert not mends(found)
+    shows(text_of(found), 1000000)
+
+
+def test_a_path_that_leads_nowhere_and_a_file(tmp_path: Path) -> None:
+    shows(mends(port_findings(str(tmp_path / "none")))[0])
+    shows(mends(port_findings(str(tmp_path)))[0])
+    shows(mends(port_findings("x" * 5000))[0])
+
+
+def test_without_permission(terminal: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    shows(mends(port_findings(str(terminal)))[0])
+
+
+@pytest.mark.parametrize(("timer", "count"), [("16", 1), ("1", 0)])
+def test_the_latency_timer(terminal: Path, tmp_path: Path, timer: str, count: int) -> None:
+    (tmp_path / "null").mkdir()
+    (tmp_path / "null/latency_timer").write_text(timer)
+    lines = mends(port_findings(str(terminal), devices=tmp_path, processes=tmp_path / "null"))
+    assert len(lines) == count
+    if count:
+        shows(lines[0], 16)
+
+
+def test_who_has_it(terminal: Path, tmp_path: Path) -> None:
+    descriptors = tmp_path / "77/fd"
+    descriptors.mkdir(parents=True)
+    (descriptors / "5").symlink_to(os.devnull)
+    (tmp_path / "77/cmdline").write_bytes(b"retarget\0servo\0monitor\0")
+    lines = mends(port_findings(str(terminal), devices=tmp_path, processes=tmp_path))
+    assert len(lines) == 1
+    shows(lines[0], 77)
+
+
+def test_ports_that_may_be_opened() -> None:
+    assert not mends(serial_findings([os.devnull]))
+
+
+def test_ports_that_may_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    shows(mends(serial_findings([os.devnull]))[0], "usermod")
+
+
+def test_where_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    shows(text_of(serial_findings([])))
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(os, "getegid", lambda: 1000)
+    monkeypatch.setattr(os, "getgroups", list)
+    assert not mends(serial_findings([]))
+
+
+def test_this_python_will_do() -> None:
+    assert not mends(python_findings())
+    assert "3.10.4" in mends(python_findings((3, 10, 4)))[0]
+
+
+def test_a_wheel_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str) -> None:
+        raise ImportError("wrong machine")
+
+    monkeypatch.setattr(importlib, "import_module", refuse)
+    shows(text_of(python_findings()))
+
+
+@pytest.mark.parametrize(("cost", "level"), [(0.0005, Level.OK), (0.005, Level.NOTE), (0.02, Level.MEND)])
+def test_the_cost_of_a_frame(cost: float, level: Level) -> None:
+    assert [finding.level for finding in frame_findings(lambda: cost)] == [level]
+
+
+def test_a_frame_is_really_solved() -> None:
+    assert 1e-5 < seconds_per_frame(5) < 0.5

@@ -1,0 +1,277 @@
+"""Senders that send to another port of this machine."""
+
+import select
+import socket
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from doctor_rig import HERE, heard, json_poses, judged, mends, played, steady, text_of
+from hardware.clock import MonotonicClock, VirtualClock
+from live_rig import five
+from messages import refuses, shows, shows_lines
+from mvn_packets import mvn, quaternions, standing
+from natnet_packets import Motion, Pose, frame
+from osc_bytes import bundle, message, pose
+from retarget.errors import InputError
+from retarget.live.address import KINDS, local_interfaces, parse_address
+from retarget.live.admission import Datagram
+from retarget.live.datagram_kinds import Recognised
+from retarget.setup.doctor_stream import (
+    UNFRAGMENTED,
+    USUAL_PORTS,
+    Elsewhere,
+    Stray,
+    sender_findings,
+    silence_findings,
+    stray_finding,
+    stream_findings,
+)
+from retarget.sources.natnet_wire import Version
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_the_usual_port_of_every_kind_is_listened_on() -> None:
+    assert {kind.port for kind in KINDS.values()} - {None} <= set(USUAL_PORTS)
+
+
+def test_a_sender_to_another_port_is_named_once() -> None:
+    port = free_port()
+    elsewhere = Elsewhere(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[port])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for _ in range(3):
+            sender.sendto(b"MXTP02" + bytes(18), ("127.0.0.1", port))
+        ready, _, _ = select.select([receiver for _, _, receiver in elsewhere._receivers], [], [], 5.0)
+    assert ready
+    elsewhere.poll(MonotonicClock().now())
+    elsewhere.close()
+    (stray,) = elsewhere.strays
+    assert (stray.host, stray.port, stray.got.kind) == ("127.0.0.1", port, "mvn")
+
+
+def test_a_port_that_is_taken_is_left_out() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("0.0.0.0", 0))
+        port = holder.getsockname()[1]
+        elsewhere = Elsewhere(parse_address("vmc://0.0.0.0:1?allow=any"), everywhere=True, ports=[port])
+        elsewhere.poll(0.0)
+        assert elsewhere.strays == ()
+        elsewhere.close()
+
+
+def test_a_listener_on_loopback_looks_at_the_other_interfaces_too() -> None:
+    elsewhere = Elsewhere(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[])
+    others = [number for number in local_interfaces().values() if not number.startswith("127.")]
+    assert [bind for bind, _, _ in elsewhere._receivers] == others
+    elsewhere.close()
+
+
+def test_a_recording_has_no_elsewhere() -> None:
+    assert Elsewhere(parse_address("replay://a.raw"), everywhere=True)._receivers == []
+
+
+def test_it_stays_on_the_interface_that_was_asked_for() -> None:
+    elsewhere = Elsewhere(parse_address(f"vmc://:{free_port()}"), everywhere=False)
+    assert elsewhere._receivers and {bind for bind, _, _ in elsewhere._receivers} == {"127.0.0.1"}
+    elsewhere.close()
+
+
+ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
+VMC = bundle(pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
+OTHER = ("192.168.1.9", 5)
+
+
+@pytest.mark.parametrize(
+    ("text", "payload", "words"),
+    [
+        ("mvn://:9763", VMC, "Listen with vmc://:9763"),
+        ("mvn://:9763", mvn("05", b""), "Position + Orientation (Quaternion)"),
+        ("mvn://:9763", mvn("20", b""), "Position + Orientation (Quaternion)"),
+        ("vmc://:39539", message("/tracking/trackers/1/position", "fff", 0.0, 1.0, 0.0), "vrchat://:39539"),
+        ("vmc://:39539", quaternions(standing()), "mvn://:39539"),
+        ("vmc://:39539", ONE, "json://:39539"),
+        ("vmc://:39539", message("/VMC/Ext/Blend/Apply", ""), "Load an avatar"),
+        ("json://:14150", b'{"axes": "blender", "poses": {}}', '"axes" as one of rep103'),
+        ("json://:14150", b"\x04\x22\x4d\x18", "let a bridge send"),
+        ("json://:14150", b"what?", "which program sends it"),
+    ],
+)
+def test_mix_ups_are_said_in_one_line(text: str, payload: bytes, words: str) -> None:
+    lines = mends(judged(played(steady(payload), text=text), text=text))
+    assert len(lines) == 1 and words in lines[0]
+
+
+def test_a_sender_that_is_not_allowed() -> None:
+    text = "json://0.0.0.0:14150?allow=192.168.1.20"
+    lines = mends(judged(played(steady(ONE, source=OTHER), text=text), text=text))
+    shows(lines[0], "192.168.1.9", 5)
+
+
+def test_a_second_source_and_who_was_first() -> None:
+    rows = sorted(steady(ONE) + [Datagram(1.0 + k / 10, OTHER, ONE) for k in range(5)])
+    line = next(line for line in mends(judged(played(rows))) if "second source" in line)
+    shows(line, "192.168.1.9", HERE[0], HERE[1])
+
+
+def test_fragments_matter_beyond_this_machine_only() -> None:
+    large = json_poses(1.0, {f"marker {k}": {"p": [0.0, 0.0, 1.0]} for k in range(60)})
+    assert len(large) > UNFRAGMENTED
+    shows(text_of(judged(played(steady(large)))))
+    shows(text_of(judged(played(steady(large, source=OTHER)))), "IP")
+    shows(text_of(judged(played(steady(ONE, source=OTHER)))))
+
+
+def test_damage_is_told_by_its_share() -> None:
+    rows = [
+        Datagram(one.arrival, one.source, one.payload[: -(k % 5 == 0) or None]) for k, one in enumerate(steady(ONE))
+    ]
+    shows_lines(mends(judged(played(rows))), "JSON", "UTF-8", 40, 200)
+
+
+def test_a_rate_beyond_what_is_taken() -> None:
+    shows(mends(judged(played(steady(ONE, rate=5000.0, seconds=1.0)))))
+
+
+def test_what_the_kernel_lost() -> None:
+    listening = played(steady(ONE))
+    vars(listening.stream.receiver)["overflowed"] = 12
+    assert any("lost 12 datagrams" in line for line in mends(judged(listening)))
+
+
+def test_an_avatar_that_is_not_loaded() -> None:
+    payload = bundle(message("/VMC/Ext/OK", "i", 0), pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
+    text = "vmc://:39539"
+    shows(mends(judged(played(steady(payload), text=text), text=text)))
+
+
+def test_noise_of_many_kinds_is_one_line() -> None:
+    rows = [Datagram(k / 100, HERE, bytes([200, k, 1, 2, 3])) for k in range(200)]
+    assert len(mends(judged(played(rows)))) == 1
+
+
+def test_a_recording_of_another_kind_is_read_as_that() -> None:
+    address = parse_address("replay://walk.raw?kind=mvn")
+    (line,) = mends(sender_findings(address, "mvn", played(steady(VMC), text="mvn://:9763")))
+    shows(line, "mvn://")
+    assert line.endswith("Read it as replay://walk.raw?kind=vmc.")
+
+
+SILENCE_FINDINGS_VMC = Recognised("vmc", "VMC")
+
+
+def said(text: str, *strays: Stray) -> str:
+    return text_of(silence_findings(parse_address(text), strays, seconds=5.0))
+
+
+def test_on_loopback_the_firewall_is_not_blamed() -> None:
+    text = said("vmc://:39539")
+    shows(text, "5.0", "127.0.0.1", "UDP", 39539)
+    assert "vmc://0.0.0.0:39539?allow=ITS_ADDRESS" in text and "firewall" not in text
+
+
+def test_on_the_network_it_is() -> None:
+    text = said("vmc://0.0.0.0:39539?allow=192.168.1.20")
+    shows(text, "192.168.1.20/32")
+
+
+def test_mvn_over_tcp_has_its_own_option() -> None:
+    text = said("mvn://:9763?tcp=127.0.0.1")
+    shows(text, "TCP", 9763, "?tcp=ITS_ADDRESS")
+
+
+def test_motive_is_started_and_asked() -> None:
+    shows(said("natnet://127.0.0.1"))
+    assert "1511/udp" in said("natnet://192.168.1.5") or "UDP port 1511" in said("natnet://192.168.1.5")
+    answered = silence_findings(parse_address("natnet://127.0.0.1"), (), seconds=5.0, answered=True)
+    assert answered == []
+
+
+@pytest.mark.parametrize(
+    ("stray", "words"),
+    [
+        (Stray("192.168.1.20", "192.168.1.5", 39_539, SILENCE_FINDINGS_VMC), "vmc://0.0.0.0:39539?allow=192.168.1.20"),
+        (Stray("127.0.0.1", "0.0.0.0", 39_540, SILENCE_FINDINGS_VMC), "Use vmc://:39540, or let it send to port 39539"),
+        (
+            Stray("127.0.0.1", "127.0.0.1", 39_540, SILENCE_FINDINGS_VMC),
+            "Use vmc://:39540, or let it send to port 39539",
+        ),
+        (Stray("192.168.1.20", "0.0.0.0", 39_540, SILENCE_FINDINGS_VMC), "Use vmc://0.0.0.0:39540?allow=192.168.1.20"),
+        (Stray("192.168.1.20", "0.0.0.0", 1_511, Recognised("natnet", "NatNet")), "Use natnet://192.168.1.20"),
+    ],
+)
+def test_a_sender_to_elsewhere_is_the_cause(stray: Stray, words: str) -> None:
+    assert words in "\n".join(mends([stray_finding(parse_address("vmc://:39539"), stray)]))
+    assert "ITS_ADDRESS" not in said("vmc://:39539", stray)
+
+
+@pytest.mark.parametrize(
+    ("got", "words"), [(Recognised("mvn", "MVN"), "To use that: mvn://:9763"), (Recognised("", "mocopi"), "not read")]
+)
+def test_another_kind_elsewhere_is_only_worth_knowing(got: Recognised, words: str) -> None:
+    finding = stray_finding(parse_address("vmc://:39539"), Stray("127.0.0.1", "0.0.0.0", 9_763, got))
+    assert not mends([finding]) and words in finding.render()
+
+
+def test_a_sound_stream_has_nothing_to_mend() -> None:
+    found = judged(heard())
+    assert not mends(found), text_of(found)
+    assert {"stream", "rate", "jitter", "clock", "sensors"} <= {finding.subject for finding in found}
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "wrong"),
+    [("full12_vmc_50hz", "vmc", []), ("full12_vrcosc_20hz", "vrchat", ["rate", "sensors"])],
+)
+def test_real_recordings(shared: Path, name: str, kind: str, wrong: list[str]) -> None:
+    address = parse_address(f"replay://{shared}/streams/slimevr/{name}.udprec.gz?kind={kind}")
+    found = stream_findings(address, five(), clock=VirtualClock(), seconds=6.0)
+    assert [line.split(":")[0].split()[1] for line in mends(found)] == wrong
+
+
+def test_a_recording_of_another_kind(shared: Path) -> None:
+    address = parse_address(f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=mvn")
+    (line,) = mends(stream_findings(address, five(), clock=VirtualClock(), seconds=3.0))
+    shows(line, "VMC", "mvn://")
+
+
+def test_no_such_recording_is_a_bad_argument() -> None:
+    with refuses(InputError):
+        stream_findings(parse_address("replay://nope?kind=vmc"), five(), clock=VirtualClock(), seconds=1.0)
+
+
+def test_a_port_that_is_taken_is_to_be_mended() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("127.0.0.1", 0))
+        address = parse_address(f"vmc://:{holder.getsockname()[1]}")
+        found = stream_findings(address, five(), clock=MonotonicClock(), seconds=1.0)
+    shows(mends(found)[0])
+
+
+SEEDS = (
+    bundle(message("/VMC/Ext/T", "f", 1.5), pose("/VMC/Ext/Tra/Pos", "human://LEFT_FOOT")),
+    message("/tracking/trackers/1/position", "fff", 0.0, 1.0, 0.0),
+    quaternions(standing()),
+    frame(Motion(bodies=[Pose(1)]), Version(3, 0)),
+    json_poses(1.0, {"head": {"p": [0, 0, 1]}}, frame=3),
+)
+GAPS = st.floats(0.0, 0.3)
+CHANGES = st.lists(st.tuples(st.integers(0, 4), GAPS, st.integers(0, 300), st.binary(max_size=4)), max_size=30)
+
+
+@settings(max_examples=40)
+@given(CHANGES, st.sampled_from(["vmc://:1", "vrchat://:1", "mvn://:1", "json://:1"]))
+def test_whatever_comes_is_judged(changes: list[tuple[int, float, int, bytes]], text: str) -> None:
+    rows, time = list[Datagram](), 0.0
+    for which, gap, at, new in changes:
+        time += gap
+        payload = SEEDS[which][:at] + new + SEEDS[which][at + len(new) :]
+        rows.append(Datagram(time, HERE, payload))
+    for finding in judged(played(rows, text=text, seconds=time + 0.1), text=text):
+        assert finding.render().isprintable() and len(finding.render()) < 2000

@@ -1,0 +1,129 @@
+"""Postures stay inside the ranges, reach their corners, and a profile's limits come before the body's."""
+
+import numpy as np
+import pytest
+
+from messages import refuses
+from retarget.errors import ConfigError
+from retarget.model.body import BodyModel, load_body_text
+from retarget.model.body_file import compile_body_text
+from retarget.setup.enclosing_shapes import link_geometries
+from retarget.setup.observer_proposals import ShapeModel, Zones, propose
+from retarget.setup.survey import PairRecord, dofs_between, joint_ranges, survey
+
+BODY = load_body_text(
+    """<mujoco><compiler angle="radian"/><worldbody><body name="base"><freejoint/><geom size="1"/>
+    <body name="a"><joint name="a" range="-1 2"/><geom size="1"/>
+    <body name="b"><joint name="b"/><geom size="1"/>
+    <body name="c"><joint name="c" type="ball"/><geom size="1"/>
+    <body name="d"><joint name="d" type="slide" range="0.1 0.2"/><geom size="1"/></body></body></body></body>
+    </body></worldbody></mujoco>""",
+    source="test",
+)
+
+
+def test_samples_stay_inside_and_reach_the_corners() -> None:
+    ranges = joint_ranges(BODY, {})
+    q = ranges.sample(np.random.default_rng(0), 400)
+    scalar = q[:, ranges.address]
+    assert (scalar >= ranges.lower).all() and (scalar <= ranges.upper).all()
+    corner = np.isin(scalar, [*ranges.lower, *ranges.upper]).all(axis=1)
+    assert corner.sum() >= 100
+    assert len(np.unique(scalar[:, 0])) > 200
+    assert np.allclose(np.linalg.norm(q[:, 9:13], axis=1), 1.0)
+    assert (q[:, :7] == BODY.qpos0[:7]).all()
+
+
+def test_limits_of_the_servos_come_first() -> None:
+    ranges = joint_ranges(BODY, {"a": (0.0, 0.5)})
+    assert (ranges.lower[0], ranges.upper[0]) == (0.0, 0.5)
+    assert ranges.clipped(np.full(BODY.nq, 9.0))[7] == 0.5
+    with refuses(ConfigError):
+        joint_ranges(BODY, {"z": (0.0, 1.0)})
+
+
+def test_a_joint_without_limits_is_told() -> None:
+    ranges = joint_ranges(BODY, {})
+    assert ranges.notes == ("joint b has no limits, -3.14 to 3.14 rad was looked at",)
+    assert not joint_ranges(BODY, {"b": (0.0, 1.0)}).notes
+
+
+NEAR = 0.045
+BALLS = """<mujoco><worldbody><body name="base"><geom size="0.01"/>
+  <body name="arm"><joint name="s" type="slide" axis="1 0 0" range="{low} {high}"/><geom size="0.001" pos="0 0 5"/>
+    <body name="hand"><joint name="r" axis="1 0 0" range="-90 90"/><geom size="0.01" pos="0.02 0 0"/></body>
+  </body></body></worldbody></mujoco>"""
+# Six joints in a row; the tip meets the ball only if nearly all of them bend as far as they can.
+INERTIA = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+LINK = '<body name="l{0}" pos="0.1 0 0"><joint name="j{0}" axis="0 0 1" range="-1 1"/>' + INERTIA
+CURL = "".join(LINK.format(number) for number in range(6))
+CURL = f"""<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size="0.02" pos="0.02 0.09 0"/>{CURL}
+  <geom size="0.02" pos="0.1 0 0"/>{"</body>" * 6}</body></worldbody></mujoco>"""
+
+
+def look(text: str, *, samples: int, seed: int = 0) -> dict[tuple[str, str], PairRecord]:
+    body = load_body_text(text, source="test")
+    shapes = propose(link_geometries(compile_body_text(text, source="test").model)[0], Zones(0.03, 0.005))
+    ranges = joint_ranges(body, {})
+    records = survey(body, shapes, ranges, neutral=ranges.clipped(body.qpos0), near=NEAR, samples=samples, seed=seed)
+    return {(shapes[r.pair[0]].link_name, shapes[r.pair[1]].link_name): r for r in records}
+
+
+def test_the_smallest_distance_is_the_exact_one() -> None:
+    found = look(BALLS.format(low=0.1, high=0.5), samples=3)
+    assert list(found) == [("base", "hand")]  # links one joint apart are never looked at
+    record = found["base", "hand"]
+    assert record.smallest == pytest.approx(0.1, abs=2e-5)
+    assert record.at_neutral == pytest.approx(0.1, abs=2e-5)
+    assert record.largest is None and record.searches == 20
+
+
+def test_overlap_at_every_posture_is_told_with_its_depth() -> None:
+    record = look(BALLS.format(low=-0.015, high=-0.005), samples=40)["base", "hand"]
+    assert record.largest == pytest.approx(-0.005, abs=4e-5)
+    assert record.smallest == pytest.approx(-0.015, abs=4e-5)
+
+
+def test_a_pair_that_parts_in_one_corner_is_not_called_overlapping() -> None:
+    record = look(BALLS.format(low=-0.019, high=0.00002), samples=1)["base", "hand"]
+    assert record.largest is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_meeting_that_hardly_any_posture_shows_is_found(seed: int) -> None:
+    body = load_body_text(CURL, source="test")
+    ranges = joint_ranges(body, {})
+    shapes = propose(link_geometries(compile_body_text(CURL, source="test").model)[0], Zones(0.03, 0.005))
+    model = ShapeModel(body, shapes)
+    sampled = []
+    for q in ranges.sample(np.random.default_rng(seed), 20):
+        model.place(q)
+        sampled.append(model.distance((0, 1)))
+    assert min(sampled) > NEAR  # so that the sample alone would be wrong
+    assert look(CURL, samples=20, seed=seed)["base", "l5"].smallest <= NEAR
+
+
+def test_the_same_seed_gives_the_same_record() -> None:
+    assert look(CURL, samples=50)["base", "l5"].smallest == look(CURL, samples=50)["base", "l5"].smallest
+
+
+def test_only_joints_between_two_links_move_one_against_the_other() -> None:
+    body: BodyModel = load_body_text(CURL, source="test")
+    first, second = body.body_index("l1"), body.body_index("l4")
+    assert dofs_between(body, first, second).tolist() == [2, 3, 4]
+    assert dofs_between(body, second, first).tolist() == [2, 3, 4]
+
+
+def test_links_that_no_joint_parts_count_as_one() -> None:
+    text = BALLS.format(low=0.0, high=0.1).replace('<joint name="r" axis="1 0 0" range="-90 90"/>', "")
+    assert look(text, samples=2) == {}
+
+
+def test_the_bound_is_never_above_the_distance() -> None:
+    body = load_body_text(CURL, source="test")
+    shapes = propose(link_geometries(compile_body_text(CURL, source="test").model)[0], Zones(0.03, 0.005))
+    model = ShapeModel(body, shapes)
+    for q in joint_ranges(body, {}).sample(np.random.default_rng(1), 50):
+        model.place(q)
+        bound = model.at_least(np.array([0]), np.array([1]))[0]
+        assert bound <= model.distance((0, 1)) + 1e-9

@@ -1,0 +1,160 @@
+"""The lines of a robot: its servos where it stands, its controller, its power switch."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hardware.bus import BusSpec
+from hardware.dynamixel import protocol1, protocol2
+from hardware.dynamixel.packets import Error1, Error2
+from hardware.errors import HardwareError
+from hardware.servo import ServoMode, find_model
+from messages import refuses
+from retarget.cli.buses import standing_ticks
+from retarget.model.robot import load_robot
+from servos import four_servos
+from sim.emulator.conversation import Gaps
+from sim.emulator.line import Line, Timing
+from sim.emulator.robot_lines import Conduct, devices_of, robot_lines
+from sim.emulator.servo1 import EmulatedServo1
+from sim.emulator.servo2 import EmulatedServo
+from sim.emulator.servo2_registers import FedBy
+
+WATCHDOG, TORQUE, MISSING = 98, 64, 77
+
+
+def _line(conduct: Conduct | None, protocol: int = 2) -> Line:
+    """Servos 1, 2 and 3: XM430 of protocol 2.0, MX-28 of 1.0."""
+    servos = four_servos()[:3]
+    if protocol == 1:
+        servos = tuple(replace(servo, model=find_model("MX-28")) for servo in servos)
+    bus = BusSpec("main", "port", 1_000_000, protocol, ids=(1, 2, 3))
+    start = np.array([servo.zero_tick for servo in servos])
+    lines = robot_lines(servos, (bus,), start=start, now=0.0, timing=Timing.none(), conduct=conduct)
+    return lines["main"]
+
+
+def _ask(line: Line, data: bytes, now: float) -> bytes:
+    line.hear(data, now)
+    return line.take(now)
+
+
+def test_the_usual_way_is_what_is_documented() -> None:
+    assert Conduct() == Conduct(Gaps.SILENCE, FedBy.ANY, answers_damage=False, boot_time=0.2, torque_by_goal=True)
+
+
+@pytest.mark.parametrize(("conduct", "who"), [(None, (1,)), (Conduct(gaps=Gaps.SKIP), (1, 2))])
+def test_gaps(conduct: Conduct | None, who: tuple[int, ...]) -> None:
+    heard = _ask(_line(conduct), protocol2.sync_read(TORQUE, 1, [1, MISSING, 2]), 1.0)
+    assert heard == b"".join(protocol2.status(device, 0, b"\0") for device in who)
+
+
+@pytest.mark.parametrize(("conduct", "boot"), [(None, 0.2), (Conduct(boot_time=1.5), 1.5), (Conduct(boot_time=0), 0)])
+def test_the_time_of_a_start(conduct: Conduct | None, boot: float) -> None:
+    line = _line(conduct)
+    assert _ask(line, protocol2.reboot(2), 1.0) == protocol2.status(2)
+    assert boot == 0 or _ask(line, protocol2.ping(2), 1.0 + 0.99 * boot) == b""
+    assert len(_ask(line, protocol2.ping(2), 1.0 + 1.01 * boot)) == 14
+
+
+@pytest.mark.parametrize(
+    ("fed_by", "packet", "feeds"),
+    [
+        (FedBy.ANY, protocol2.ping(2), True),
+        (FedBy.OWN, protocol2.ping(2), False),
+        (FedBy.OWN, protocol2.ping(1), True),
+        (FedBy.OWN, protocol2.sync_write(116, 4, [(2, bytes(4))]), True),
+        (FedBy.OWN, protocol2.write(200, 25, b"\0"), True),  # its secondary id
+    ],
+)
+def test_what_feeds_the_bus_watchdog(fed_by: FedBy, packet: bytes, feeds: bool) -> None:
+    line = _line(Conduct(fed_by=fed_by))
+    for address, value in ((12, 200), (WATCHDOG, 5), (TORQUE, 1)):
+        assert _ask(line, protocol2.write(1, address, bytes((value,))), 0.0) == protocol2.status(1)
+    for step in range(1, 11):
+        _ask(line, packet, 0.05 * step)
+    trip = protocol2.status(1, 0, b"\x05" if feeds else b"\xff")
+    assert _ask(line, protocol2.read(1, WATCHDOG, 1), 0.55) == trip
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_damage(protocol: int) -> None:
+    words, error = {1: (protocol1, int(Error1.CHECKSUM)), 2: (protocol2, int(Error2.CRC))}[protocol]
+    frame = words.ping(2)
+    spoilt = frame[:-1] + bytes((frame[-1] ^ 0xFF,))
+    assert _ask(_line(None, protocol), spoilt, 1.0) == b""
+    assert _ask(_line(Conduct(answers_damage=True), protocol), spoilt, 1.0) == words.status(2, error)
+
+
+@pytest.mark.parametrize(("conduct", "torque"), [(None, b"\1"), (Conduct(torque_by_goal=False), b"\0")])
+def test_a_goal_switches_torque_on(conduct: Conduct | None, torque: bytes) -> None:
+    line = _line(conduct, protocol=1)
+    _ask(line, protocol1.sync_write(30, 2, [(2, (2100).to_bytes(2, "little"))]), 1.0)
+    assert _ask(line, protocol1.read(2, 24, 1), 1.0) == protocol1.status(2, 0, torque)
+
+
+ROBOT = load_robot("op3")
+
+
+def _robot_lines_line(powered: bool) -> Line:
+    lines = robot_lines(
+        ROBOT.joint_map.servos,
+        ROBOT.profile.bus_specs(),
+        start=standing_ticks(ROBOT),
+        now=5.0,
+        timing=Timing.none(),
+        powered=powered,
+    )
+    assert list(lines) == ["main"]
+    return lines["main"]
+
+
+def test_servos_stand_and_everybody_answers() -> None:
+    line = _robot_lines_line(powered=True)
+    assert [device.id for device in line.devices] == [*(servo.id for servo in ROBOT.joint_map.servos), 200]
+    for servo, tick in zip(ROBOT.joint_map.servos, standing_ticks(ROBOT), strict=True):
+        status = protocol2.status(servo.id, 0, int(tick).to_bytes(4, "little", signed=True))
+        assert _ask(line, protocol2.read(servo.id, 132, 4), 5.0) == status
+
+
+def test_without_power_only_the_switch_answers_until_it_is_on() -> None:
+    line = _robot_lines_line(powered=False)
+    assert _ask(line, protocol2.ping(1), 5.0) == b""
+    assert _ask(line, protocol2.write(200, 24, b"\x01"), 5.0) == protocol2.status(200)
+    assert _ask(line, protocol2.ping(1), 5.01) == b""
+    assert len(_ask(line, protocol2.ping(1), 6.0)) == 14
+
+
+def test_they_are_as_the_profile_says() -> None:
+    x_series, ax = four_servos()[0], replace(four_servos()[3], bus="old")
+    wound = replace(x_series, id=8, mode=ServoMode.EXTENDED_POSITION, homing_offset=2000)
+    first, second, third = devices_of(
+        (x_series, wound, ax),
+        protocols={"main": 2, "old": 1},
+        bauds={"main": 4_000_000, "old": 1_000_000},
+        return_delays={"main": 0},
+        start=(1000, 9000, 300),
+    )
+    assert isinstance(first, EmulatedServo) and isinstance(third, EmulatedServo1)
+    assert [device.id for device in (first, second, third)] == [x_series.id, 8, ax.id]
+    assert [device.baud for device in (first, third)] == [4_000_000, 1_000_000]
+    assert [device.return_delay for device in (first, third)] == [0.0, 500e-6]
+    assert [device.shaft.position for device in (first, second, third)] == [1000.0, 9000.0, 300.0]
+    assert second.memory.value("goal_position") == 9000 and second.memory.value("operating_mode") == 4
+    assert first.electrics.voltage == second.electrics.voltage < 12.0
+
+
+def test_they_start_alike_for_one_seed() -> None:
+    def warmth(seed: int) -> list[float]:
+        devices = devices_of(four_servos()[:3], protocols={"main": 2}, seed=seed)
+        return [device.electrics.warmth for device in devices]
+
+    assert warmth(1) == warmth(1) != warmth(2)
+
+
+def test_what_a_model_lacks_is_said() -> None:
+    with refuses(HardwareError, 4500000):
+        devices_of(four_servos()[3:], protocols={"main": 1}, bauds={"main": 4_500_000})
+    with refuses(HardwareError):
+        devices_of(four_servos()[3:], protocols={"main": 2})

@@ -1,0 +1,231 @@
+"""One servo's loop in plain floats is the law that the mock bus has for arrays."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from emulated import servo2, shown, told
+from hardware.bus import ServoGoals
+from hardware.clock import VirtualClock
+from hardware.servo import ServoSpec, find_model
+from sim.emulator.robot_lines import devices_of
+from sim.emulator.shaft import (
+    RECTANGLE,
+    TRAPEZOID,
+    TRIANGLE,
+    Law,
+    ProfilePath,
+    Shaft,
+    follow,
+    path_by_time,
+    path_by_velocity,
+)
+from sim.mock_bus import MockBus
+from sim.servo_model import saturated_lag
+
+
+@given(
+    error=st.floats(-1e5, 1e5),
+    lag=st.floats(1e-3, 1.0),
+    top=st.floats(1.0, 1e4),
+    elapsed=st.floats(0.0, 10.0),
+)
+def test_it_is_the_same_law(error: float, lag: float, top: float, elapsed: float) -> None:
+    left, velocity = follow(error, lag, top, elapsed)
+    moved, speed = saturated_lag(np.array([error]), lag=np.array([lag]), top=np.array([top]), elapsed=elapsed)
+    assert error - left == pytest.approx(moved[0], abs=1e-6)
+    assert velocity == pytest.approx(speed[0], abs=1e-6)
+
+
+def test_the_plain_case_is_the_mock_bus() -> None:
+    count = 4
+    specs = [
+        ServoSpec(f"j{k}", k + 1, find_model("XM430-W350"), "main", 1, 2048, -1.5, 1.5, 4.0, 40.0) for k in range(4)
+    ]
+    clock, rng = VirtualClock(), np.random.default_rng(5)
+    mock, devices = MockBus(specs, clock), devices_of(specs, protocols={"main": 2})
+    mock.open()
+    mock.write(ServoGoals(np.full(count, 2048)))
+    mock.torque(True)
+    for device in devices:
+        assert device.write(64, b"\1", 0.0) is None
+    goals = np.full(count, 2048)
+    for cycle in range(400):
+        leap = rng.integers(0, 4096, count)
+        goals = leap if cycle % 50 == 0 else np.clip(goals + rng.integers(-30, 31, count), 0, 4095)
+        mock.write(ServoGoals(goals))
+        for device, goal in zip(devices, goals.tolist(), strict=True):
+            device.write(116, goal.to_bytes(4, "little"), clock.now())
+        clock.advance(0.008)
+        said = [device.read(132, 4, clock.now()).data for device in devices]
+        positions = [int.from_bytes(data, "little", signed=True) for data in said]
+        assert np.abs(mock.read().position - positions).max() <= 1
+
+
+def run(shaft: Shaft, until: float, step: float = 0.01) -> None:
+    while shaft.time < until - 1e-9:
+        shaft.advance(min(shaft.time + step, until))
+
+
+def test_the_stepped_motion_is_near_the_exact_one() -> None:
+    exact, stepped = (Shaft(0.0, 3000.0) for _ in range(2))
+    for shaft in (exact, stepped):
+        shaft.torque, shaft.target = True, 500.0
+        shaft.integral = 0.0 if shaft is exact else 1e-12  # enough to leave the plain case
+        shaft.refresh()
+    for _ in range(40):
+        for shaft in (exact, stepped):
+            shaft.advance(shaft.time + 0.01)
+        assert stepped.position == pytest.approx(exact.position, abs=6.0)
+    assert stepped.position == pytest.approx(exact.position, abs=0.1)
+
+
+def test_a_load_sags_and_the_i_gain_takes_it_out() -> None:
+    servo = servo2()
+    told(servo, "torque_enable", 1)
+    servo.load(1.0, 0.0)  # of 4.1 N m: a quarter of full drive, 35 ticks at the default gain
+    assert shown(servo, "present_position", 1.0) == pytest.approx(2048 + 1.0 / 4.1 * 885 * 128 / 800, abs=1)
+    assert shown(servo, "present_current", 1.0) < -100
+    told(servo, "position_i_gain", 1000, 1.0)
+    assert abs(shown(servo, "present_position", 6.0) - 2048) <= 2
+
+
+def test_goal_pwm_slows_down() -> None:
+    servo = servo2(position=0.0)
+    told(servo, "goal_pwm", 177)  # a fifth
+    told(servo, "torque_enable", 1)
+    told(servo, "goal_position", 4000)
+    fifth = 0.2 * servo.top
+    assert shown(servo, "present_position", 1.0) == pytest.approx(fifth, abs=2)
+    assert shown(servo, "present_pwm", 1.0) == 177
+
+
+def test_supply_slows_down() -> None:
+    servo = servo2(position=0.0)
+    servo.supply(10.0, 0.0)
+    told(servo, "torque_enable", 1)
+    told(servo, "goal_position", 4000)
+    assert shown(servo, "present_position", 1.0) == pytest.approx(servo.top * 10.0 / 12.0, abs=2)
+
+
+def test_no_p_gain_no_motion() -> None:
+    servo = servo2(position=0.0)
+    told(servo, "position_p_gain", 0)
+    told(servo, "torque_enable", 1)
+    told(servo, "goal_position", 4000)
+    assert shown(servo, "present_position", 1.0) == 0
+
+
+def test_goal_current_gives_way_in_mode_5() -> None:
+    servo = servo2()
+    told(servo, "operating_mode", 5)
+    told(servo, "goal_current", 100)  # 0.27 A
+    told(servo, "torque_enable", 1)
+    servo.load(2.0, 0.0)
+    assert shown(servo, "present_position", 1.0) > 2300
+    servo.load(0.0, 1.0)
+    assert shown(servo, "present_position", 10.0) == 2048
+    told(servo, "goal_current", 30, 10.0)  # less than friction takes
+    told(servo, "goal_position", 3000, 10.0)
+    assert shown(servo, "present_position", 12.0) == 2048
+
+
+def test_velocity_mode_with_and_without_ramp() -> None:
+    servo = servo2()
+    told(servo, "operating_mode", 1)
+    told(servo, "torque_enable", 1)
+    told(servo, "goal_velocity", -100)
+    assert shown(servo, "present_velocity", 1.0) == -100
+    assert shown(servo, "present_position", 61.0) < -4096  # it counts on
+    told(servo, "profile_acceleration", 1, 61.0)
+    told(servo, "goal_velocity", 100, 61.0)
+    before = shown(servo, "present_velocity", 62.0)
+    assert -100 < before < 0 and shown(servo, "present_velocity", 80.0) == 100
+
+
+def test_pwm_and_current_modes() -> None:
+    servo = servo2()
+    told(servo, "operating_mode", 16)
+    told(servo, "torque_enable", 1)
+    told(servo, "goal_pwm", -442)
+    assert shown(servo, "present_velocity", 1.0) == pytest.approx(-0.5 * 46 / 0.229, abs=1)
+    told(servo, "torque_enable", 0, 1.0)
+    told(servo, "operating_mode", 0, 1.0)
+    told(servo, "torque_enable", 1, 1.0)
+    told(servo, "goal_current", 0, 1.0)
+    still = shown(servo, "present_position", 2.0)
+    told(servo, "goal_current", 100, 2.0)
+    assert shown(servo, "present_position", 3.0) > still + 100
+
+
+def test_a_free_shaft_gives_way_to_a_load() -> None:
+    shaft = Shaft(0.0, 3000.0)
+    shaft.load = 0.01
+    shaft.advance(1.0)
+    assert shaft.position == 0.0  # friction holds it
+    shaft.load = 0.5
+    shaft.advance(2.0)
+    assert shaft.position == pytest.approx(1500.0)
+
+
+def test_time_does_not_run_back() -> None:
+    shaft = Shaft(0.0, 3000.0)
+    shaft.torque, shaft.target = True, 100.0
+    shaft.refresh()
+    shaft.advance(1.0)
+    shaft.advance(0.5)
+    assert shaft.time == 1.0 and shaft.law is Law.POSITION
+
+
+_ticks = st.floats(-5000.0, 5000.0)
+_speeds = st.floats(-800.0, 800.0)
+
+
+def continuous(path: ProfilePath, position: float, velocity: float, *, jumps: bool = False, rate: float = 0.0) -> None:
+    """The path starts where it should, and positions are what velocities add up to."""
+    count = 400
+    times = [5.0 + (path.end - 5.0) * index / count for index in range(count + 1)]
+    step = (path.end - 5.0) / count
+    points = [path.at(time) for time in times]
+    assert points[0].position == pytest.approx(position, abs=1e-6) or step == 0.0
+    if not jumps and step > 0.0:
+        assert points[0].velocity == pytest.approx(velocity, abs=1e-6)
+    fastest = max(abs(point.velocity) for point in points)
+    steepest = max(rate, *(abs(point.acceleration) for point in points))
+    for before, after in pairwise(points):
+        assert abs(after.position - before.position) <= 1.001 * fastest * step + 1e-6
+        assert jumps or abs(after.velocity - before.velocity) <= 1.001 * steepest * step + 1e-6
+    assert path.at(path.end).position == path.goal and path.at(path.end + 1.0).velocity == 0.0
+    assert path.at(path.end - 1e-9).position == pytest.approx(path.goal, abs=1e-3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(position=_ticks, goal=_ticks, velocity=_speeds, top=st.floats(5.0, 800.0), rate=st.floats(50.0, 5000.0))
+def test_by_velocity(position: float, goal: float, velocity: float, top: float, rate: float) -> None:
+    path = path_by_velocity(goal, position=position, velocity=velocity, top=top, acceleration=rate, now=5.0)
+    continuous(path, position, velocity, rate=rate)
+    assert all(abs(path.at(5.0 + 0.01 * k).velocity) <= max(top, abs(velocity)) + 1e-6 for k in range(200))
+
+
+@settings(max_examples=60, deadline=None)
+@given(position=_ticks, goal=_ticks, velocity=_speeds, total=st.floats(0.1, 5.0), share=st.floats(0.05, 1.0))
+def test_by_time(position: float, goal: float, velocity: float, total: float, share: float) -> None:
+    path = path_by_time(goal, position=position, velocity=velocity, total=total, ramp=share * total, now=5.0)
+    continuous(path, position, velocity)
+    assert path.end == pytest.approx(5.0 + total)
+
+
+def test_kinds() -> None:
+    def by(top: float, rate: float) -> int:
+        return path_by_velocity(1000.0, position=0.0, velocity=0.0, top=top, acceleration=rate, now=0.0).kind
+
+    assert (by(100.0, 0.0), by(100.0, 1000.0), by(5000.0, 1000.0)) == (RECTANGLE, TRAPEZOID, TRIANGLE)
+
+
+def test_a_rectangle_runs_at_its_speed() -> None:
+    path = path_by_velocity(-300.0, position=0.0, velocity=0.0, top=100.0, acceleration=0.0, now=5.0)
+    assert path.end == 8.0 and path.at(6.0) == (-100.0, -100.0, 0.0)
+    continuous(path, 0.0, 0.0, jumps=True)

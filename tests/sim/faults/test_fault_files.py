@@ -1,0 +1,47 @@
+"""Malformed robot files from the command line: exit code 2, one message, and no port is opened."""
+
+from pathlib import Path
+
+import pytest
+
+from hardware.dynamixel.serial_port import SerialPort
+from messages import shows
+from retarget import cli
+from retarget.cli.exit import REFUSED
+from retarget.schema.catalogue import Kind, find
+from sim.faults.judge import judged_file
+from sim.faults.malformed_files import MALFORMED, Malformed
+
+
+@pytest.mark.parametrize("file", MALFORMED, ids=lambda one: one.name)
+def test_a_malformed_file_is_refused(
+    file: Malformed, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[int] = []
+    monkeypatch.setattr(SerialPort, "open", lambda self, baud: opened.append(baud))
+    path = file.write(find(Kind.ROBOT, "op3"), tmp_path)
+    words = ["run", "--robot", str(path), "--source", "json://127.0.0.1:14150", "--bus", str(tmp_path / "port")]
+    with pytest.raises(SystemExit) as leaving:
+        cli.main(words)
+    told = capsys.readouterr().err
+    assert (leaving.value.code, opened) == (REFUSED, [])
+    assert told.startswith("error: ") and file.told in told
+    assert "Traceback" not in told
+
+
+def test_the_judge_says_no(tmp_path: Path) -> None:
+    sound = Malformed("sound", lambda text, folder: text, "")
+    assert judged_file(sound) == ("the run went on",)
+    other = Malformed("other", lambda text, folder: b"", "Elvis")
+    shows(judged_file(other)[0], "'Elvis'")
+
+    def raising(text: bytes, folder: Path) -> bytes:
+        (folder / "body.xml").unlink()
+        (folder / "body.xml").mkdir()
+        return text
+
+    assert judged_file(Malformed("folder", raising, "not a regular file")) == ()
+
+
+def test_a_file_that_cannot_be_changed_is_told() -> None:
+    assert len({one.name for one in MALFORMED}) == 30

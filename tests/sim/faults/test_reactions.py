@@ -1,0 +1,175 @@
+"""What may never be is found: traces of a sound run are doctored, each in one way."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from unittest.mock import patch
+
+import pytest
+
+import sim.faults.bench
+from hardware.dynamixel.protocol2 import sync_write
+from hardware.guard_state import GuardState
+from messages import shows
+from sim.faults.bench import Bench, Tick, Trace
+from sim.faults.reactions import violations
+from sim.faults.sender import FakeSender
+from sim.faults.wire_checker import HEADER, Sent, goal_writes, torque_off, written
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    """A run that a person stops while it is fast."""
+    one = Bench(FakeSender(), duration=1.6)
+    one.at(0.9, lambda: one.guard.stop("space bar"))
+    one.run()
+    return one
+
+
+def goals(ticks: dict[int, int]) -> bytes:
+    return sync_write(116, 4, [(device, value.to_bytes(4, "little", signed=True)) for device, value in ticks.items()])
+
+
+def last_goals(trace: Trace) -> dict[int, int]:
+    return goal_writes(written(trace.sent))[-1][1]
+
+
+def late_goal(trace: Trace) -> Trace:
+    return replace(trace, sent=[*trace.sent, Sent(trace.ended + 0.1, goals(last_goals(trace)))])
+
+
+def leap(trace: Trace) -> Trace:
+    """In the middle of the run."""
+    sent = list(trace.sent)
+    at = next(k for k, one in enumerate(sent) if one.time > (trace.began or 0.0) + 0.3 and one.data[7] == 0x83)
+    ticks = goal_writes(written(sent[: at + 1]))[-1][1]
+    sent[at] = Sent(sent[at].time, goals(ticks | {19: ticks[19] + 200}))
+    return replace(trace, sent=sent)
+
+
+def beyond(trace: Trace) -> Trace:
+    return replace(trace, sent=[Sent(0.0, goals(last_goals(trace) | {19: 4000})), *trace.sent])
+
+
+def crossed(trace: Trace) -> Trace:
+    """A leg in the other one, long before the run."""
+    return replace(trace, sent=[Sent(0.0, goals(last_goals(trace) | {8: 1350})), *trace.sent])
+
+
+def halfway_home(trace: Trace) -> Trace:
+    """It stands where it is on the way to where it is parked."""
+    middle = (trace.latched or 0.0) + 0.5
+    return replace(trace, sent=[one for one in trace.sent if one.time < middle or not goal_writes(written([one]))])
+
+
+def no_torque_off(trace: Trace) -> Trace:
+    off = HEADER + b"\xfe"
+    kept = [one for one in trace.sent if not (one.data.startswith(off) and one.data[7:10] == b"\x83\x40\x00")]
+    return replace(trace, sent=kept)
+
+
+def slow_torque_off(trace: Trace) -> Trace:
+    off = torque_off(written(trace.sent), trace.latched or 0.0)
+    assert off is not None
+    return replace(trace, sent=[Sent(one.time + 4.0, one.data) if one.time >= off else one for one in trace.sent])
+
+
+def torque_again(trace: Trace) -> Trace:
+    on = sync_write(64, 1, [(6, b"\x01")])
+    return replace(trace, sent=[*trace.sent, Sent((trace.latched or 0.0) + 0.2, on)])
+
+
+def goes_on(trace: Trace) -> Trace:
+    middle = (trace.latched or 0.0) + 0.5
+    return replace(
+        trace, ticks=[replace(one, state=GuardState.MOVING) if one.time > middle else one for one in trace.ticks]
+    )
+
+
+def holds_while_it_moves(trace: Trace) -> Trace:
+    begun = (trace.began or 0.0) + 0.2
+    ticks = [replace(one, state=GuardState.HOLDING) if one.time > begun else one for one in trace.ticks]
+    return replace(trace, ticks=[*ticks, Tick(ticks[-1].time + 0.01, GuardState.MOVING, True, 1.0)])
+
+
+def hurries(trace: Trace) -> Trace:
+    """On the way home, four times as far in the same time."""
+    begun, sent = (trace.latched or 0.0) + 0.4, []
+    start = next(goal for time, goal in goal_writes(written(trace.sent)) if time >= begun)
+    for one in trace.sent:
+        own = goal_writes(written([one])) if one.time >= begun else []
+        more = {device: start[device] + 4 * (tick - start[device]) for _, goal in own for device, tick in goal.items()}
+        sent.append(Sent(one.time, goals(more)) if more else one)
+    return replace(trace, sent=sent)
+
+
+def follows_on(trace: Trace) -> Trace:
+    """The performer is followed on, under the name of a stop."""
+    begun = (trace.began or 0.0) + 0.1
+    return replace(trace, ticks=[replace(one, latched=one.time > begun) for one in trace.ticks])
+
+
+def keeps_torque(trace: Trace) -> Trace:
+    return replace(trace, torque=[*trace.torque[:-1], 1])
+
+
+def killed(trace: Trace) -> Trace:
+    return replace(trace, torque=[1], gone=1.0)
+
+
+def test_a_sound_run_is_sound(bench: Bench) -> None:
+    assert bench.trace.stop is not None and bench.trace.latched is not None
+    assert violations(bench, bench.trace) == []
+
+
+@pytest.mark.parametrize(
+    ("doctor", "told"),
+    [
+        (late_goal, "address 116 was written"),
+        (leap, "too fast"),
+        (leap, "too hard"),
+        (beyond, "beyond its limits"),
+        (crossed, "mm in each other"),
+        (halfway_home, "is not parked"),
+        (no_torque_off, "torque was never told to go off"),
+        (slow_torque_off, "torque went off"),
+        (torque_again, "torque was switched on"),
+        (goes_on, "moving after a stop"),
+        (holds_while_it_moves, "still moves"),
+        (follows_on, "goes to and fro"),
+        (hurries, "faster than 45% of its speed"),
+        (keeps_torque, "torque is on in the end"),
+    ],
+)
+def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace], told: str) -> None:
+    found = violations(bench, doctor(bench.trace))
+    assert any(told in line for line in found), found
+
+
+def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> None:
+    """A tick that fails at once ends when the one before did."""
+    trace = bench.trace
+    at = next(row for row, tick in enumerate(trace.ticks) if tick.latched)
+    held = Tick(trace.ticks[at].time, GuardState.HOLDING, False, 1.0)
+    sound = replace(trace, ticks=[*trace.ticks[:at], held, *trace.ticks[at:]])
+    assert not any("after a stop" in text for text in violations(bench, sound))
+
+
+def test_servos_of_a_host_that_is_gone_must_stand(bench: Bench) -> None:
+    servo = bench.servos[0]
+    servo.shaft.torque = True
+    shows(violations(bench, killed(bench.trace)))
+    servo.shaft.torque = False
+    assert violations(bench, killed(bench.trace)) == []
+
+
+def test_without_a_robot_nothing_was_wrong() -> None:
+    assert violations(Bench(FakeSender(), duration=1.0), Trace()) == []
+
+
+def test_a_run_that_does_not_end_is_ended_and_found() -> None:
+    with patch.object(sim.faults.bench, "ENDLESS_S", -0.7):
+        one = Bench(FakeSender(), duration=1.6)
+        trace = one.run()
+    assert trace.endless
+    assert len(trace.ticks) == 1  # of a run of seconds
+    shows(violations(one, trace))

@@ -1,0 +1,229 @@
+"""The checker of the wire finds what it is there for: every kind of violation is planted once."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.dynamixel.protocol2 import ping, reboot, sync_read, sync_write, write
+from hardware.servo import ServoSpec, find_model
+from messages import shows
+from retarget.model.robot import RobotBody, load_robot
+from sim.faults.bench import Bench
+from sim.faults.reactions import violations
+from sim.faults.rows import ROWS
+from sim.faults.sender import FakeSender
+from sim.faults.wire_checker import (
+    Sent,
+    Track,
+    Written,
+    after_latch,
+    beyond_limits,
+    clearance_of,
+    collisions,
+    goal_writes,
+    hasty,
+    not_reads,
+    once,
+    packets,
+    postures_of,
+    restless,
+    stood,
+    torque_off,
+    tracks,
+    wavering,
+    woken,
+    written,
+)
+
+DT = 0.01
+SERVO = ServoSpec("knee", 7, find_model("XM430-W350"), "main", -1, 2048, -1.0, 1.0, 4.0, 40.0, gear=2.0)
+
+
+def goals(angles: list[float], *, dt: float = DT, start: float = 5.0) -> list[Sent]:
+    """Goals of the joint, rad, one every dt s."""
+    sent = []
+    for k, angle in enumerate(angles):
+        tick = round(SERVO.zero_tick + SERVO.ticks_per_rad * angle)
+        data = sync_read(126, 10, [7], fast=True) + sync_write(116, 4, [(7, tick.to_bytes(4, "little", signed=True))])
+        sent.append(Sent(start + k * dt, data))
+    return sent
+
+
+def ways(sent: list[Sent]) -> list[Track]:
+    return tracks(once(goal_writes(written(sent)), within=0.5 * DT), [SERVO])
+
+
+def gentle(last: float = 0.9) -> list[float]:
+    """From rest, within all limits."""
+    angles, speed = [0.0], 0.0
+    while angles[-1] < last:
+        speed = min(speed + 35.0 * DT, 3.5)
+        angles.append(angles[-1] + speed * DT)
+    return angles
+
+
+def test_what_is_within_limits_is_good() -> None:
+    assert beyond_limits(ways(goals(gentle())), DT) == []
+
+
+def test_goals_sent_twice_are_one() -> None:
+    twice = [again for one in goals(gentle()) for again in (one, Sent(one.time + 1e-4, one.data))]
+    assert beyond_limits(ways(twice), DT) == []
+    assert beyond_limits(ways([*twice, *goals([0.0], start=twice[-1].time + DT)]), DT) != []
+
+
+@pytest.mark.parametrize(
+    ("angles", "told"),
+    [
+        (gentle(1.2), "beyond its limits"),
+        ([0.0, 0.1, 0.2, 0.3], "too fast"),
+        ([0.0, 0.0, 0.02, 0.0, 0.02, 0.0], "too hard"),
+    ],
+)
+def test_goals_beyond_a_limit_are_found(angles: list[float], told: str) -> None:
+    assert told in " ".join(beyond_limits(ways(goals(angles)), DT))
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "told"),
+    [(1.0, 1.0, ""), (1.05, 1.0, "too fast"), (1.1, 1.0, "too fast"), (1.0, 1.25, "too hard"), (1.0, 3.0, "too hard")],
+)
+@pytest.mark.parametrize("start", [-0.9, -0.9003, -0.8996])
+def test_rounding_is_all_that_is_tolerated(speed: float, acceleration: float, told: str, start: float) -> None:
+    steps = np.minimum(np.arange(60) * acceleration * SERVO.max_acceleration * DT, speed * SERVO.max_velocity)
+    angles = start + np.cumsum(steps * DT)
+    found = beyond_limits(ways(goals([float(angle) for angle in angles if angle < 0.9])), DT)
+    assert (told in " ".join(found)) if told else found == []
+
+
+@pytest.mark.parametrize(("last", "most"), [(1303, 8), (1200, 7)])
+def test_in_the_last_tick_inside_a_limit_goals_are_rounded_inwards(last: int, most: int) -> None:
+    """The limit is at 1303.8 ticks; 5.2 ticks is what the displacement of a tick may change by."""
+    tick = 1.0 / abs(SERVO.ticks_per_rad)
+    for ticks, told in ((most, ""), (most + 1, "too hard")):
+        found = beyond_limits(ways(goals([(last - ticks) * tick, last * tick, last * tick])), DT)
+        assert (told in " ".join(found)) if told else found == []
+
+
+def test_a_late_goal_may_not_catch_up() -> None:
+    steady = [k * SERVO.max_velocity * DT for k in range(20)]
+    late = goals(steady[:10]) + goals(steady[10:], start=5.0 + 11 * DT)
+    ahead = goals(steady[:10]) + goals([angle + steady[1] for angle in steady[10:]], start=5.0 + 11 * DT)
+    assert beyond_limits(ways(late), DT) == []
+    shows(" ".join(beyond_limits(ways(ahead), DT)))
+
+
+def test_torque_was_off_between_goals_that_are_far_apart() -> None:
+    assert beyond_limits(ways(goals([0.0, 0.0]) + goals([0.5, 0.5], start=9.0)), DT) == []
+
+
+def test_what_is_not_finite_is_found() -> None:
+    track = Track(SERVO, np.array([0.0, DT]), np.array([0.0, np.nan]), 0.001)
+    assert beyond_limits([track], DT) == ["knee (id 7): not finite"]
+
+
+def test_who_does_not_rest_is_found() -> None:
+    still = ways(goals([0.1, 0.2, 0.2, 0.2, 0.3]))
+    assert restless(still, 5.005, 5.035) == []
+    shows(restless(still, 5.005, 5.045)[0], "0.0997")
+    assert restless(still, 8.0, 9.0) == []
+    assert [stood(still, time) for time in (4.0, 5.015, 5.025, 5.035, 5.045)] == [True, False, True, True, False]
+
+
+def test_who_hurries_is_found() -> None:
+    way = ways(goals([0.0, 0.0, 0.03, 0.06, 0.09]))
+    assert hasty(way, 5.0, 5.1, share=1.0, dt=DT) == []
+    shows(hasty(way, 5.0, 5.1, share=0.5, dt=DT)[0], "50%")
+    assert hasty(way, 5.0, 5.015, share=0.5, dt=DT) == []
+
+
+def test_who_does_not_go_straight_is_found() -> None:
+    assert wavering(ways(goals([0.0, 0.1, 0.3, 0.4])), 5.0, 6.0) == []
+    assert wavering(ways(goals([0.0, 0.1, 0.099, 0.4])), 5.0, 6.0) == []
+    shows(wavering(ways(goals([0.0, 0.1, 0.0, 0.3])), 5.0, 6.0)[0], "0.199")
+
+
+def test_after_a_latch_only_letting_go_is_good() -> None:
+    off = written([Sent(2.0, sync_write(64, 1, [(7, b"\0")]) + sync_write(98, 1, [(7, b"\0")]))])
+    assert after_latch(off, 1.0) == []
+    assert after_latch(written(goals([0.0])), 5.0) == []
+    assert "address 116" in after_latch(written(goals([0.0])), 4.9)[0]
+    on = written([Sent(2.0, sync_write(64, 1, [(6, b"\0"), (7, b"\1")]))])
+    assert after_latch(on, 1.0) == ["address 64 was written 1.000 s after the latch"]
+    assert woken(on, 1.0) == ["torque was switched on 1.000 s after the stop began"]
+    assert woken(on, 2.0) == [] and woken(off, 1.0) == []
+
+
+def test_whatever_does_more_than_ask_is_found() -> None:
+    sent = [Sent(0.0, ping(7)), *goals([0.0])]
+    assert not_reads(list(packets(sent)), but=frozenset()) == ["instruction 0x83 went to id 254"]
+    assert not_reads(list(packets(sent)), but=frozenset((254,))) == []
+
+
+@pytest.fixture(scope="module")
+def op3() -> RobotBody:
+    return load_robot("op3")
+
+
+def swung(robot: RobotBody, joint: str, last: float) -> list[Track]:
+    """One joint goes from standing to an angle, rad; the others stand."""
+    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+    times, found = np.linspace(0.0, 1.0, 50), []
+    for servo, angle in zip(robot.joint_map.servos, stand.tolist(), strict=True):
+        goal = last if servo.joint == joint else angle
+        found.append(Track(servo, times, np.linspace(angle, goal, 50), servo.model.tick_rad))
+    return found
+
+
+def test_goals_become_postures(op3: RobotBody) -> None:
+    ways = swung(op3, "l_hip_yaw", 0.1)
+    late = Track(ways[0].servo, ways[0].times[10:], ways[0].angle[10:], ways[0].step)
+    postures = postures_of(op3, [ways[1], late, *ways[2:]])
+    np.testing.assert_allclose(postures[-1, op3.servo_columns], [track.angle[-1] for track in ways])
+    assert postures.shape == (50, op3.body.nq)
+    assert postures_of(op3, []).shape == (0, op3.body.nq)
+
+
+@pytest.mark.parametrize(("angle", "told"), [(-0.15, ""), (-0.6, "mm in each other")])
+def test_a_leg_in_the_other_is_found(op3: RobotBody, angle: float, told: str) -> None:
+    found = collisions(op3, swung(op3, "l_hip_yaw", angle))
+    assert told in " ".join(found) and bool(told) == bool(found)
+
+
+def test_no_goals_collide_with_nothing(op3: RobotBody) -> None:
+    assert collisions(op3, []) == []
+    assert clearance_of(op3, np.zeros((0, op3.body.nq))).smallest is None
+
+
+def test_without_a_gate_the_forced_stage_is_a_collision() -> None:
+    row = next(one for one in ROWS if one.name == "clearance below margin")
+    bench = Bench(FakeSender(), duration=2.2, gate=False)
+    row.hurt(bench, 0.2)
+    found = violations(bench, bench.run())
+    shows(found)
+
+
+@given(st.dictionaries(st.integers(0, 252), st.integers(-(2**31), 2**31 - 1), min_size=1, max_size=30))
+@settings(max_examples=60)
+def test_goals_are_read_from_the_bytes(ticks: dict[int, int]) -> None:
+    """Those that hold a header, and are stuffed, too."""
+    data = sync_write(116, 4, [(device, tick.to_bytes(4, "little", signed=True)) for device, tick in ticks.items()])
+    sent = [Sent(1.5, sync_read(126, 10, [7], fast=True) + data + ping(3))]
+    assert goal_writes(written(sent)) == [(1.5, ticks)]
+    assert [(one.id, one.instruction) for one in packets(sent)] == [(254, 0x8A), (254, 0x83), (3, 0x01)]
+
+
+def test_single_writes_count() -> None:
+    sent = [Sent(2.0, write(9, 64, b"\1")), Sent(3.0, write(9, 64, b"\0")), Sent(4.0, reboot(9))]
+    writes = written(sent)
+    assert writes == [Written(2.0, 64, {9: 1}), Written(3.0, 64, {9: 0})]
+    assert torque_off(writes, 0.0) == 3.0
+    assert torque_off(writes, 3.5) is None
+    assert goal_writes(writes) == []
+
+
+@given(st.binary(max_size=40))
+@settings(max_examples=60)
+def test_what_is_no_packet_is_none(data: bytes) -> None:
+    list(packets([Sent(0.0, data), Sent(0.0, b"\xff\xff\xfd\x00\x01\xff\xff" + data)]))

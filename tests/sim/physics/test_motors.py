@@ -1,0 +1,271 @@
+"""Numbers of servos: what the maker prints comes out of them again."""
+
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from hardware.bus import ServoAlert
+from hardware.servo import SERVO_MODELS, ServoGains, ServoSpec, find_model, loop_lag
+from physics_rig import op3
+from servos import waist_servos
+from sim.physics.motors import (
+    HEAT_PER_WATT,
+    Drive,
+    Electrics,
+    Motors,
+    add_motors,
+    drive_numbers,
+    lacks_gain,
+    position_loop,
+)
+from sim.physics.world import robot_drives
+from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME
+
+BY_BAM = {"MX-64", "MX-106", "XL330-M288"}
+
+
+@pytest.mark.parametrize("name", sorted(set(SERVO_MODELS) - BY_BAM))
+def test_it_stalls_and_turns_as_its_maker_says(name: str) -> None:
+    model = find_model(name)
+    drive = drive_numbers(model)
+    assert drive.stall_torque(model.voltage) == pytest.approx(model.stall_torque)
+    left = drive.stall_torque(model.voltage) - drive.friction
+    assert left / (drive.back_emf + drive.viscous) == pytest.approx(model.no_load_speed)
+
+
+@pytest.mark.parametrize("name", sorted(BY_BAM))
+def test_identified_motors_agree_with_their_maker(name: str) -> None:
+    model = find_model(name)
+    drive = drive_numbers(model)
+    assert drive.stall_torque(model.voltage) == pytest.approx(model.stall_torque, rel=0.25)
+
+
+def test_more_supply_is_more_torque_as_printed() -> None:
+    drive = drive_numbers(find_model("XM430-W350"))
+    assert drive.stall_torque(11.1) == pytest.approx(3.8, rel=0.02)
+    assert drive.stall_torque(14.8) == pytest.approx(4.8, rel=0.06)
+    assert drive.torque_constant == pytest.approx(1.0 / (149.795 * 2.69e-3), rel=0.05)  # OP3: current per torque
+
+
+@pytest.mark.parametrize("name", sorted(SERVO_MODELS))
+def test_every_model_has_sound_numbers(name: str) -> None:
+    drive = drive_numbers(find_model(name))
+    assert min(drive.armature, drive.friction, drive.backlash, drive.resistance) > 0.0
+    assert drive.friction < 0.1 * drive.stall_torque(find_model(name).voltage)
+    assert drive.friction < drive.most_torque <= 1.001 * drive.stall_torque(find_model(name).voltage)
+    assert 60.0 <= drive.temperature_limit <= 90.0
+    assert drive.source
+
+
+DRIVES: tuple[Drive, ...] = robot_drives(op3())
+COUNT = len(DRIVES)
+ON = np.ones(COUNT, dtype=np.bool_)
+
+
+def load(value: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    torque = np.zeros(COUNT)
+    torque[3] = value
+    return torque
+
+
+def test_a_servo_warms_to_its_final_rise_and_cools_again() -> None:
+    electrics = Electrics(DRIVES)
+    current = electrics.current(load(1.0), ON)[3]
+    final = AMBIENT + HEAT_PER_WATT * DRIVES[3].numbers.resistance * current**2
+    electrics.advance(load(1.0), ON, HEAT_TIME)
+    assert electrics.temperature[3] - AMBIENT == pytest.approx((final - AMBIENT) * (1.0 - np.exp(-1.0)))
+    assert electrics.temperature[4] == AMBIENT
+    electrics.advance(load(1.0), ON, 100 * HEAT_TIME)
+    assert electrics.temperature[3] == pytest.approx(final)
+    electrics.advance(load(0.0), ON, 100 * HEAT_TIME)
+    assert electrics.temperature[3] == pytest.approx(AMBIENT)
+
+
+def test_heat_is_of_the_size_of_the_mock_bus() -> None:
+    electrics = Electrics(DRIVES)
+    current = electrics.current(load(1.0), ON)[3]
+    electrics.advance(load(1.0), ON, 100 * HEAT_TIME)
+    assert electrics.temperature[3] - AMBIENT == pytest.approx(HEAT_PER_AMPERE2 * current**2, rel=0.5)
+
+
+def test_the_supply_sags_and_the_motors_hear_of_it() -> None:
+    electrics = Electrics(DRIVES)
+    before = electrics.voltage.copy()
+    assert not electrics.advance(load(0.0), ON, 0.01)
+    assert electrics.advance(np.full(COUNT, 1.5), ON, 0.01)
+    assert (electrics.voltage < before).all()
+
+
+def test_too_much_for_too_long_is_an_overload() -> None:
+    electrics = Electrics(DRIVES)
+    most = DRIVES[3].most_torque
+    for _ in range(99):
+        electrics.advance(load(0.9 * most), ON, 0.01)
+    assert not electrics.alert.any()
+    electrics.advance(load(0.0), ON, 0.01)  # a breath
+    for _ in range(99):
+        electrics.advance(load(0.9 * most), ON, 0.01)
+    assert not electrics.alert.any()
+    for _ in range(3):
+        electrics.advance(load(0.9 * most), ON, 0.01)
+    assert electrics.alert[3] == ServoAlert.OVERLOAD and not electrics.alert[4]
+
+
+def test_too_hot_is_an_alert_that_stays() -> None:
+    electrics = Electrics(DRIVES)
+    electrics.temperature[5] = 200.0
+    assert electrics.advance(load(0.0), ON, 1e-3)
+    assert electrics.alert[5] == ServoAlert.OVERHEATING
+    electrics.advance(load(0.0), ON, 1e6)
+    assert electrics.alert[5] == ServoAlert.OVERHEATING and electrics.temperature[5] < 30.0
+
+
+ARM = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>
+<default><position kp="77"/></default><worldbody>
+<body><joint name="knee" type="hinge" axis="0 1 0"/><inertial pos="0.1 0 0" mass="{mass}" diaginertia="1e-4 1e-4 1e-4"/>
+</body></worldbody></mujoco>"""
+WAIST = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body><joint name="roll" axis="1 0 0"/><inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+<body><joint name="yaw" axis="0 0 1"/><inertial pos="0 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/></body>
+</body></worldbody></mujoco>"""
+
+
+class Bench:
+    def __init__(self, text: str, servos: tuple[ServoSpec, ...]) -> None:
+        self.drives = tuple(Drive(s, drive_numbers(s.model), position_loop(s, protocol=2)) for s in servos)
+        spec: Any = mujoco.MjSpec.from_string(text)
+        add_motors(spec, self.drives)
+        self.model = spec.compile()
+        self.motors = Motors(self.model, self.drives)
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_setConst(self.model, self.data)
+        self.power(True)
+
+    def power(self, on: bool, volts: float = 12.0) -> None:
+        self.motors.power(np.full(len(self.drives), on), np.full(len(self.drives), volts))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.002)):
+            self.motors.command(self.data, 0.002)
+            mujoco.mj_step(self.model, self.data)
+
+
+def knee(**changes: Any) -> ServoSpec:
+    gains = ServoGains(position_p=changes.pop("p", 800), position_i=changes.pop("i", 0))
+    direction = changes.pop("direction", 1)
+    model = find_model("XM430-W350")
+    return ServoSpec("knee", 1, model, "main", direction, 2048, -1.0, 1.0, 2.0, 20.0, gains=gains, **changes)
+
+
+def test_under_load_it_hangs_back_by_the_torque_over_the_stiffness() -> None:
+    bench = Bench(ARM.format(mass=1.0), (knee(),))
+    bench.run(3.0)
+    torque, drive = 0.981, bench.drives[0]
+    stiffness = drive.loop.proportional * drive.numbers.stall_torque(12.0)
+    error = -float(bench.motors.angle(bench.data)[0])
+    assert error == pytest.approx(-torque / stiffness, abs=drive.numbers.friction / stiffness)
+    assert abs(float(bench.motors.torque(bench.data)[0])) == pytest.approx(torque, abs=drive.numbers.friction)
+
+
+def test_an_i_gain_takes_the_error_away() -> None:
+    bench = Bench(ARM.format(mass=1.0), (knee(i=1000),))
+    bench.run(6.0)
+    assert abs(float(bench.motors.angle(bench.data)[0])) < 0.006
+
+
+@pytest.mark.parametrize("volts", [9.0, 12.0])
+def test_its_speed_is_bounded_by_the_supply(volts: float) -> None:
+    bench = Bench(ARM.format(mass=1e-4), (knee(p=16000),))
+    bench.power(True, volts)
+    bench.motors.goal = np.array([100.0])
+    bench.run(1.0)
+    numbers = bench.drives[0].numbers
+    top = (numbers.stall_torque(volts) - numbers.friction) / (numbers.back_emf + numbers.viscous)
+    assert float(bench.motors.speed(bench.data)[0]) == pytest.approx(top, rel=0.01)
+
+
+@pytest.mark.parametrize(("current", "most"), [(None, 2.95), (0.5, 0.5 * 2.388)])
+def test_its_torque_is_bounded_by_the_motor_and_by_its_current_limit(current: float | None, most: float) -> None:
+    bench = Bench(ARM.format(mass=10.0), (knee(current_limit=current),))  # 9.8 N m at the start
+    bench.motors.goal = np.array([-1.0])
+    bench.run(0.02)
+    assert abs(float(bench.motors.torque(bench.data)[0])) == pytest.approx(most, rel=0.01)
+    assert float(bench.data.qfrc_actuator[0]) == pytest.approx(-most, rel=0.01)
+
+
+def test_without_torque_the_motor_is_open() -> None:
+    bench = Bench(ARM.format(mass=1.0), (knee(),))
+    bench.power(False)
+    bench.run(0.2)
+    assert float(bench.data.qpos[0]) > 0.1  # down
+    assert not bench.motors.torque(bench.data).any()
+
+
+@pytest.mark.parametrize(("direction", "gear"), [(-1, 1.0), (1, 2.0), (-1, 0.5)])
+def test_direction_and_gear_turn_the_shaft(direction: int, gear: float) -> None:
+    bench = Bench(ARM.format(mass=1e-3), (knee(direction=direction, gear=gear),))
+    bench.motors.goal = np.array([0.4])
+    bench.run(2.0)
+    assert float(bench.data.qpos[0]) == pytest.approx(0.4 * direction / gear, abs=0.02)
+    assert float(bench.motors.angle(bench.data)[0]) == pytest.approx(0.4, abs=0.02)
+
+
+def test_a_coupled_pair_turns_both_joints() -> None:
+    _, roll, yaw, _ = waist_servos()
+    pair = tuple(replace(servo, gains=ServoGains(position_p=900)) for servo in (roll, yaw))
+    bench = Bench(WAIST, pair)
+    coupling = roll.coupling
+    assert coupling is not None
+    asked = np.array([0.2, -0.3])  # joints
+    shafts = np.array(coupling.inverse) @ asked * [roll.direction, yaw.direction]
+    bench.motors.goal = shafts
+    bench.run(3.0)
+    assert bench.data.qpos.tolist() == pytest.approx(asked.tolist(), abs=0.01)
+    assert bench.motors.angle(bench.data).tolist() == pytest.approx(shafts.tolist(), abs=0.03)
+
+
+def servo(model: str = "XM430-W350", **gains: int) -> ServoSpec:
+    return ServoSpec("knee", 1, find_model(model), "main", 1, 2048, -1.0, 1.0, 2.0, 20.0, gains=ServoGains(**gains))
+
+
+def test_an_xm430_at_800_is_as_stiff_as_the_public_model_of_op3() -> None:
+    spec = servo(position_p=800)
+    stiffness = position_loop(spec, protocol=2).proportional * drive_numbers(spec.model).stall_torque(12.0)
+    assert stiffness == pytest.approx(18.9, rel=0.01)  # 21.1 N m/rad there
+    assert stiffness == pytest.approx(800 / 128 * 4096 / (2.0 * 3.14159265) / 885 * 4.1)
+
+
+def test_stiffness_grows_with_the_register_and_agrees_with_the_mock_bus() -> None:
+    soft, stiff = (position_loop(servo(position_p=gain), protocol=2) for gain in (400, 1600))
+    assert stiff.proportional == pytest.approx(4.0 * soft.proportional)
+    spec = servo(position_p=400)
+    assert 1.0 / (soft.proportional * spec.model.no_load_speed) == pytest.approx(loop_lag(spec))
+
+
+def test_damping_beyond_the_default_damps_and_the_default_does_not() -> None:
+    assert position_loop(servo("XL430-W250", position_p=640, position_d=4000), protocol=2).derivative == 0.0
+    assert position_loop(servo("XL430-W250", position_p=640, position_d=5000), protocol=2).derivative > 0.0
+    assert position_loop(servo(position_p=800, position_d=0), protocol=2).derivative == 0.0
+
+
+def test_the_integral_is_relative_to_the_p_gain() -> None:
+    assert position_loop(servo(position_p=800, position_i=0), protocol=2).integral == 0.0
+    one = position_loop(servo(position_p=800, position_i=100), protocol=2).integral
+    assert position_loop(servo(position_p=1600, position_i=100), protocol=2).integral == pytest.approx(one / 2.0)
+
+
+def test_protocol_1_has_its_own_register() -> None:
+    old = position_loop(servo("MX-28", position_p=32), protocol=1)
+    new = position_loop(servo("MX-28", position_p=800), protocol=2)
+    assert old.proportional == pytest.approx(new.proportional)
+
+
+def test_a_gain_that_nobody_gave_is_noticed() -> None:
+    spec = servo()
+    assert lacks_gain(spec, protocol=2) and not lacks_gain(servo(position_p=0), protocol=2)
+    assert lacks_gain(replace(spec, model=find_model("MX-28")), protocol=1)
+    assert not lacks_gain(replace(spec, model=find_model("AX-12A")), protocol=1)  # has no such register
+    assert position_loop(replace(spec, model=find_model("AX-12A")), protocol=1).proportional > 0.0

@@ -1,0 +1,218 @@
+"""A robot's own driver above its emulated servos."""
+
+import numpy as np
+import pytest
+
+from hardware.arrays import FloatArray
+from hardware.bus import ServoBus, ServoGoals, ServoStates
+from hardware.clock import VirtualClock
+from hardware.errors import BusError
+from hardware.guard import Guard
+from hardware.guard_state import GuardState
+from messages import refuses
+from physics_rig import DT, PhysicsRig, op3, standing, ticks
+from retarget.cli.buses import make_bus, standing_ticks
+from retarget.model.robot import load_robot
+from retarget.safety.gate import Gate
+from sim.buses import emulated_bus
+from sim.physics.perturbation import Perturbation, Push
+
+
+def test_the_servos_of_op3_stand_and_follow() -> None:
+    robot, clock = load_robot("op3"), VirtualClock()
+    start = standing_ticks(robot)
+    bus = emulated_bus(robot, clock, start=start)
+    bus.open()
+    assert np.array_equal(bus.read().position, start)
+    bus.write(ServoGoals(start))
+    bus.torque(True)
+    for _ in range(60):
+        states = bus.read()
+        bus.write(ServoGoals(start + 20))
+        clock.advance(0.008)
+    assert states.valid.all() and states.driven.all()
+    assert np.abs(states.position - start - 20).max() <= 1
+    bus.close()
+
+
+def test_by_name_it_is_the_same() -> None:
+    robot = load_robot("op3")
+    bus = make_bus("emulator", robot, VirtualClock())
+    bus.open()
+    assert np.array_equal(bus.read().position, standing_ticks(robot))
+    bus.close()
+
+
+def test_it_is_a_servo_bus() -> None:
+    rig = PhysicsRig()
+    bus: ServoBus = rig.bus
+    states = bus.read()
+    assert states.position.tolist() == rig.start.tolist()
+    assert states.valid.all() and not states.driven.any() and not states.age.any()
+    assert (states.voltage > 11.0).all() and (states.temperature == 25.0).all() and not states.current.any()
+
+
+def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(1.0)
+    before = rig.bus.witness.state.sole.copy()
+    states = rig.run(10.0)
+    bus = rig.bus
+    assert not bus.witness.fallen
+    assert np.abs(bus.witness.state.sole - before).max() < 5e-4
+    assert bus.witness.log.slip_m.max() < 5e-4
+    assert np.degrees(bus.witness.log.worst_tilt) < 0.5
+    assert 0.005 < rig.error(states) < 0.05  # P gains without an I gain sag
+    assert bus.witness.state.load.sum() == pytest.approx(bus.simulation.world.weight, rel=0.01)
+    assert states.soles is not None and states.soles.tolist() == [True, True]
+    assert bus.witness.state.load[0] == pytest.approx(bus.witness.state.load[1], rel=0.1)
+
+
+def test_before_torque_a_hand_holds_it() -> None:
+    rig = PhysicsRig()
+    rig.clock.advance(5.0)
+    assert rig.bus.read().position.tolist() == rig.start.tolist()
+    assert not rig.bus.witness.fallen and rig.bus.witness.log.rows == 0
+    assert rig.bus.simulation.held and rig.bus.read().soles is None, "in a hand nothing is told of soles"
+
+
+def test_the_hand_lets_go_without_a_jolt() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(2.0)
+    assert not rig.bus.simulation.held
+    root = rig.bus.witness.log.column("root")[:, 2]
+    assert np.abs(np.diff(root, n=2)).max() / DT**2 < 0.5  # [m/s^2]
+    assert 0.0 < root[0] - root[-1] < 3e-3
+
+
+def test_without_torque_it_falls_and_that_counts() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(1.0)
+    rig.bus.torque(False)
+    rig.run(2.0)
+    fall = rig.bus.witness.fall
+    assert fall is not None and not fall.powered and not rig.bus.witness.parked
+
+
+def test_closing_watches_what_becomes_of_it() -> None:
+    rig = PhysicsRig()
+    rig.arm()
+    rig.run(1.0)
+    before = rig.bus.witness.fallen
+    rig.bus.close()
+    rig.bus.close()  # twice is allowed
+    assert (before, rig.bus.witness.fallen) == (False, True)
+
+
+def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
+    rest = ticks(op3().profile.postures.rest)
+    rig = PhysicsRig(start=rest)
+    rig.arm()
+    rig.run(1.0, rest)
+    rig.bus.close()
+    witness = rig.bus.witness
+    assert witness.parked and not witness.fallen
+
+
+def test_the_guard_leads_it_from_arming_to_release() -> None:
+    rig, joints = PhysicsRig(), op3().joint_map
+    guard = Guard(
+        bus=rig.bus,
+        joint_map=joints,
+        goal_filter=Gate.for_servos(joints, dt=DT),
+        clock=rig.clock,
+        limits=op3().profile.guard_limits(),
+    )
+    present = guard.arm()
+    arms = np.arange(len(joints)) < 6
+
+    def wave(states: ServoStates) -> FloatArray:
+        return np.asarray(present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms)
+
+    for _ in range(150):
+        rig.clock.advance(DT)
+        guard.tick(wave, lambda: None)
+    assert guard.state is GuardState.MOVING and not rig.bus.witness.fallen
+    guard.release()
+    assert not rig.bus.torque_on
+
+
+def test_a_robot_that_sits_on_its_ankles_stays_where_it_is() -> None:
+    start = ticks(op3().profile.postures.rest)
+    rig = PhysicsRig(start=start)
+    rig.arm()
+    rig.run(1.0, start)
+    rig.bus.torque(False)
+    rig.run(1.5, start)
+    assert np.degrees(np.arccos(1.0 - 2.0 * np.square(rig.bus.witness.state.root[4:6]).sum())) < 15.0
+
+
+def test_a_strong_push_fells_it_and_a_weak_one_does_not() -> None:
+    weak, strong = (
+        PhysicsRig(perturbation=Perturbation(pushes=(Push((force, 0.0, 0.0), 1.0, 0.2),))) for force in (3.0, 20.0)
+    )
+    for rig in (weak, strong):
+        rig.arm()
+        rig.run(3.0)
+    assert not weak.bus.witness.fallen
+    assert np.ptp(weak.bus.witness.log.column("com")[150:, 0]) > 1e-3
+    fall = strong.bus.witness.fall
+    assert fall is not None and fall.powered and fall.time > 1.0
+
+
+def test_goals_take_effect_one_cycle_after_they_are_written() -> None:
+    rig, late = PhysicsRig(), PhysicsRig(perturbation=Perturbation(latency_s=0.03))
+    moved = []
+    for one in (rig, late):
+        one.arm()
+        one.run(1.5)
+        goal = standing()
+        goal[0] += 200
+        one.bus.write(ServoGoals(goal))
+        quiet = one.bus.simulation.motors.goal[0]
+        cycles = 0
+        while one.bus.simulation.motors.goal[0] == quiet:
+            one.clock.advance(0.002)
+            one.bus.read()
+            cycles += 1
+        moved.append(cycles)
+    assert moved[0] == pytest.approx(5, abs=1)  # applied in the step that begins at 8 ms
+    assert moved[1] - moved[0] == pytest.approx(15, abs=1)
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
+    def record(seed: int) -> bytes:
+        rig = PhysicsRig(seed=seed, perturbation=Perturbation(pushes=(Push((0.0, 3.0, 0.0), 0.8, 0.2),)))
+        rig.arm()
+        rig.run(1.5)
+        return rig.bus.witness.log.column("q").tobytes()
+
+    assert record(3) == record(3) != record(4)
+
+
+def test_reading_more_often_changes_nothing() -> None:
+    once, often = PhysicsRig(), PhysicsRig()
+    for rig in (once, often):
+        rig.arm()
+    once.run(0.4)
+    for _ in range(50):
+        often.clock.advance(DT)
+        often.bus.read()
+        often.bus.read()
+        often.bus.write(ServoGoals(often.start))
+    assert often.bus.witness.state.q.tobytes() == once.bus.witness.state.q.tobytes()
+
+
+def test_what_it_refuses() -> None:
+    rig = PhysicsRig()
+    goal = standing()
+    goal[3] = 5000
+    with refuses(BusError):
+        rig.bus.write(ServoGoals(goal))
+    rig.bus.close()
+    for call in (rig.bus.read, lambda: rig.bus.write(ServoGoals(standing())), lambda: rig.bus.torque(True)):
+        with refuses(BusError):
+            call()

@@ -1,0 +1,109 @@
+"""The recording that ships: made by `sim.sample_recording` byte by byte, a person's motion, and safe on every robot."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from messages import refuses
+from retarget.cli import main
+from retarget.cli.exit import DONE, REFUSED
+from retarget.errors import InputError
+from retarget.frames import SENSORS, SensorFrames
+from retarget.report.motion_summary import summarise
+from retarget.schema.catalogue import Kind, entries
+from retarget.sources import open as opening
+from retarget.sources.open import SAMPLE, open_source
+from sim.sample_recording import DURATION_S, MOVES, RATE_HZ, sample_recording
+
+SHIPPED = Path(opening.__file__).with_name("sample_recording.bvh")
+LARGEST = 250_000
+"""Bytes that it may add to the wheel."""
+
+
+def command(*words: str | Path) -> int:
+    with pytest.raises(SystemExit) as leaving:
+        main([*map(str, words)])
+    return int(leaving.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def sample() -> SensorFrames:
+    return open_source(SAMPLE)
+
+
+def track(sample: SensorFrames, name: str) -> np.ndarray:
+    return sample.position[:, sample.names.index(name)]
+
+
+def test_its_script_makes_it_again_to_the_byte() -> None:
+    assert sample_recording() == SHIPPED.read_bytes(), "python -m sim.sample_recording FILE makes it"
+    assert SHIPPED.stat().st_size <= LARGEST
+
+
+def test_it_is_a_whole_person_who_moves_as_persons_do(sample: SensorFrames) -> None:
+    summary = summarise(sample)
+    assert summary.rate_hz == RATE_HZ and summary.frames == round(DURATION_S * RATE_HZ)
+    assert 8.0 <= summary.duration_s <= 12.0 and MOVES[-1][1] < summary.duration_s
+    assert set(sample.names) == set(SENSORS) and len(summary.joints) == 21
+    assert summary.stature_m == pytest.approx(1.65, abs=0.1)
+    assert not summary.jumps and not summary.notes
+
+
+def test_it_waves_looks_around_and_crouches_on_still_feet(sample: SensorFrames) -> None:
+    wrist, head, pelvis = (track(sample, name) for name in ("r_wrist", "head", "pelvis"))
+    waving = (sample.time > 2.3) & (sample.time < 3.9)
+    side = wrist[waving, 1]
+    assert (wrist[waving, 2] > track(sample, "r_shoulder")[waving, 2] + 0.15).all()
+    assert np.count_nonzero(np.diff(np.sign(side - side.mean()))) >= 4 and np.ptp(side) > 0.15
+    w, _, _, z = sample.orientation[:, sample.names.index("head")].T
+    turn = np.degrees(2.0 * np.arctan2(z, w))
+    assert turn.max() > 35.0 and turn.min() < -35.0
+    assert 0.1 < pelvis[0, 2] - pelvis[:, 2].min() < 0.25 and pelvis[-1, 2] == pytest.approx(pelvis[0, 2], abs=0.005)
+    assert np.linalg.norm(head[-1] - head[0]) < 0.05
+    for name in ("l_ankle", "r_ankle", "l_toe", "r_toe"):
+        assert np.ptp(track(sample, name), axis=0).max() < 1e-3, name
+
+
+@pytest.mark.parametrize("robot", [entry.name for entry in entries(Kind.ROBOT) if entry.shipped])
+def test_every_shipped_robot_follows_it_within_all_limits(robot: str, tmp_path: Path) -> None:
+    assert command("run", "--robot", robot, "--source", SAMPLE, "--report", tmp_path / "run.json") == DONE
+    report = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    assert report["frames"] == round(DURATION_S * RATE_HZ) and report["stop"]["reason"] is None
+    assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
+    assert report["penetrating_frames"] == 0 and report["com_outside_support_frames"] == 0
+    assert report["hand_path_ratio"] > 0.8 and report["pelvis_excursion_ratio"] > 0.5
+
+
+def test_inspect_says_what_is_in_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command("inspect", SAMPLE, "--json") == DONE
+    told = json.loads(capsys.readouterr().out)
+    assert told["source"] == SAMPLE and told["frames"] == round(DURATION_S * RATE_HZ) and told["jumps"] == []
+
+
+def test_the_bare_word_is_the_sample_and_everything_else_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sample: SensorFrames
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sample").write_text("nothing", encoding="utf-8")
+    assert len(open_source("sample")) == len(sample)
+    for file in ("./sample", Path("sample"), str(tmp_path / "sample")):
+        with refuses(InputError):
+            open_source(file)
+    for file in ("sample.bvh", "Sample"):
+        with refuses(InputError):
+            open_source(file)
+    assert command("inspect", "./sample") == REFUSED
+
+
+def test_unit_and_rate_reach_its_reader(sample: SensorFrames) -> None:
+    assert open_source(SAMPLE, rate=60.0).time[-1] == pytest.approx(0.5 * sample.time[-1])
+    assert open_source(SAMPLE, unit="mm").position == pytest.approx(0.1 * sample.position)
+
+
+def test_who_gives_no_source_that_is_there_is_told_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command("run", "--robot", "op3", "--source", "smaple") == REFUSED
+    assert "sample" in capsys.readouterr().err
+    assert command("inspect", "vmc://:39539") == REFUSED
+    assert "sample" in capsys.readouterr().err

@@ -1,0 +1,109 @@
+"""Currents, voltages and temperatures stay plausible."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hardware.arrays import FloatArray
+from hardware.servo import ServoGains, loop_lag
+from servos import four_servos
+from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, ServoLoad, saturated_lag
+
+ON = np.ones(3, dtype=np.bool_)
+STILL = np.zeros(3)
+
+
+def make() -> ServoLoad:
+    return ServoLoad(np.full(3, 12.0), np.full(3, 4.8))
+
+
+def test_a_servo_at_rest_draws_little() -> None:
+    load = make()
+    load.advance(before=STILL, after=STILL, torque=ON, elapsed=0.01)
+    assert np.all(load.current < 0.05)
+    assert np.all(load.voltage > 11.9)
+
+
+def test_a_moving_servo_draws_more_and_the_supply_sags() -> None:
+    load = make()
+    load.advance(before=STILL, after=np.array([4.0, 0.0, 0.0]), torque=ON, elapsed=0.1)
+    assert load.current[0] > 0.3
+    assert load.current[1] == load.current[2] < 0.05
+    assert np.all(load.voltage == load.voltage[0])
+    assert load.voltage[0] < 12.0
+
+
+def test_without_torque_there_is_no_drive() -> None:
+    load = make()
+    load.advance(before=STILL, after=np.full(3, 4.0), torque=~ON, elapsed=0.1)
+    assert np.all(load.current < 0.05)
+
+
+def test_heat_rises_to_its_final_value() -> None:
+    load = make()
+    fast = np.full(3, 4.0)
+    for _ in range(10):
+        load.advance(before=fast, after=fast, torque=ON, elapsed=1000.0)
+    assert load.temperature == pytest.approx(AMBIENT + HEAT_PER_AMPERE2 * load.current**2)
+
+
+def test_looks_within_a_moment_show_no_larger_current() -> None:
+    """Ticks of a busy machine come at uneven times; the supply must not sag for that."""
+    usual, late = make(), make()
+    after = np.full(3, 0.3)
+    usual.advance(before=STILL, after=after, torque=ON, elapsed=0.008)
+    late.advance(before=STILL, after=after, torque=ON, elapsed=0.0005)
+    assert np.all(late.current == usual.current)
+    assert np.all(usual.current < 1.0)
+
+
+LAG = np.array([0.045, 0.02, 0.1, 0.0])  # [s]
+TOP = np.array([3140.0, 1000.0, 50.0, 800.0])  # [tick/s]
+
+
+def integrate(error: FloatArray, elapsed: float, steps: int) -> FloatArray:
+    """Displacement by small explicit steps of the same law."""
+    moved = np.zeros_like(error)
+    dt = elapsed / steps
+    for _ in range(steps):
+        moved += dt * np.clip((error - moved) / np.maximum(LAG, 2 * dt), -TOP, TOP)
+    return moved
+
+
+@pytest.mark.parametrize("elapsed", [0.001, 0.05, 0.4])
+def test_as_fine_steps(elapsed: float) -> None:
+    error = np.array([600.0, -30.0, 4.0, -200.0])
+    moved, _ = saturated_lag(error, lag=LAG, top=TOP, elapsed=elapsed)
+    np.testing.assert_allclose(moved, integrate(error, elapsed, 20_000), atol=0.1)
+
+
+def test_two_halves_are_the_whole() -> None:
+    error = np.array([600.0, -300.0, 40.0, -200.0])
+    whole, speed = saturated_lag(error, lag=LAG, top=TOP, elapsed=0.3)
+    half, _ = saturated_lag(error, lag=LAG, top=TOP, elapsed=0.15)
+    rest, speed_after = saturated_lag(error - half, lag=LAG, top=TOP, elapsed=0.15)
+    np.testing.assert_allclose(half + rest, whole, atol=1e-9)
+    np.testing.assert_allclose(speed_after, speed, atol=1e-9)
+    assert np.all(np.abs(speed) <= TOP)
+
+
+def test_the_default_lag_is_that_of_an_xm430() -> None:
+    servo = four_servos()[0]
+    # 885 PWM at 885 * 128 / 800 = 141.6 ticks of error, 0.2172 rad; at 4.817 rad/s that is 45 ms.
+    assert loop_lag(servo) == pytest.approx(0.0451, abs=1e-4)
+
+
+def test_a_stiffer_loop_lags_less() -> None:
+    servo = four_servos()[0]
+    stiff = replace(servo, gains=ServoGains(position_p=1600))
+    assert loop_lag(stiff) == pytest.approx(loop_lag(servo) / 2)
+
+
+def test_the_default_gain_of_protocol_1_is_another_number_for_the_same_loop() -> None:
+    servo = four_servos()[0]
+    first = replace(servo, gains=ServoGains(position_p=32))
+    assert loop_lag(first, protocol=1) == pytest.approx(loop_lag(servo))
+    assert loop_lag(replace(servo, gains=ServoGains()), protocol=1) == pytest.approx(loop_lag(servo))
+    soft = replace(servo, gains=ServoGains(position_p=16))
+    assert loop_lag(soft, protocol=1) == pytest.approx(2.0 * loop_lag(servo))

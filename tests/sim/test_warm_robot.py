@@ -1,0 +1,94 @@
+"""A warm servo in a whole run: half of the speed in time, by the goals that went onto the bus, and a person is told."""
+
+import numpy as np
+import pytest
+
+from hardware.clock import Clock, VirtualClock
+from messages import shows
+from retarget.human.samples import Playback
+from retarget.model.robot import RobotBody
+from retarget.run.loop import Pipeline
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.types import FloatArray
+from rig import Rig, StubReconstructor, person, short_clip
+from sim.mock_bus import FaultKind, MockBus, MockFault
+from sim.performer import synthetic_performer
+
+FIRST = 450
+"""Cycle of the bus in which the servo gets warm."""
+TICK = 1.534e-3
+"""[rad] of an XM430: goals are whole ones."""
+
+
+def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
+    """The run, its goals (T, n) rad, and what was told."""
+    told: list[str] = []
+
+    def make_bus(robot: RobotBody, clock: Clock) -> MockBus:
+        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+        return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
+
+    options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=14.0))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, tell=told.append) as ready:
+        result = ready.run()
+    assert result.robot is not None and result.record.robot is not None
+    return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), told
+
+
+@pytest.fixture(scope="module")
+def warm() -> tuple[RunResult, FloatArray, list[str]]:
+    return run(MockFault(FaultKind.HOT, FIRST, 250, servo=3, value=61.0))
+
+
+def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
+    result, goals, _ = warm
+    assert result.robot is not None and result.state == "idle"
+    most, dt = result.robot.joint_map.max_velocity, 1.0 / result.robot.profile.safety.rate_hz
+    steps = np.abs(np.diff(goals, axis=0))
+    following = result.record.phase[1:] == Phase.FOLLOW
+    slow, before = slice(FIRST + round(1.1 / dt), FIRST + 250), slice(0, FIRST)
+    assert following[slow].all() and following[before].any()
+    assert (steps[slow] <= 0.5 * most * dt + TICK).all()
+    assert (steps[before] / (most * dt)).max() > 0.6
+    changes = np.abs(np.diff(goals, n=2, axis=0))
+    assert (changes <= result.robot.joint_map.max_acceleration * dt**2 + 2.0 * TICK).all()
+    assert result.record.robot is not None and not result.record.robot.gated[following.argmax() + 1 :].any()
+
+
+def test_it_is_told_once_that_it_began_and_once_that_it_ended(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
+    _, _, told = warm
+    assert len(told) == 2
+    shows(told[0], 60, "l_sho_roll", 4, 61, "50%")
+    assert told[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
+
+
+def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
+    result, _, told = run(
+        MockFault(FaultKind.HOT, FIRST, 60, servo=3, value=61.0),
+        MockFault(FaultKind.HOT, FIRST + 60, 999, 3, value=66.0),
+    )
+    assert result.stop is not None
+    shows(result.stop.reason, 65)
+    assert told[0].startswith("warning: ")
+    assert len(result.record.phase) < FIRST + 60 + 125
+
+
+def approaching(slow: float) -> FloatArray:
+    """Goals (T, n) rad of the way to where following begins, 0.3 rad from where the robot stands."""
+    rig = Rig(np.full((60, 20), 0.3))
+    rig.guard.health.warnings.slow = slow
+    clip = short_clip(seconds=1.0)
+    record = Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run().record
+    assert record.robot is not None
+    return rig.robot.joint_map.to_radians(record.robot.goal_ticks[record.phase == Phase.APPROACH])
+
+
+def test_the_way_to_where_following_begins_is_slowed_too_and_gone_to_its_end() -> None:
+    usual, slow = approaching(1.0), approaching(0.5)
+    assert len(slow) in (2 * len(usual) - 1, 2 * len(usual))
+    np.testing.assert_array_equal(slow[-1], usual[-1])
+    fastest, half = (np.abs(np.diff(goals, axis=0)).max() for goals in (usual, slow))
+    assert half <= 0.5 * fastest + 1.5 * TICK and fastest > 4.0 * TICK

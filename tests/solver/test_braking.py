@@ -1,0 +1,75 @@
+"""`_solver.Braking`: bounds that leave a way to stop, and the way to a stop itself."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from messages import refuses
+from retarget._solver import Braking, frame_bounds
+from retarget.types import FloatArray
+
+DT = 0.01
+LOWER, UPPER = np.array([-1.0, -0.2, 0.0]), np.array([1.0, 0.3, 2.0])
+SPEED, ACCELERATION = np.array([4.0, 1.0, 0.5]), np.array([40.0, 20.0, 3.0])
+CHANGE = ACCELERATION * DT**2
+BRAKING = Braking(LOWER, UPPER, SPEED, ACCELERATION, dt=DT)
+vectors = st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3).map(np.array)
+steps = st.lists(st.floats(-0.04, 0.04), min_size=3, max_size=3).map(np.array)
+
+
+@given(steps)
+def test_braking_is_full_deceleration_and_never_turns_back(step: FloatArray) -> None:
+    slower = np.maximum(np.abs(step) - CHANGE, 0.0)
+    np.testing.assert_array_equal(BRAKING.braked(step), np.copysign(slower, step))
+
+
+@given(vectors, steps)
+def test_bounds_are_those_of_the_solver_and_to_go_on_braking(position: FloatArray, step: FloatArray) -> None:
+    low, high = frame_bounds(position, step, LOWER, UPPER, SPEED, ACCELERATION, DT)
+    found = BRAKING.bounds(position, step)
+    np.testing.assert_array_equal(found[0], np.minimum(low, BRAKING.braked(step)))
+    np.testing.assert_array_equal(found[1], np.maximum(high, BRAKING.braked(step)))
+
+
+@given(vectors, steps, steps, st.sampled_from([0.0, 1e-9, 1e-3]))
+def test_a_goal_passes_where_every_joint_is_within_its_bounds(
+    position: FloatArray, before: FloatArray, step: FloatArray, tolerance: float
+) -> None:
+    low, high = BRAKING.bounds(position, before)
+    goal = position + step
+    asked = goal - position
+    admitted = BRAKING.admitted(position, before, goal, tolerance=tolerance)
+    assert (admitted is not None) == bool((np.maximum(low - asked, asked - high) <= tolerance).all())
+    if admitted is not None:
+        np.testing.assert_array_equal(admitted, np.minimum(np.maximum(asked, low), high))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_never_passes(bad: float) -> None:
+    rest = np.zeros(3)
+    assert BRAKING.admitted(rest, rest, np.array([0.0, bad, 0.0]), tolerance=1.0) is None
+    assert BRAKING.admitted(rest, rest, np.zeros(2), tolerance=1.0) is None
+
+
+@settings(max_examples=50)
+@given(vectors, steps)
+def test_paths_slow_down_as_fast_as_they_may_and_end_at_rest(position: FloatArray, seed: FloatArray) -> None:
+    step = np.clip(seed, -SPEED * DT, SPEED * DT)
+    path, instead = BRAKING.paths(position, step, step)
+    np.testing.assert_array_equal(path[0], position)
+    moved = np.diff(path, axis=0)
+    np.testing.assert_allclose(moved[0], step, atol=1e-15)
+    np.testing.assert_allclose(np.diff(np.abs(moved), axis=0), -np.minimum(np.abs(moved[:-1]), CHANGE), atol=1e-12)
+    assert np.abs(moved[-1]).max() < 1e-12
+    np.testing.assert_allclose(instead[1] - position, BRAKING.braked(step), atol=1e-15)
+    np.testing.assert_array_equal(path.shape, instead.shape)
+
+
+@pytest.mark.parametrize(
+    ("speed", "dt"),
+    [(0.0, DT), (np.inf, DT), (1.0, 0.0), (np.nan, DT)],
+)
+def test_limits_must_be_limits(speed: float, dt: float) -> None:
+    with refuses(ValueError):
+        Braking(LOWER[:1], UPPER[:1], np.array([speed]), ACCELERATION[:1], dt=dt)

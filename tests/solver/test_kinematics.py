@@ -1,0 +1,163 @@
+"""The solver's kinematics against MuJoCo and against finite differences, on random trees with joints of every kind."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+
+from messages import refuses
+from oracles.problem import Array
+from oracles.trees import Tree, random_tree
+from retarget import _solver
+
+SEEDS = range(40)
+EXACT = 1e-12
+STEP = 1e-6
+
+
+@pytest.fixture(params=SEEDS)
+def tree(request: pytest.FixtureRequest) -> Tree:
+    """A random tree at a random posture."""
+    tree = random_tree(request.param)
+    return tree.at(tree.q)
+
+
+def body_of(tree: Tree) -> _solver.Body:
+    return _solver.Body(*tree.body_arguments())
+
+
+def same_rotation(a: Array, b: Array) -> bool:
+    """Unit quaternions (k, 4) turn the same way, whatever their sign."""
+    return bool(np.allclose(np.abs(np.sum(a * b, axis=-1)), 1.0, atol=EXACT))
+
+
+def points_on(tree: Tree) -> tuple[list[int], Array]:
+    """One point on every link: links (k,) and local positions (k, 3)."""
+    links = list(range(tree.model.nbody))
+    return links, np.random.default_rng(1).normal(size=(len(links), 3))
+
+
+def finite_difference(body: _solver.Body, q: Array, value: Callable[[Array], Array]) -> Array:
+    """Central differences (m, nv) of `value` (m,) along the manifold at q."""
+    columns = []
+    for direction in np.eye(body.nv):
+        ahead, behind = body.integrate(q, STEP * direction), body.integrate(q, -STEP * direction)
+        columns.append((value(ahead) - value(behind)) / (2.0 * STEP))
+    return np.array(columns).T.reshape(-1, body.nv)
+
+
+def test_sizes(tree: Tree) -> None:
+    body, model = body_of(tree), tree.model
+    assert (body.nq, body.nv, body.nbody) == (model.nq, model.nv, model.nbody)
+    assert body.total_mass == pytest.approx(model.body_mass.sum(), rel=EXACT)
+    assert body.rest() == pytest.approx(model.qpos0, abs=EXACT)
+
+
+def test_the_trees_hold_every_kind_of_joint_and_several_on_a_link() -> None:
+    models = [random_tree(seed).model for seed in SEEDS]
+    assert {int(kind) for model in models for kind in model.jnt_type} == {0, 1, 2, 3}
+    assert max(int(model.body_jntnum.max()) for model in models) >= 3
+
+
+def test_forward(tree: Tree) -> None:
+    position, orientation = body_of(tree).forward(tree.q)
+    assert position == pytest.approx(tree.data.xpos, abs=EXACT)
+    assert same_rotation(orientation, tree.data.xquat)
+
+
+def test_points_and_orientations_of_many_postures(tree: Tree) -> None:
+    body = body_of(tree)
+    links, local = points_on(tree)
+    postures = np.array([tree.model.qpos0, tree.q])
+    points, orientations = body.points(postures, links, local), body.orientations(postures, links)
+    centres = body.centre_of_mass(postures)
+    for k, q in enumerate(postures):
+        data = tree.at(q).data
+        expected = data.xpos + np.einsum("kij,kj->ki", data.xmat.reshape(-1, 3, 3), local)
+        assert points[k] == pytest.approx(expected, abs=EXACT)
+        assert same_rotation(orientations[k], data.xquat)
+        assert centres[k] == pytest.approx(data.subtree_com[0], abs=EXACT)
+
+
+def test_frame_jacobian_is_mujocos(tree: Tree) -> None:
+    body = body_of(tree)
+    links, local = points_on(tree)
+    points = body.points(tree.q[None], links, local)[0]
+    for link in links[1:]:
+        linear, angular = np.zeros((3, body.nv)), np.zeros((3, body.nv))
+        mujoco.mj_jac(tree.model, tree.data, linear, angular, points[link], link)
+        ours = body.frame_jacobian(tree.q, link, tuple(local[link]))
+        assert ours == pytest.approx(np.vstack([linear, angular]), abs=EXACT)
+
+
+def test_frame_jacobian_is_the_derivative(tree: Tree) -> None:
+    body = body_of(tree)
+    links, local = points_on(tree)
+    link = links[-1]
+    start = body.orientations(tree.q[None], [link])[0, 0]
+
+    def pose(q: Array) -> Array:
+        turn, now = np.zeros(3), body.orientations(q[None], [link])[0, 0]
+        mujoco.mju_subQuat(turn, now, start)  # in the frame of `start`
+        world = np.zeros(3)
+        mujoco.mju_rotVecQuat(world, turn, start)
+        return np.concatenate([body.points(q[None], [link], local[[link]])[0, 0], world])
+
+    jacobian = body.frame_jacobian(tree.q, link, tuple(local[link]))
+    assert jacobian == pytest.approx(finite_difference(body, tree.q, pose), abs=1e-7)
+
+
+def test_centre_of_mass_jacobian(tree: Tree) -> None:
+    body = body_of(tree)
+    expected = np.zeros((3, body.nv))
+    mujoco.mj_jacSubtreeCom(tree.model, tree.data, expected, 0)
+    ours = body.centre_of_mass_jacobian(tree.q)
+    assert ours == pytest.approx(expected, abs=EXACT)
+    differences = finite_difference(body, tree.q, lambda q: body.centre_of_mass(q[None])[0])
+    assert ours == pytest.approx(differences, abs=1e-7)
+
+
+@pytest.mark.parametrize("size", [1e-9, 0.1, 3.0])
+def test_integrate(tree: Tree, size: float) -> None:
+    dq = size * np.random.default_rng(2).normal(size=tree.model.nv)
+    expected = tree.q.copy()
+    mujoco.mj_integratePos(tree.model, expected, dq, 1.0)
+    assert body_of(tree).integrate(tree.q, dq) == pytest.approx(expected, abs=EXACT)
+
+
+@pytest.mark.parametrize("size", [1e-9, 0.1, 0.8])
+def test_difference_undoes_integrate(tree: Tree, size: float) -> None:
+    body = body_of(tree)
+    dq = size * np.random.default_rng(3).uniform(-1.0, 1.0, tree.model.nv)
+    there = body.integrate(tree.q, dq)
+    expected = np.zeros(tree.model.nv)
+    mujoco.mj_differentiatePos(tree.model, expected, 1.0, tree.q, there)
+    ours = body.difference(tree.q, there)
+    assert ours == pytest.approx(expected, abs=1e-9)
+    assert ours == pytest.approx(dq, abs=1e-9)
+
+
+def test_difference_takes_the_short_way_between_opposite_quaternions() -> None:
+    tree = random_tree(0)
+    body = body_of(tree)
+    turned = tree.q.copy()
+    for joint in range(tree.model.njnt):
+        if tree.model.jnt_type[joint] in (0, 1):
+            start = tree.model.jnt_qposadr[joint] + (3 if tree.model.jnt_type[joint] == 0 else 0)
+            turned[start : start + 4] *= -1.0
+    assert body.difference(tree.q, turned) == pytest.approx(np.zeros(body.nv), abs=EXACT)
+
+
+@pytest.mark.parametrize("field", range(10))
+def test_arrays_of_wrong_shape_are_refused(field: int) -> None:
+    arguments = list(random_tree(1).body_arguments())
+    arguments[field] = arguments[field][:-1].copy()
+    with pytest.raises(ValueError):
+        _solver.Body(*arguments)
+
+
+def test_postures_of_wrong_length_are_refused() -> None:
+    body = body_of(random_tree(1))
+    with refuses(ValueError):
+        body.forward(np.zeros(body.nq + 1))

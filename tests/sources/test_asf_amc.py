@@ -1,0 +1,403 @@
+"""AMC motions: kinematics against geometry and recordings, speed, and one clear error for everything that is wrong."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from messages import Facts, refuses, shows
+from motion_texts import BONES, amc_text, asf_text, write_amc
+from retarget import rotations
+from retarget.errors import InputError
+from retarget.frames import JOINTS, SENSORS
+from retarget.sources.asf_amc import MAX_BONES, find_skeleton, pose_of, read_amc, read_asf, read_values
+from retarget.sources.bvh import pose_of as bvh_pose_of
+from retarget.sources.bvh import read_motion
+from retarget.sources.c3d import read_markers
+from retarget.sources.canonical import CMU_METRES
+from retarget.sources.files import read_lines
+from retarget.types import FloatArray
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "07.asf"
+    path.write_text(text)
+    return path
+
+
+def test_the_tree_follows_the_hierarchy_and_dummy_bones_carry_no_dof(tmp_path: Path) -> None:
+    asf = read_asf(write(tmp_path, asf_text()))
+    assert asf.tree.names[0] == "root" and len(asf.tree.names) == len(BONES) + 1
+    assert all(parent < child for child, parent in enumerate(asf.tree.parents))
+    dof = dict(zip(asf.tree.names, asf.dof, strict=True))
+    assert dof["lhipjoint"] == () and dof["rclavicle"] == ("ry", "rz") and dof["root"][:3] == ("tx", "ty", "tz")
+    assert asf.degrees and asf.length_unit == 0.45
+    head = asf.tree.names.index("head")
+    np.testing.assert_allclose(asf.tree.ends[head][0], [0.0, 1.6, 0.0])
+    np.testing.assert_allclose(asf.tree.offsets[head], [0.0, 1.6, 0.0])
+
+
+def test_axes_apply_their_angles_in_the_order_listed(tmp_path: Path) -> None:
+    asf = read_asf(write(tmp_path, asf_text()))
+    x, y, z = (
+        rotations.from_axis_angle(axis, np.radians(a)) for axis, a in zip(np.eye(3), (180, -30, -90), strict=True)
+    )
+    expected = rotations.multiply(z, rotations.multiply(y, x))
+    actual = asf.frames[asf.tree.names.index("lradius")]
+    assert abs(float(np.dot(actual, expected))) == pytest.approx(1.0)
+
+
+def test_radians_line_ends_and_latin_letters_are_read(tmp_path: Path) -> None:
+    text = asf_text().replace("angle deg", "angle rad").replace("axis 0 0 20", "axis 0 0 0.3490658504")
+    path = tmp_path / "07.ASF"
+    path.write_bytes(text.replace("made for a test", "für einen Test").replace("\n", "\r\n").encode("latin-1"))
+    asf = read_asf(path)
+    np.testing.assert_allclose(
+        rotations.log(asf.frames[asf.tree.names.index("lfemur")]), [0, 0, np.radians(20)], atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "offset"),
+    [
+        ("name rfemur", "name lfemur", "bone defined twice", -2),
+        ("dof rx ry rz", "dof rx ry rw", "unknown or repeated dof", 0),
+        ("dof rx ry rz", "dof rx rx", "unknown or repeated dof", 0),
+        ("length 7.5", "length long", "not a usable number", 0),
+        ("length 7.5", "length -7.5", "a bone's length is needed", 0),
+        ("length 7.5", "length", "a bone's length is needed", 0),
+        ("length 7.5", "length nan", "not a usable number", 0),
+        ("direction 0.0 -1.0 0.0", "direction 0.0 inf 0.0", "not a usable number", 0),
+        ("direction 0.0 -1.0 0.0", "direction 0.0 -1.0", "three numbers are needed", 0),
+        ("    direction 0.0 -1.0 0.0\n", "", "incomplete bone", -3),
+        ("axis 0 0 20 XYZ", "axis 0 0 20 XYY", "unknown axis order", 0),
+        ("order TX TY TZ RX RY RZ", "order TX TY TZ RX RY", "wrong root order", 0),
+        ("angle deg", "angle gon", "unknown angle unit", 0),
+        ("    lfemur ltibia\n", "    lfemur ltibai\n", "unknown bone in the hierarchy", None),
+        ("    lfemur ltibia\n", "    lfemur ltibia rtibia\n", "a bone with two parents", None),
+        ("    lfemur ltibia\n", "    ltibia lfemur\n", "a bone with two parents", None),
+        ("    lfemur ltibia\n", "", "bones that the hierarchy does not connect", None),
+        ("  end\n  begin\n    id 2", "  begin\n    id 2", "a bone begins inside another", None),
+        (":bonedata\n", ":bonedata\n  loose text\n", "text outside of a bone", 1),
+    ],
+)
+def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, what: str, offset: int | None) -> None:
+    text = asf_text()
+    assert old in text
+    path = write(tmp_path, text.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_asf(path)
+    assert what in str(caught.value)
+    assert str(path) in caught.value.problems[0].where
+    if offset is not None:
+        line = text[: text.index(old)].count("\n") + 1 + offset
+        assert caught.value.problems[0].where == f"{path}:{line}"
+
+
+def test_a_misspelt_bone_brings_the_nearest_names(tmp_path: Path) -> None:
+    with refuses(InputError, next_step="ltibia"):
+        read_asf(write(tmp_path, asf_text().replace("lfemur ltibia\n", "lfemur ltibai\n")))
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.3, 0.6, 0.9, 0.97])
+def test_a_file_cut_short_is_refused(tmp_path: Path, share: float) -> None:
+    text = asf_text()
+    with pytest.raises(InputError):
+        read_asf(write(tmp_path, text[: int(share * len(text))]))
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with refuses(InputError, "ASF"):
+        read_asf(write(tmp_path, "hello\n"))
+    bone = "begin\nname b{}\ndirection 0 1 0\nlength 1\nend\n"
+    with refuses(InputError):
+        read_asf(write(tmp_path, ":bonedata\n" + "".join(bone.format(i) for i in range(MAX_BONES + 1))))
+
+
+def test_a_deep_skeleton_needs_no_recursion(tmp_path: Path) -> None:
+    count = MAX_BONES
+    bones = "".join(f"begin\nname b{i}\ndirection 0 1 0\nlength 1\nend\n" for i in range(count))
+    links = "root b0\n" + "".join(f"b{i} b{i + 1}\n" for i in range(count - 1))
+    asf = read_asf(write(tmp_path, f":bonedata\n{bones}:hierarchy\nbegin\n{links}end\n"))
+    assert len(asf.tree.names) == count + 1
+
+
+def test_endorphin_and_cmu_skeletons(shared: Path) -> None:
+    assert len(read_asf(shared / "mocap/other/skeleton.asf").tree.names) == 34
+    for name in ("01", "02", "05", "49"):
+        asf = read_asf(shared / f"mocap/cmu_asfamc/{name}.asf")
+        assert len(asf.tree.names) == 31 and sum(map(len, asf.dof)) == 62
+
+
+def test_rest_pose_is_a_person_facing_x(tmp_path: Path) -> None:
+    frames = read_amc(write_amc(tmp_path, amc_text(4)))
+    assert frames.names == SENSORS and len(frames) == 4 and frames.rate_hz == 120.0
+    assert frames.joints is not None and frames.joints.names == JOINTS
+    np.testing.assert_allclose(
+        frames.orientation, np.broadcast_to(rotations.IDENTITY, frames.orientation.shape), atol=1e-12
+    )
+    at = {name: frames.position[0, i] / CMU_METRES for i, name in enumerate(frames.names)}
+    np.testing.assert_allclose(at["pelvis"], [0.0, 0.0, 17.0], atol=1e-9)
+    np.testing.assert_allclose(at["head"], [0.0, 0.0, 17.0 + 6 + 3.2 + 0.8], atol=1e-9)
+    np.testing.assert_allclose(at["l_wrist"], [0.0, 3.5 + 5 + 3.4 + 1.7, 17.0 + 6], atol=1e-9)
+    np.testing.assert_allclose(at["r_knee"], [0.0, -1.5, 17.0 - 2 - 7.5], atol=1e-9)
+    np.testing.assert_allclose(at["l_toe"], [2.2 * 0.96, 1.5, 17.0 - 2 - 14.5 - 2.2 * 0.28], atol=1e-9)
+    step = frames.position[1] - frames.position[0]
+    np.testing.assert_allclose(step, np.broadcast_to([0.1 * CMU_METRES, 0, 0], step.shape), atol=1e-12)
+
+
+def test_a_bone_turns_itself_about_its_own_axes(tmp_path: Path) -> None:
+    # A knee about its own x (its axes are turned 20 degrees about z) by 90: the shank points back.
+    frames = read_amc(write_amc(tmp_path, amc_text(angles={"ltibia": [90.0], "lhumerus": [0.0, 0.0, 0.0]})))
+    knee, ankle = (frames.position[0, frames.index(name)] / CMU_METRES for name in ("l_knee", "l_ankle"))
+    np.testing.assert_allclose(ankle - knee, [-7.0, 0.0, 0.0], atol=1e-9)
+    turned = rotations.rotate(frames.orientation[0, frames.index("l_knee")], [0.0, 0.0, -1.0])
+    np.testing.assert_allclose(turned, [-1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_pronation_belongs_to_the_forearm(tmp_path: Path) -> None:
+    frames = read_amc(write_amc(tmp_path, amc_text(angles={"lwrist": [40.0]})))
+    elbow = rotations.log(frames.orientation[0, frames.index("l_elbow")])
+    assert np.degrees(np.linalg.norm(elbow)) == pytest.approx(40.0)
+    np.testing.assert_allclose(frames.orientation[0, frames.index("l_shoulder")], rotations.IDENTITY, atol=1e-12)
+
+
+def test_bones_in_any_order_comments_and_line_ends(tmp_path: Path) -> None:
+    plain = read_amc(write_amc(tmp_path, amc_text(3)))
+    lines = amc_text(3).splitlines()
+    header, frame = lines[:3], (len(lines) - 3) // 3
+    shuffled = ["# a comment", "", header[2]]
+    for k in range(3):
+        block = lines[3 + k * frame : 3 + (k + 1) * frame]
+        shuffled += [block[0], *(reversed(block[1:]) if k % 2 else block[1:]), "# end of a frame"]
+    other = read_amc(write_amc(tmp_path, "\r\n".join(shuffled), name="07_02.AMC"))
+    np.testing.assert_allclose(other.position, plain.position, atol=1e-12)
+
+
+def test_radians_in_the_motion(tmp_path: Path) -> None:
+    degrees = read_amc(write_amc(tmp_path, amc_text(angles={"ltibia": [30.0]})))
+    text = amc_text(angles={"ltibia": [np.radians(30.0)]}).replace(":DEGREES", ":RADIANS")
+    np.testing.assert_allclose(read_amc(write_amc(tmp_path, text)).position, degrees.position, atol=1e-5)
+
+
+def test_rate_and_unit_can_be_said(tmp_path: Path) -> None:
+    path = write_amc(tmp_path, amc_text(5))
+    frames = read_amc(path, rate=60.0, unit="cm")
+    assert frames.rate_hz == 60.0 and frames.time[1] == pytest.approx(1 / 60) and frames.notes == ()
+    assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.17)
+    assert any("120 Hz" in note for note in read_amc(path).notes)
+    for rate in (0.0, -1.0, float("nan"), float("inf"), 1e-300):
+        with refuses(InputError):
+            read_amc(path, rate=rate)
+
+
+def test_another_length_unit_is_guessed_from_the_body(tmp_path: Path) -> None:
+    skeleton = asf_text(length=1.0, scale=CMU_METRES)
+    frames = read_amc(write_amc(tmp_path, amc_text(height=0.95), skeleton=skeleton))
+    shows(frames.notes)
+    assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.95)
+    with refuses(InputError):
+        read_amc(write_amc(tmp_path, amc_text(), skeleton=asf_text(length=1.0, scale=1e-5)))
+
+
+def test_the_skeleton_is_found_by_subject_then_by_name_in_any_case(tmp_path: Path) -> None:
+    (tmp_path / "07.ASF").write_text(asf_text())
+    (tmp_path / "walk.asf").write_text(asf_text())
+    assert find_skeleton(tmp_path / "07_12.amc").name == "07.ASF"
+    assert find_skeleton(tmp_path / "walk.AMC").name == "walk.asf"
+    with refuses(InputError, "07.ASF", "--skeleton", allowed="99.asf"):
+        find_skeleton(tmp_path / "99_01.amc")
+    with refuses(InputError, "ASF"):
+        find_skeleton(tmp_path / "nowhere" / "99_01.amc")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "facts"),
+    [
+        ("ltibia 0\n", "ltibai 0\n", "ltibia"),
+        ("ltibia 0\n", "ltibia\n", ("'ltibia'", 0, 1, "rx")),
+        ("ltibia 0\n", "ltibia 0 0\n", ()),
+        ("ltibia 0\n", "lhipjoint 0\n", ()),
+        ("ltibia 0\n", "", ("ltibia", 2)),
+        ("ltibia 0\n", "ltibia 0\nltibia 0\n", ()),
+        ("ltibia 0\n", "ltibia nan\n", "'nan'"),
+        ("ltibia 0\n", "ltibia -inf\n", "'-inf'"),
+        ("ltibia 0\n", "ltibia 1e300\n", "1e300"),
+        ("ltibia 0\n", "ltibia zero\n", "'zero'"),
+        ("\n3\n", "\n5\n", (5, 3)),
+        ("\n3\n", "\n2\n", (2, 3)),
+    ],
+)
+def test_each_fault_of_a_frame_has_its_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
+    text = amc_text(3)
+    second = text.index("\n2\n")
+    at = text.index(old, second)
+    path = write_amc(tmp_path, text[:at] + new + text[at + len(old) :])
+    with refuses(InputError, facts) as caught:
+        read_amc(path)
+    line = int(caught.value.problems[0].where.removeprefix(f"{path}:"))
+    expected = text[:at].count("\n") + 1 + new.count("\n") - 1
+    if new:
+        assert line in (expected, expected + (old == "\n3\n"))
+
+
+@pytest.mark.parametrize("share", [0.01, 0.2, 0.5, 0.9, 0.99])
+def test_a_motion_cut_short_is_refused(tmp_path: Path, share: float) -> None:
+    text = amc_text(3)
+    with pytest.raises(InputError):
+        read_amc(write_amc(tmp_path, text[: int(share * len(text))].rstrip("\n0123456789. ")))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "\n\n", ":DEGREES\n", "# nothing\n", "hello world\n", "0\x000\n", "1\n", "1\n2\n"]
+)
+def test_texts_that_are_no_motion(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError):
+        read_amc(write_amc(tmp_path, text))
+
+
+BASE = amc_text(2).encode()
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(BASE) - 1), st.binary(max_size=6), st.integers(0, 20)), min_size=1, max_size=4
+    )
+)
+def test_mangled_motions_raise_input_errors_only(
+    tmp_path_factory: pytest.TempPathFactory, edits: list[tuple[int, bytes, int]]
+) -> None:
+    folder = tmp_path_factory.getbasetemp() / "mangled_amc"
+    folder.mkdir(exist_ok=True)
+    path = write_amc(folder, "")
+    content = BASE
+    for at, new, cut in edits:
+        content = content[:at] + new + content[at + cut :]
+    path.write_bytes(content)
+    try:
+        frames = read_amc(path)
+    except InputError:
+        return
+    assert np.isfinite(frames.position).all()
+
+
+ASF_BASE = asf_text().encode()
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(ASF_BASE) - 1), st.binary(max_size=6), st.integers(0, 30)), min_size=1, max_size=4
+    )
+)
+def test_mangled_skeletons_raise_input_errors_only(
+    tmp_path_factory: pytest.TempPathFactory, edits: list[tuple[int, bytes, int]]
+) -> None:
+    folder = tmp_path_factory.getbasetemp() / "mangled_asf"
+    folder.mkdir(exist_ok=True)
+    path = write_amc(folder, amc_text(2))
+    content = ASF_BASE
+    for at, new, cut in edits:
+        content = content[:at] + new + content[at + cut :]
+    (folder / "07.asf").write_bytes(content)
+    try:
+        read_amc(path)
+    except InputError:
+        return
+
+
+def test_02_06_is_read_in_a_quarter_of_a_second(shared: Path) -> None:
+    path = shared / "mocap/cmu_asfamc/02_06.amc"
+    best = 1e9
+    for _ in range(5):
+        start = time.process_time()
+        assert len(read_amc(path)) == 2235
+        best = min(best, time.process_time() - start)
+    assert best < 0.25
+
+
+def test_both_ways_of_reading_values_agree(shared: Path, tmp_path: Path) -> None:
+    source = shared / "mocap/cmu_asfamc/02_03.amc"
+    asf = read_asf(find_skeleton(source))
+    lines = read_lines(source)
+    fast, _ = read_values(lines, asf, source)
+    last = lines.index("2") - 1
+    lines[last - 1], lines[last] = lines[last], lines[last - 1]  # one frame in another order
+    slow, _ = read_values(lines, asf, source)
+    np.testing.assert_array_equal(fast, slow)
+
+
+def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None:
+    amc = shared / "mocap/cmu_asfamc/02_06.amc"
+    asf = read_asf(find_skeleton(amc))
+    values, degrees = read_values(read_lines(amc), asf, amc)
+    truth, names = pose_of(asf, values, degrees=degrees).position, asf.tree.names
+    motion = read_motion(shared / "mocap/cmu_bvh_hahne/02_06.bvh")
+    other, others = bvh_pose_of(motion).position[1:], motion.hierarchy.tree.names
+
+    def apart(bone: str, joint: str) -> FloatArray:
+        return np.asarray(np.linalg.norm(truth[:, names.index(bone)] - other[:, others.index(joint)], axis=1))
+
+    below = {"root": "Hips", "upperback": "Spine", "thorax": "Spine1"}
+    for side, word in (("l", "Left"), ("r", "Right")):
+        below |= {f"{side}femur": f"{word}UpLeg", f"{side}tibia": f"{word}Leg", f"{side}foot": f"{word}Foot"}
+        below[f"{side}toes"] = f"{word}ToeBase"
+    for bone, joint in below.items():
+        assert apart(bone, joint).max() < 1e-4, bone
+    above = {
+        "lowerneck": "Neck",
+        "upperneck": "Neck1",
+        "head": "Head",
+        "lhumerus": "LeftArm",
+        "rradius": "RightForeArm",
+    }
+    for bone, joint in above.items():
+        np.testing.assert_allclose(apart(bone, joint), 2.068, atol=1e-3, err_msg=bone)
+
+
+def test_02_01_agrees_with_its_markers(shared: Path) -> None:
+    frames = read_amc(shared / "mocap/cmu_asfamc/02_01.amc")
+    markers = read_markers(shared / "mocap/cmu_c3d/02_01.c3d")
+    waist = [markers.labels.index(f"TakeoMonday:{name}") for name in ("LFWT", "RFWT", "LBWT", "RBWT")]
+    apart = markers.position[:, waist].mean(axis=1) / 1000.0 - frames.position[:, frames.index("pelvis")]
+    assert apart[:, :2].std(axis=0).max() < 0.002
+
+
+def test_02_06_has_the_heights_and_the_timing_that_are_known(shared: Path) -> None:
+    frames = read_amc(shared / "mocap/cmu_asfamc/02_06.amc")
+    assert frames.joints is not None
+    pelvis, hand = frames.position[:, frames.index("pelvis"), 2], frames.joints.of("r_hand")[:, 2]
+    floor = min(float(frames.joints.of(f"{side}_toe")[:, 2].min()) for side in "lr")
+    for frame in (146, 475, 802, 1128, 1462, 1782):
+        near = slice(frame - 40, frame + 41)
+        assert abs(int(np.argmin(pelvis[near])) - 40) <= 3
+        assert 0.53 < pelvis[near].min() - floor < 0.61
+    for frame in (297, 626, 949, 1279, 1605, 1928):
+        near = slice(frame - 40, frame + 41)
+        assert abs(int(np.argmax(hand[near])) - 40) <= 3
+        assert 1.87 < hand[near].max() - floor < 1.96
+
+
+def test_bones_of_recordings_are_constant_and_human(shared: Path) -> None:
+    for path in sorted((shared / "mocap/cmu_asfamc").glob("*.amc")):
+        frames = read_amc(path)
+        assert frames.joints is not None and frames.skeleton is not None
+        for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"), ("ankle", "toe")):
+            length = np.linalg.norm(frames.joints.of(f"l_{a}") - frames.joints.of(f"l_{b}"), axis=1)
+            # Forearm and all: two collinear bones that turn about their own line keep their joints apart.
+            np.testing.assert_allclose(
+                length, frames.skeleton.distance(f"l_{a}", f"l_{b}"), atol=1e-6, err_msg=path.name
+            )
+
+
+def test_endorphin_is_read_in_metres_with_its_skeleton_named(shared: Path) -> None:
+    other = shared / "mocap/other"
+    with refuses(InputError, "skeleton.asf"):
+        read_amc(other / "walking.amc")
+    frames = read_amc(other / "walking.amc", skeleton=other / "skeleton.asf")
+    assert len(frames) == 1741 and frames.names == SENSORS
+    assert 0.8 < frames.position[0, frames.index("pelvis"), 2] < 1.0
+    with refuses(InputError):
+        read_amc(other / "walking.amc", skeleton=shared / "mocap/cmu_asfamc/02.asf")

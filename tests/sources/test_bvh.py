@@ -1,0 +1,461 @@
+"""BVH motions: kinematics against geometry, every naming style, and one clear error for everything that is wrong."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exported import moved, op3, slider
+from messages import Facts, refuses, shows, shows_lines
+from motion_texts import JOINTS, bvh_text
+from retarget import rotations
+from retarget.errors import InputError, UsageError
+from retarget.frames import SENSORS
+from retarget.model.body import BodyModel, load_body_text
+from retarget.model.human import PostureReader
+from retarget.recording.bvh_export import write_bvh
+from retarget.recording.motion import Motion, links_of
+from retarget.rotations import to_matrix
+from retarget.sources.bvh import CALIBRATION_POSE, LOST_LENGTHS, MAX_DEPTH, MAX_JOINTS, pose_of, read_bvh, read_motion
+from retarget.types import FloatArray
+from rig import person
+
+RECORDINGS = ("cmu_bvh_hahne", "cmu_bvh_daz", "other")
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "motion.bvh"
+    path.write_text(text)
+    return path
+
+
+def test_rest_pose_is_a_person_facing_x_in_metres(tmp_path: Path) -> None:
+    frames = read_bvh(write(tmp_path, bvh_text()))
+    assert frames.names == SENSORS and len(frames) == 3 and frames.rate_hz == 120.0
+    np.testing.assert_allclose(frames.orientation[..., 0], 1.0)
+    at = {name: frames.position[0, i] for i, name in enumerate(frames.names)}
+    np.testing.assert_allclose(at["pelvis"], [0.0, 0.0, 0.98], atol=1e-12)
+    np.testing.assert_allclose(at["l_wrist"], [0.0, 0.73, 1.35], atol=1e-12)
+    np.testing.assert_allclose(at["head"], [0.0, 0.0, 0.98 + 0.45 + 0.09], atol=1e-12)
+    np.testing.assert_allclose(at["r_toe"], [0.13, -0.09, 0.0], atol=1e-12)
+    assert frames.skeleton is not None
+    np.testing.assert_allclose(frames.skeleton.of("l_ankle"), [0.0, 0.09, -0.92], atol=1e-12)
+    shows(frames.notes)
+
+
+def test_rotations_multiply_in_the_order_of_the_channels(tmp_path: Path) -> None:
+    angles = (30.0, 50.0, -20.0)
+    for order in ("XYZ", "ZXY", "YZX"):
+        frames = read_bvh(write(tmp_path, bvh_text(order=order, rotations={"LeftArm": angles})))
+        turn = rotations.from_euler(np.radians(angles), order)
+        # File axes (x left, y up, z forward) to x forward, y left, z up.
+        expected = np.array([turn[0], turn[3], turn[1], turn[2]])
+        actual = frames.orientation[0, frames.index("l_shoulder")]
+        assert abs(float(actual @ expected)) == pytest.approx(1.0)
+
+
+def test_orders_may_differ_within_a_file(tmp_path: Path) -> None:
+    text = bvh_text(rotations={"LeftArm": (30.0, 50.0, -20.0), "RightArm": (30.0, 50.0, -20.0)})
+    at = text.index("JOINT RightArm")
+    mixed = text[:at] + text[at:].replace("Zrotation Xrotation Yrotation", "xrotation ZROTATION Yrotation", 1)
+    frames = read_bvh(write(tmp_path, mixed))
+    left, right = (frames.orientation[0, frames.index(f"{side}_shoulder")] for side in "lr")
+    turn = rotations.from_euler(np.radians([30.0, 50.0, -20.0]), "xzy")
+    assert abs(float(right @ [turn[0], turn[3], turn[1], turn[2]])) == pytest.approx(1.0)
+    assert rotations.angle_between(left, right) > 0.1
+
+
+def test_the_roots_offset_is_not_added_and_six_channels_replace_an_offset(tmp_path: Path) -> None:
+    text = bvh_text(1).replace("OFFSET 0 0 0", "OFFSET 5 50 500", 1)
+    six = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+    at = text.index("JOINT LeftUpLeg")
+    text = text[:at] + text[at:].replace("CHANNELS 3 Zrotation Xrotation Yrotation", six, 1)
+    lines = text.splitlines()
+    values = lines[-1].split()
+    lines[-1] = " ".join([*values[:6], "10", "-8", "2", *values[6:]])
+    frames = read_bvh(write(tmp_path, "\n".join(lines)))
+    np.testing.assert_allclose(frames.position[0, frames.index("pelvis")], [0.0, 0.0, 0.98], atol=1e-12)
+    np.testing.assert_allclose(frames.position[0, frames.index("l_hip")], [0.02, 0.10, 0.90], atol=1e-12)
+
+
+def test_z_up_is_seen_in_the_rest_pose_and_the_heading_is_kept(tmp_path: Path) -> None:
+    frames = read_bvh(write(tmp_path, bvh_text(z_up=True, root=(0.0, 0.0, 98.0))))
+    assert frames.position[0, frames.index("head"), 2] == pytest.approx(1.52)
+    assert frames.position[0, frames.index("l_wrist"), 1] == pytest.approx(-0.73), "the figure looks along -x"
+    half_turn = rotations.log(frames.orientation[0])
+    np.testing.assert_allclose(np.abs(half_turn), np.broadcast_to([0.0, 0.0, np.pi], half_turn.shape), atol=1e-9)
+    assert frames.skeleton is not None
+    np.testing.assert_allclose(frames.skeleton.of("l_wrist"), [0.0, 0.73, 0.37], atol=1e-12)
+
+
+def test_z_up_is_seen_in_frames_that_stand_along_z(tmp_path: Path) -> None:
+    # Rest pose y up, but the root stands the body up along z and turns it to look along -y.
+    text = bvh_text(order="XYZ", root=(0.0, 0.0, 98.0), rotations={"Hips": (90.0, 0.0, 0.0)})
+    frames = read_bvh(write(tmp_path, text))
+    shows(frames.notes)
+    assert frames.position[0, frames.index("head"), 2] == pytest.approx(1.52)
+    toe, ankle = (frames.position[0, frames.index(name)] for name in ("l_toe", "l_ankle"))
+    np.testing.assert_allclose(toe - ankle, [0.0, -0.13, -0.06], atol=1e-9)
+    forward = rotations.rotate(frames.orientation[0, frames.index("pelvis")], [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(forward, [0.0, -1.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1.0, "cm"), (0.01, "m"), (10.0, "mm"), (0.393701, "inch"), (0.177165, "cmu")]
+)
+def test_units_are_guessed_and_can_be_said(tmp_path: Path, scale: float, unit: str) -> None:
+    path = write(tmp_path, bvh_text(scale=scale))
+    for frames in (read_bvh(path), read_bvh(path, unit=unit), read_bvh(path, unit=unit.upper())):
+        assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.98, rel=1e-3)
+    shows_lines(read_bvh(path).notes, unit)
+
+
+def test_unknown_units_and_bodies_of_no_size_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, bvh_text())
+    with refuses(UsageError, found="'inches'", next_step="inch"):
+        read_bvh(path, unit="inches")
+    for scale in (0.0, 5.0, 1e-4):
+        with pytest.raises(InputError):
+            read_bvh(write(tmp_path, bvh_text(scale=scale)))
+
+
+@pytest.mark.parametrize(
+    ("written", "rate"), [("0.008333", 120.0), (".0083333", 120.0), ("0.033333", 30.0), ("0.0123", 1 / 0.0123)]
+)
+def test_rates_of_few_digits_are_tidied(tmp_path: Path, written: str, rate: float) -> None:
+    frames = read_bvh(write(tmp_path, bvh_text(frame_time=written)))
+    assert frames.rate_hz == pytest.approx(rate, abs=1e-9)
+    assert read_bvh(write(tmp_path, bvh_text()), rate=50.0).time[1] == pytest.approx(0.02)
+
+
+STYLES = {
+    "Biovision": {
+        "UpLeg": "Hip",
+        "Leg": "Knee",
+        "Foot": "Ankle",
+        "ToeBase": "Toe",
+        "Shoulder": "Collar",
+        "Arm": "Shoulder",
+    },
+    "Xsens MVN": {"UpLeg": "UpperLeg", "Leg": "LowerLeg", "Arm": "UpperArm", "ToeBase": "Toe"},
+}
+
+
+def restyled(style: str) -> dict[str, str]:
+    """Names of the stick figure in another style."""
+    parts = {**STYLES[style], "ForeArm": "ForeArm" if style == "Xsens MVN" else "Elbow"}
+    parts["Hand"] = "Hand" if style == "Xsens MVN" else "Wrist"
+    return {f"{side}{a}": f"{side}{b}" for side in ("Left", "Right") for a, b in parts.items()}
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_other_naming_styles_give_the_same_sensors(tmp_path: Path, style: str) -> None:
+    plain = read_bvh(write(tmp_path, bvh_text()))
+    other = read_bvh(write(tmp_path, bvh_text(names=restyled(style))))
+    assert other.names == plain.names
+    np.testing.assert_array_equal(other.position, plain.position)
+
+
+def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: Path) -> None:
+    plain = read_bvh(write(tmp_path, bvh_text()))
+    names = {name: f"node {i}" for i, (name, _, _) in enumerate(JOINTS)}
+    other = read_bvh(write(tmp_path, bvh_text(names=names)))
+    shows(other.notes)
+    for name in (
+        "head",
+        "l_wrist",
+        "r_wrist",
+        "l_ankle",
+        "r_ankle",
+        "pelvis",
+        "l_knee",
+        "l_elbow",
+        "r_hip",
+        "l_shoulder",
+    ):
+        at = other.position[:, other.index(name)]
+        np.testing.assert_allclose(at, plain.position[:, plain.index(name)], atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "facts"),
+    [
+        ("Frames: 3", "Frames: 4", (3, 4)),
+        ("Frames: 3", "Frames: 2", 2),
+        ("Frames: 3", "Frames: 0", ()),
+        ("Frames: 3", "Frames: -3", ()),
+        ("Frames: 3", "Frames: 300000", ()),
+        ("Frames: 3", "Frames: 9999999999999999999999", ()),
+        ("Frames: 3", "Count: 3", "MOTION"),
+        ("Frame Time: 0.008333", "Frame Time: 0", ()),
+        ("Frame Time: 0.008333", "Frame Time: -0.01", ()),
+        ("Frame Time: 0.008333", "Frame Time: 1e-300", ()),
+        ("Frame Time: 0.008333", "Frame Time: nan", ()),
+        ("Frame Time: 0.008333", "Frame Time:", ()),
+    ],
+)
+def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
+    text = bvh_text()
+    assert old in text
+    path = write(tmp_path, text.replace(old, new, 1))
+    with refuses(InputError, facts) as caught:
+        read_bvh(path)
+    place, _, number = caught.value.problems[0].where.rpartition(":")
+    assert place == str(path)
+    if new not in ("Frames: 4", "Frames: 2"):
+        assert int(number) == text[: text.index(old)].count("\n") + 1
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "abc", "1e10", "1 2", ""])
+def test_a_bad_value_in_a_frame_has_its_line(tmp_path: Path, value: str) -> None:
+    lines = bvh_text().splitlines()
+    values = lines[-2].split()
+    lines[-2] = " ".join([*values[:7], value, *values[8:]])
+    path = write(tmp_path, "\n".join(lines))
+    with refuses(InputError, f":{len(lines) - 1}") as caught:
+        read_bvh(path)
+    assert caught.value.problems[0].where == f"{path}:{len(lines) - 1}"
+
+
+def test_a_calibration_pose_in_front_is_told(tmp_path: Path) -> None:
+    still = bvh_text(4, rotations={"LeftArm": (-80.0, 0.0, 0.0), "RightArm": (80.0, 0.0, 0.0)}).splitlines()
+    still[-4] = bvh_text(1).splitlines()[-1]
+    assert CALIBRATION_POSE in read_bvh(write(tmp_path, "\n".join(still))).notes
+    assert CALIBRATION_POSE not in read_bvh(write(tmp_path, bvh_text(4))).notes
+
+
+BASE = bvh_text(2).encode()
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(BASE) - 1), st.binary(max_size=8), st.integers(0, 40)), min_size=1, max_size=4
+    )
+)
+def test_mangled_files_raise_input_errors_only(
+    tmp_path_factory: pytest.TempPathFactory, edits: list[tuple[int, bytes, int]]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "mangled.bvh"
+    content = BASE
+    for at, new, cut in edits:
+        content = content[:at] + new + content[at + cut :]
+    path.write_bytes(content)
+    try:
+        frames = read_bvh(path)
+    except InputError:
+        return
+    assert np.isfinite(frames.position).all()
+
+
+def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
+    paths = [path for folder in RECORDINGS for path in sorted((shared / "mocap" / folder).glob("*.bvh"))]
+    assert len(paths) == 13
+    for path in paths:
+        frames = read_bvh(path)
+        assert frames.names == SENSORS, path.name
+        assert frames.joints is not None and frames.skeleton is not None
+        for side in "lr":
+            for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
+                length = np.linalg.norm(frames.joints.of(f"{side}_{a}") - frames.joints.of(f"{side}_{b}"), axis=1)
+                np.testing.assert_allclose(length, frames.skeleton.distance(f"{side}_{a}", f"{side}_{b}"), atol=1e-6)
+            assert (frames.skeleton.of("l_wrist") - frames.skeleton.of("r_wrist"))[1] > 0.2, "left is left"
+        head, ankle = (frames.position[:, frames.index(name), 2] for name in ("head", "l_ankle"))
+        assert 1.1 < np.median(head - ankle) < 1.8, path.name
+        assert -0.1 < ankle.min() < 0.2, path.name
+
+
+def test_what_is_told_about_recordings(shared: Path) -> None:
+    notes = read_bvh(shared / "mocap/cmu_bvh_hahne/02_06.bvh").notes
+    assert LOST_LENGTHS in notes and CALIBRATION_POSE in notes
+    shows(read_bvh(shared / "mocap/other/bvh_test3.bvh").notes)
+    orders = read_motion(shared / "mocap/other/bvh_test1.bvh").hierarchy.channels
+    assert len({tuple(axis for kind, axis in channels if kind == "r") for channels in orders}) == 4
+
+
+def test_braces_blanks_in_names_tabs_and_case(tmp_path: Path) -> None:
+    text = bvh_text(names={"LeftArm": "Left Arm", "Hips": "rig:Hips"}).replace("\n{", " {").replace("JOINT", "joint")
+    text = text.replace("    ", "\t").replace("Frames: 3", "FRAMES:\t3").replace("Frame Time: ", "Frame Time:\t")
+    plain, other = read_bvh(write(tmp_path, bvh_text())), read_bvh(write(tmp_path, text.replace("\n", "\r\n")))
+    np.testing.assert_array_equal(plain.position, other.position)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "facts"),
+    [
+        ("HIERARCHY", "ANARCHY", "BVH"),
+        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS 4 Zrotation Xrotation Yrotation", ()),
+        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS three", ()),
+        ("CHANNELS 3 Zrotation Xrotation Yrotation", "CHANNELS", ()),
+        ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Zrotation Xrotatoin", ("xrotatoin", "xrotation")),
+        ("CHANNELS 3 Zrotation Xrotation", "CHANNELS 3 Zrotation Zrotation", ()),
+        ("JOINT LeftLeg", "JOINT LeftUpLeg", "LeftUpLeg"),
+        ("JOINT LeftLeg", "JOINT", ()),
+        ("JOINT LeftLeg", "ROOT LeftLeg", "ROOT"),
+        ("OFFSET 9 -9 0", "OFFSET 9 -9", "OFFSET"),
+        ("OFFSET 9 -9 0", "OFFSET 9 nan 0", ()),
+        ("OFFSET 9 -9 0", "OFFSET 9 x 0", ()),
+        ("OFFSET 9 -9 0", "OFSET 9 -9 0", ()),
+        ("MOTION", "}\nMOTION", "'}'"),
+        ("MOTION", "ROOT second\n{\nOFFSET 0 0 0\n}\nMOTION", "ROOT"),
+    ],
+)
+def test_bvh_hierarchy_each_fault_has_its_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
+    text = bvh_text()
+    assert old in text
+    path = write(tmp_path, text.replace(old, new, 1))
+    with refuses(InputError, facts) as caught:
+        read_bvh(path)
+    place, _, number = caught.value.problems[0].where.rpartition(":")
+    assert place == str(path)
+    assert int(number) == text[: text.index(old)].count("\n") + 1
+
+
+def test_absurd_skeletons_are_refused_without_recursion(tmp_path: Path) -> None:
+    deep = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n" + "".join(
+        f"JOINT j{i}\n{{\nOFFSET 0 1 0\n" for i in range(5 * MAX_DEPTH)
+    )
+    with refuses(InputError, MAX_DEPTH):
+        read_bvh(write(tmp_path, deep))
+    wide = "".join(f"JOINT j{i}\n{{\nOFFSET 0 1 0\n}}\n" for i in range(MAX_JOINTS + 1))
+    with refuses(InputError, MAX_JOINTS):
+        read_bvh(write(tmp_path, f"HIERARCHY\nROOT a\n{{\nOFFSET 0 0 0\n{wide}}}\nMOTION\n"))
+
+
+def test_a_skeleton_that_is_no_human_is_refused(tmp_path: Path) -> None:
+    text = "HIERARCHY\nROOT tail\n{\nOFFSET 0 0 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n"
+    text += "End Site\n{\nOFFSET 0 1 0\n}\n}\n"
+    with refuses(InputError):
+        read_bvh(write(tmp_path, text + "MOTION\nFrames: 1\nFrame Time: 0.01\n0 0 0\n"))
+    # The right names on the wrong tree: the knee is no descendant of the hip.
+    swapped = bvh_text(names={"LeftLeg": "LeftForeArm", "LeftForeArm": "LeftLeg"})
+    shows(read_bvh(write(tmp_path, swapped)).notes)
+
+
+TO_WORLD = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""x forward is the file's z, y left its x, z up its y."""
+CLOSE = 1e-4
+"""m"""
+
+
+def written(motion: Motion, folder: Path) -> Path:
+    path = folder / "motion.bvh"
+    with path.open("wb") as stream:
+        write_bvh(motion, stream)
+    return path
+
+
+def read_back(path: Path) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Names, world positions (T, b, 3) m and rotation matrices (T, b, 3, 3) by our own reader."""
+    motion = read_motion(path)
+    pose = pose_of(motion)
+    turn = TO_WORLD @ to_matrix(pose.orientation) @ TO_WORLD.T
+    return motion.hierarchy.tree.names, pose.position @ TO_WORLD.T / 100.0, turn
+
+
+@pytest.mark.parametrize("body", [op3(), slider()], ids=["op3", "slider"])
+def test_every_link_is_where_the_body_has_it(body: BodyModel, tmp_path: Path) -> None:
+    motion = moved(body)
+    names, position, turn = read_back(written(motion, tmp_path))
+    links = links_of(motion)
+    assert len(names) == len(links.names)
+    np.testing.assert_allclose(position, links.position, atol=CLOSE)
+    # From rest on, every joint has turned as its link has.
+    rest = np.zeros((1, body.nq))
+    rest[0, 3] = 1.0
+    stands = to_matrix(body.solver_body().orientations(rest, list(range(1, len(body.body_names))))[0])
+    np.testing.assert_allclose(turn @ stands, to_matrix(links.orientation), atol=1e-6)
+
+
+def test_at_rest_the_skeleton_is_the_body_with_all_joints_at_zero(tmp_path: Path) -> None:
+    body = op3()
+    tree = read_motion(written(moved(body, rows=3), tmp_path)).hierarchy.tree
+    rest = np.zeros((1, body.nq))
+    rest[0, 3] = 1.0
+    points = body.solver_body().points(rest, list(range(1, len(body.body_names))), np.zeros((20 + 1, 3)))[0]
+    np.testing.assert_allclose(tree.rest_positions() @ TO_WORLD.T / 100.0, points, atol=CLOSE)
+
+
+def test_a_stranger_reads_the_same(tmp_path: Path) -> None:
+    """Matrices from the text alone, as the format is described everywhere: no code of ours but the writer."""
+    motion = moved(slider(), rows=5)
+    text = written(motion, tmp_path).read_text().split("MOTION")
+    stack: list[int] = []
+    joints: list[tuple[str, int, list[float], list[str]]] = []
+    for words in (line.split() for line in text[0].splitlines()):
+        if words[:1] in (["ROOT"], ["JOINT"]):
+            joints.append((words[1], stack[-1] if stack else -1, [], []))
+            stack.append(len(joints) - 1)
+        elif words[:1] == ["End"]:
+            stack.append(-9)
+        elif words[:1] == ["OFFSET"] and stack[-1] >= 0:
+            joints[stack[-1]][2].extend(map(float, words[1:]))
+        elif words[:1] == ["CHANNELS"]:
+            joints[stack[-1]][3].extend(words[2:])
+        elif words[:1] == ["}"]:
+            stack.pop()
+    assert [name for name, *_ in joints] == ["base", "my_arm", "tip", "my_arm_"]
+    links = links_of(motion)
+    for row, line in enumerate(text[1].strip().splitlines()[2:]):
+        values = iter(map(float, line.split()))
+        world: list[FloatArray] = []
+        for _, parent, offset, channels in joints:
+            local, place = np.eye(4), np.array(offset)
+            for channel in channels:
+                value = next(values)
+                axis = "XYZ".index(channel[0])
+                if channel.endswith("position"):
+                    place[axis] = value
+                else:
+                    local = local @ turn_about(axis, np.deg2rad(value))
+            local[:3, 3] = place
+            world.append(local if parent < 0 else world[parent] @ local)
+        found = np.array([matrix[:3, 3] for matrix in world]) @ TO_WORLD.T / 100.0
+        np.testing.assert_allclose(found, links.position[row], atol=CLOSE)
+
+
+def turn_about(axis: int, angle: float) -> FloatArray:
+    matrix = np.eye(4)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix[i, i] = matrix[j, j] = np.cos(angle)
+    matrix[j, i], matrix[i, j] = np.sin(angle), -np.sin(angle)
+    return matrix
+
+
+def test_a_human_comes_back_as_a_performer(tmp_path: Path) -> None:
+    human = person()
+    motion = moved(load_body_text(human.mjcf, source="human"), robot="human", rows=20)
+    motion.q[:, 7:] *= 0.2
+    motion.q[:, 3:7] = [1.0, 0.0, 0.0, 0.0]
+    motion.q[:, 2] += 0.6
+    frames = read_bvh(written(motion, tmp_path))
+    assert frames.joints is not None and frames.rate_hz == 50.0
+    reader = PostureReader(human)
+    truth = reader.joints(motion.q)
+    from retarget.model.human_dimensions import POINTS
+
+    shared = [name for name in POINTS if name in frames.joints.names]
+    assert len(shared) >= 20
+    for name in shared:
+        track = frames.joints.position[:, frames.joints.names.index(name)]
+        np.testing.assert_allclose(track, truth[:, POINTS.index(name)], atol=CLOSE, err_msg=name)
+
+
+def test_angles_do_not_leap(tmp_path: Path) -> None:
+    body = op3()
+    motion = moved(body, rows=200)
+    motion.q[:, 7:] = 0.0
+    motion.q[:, 3:7] = np.column_stack(
+        [np.cos(np.linspace(0, 7, 200)), np.zeros(200), np.zeros(200), np.sin(np.linspace(0, 7, 200))]
+    )
+    values = read_motion(written(motion, tmp_path)).values
+    assert np.abs(np.diff(values[:, 3:], axis=0)).max() < 10.0
+
+
+def test_uneven_rows_are_refused() -> None:
+    motion = moved(slider())
+    motion.time[10:] += 0.005
+    with refuses(InputError, "--fps"):
+        write_bvh(motion, io.BytesIO())

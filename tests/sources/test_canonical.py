@@ -1,0 +1,191 @@
+"""Canonical joints and sensors of joint trees that lack, split or double some of them."""
+
+import numpy as np
+import pytest
+
+from messages import refuses, shows, shows_lines
+from retarget import rotations
+from retarget.errors import InputError, UsageError
+from retarget.frames import SENSORS
+from retarget.sources.canonical import (
+    UNITS,
+    Axes,
+    canonical_frames,
+    canonical_joints,
+    choose_unit,
+    named_unit,
+    rest_axes,
+    world_axes,
+)
+from retarget.sources.skeletons import JointTree, forward_kinematics
+from retarget.types import FloatArray
+
+
+def body(up: FloatArray, left: FloatArray) -> dict[str, FloatArray]:
+    """A person of 1.7 with that up and left."""
+    return {
+        "head": 0.7 * up,
+        **{f"{s}_hip": 0.1 * sign * left - 0.1 * up for s, sign in (("l", 1), ("r", -1))},
+        **{f"{s}_shoulder": 0.2 * sign * left + 0.4 * up for s, sign in (("l", 1), ("r", -1))},
+        **{f"{s}_ankle": 0.1 * sign * left - 0.9 * up for s, sign in (("l", 1), ("r", -1))},
+    }
+
+
+def test_world_axes_keep_the_cyclic_order_of_the_file() -> None:
+    eye = np.eye(3)
+    np.testing.assert_array_equal(Axes.with_up(eye[2]).matrix(), eye)
+    np.testing.assert_array_equal(Axes.with_up(eye[1]).matrix(), [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    for up in (*eye, *-eye):
+        matrix = Axes.with_up(up).matrix()
+        assert np.linalg.det(matrix) == pytest.approx(1.0)
+        np.testing.assert_array_equal(matrix @ up, [0, 0, 1])
+
+
+def test_the_rest_pose_tells_all_24_ways_to_stand() -> None:
+    directions = [*np.eye(3), *-np.eye(3)]
+    for up in directions:
+        for left in directions:
+            if up @ left:
+                continue
+            axes = rest_axes(body(up, left))
+            assert axes is not None
+            np.testing.assert_array_equal(axes.matrix() @ np.stack([np.cross(left, up), left, up], axis=1), np.eye(3))
+
+
+def test_a_heap_of_joints_has_no_axes() -> None:
+    eye = np.eye(3)
+    assert rest_axes({name: np.zeros(3) for name in body(eye[2], eye[1])}) is None
+    assert rest_axes({name: at * [0, 0, 1] for name, at in body(eye[2], eye[1]).items()}) is None
+    assert rest_axes({name: at * np.nan for name, at in body(eye[2], eye[1]).items()}) is None
+
+
+def test_frames_overrule_the_rest_pose_only_when_they_stand_near_the_ground() -> None:
+    eye = np.eye(3)
+    rest = rest_axes(body(eye[1], eye[0]))
+    assert rest is not None
+    standing = {name: np.tile(at + 0.95 * eye[2], (5, 1)) for name, at in body(eye[2], eye[0]).items()}
+    axes, notes = world_axes(rest, standing)
+    np.testing.assert_array_equal(axes.up, eye[2])
+    shows(notes[0])
+    far = {name: at + 7.0 * eye[2] for name, at in standing.items()}
+    lying_or_upright = ({name: np.tile(at + 0.95 * eye[1], (5, 1)) for name, at in body(eye[1], eye[0]).items()}, far)
+    for tracks in lying_or_upright:
+        axes, notes = world_axes(rest, tracks)
+        np.testing.assert_array_equal(axes.up, eye[1])
+        assert notes == ()
+
+
+LIMBS = ((1.0, "Left"), (-1.0, "Right"))
+
+
+def build(*, twist: bool = False, neck: bool = True, toes: bool = True, top: bool = True, spines: int = 2) -> JointTree:
+    """A body in metres, y up, z forward; twist: forearms in two pieces."""
+    rows: list[tuple[str, str, tuple[float, float, float]]] = [("Hips", "", (0.0, 0.0, 0.0))]
+    ends: dict[str, FloatArray] = {"Head": np.array([0.0, 0.2, 0.0])} if top else {}
+    below = "Hips"
+    for i in range(spines):
+        rows.append((f"Spine{i}", below, (0.0, 0.24 / spines, 0.0)))
+        below = f"Spine{i}"
+    if neck:
+        rows.append(("Neck", below, (0.0, 0.12, 0.0)))
+    rows.append(("Head", "Neck" if neck else below, (0.0, 0.1, 0.0)))
+    for sign, side in LIMBS:
+        rows += [
+            (f"{side}Arm", below, (0.18 * sign, 0.12, 0.0)),
+            (f"{side}ForeArm", f"{side}Arm", (0.29 * sign, 0.0, 0.0)),
+        ]
+        elbow = f"{side}ForeArm"
+        if twist:
+            rows.append((f"{side}ForeArmRoll", elbow, (0.13 * sign, 0.0, 0.0)))
+            elbow = f"{side}ForeArmRoll"
+        rows.append((f"{side}Hand", elbow, ((0.13 if twist else 0.26) * sign, 0.0, 0.0)))
+        rows += [(f"{side}UpLeg", "Hips", (0.09 * sign, -0.09, 0.0)), (f"{side}Leg", f"{side}UpLeg", (0.0, -0.42, 0.0))]
+        rows.append((f"{side}Foot", f"{side}Leg", (0.0, -0.41, 0.0)))
+        ends[f"{side}Foot"] = np.array([0.0, -0.06, 0.15])
+        if toes:
+            rows.append((f"{side}ToeBase", f"{side}Foot", (0.0, -0.06, 0.13)))
+    names = tuple(name for name, _, _ in rows)
+    return JointTree(
+        names=names,
+        parents=tuple(names.index(parent) if parent else -1 for _, parent, _ in rows),
+        offsets=np.array([offset for _, _, offset in rows]),
+        ends=tuple((ends[name],) if name in ends else () for name in names),
+    )
+
+
+def joints_of(tree: JointTree) -> dict[str, str]:
+    return {name: tree.names[at.joint] for name, at in canonical_joints(tree, where="here")[0].items()}
+
+
+def test_the_chest_is_where_neck_and_arms_part_and_the_spine_half_way() -> None:
+    assert joints_of(build())["chest"] == "Spine1" and joints_of(build())["spine"] == "Spine0"
+    four = joints_of(build(spines=4))
+    assert four["chest"] == "Spine3" and four["spine"] == "Spine1"
+    one = joints_of(build(spines=1))
+    assert one["chest"] == "Spine0" and "spine" not in one
+    none = joints_of(build(spines=0))
+    assert "chest" not in none and "spine" not in none and none["neck"] == "Neck"
+
+
+def test_without_a_neck_the_head_joint_is_its_base() -> None:
+    joints, _ = canonical_joints(build(neck=False), where="here")
+    assert joints["neck"].joint == joints["head"].joint
+    np.testing.assert_allclose(joints["head"].local, [0.0, 0.1, 0.0])
+    assert not joints["neck"].local.any()
+
+
+def test_without_the_top_of_the_head_the_joint_stands_in_and_a_note_says_so() -> None:
+    joints, notes = canonical_joints(build(top=False), where="here")
+    assert not joints["head"].local.any()
+    shows_lines(notes, "head")
+
+
+def test_without_a_toe_joint_the_foots_end_is_the_toe() -> None:
+    joints, _ = canonical_joints(build(toes=False), where="here")
+    np.testing.assert_allclose(joints["l_toe"].local, [0.0, -0.06, 0.15])
+    joints, _ = canonical_joints(build(), where="here")
+    assert build().names[joints["l_toe"].joint] == "LeftToeBase"
+
+
+def test_orientation_of_a_split_forearm_is_that_next_to_the_hand() -> None:
+    tree = build(twist=True)
+    local = np.broadcast_to(rotations.IDENTITY, (2, len(tree.names), 4)).copy()
+    local[:, tree.names.index("LeftForeArmRoll")] = rotations.from_axis_angle([1.0, 0.0, 0.0], 0.5)
+    pose = forward_kinematics(tree, local, tree.offsets)
+    frames = canonical_frames(tree, pose, unit=named_unit("m"), rate=100.0, source="here", detect_up=False)
+    assert set(frames.names) == set(SENSORS)
+    turn = rotations.log(frames.orientation[0, frames.index("l_elbow")])
+    np.testing.assert_allclose(turn, [0.0, 0.5, 0.0], atol=1e-12)  # x of the file is left: y of the world
+    np.testing.assert_allclose(frames.orientation[0, frames.index("l_shoulder")], rotations.IDENTITY, atol=1e-12)
+    assert frames.joints is not None and "l_hand" not in frames.joints.names
+
+
+def test_a_tree_that_is_no_body_is_refused() -> None:
+    tree = build()
+    with refuses(InputError):
+        canonical_joints(JointTree(tree.names[:3], tree.parents[:3], tree.offsets[:3], tree.ends[:3]), where="here")
+    flat = JointTree(tree.names, tree.parents, 0.0 * tree.offsets, tree.ends)
+    pose = forward_kinematics(flat, np.broadcast_to(rotations.IDENTITY, (1, len(tree.names), 4)), flat.offsets)
+    for unit in (None, named_unit("m")):
+        with refuses(InputError):
+            canonical_frames(flat, pose, unit=unit, rate=100.0, source="here", detect_up=True)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_every_human_height_finds_its_unit(name: str) -> None:
+    for height in (1.4, 1.55, 1.7, 1.9, 2.1):
+        unit = choose_unit(height / UNITS[name], where="here")
+        assert unit.name == name and f"{height:.2f} m" in unit.note and "unusual" not in unit.note
+    shows(choose_unit(1.2 / UNITS[name], where="here").note)
+
+
+@pytest.mark.parametrize("height", [0.0, -1.0, float("nan"), float("inf"), 0.3, 9.0, 400.0, 1e6, None])
+def test_no_unit_makes_it_human(height: float | None) -> None:
+    with refuses(InputError, "--unit"):
+        choose_unit(height, where="here")
+
+
+def test_named_units_in_any_case() -> None:
+    assert named_unit("CM").metres == 0.01 and named_unit("cm").note == ""
+    with refuses(UsageError, found="'metre'"):
+        named_unit("metre")

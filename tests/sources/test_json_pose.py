@@ -1,0 +1,225 @@
+"""JSON poses: what the specification promises, and that nothing else gets in."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from mutated import mutated
+from retarget import rotations
+from retarget.sources.json_pose import JsonPoseDecoder
+from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, MAX_DATAGRAM, MAX_POSES, StreamFrame
+
+Message = dict[str, Any]
+
+
+def good(**changes: object) -> Message:
+    """A message that is used, with keys changed; None takes one out."""
+    message: Message = {
+        "axes": "unity",
+        "quaternion": "xyzw",
+        "time": 12.5,
+        "frame": 741,
+        "poses": {
+            "l_wrist": {"p": [1.0, 2.0, 3.0], "q": [0.0, 0.6, 0.0, 0.8], "tracked": True},
+            "head": {"p": [0, 1, 0]},
+            "chest": {"q": [0, 0, 0, -1], "tracked": False},
+        },
+    }
+    return {key: value for key, value in (message | changes).items() if value is not None}
+
+
+def pose(value: object) -> Message:
+    return good(poses={"a": value})
+
+
+def decoded(message: object) -> StreamFrame:
+    decoder = JsonPoseDecoder()
+    (frame,) = decoder.decode(json.dumps(message).encode())
+    return frame
+
+
+def reason(datagram: bytes | object) -> str:
+    """Why a datagram is not used at all."""
+    decoder = JsonPoseDecoder()
+    assert decoder.decode(datagram if isinstance(datagram, bytes) else json.dumps(datagram).encode()) == []
+    ((text, count),) = decoder.dropped.reasons.items()
+    assert count == 1
+    return text
+
+
+def test_poses_arrive_in_our_axes() -> None:
+    frame = decoded(good())
+    assert frame.names == ("l_wrist", "head", "chest")
+    np.testing.assert_allclose(frame.position[:2], [[3.0, -1.0, 2.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(frame.orientation[0], [0.8, 0.0, 0.0, -0.6])
+    np.testing.assert_allclose(frame.orientation[2], [-1.0, 0.0, 0.0, 0.0])
+    assert np.isnan(frame.position[2]).all() and np.isnan(frame.orientation[1]).all()
+    assert frame.tracked.tolist() == [True, True, False]
+    assert (frame.stamp, frame.number) == (12.5, 741)
+
+
+def test_time_and_frame_may_be_left_out() -> None:
+    frame = decoded(good(time=None, frame=None))
+    assert (frame.stamp, frame.number) == (None, None)
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+def test_every_convention_and_order(name: str, order: str) -> None:
+    turn = rotations.normalise([0.9, 0.1, -0.2, 0.3])
+    sent = turn if order == "wxyz" else np.roll(turn, -1)
+    frame = decoded(pose({"p": [1.0, 2.0, 3.0], "q": sent.tolist()}) | {"axes": name, "quaternion": order})
+    np.testing.assert_allclose(frame.position[0], CONVENTIONS[name].positions([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(frame.orientation[0], CONVENTIONS[name].orientations(turn), atol=1e-12)
+
+
+def test_names_are_one_tuple_as_long_as_they_stay() -> None:
+    decoder, sent = JsonPoseDecoder(), json.dumps(good()).encode()
+    (first,), (second,) = decoder.decode(sent), decoder.decode(sent)
+    assert first.names is second.names
+
+
+def test_a_rounded_quaternion_becomes_a_rotation() -> None:
+    turned = decoded(pose({"q": [0.0, 0.0, 0.71, 0.71]})).orientation[0]
+    np.testing.assert_allclose(np.linalg.norm(turned), 1.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"q": [0, 0, 0, 0]},
+        {"q": [0, 0, 0, 1.03]},
+        {"q": [0, 0, 0, 1e300]},
+        {"q": [0, 0, 0, 10**400]},
+        {"q": [0.5, 0.5, 0.5, 10**400]},
+        {"p": [0, 0, 1.01 * MAX_COORDINATE]},
+        {"p": [0, -(10**400), 0], "q": [0, 0, 0, 1]},
+    ],
+)
+def test_numbers_that_are_no_pose_cost_only_that_pose(bad: Message) -> None:
+    decoder = JsonPoseDecoder()
+    (frame,) = decoder.decode(json.dumps(good(poses={"a": bad, "b": {"p": [0, 0, 1]}})).encode())
+    assert frame.tracked.tolist() == [False, True]
+    assert np.isnan(frame.position[0]).all() and np.isnan(frame.orientation[0]).all()
+    assert decoder.dropped.reasons == {"pose that is no number or no rotation": 1}
+    decoder.decode(json.dumps(pose(bad | {"tracked": False})).encode())
+    assert decoder.dropped.count == 1  # the sender said itself that it is none
+
+
+def test_a_number_beyond_floats_is_no_place() -> None:
+    decoder = JsonPoseDecoder()
+    (frame,) = decoder.decode(b'{"axes": "unity", "poses": {"a": {"p": [0, 0, 1e999]}}}')
+    assert not frame.tracked[0]
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (b"", "not JSON"),
+        (b"\xff{}", "not JSON"),
+        (b"{} {}", "not JSON"),
+        (b"[" * 60_000, "not JSON"),
+        (b'{"time": ' + b"9" * 60_000 + b"}", "not JSON"),
+        (b" " * (MAX_DATAGRAM + 1), "too long"),
+        ([1], "not a JSON object"),
+        ("text", "not a JSON object"),
+        (good(extra=1), "a key other than"),
+        (b'{"axes": "unity", "axes": "unity", "poses": {}}', "a key twice"),
+        (b'{"axes": "unity", "poses": {"a": {"p": [0,0,0]}, "a": {"p": [1,0,0]}}}', "a key twice"),
+        (b'{"axes": "unity", "poses": {"a": {"p": [0,0,NaN]}}}', "NaN or Infinity"),
+        (b'{"axes": "unity", "time": -Infinity, "poses": {}}', "NaN or Infinity"),
+        (good(axes=None), '"axes"'),
+        (good(axes="Unity"), '"axes"'),
+        (good(axes=["unity"]), '"axes"'),
+        (good(quaternion=None), '"quaternion"'),
+        (good(quaternion="wzyx"), '"quaternion"'),
+        (good(quaternion=["xyzw"]), '"quaternion"'),
+        (good(time="12"), '"time"'),
+        (good(time=True), '"time"'),
+        (good(time=10**400), '"time"'),
+        (good(frame=1.0), '"frame"'),
+        (good(frame=-1), '"frame"'),
+        (good(frame=2**63), '"frame"'),
+        (good(frame=False), '"frame"'),
+        (good(poses=None), '"poses"'),
+        (good(poses={}), '"poses"'),
+        (good(poses=[]), '"poses"'),
+        (good(poses={str(n): {"p": [0, 0, 0]} for n in range(MAX_POSES + 1)}), '"poses"'),
+        (good(poses={"": {"p": [0, 0, 0]}}), "name"),
+        (good(poses={"x" * 65: {"p": [0, 0, 0]}}), "name"),
+        (good(poses={"a\x1b[2J": {"p": [0, 0, 0]}}), "name"),
+        (b'{"axes": "unity", "poses": {"\\ud800": {"p": [0,0,0]}}}', "name"),
+        (pose([0, 0, 0]), "a pose is"),
+        (pose({}), "a pose is"),
+        (pose({"tracked": True}), "a pose is"),
+        (pose({"p": [0, 0, 0], "rot": 1}), "a pose is"),
+        (pose({"p": [0, 0, 0], "tracked": 1}), '"tracked"'),
+        (pose({"p": [0, 0]}), '"p" is not 3 numbers'),
+        (pose({"p": [0, 0, "0"]}), '"p" is not 3 numbers'),
+        (pose({"p": [0, 0, True]}), '"p" is not 3 numbers'),
+        (pose({"p": None}), '"p" is not 3 numbers'),
+        (pose({"q": [0, 0, 1]}), '"p" is not 3 numbers'),
+        (pose({"q": {"x": 0, "y": 0, "z": 0, "w": 1}}), '"p" is not 3 numbers'),
+    ],
+)
+def test_a_mistake_of_the_sender_is_told(message: object, words: str) -> None:
+    assert words in reason(message)
+
+
+def test_a_refused_name_does_not_get_in_later() -> None:
+    decoder, bad = JsonPoseDecoder(), json.dumps(good(poses={"a\n": {"p": [0, 0, 0]}})).encode()
+    assert decoder.decode(bad) == decoder.decode(bad) == []
+
+
+def test_the_page_shows_a_message_that_is_used_and_every_convention(root: Path) -> None:
+    page = (root / "docs/json-input.md").read_text(encoding="utf-8")
+    shown = page.split("```json\n")[1].split("```")[0]
+    assert decoded(json.loads(shown)).tracked.all()
+    for row in CONVENTIONS.values():
+        unit = {1.0: "m", 0.001: "mm"}[row.metres]
+        assert f"| `{row.name}` | {row.x} | {row.y} | {row.z} | {unit} |" in page
+    table = page.split("## Axes")[1].split("## Names")[0]
+    assert table.count("\n| `") == len(CONVENTIONS)
+
+
+def check(decoder: JsonPoseDecoder, datagram: bytes) -> None:
+    for frame in decoder.decode(datagram):
+        assert 0 < len(frame.names) == len(set(frame.names)) <= MAX_POSES
+        assert not np.isinf(frame.position).any() and not np.isinf(frame.orientation).any()
+    assert len(decoder.dropped.reasons) <= 20
+
+
+SCALAR = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5))
+TREE = st.recursive(
+    SCALAR, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner), max_leaves=8
+)
+
+
+@given(st.sampled_from(["axes", "quaternion", "time", "frame", "poses", "a", "p", "q", "tracked"]), TREE)
+@example("poses", {"a": {"p": [1, 2, 3], "q": None}})
+def test_any_value_at_any_key(key: str, value: object) -> None:
+    message = good(poses={"a": {"p": [0, 0, 0], "q": [0, 0, 0, 1], "tracked": True}})
+    if key in message:
+        message[key] = value
+    elif key == "a":
+        message["poses"][key] = value
+    else:
+        message["poses"]["a"][key] = value
+    check(JsonPoseDecoder(), json.dumps(message).encode())
+
+
+@given(st.binary(max_size=100))
+def test_any_bytes(data: bytes) -> None:
+    check(JsonPoseDecoder(), data)
+
+
+@pytest.mark.long
+def test_a_million_datagrams() -> None:
+    generator, decoder, real = np.random.default_rng(6), JsonPoseDecoder(), [json.dumps(good()).encode()]
+    for _ in range(1_000_000):
+        check(decoder, mutated(generator, real))

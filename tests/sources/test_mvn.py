@@ -1,0 +1,515 @@
+"""The MVN decoder: a captured datagram, built ones of every type it reads, and everything a sender can do wrong."""
+
+import itertools
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from messages import shows
+from mutated import mutated
+from mvn_packets import euler, meta, mvn, quaternions, scale, standing
+from retarget import rotations
+from retarget.frames import JOINTS, SENSORS, mirrored_name
+from retarget.sources.mvn import (
+    CENTIMETRES,
+    HEADER_BYTES,
+    MOST_SKIPS,
+    MVN_JOINTS,
+    MVN_SENSORS,
+    SEGMENTS,
+    TALL_SAMPLES,
+    MvnDecoder,
+    MvnHeader,
+    MvnStream,
+    SampleParts,
+    read_header,
+    read_name,
+    read_scale,
+)
+from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped, StreamDecoder, StreamFrame
+
+GOOD = quaternions(standing())
+PLACES = np.array([place for _, place, _ in standing()])
+TURNS = np.array([turn for _, _, turn in standing()])
+
+
+def only(decoder: StreamDecoder, datagram: bytes) -> StreamFrame:
+    (frame,) = decoder.decode(datagram)
+    return frame
+
+
+def refused(datagram: bytes) -> dict[str, int]:
+    decoder = MvnDecoder()
+    assert decoder.decode(datagram) == []
+    return dict(decoder.dropped.reasons)
+
+
+def test_the_t_pose_datagram_of_the_facts(shared: Path) -> None:
+    decoder = MvnDecoder()
+    frame = only(decoder, (shared / "streams/mxtp02_tpose.bin").read_bytes())
+    assert frame.names == SEGMENTS
+    assert (frame.stamp, frame.number) == (5.678, 1234)
+    assert frame.tracked.all() and decoder.dropped.count == 0 and not decoder.notes
+    np.testing.assert_array_equal(frame.orientation, np.tile([1.0, 0.0, 0.0, 0.0], (23, 1)))
+    place = dict(zip(frame.names, frame.position, strict=True))
+    np.testing.assert_allclose(place["Pelvis"], [0.0, 0.0, 0.95], atol=1e-6)
+    np.testing.assert_allclose(place["LeftHand"] * [1, -1, 1], place["RightHand"], atol=1e-6)
+    assert place["LeftHand"][1] > 0.6  # y is left
+
+
+def test_quaternions_arrive_as_sent() -> None:
+    frame = only(MvnDecoder(), quaternions(standing(), sample=2**32 - 1, time_ms=2**32 - 1))
+    np.testing.assert_allclose(frame.position, PLACES, rtol=1e-6)
+    np.testing.assert_allclose(frame.orientation, TURNS, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(frame.orientation, axis=1), 1.0, atol=1e-15)
+    assert (frame.stamp, frame.number) == (4294967.295, 2**32 - 1)
+    assert frame.position.flags.c_contiguous and frame.orientation.flags.c_contiguous
+
+
+def test_a_rounded_quaternion_becomes_a_rotation() -> None:
+    frame = only(MvnDecoder(), quaternions([(1, (0.0, 0.0, 1.0), (0.6 * 0.99, 0.8 * 0.99, 0.0, 0.0))]))
+    np.testing.assert_allclose(frame.orientation, [[0.6, 0.8, 0.0, 0.0]], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(frame.orientation), 1.0, atol=1e-15)
+
+
+def test_names_are_one_tuple_as_long_as_they_stay() -> None:
+    decoder = MvnDecoder()
+    assert only(decoder, GOOD).names is only(decoder, GOOD).names
+
+
+def test_euler_angles_turn_about_x_then_y_then_z_of_y_up_axes() -> None:
+    angles = np.array([30.0, -50.0, 110.0])
+    frame = only(MvnDecoder(), euler([(1, (0.2, 0.95, 0.1), angles.tolist())]))
+    # y-up axes of MVN: x left, y up, z forward.
+    np.testing.assert_allclose(frame.position, [[0.1, 0.2, 0.95]], rtol=1e-6)
+    about_left, about_up, about_forward = (
+        rotations.from_axis_angle(axis, np.deg2rad(angle))
+        for axis, angle in zip(np.eye(3)[[1, 2, 0]], angles, strict=True)
+    )
+    wanted = rotations.multiply(about_forward, rotations.multiply(about_up, about_left))
+    assert rotations.angle_between(frame.orientation[0], wanted) < 1e-7
+
+
+def test_both_types_tell_the_same_pose() -> None:
+    turn = rotations.from_axis_angle([0.0, 0.0, 1.0], np.pi / 2)
+    upright = only(MvnDecoder(), quaternions([(1, (0.1, 0.2, 0.95), turn.tolist())]))
+    y_up = only(MvnDecoder(), euler([(1, (0.2, 0.95, 0.1), (0.0, 90.0, 0.0))]))
+    np.testing.assert_allclose(upright.position, y_up.position, atol=1e-7)
+    np.testing.assert_allclose(upright.orientation, y_up.orientation, atol=1e-7)
+
+
+def test_quaternions_are_preferred() -> None:
+    decoder = MvnDecoder()
+    angles = euler([(1, (0.0, 0.95, 0.0), (0.0, 0.0, 0.0))])
+    assert decoder.decode(angles)
+    decoder.decode(mvn("02", b"x"))  # no sample in it: nothing to prefer yet
+    assert decoder.decode(angles)
+    assert decoder.decode(GOOD)
+    assert decoder.decode(angles) == []
+    assert decoder.dropped.reasons["type 01 (Euler angles) beside quaternions"] == 1
+
+
+def test_props_and_fingers_are_left_out() -> None:
+    for make, turn in ((quaternions, (1.0, 0.0, 0.0, 0.0)), (euler, (0.0, 0.0, 0.0))):
+        frame = only(MvnDecoder(), make([(n, (0.0, 0.0, 0.9), turn) for n in (24, 1, 30, 7, 0, 63)]))
+        assert frame.names == ("Pelvis", "Head")
+
+
+def test_a_sample_over_two_datagrams() -> None:
+    segments = [*standing(), *((n, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)) for n in range(24, 64))]
+    decoder = MvnDecoder()
+    assert decoder.decode(quaternions(segments[:40], counter=0)) == []
+    frame = only(decoder, quaternions(segments[40:], counter=0x81))
+    assert frame.names == SEGMENTS and decoder.dropped.count == 0
+    np.testing.assert_allclose(frame.position, PLACES, rtol=1e-6)
+
+
+def test_centimetres_are_found_and_said_once() -> None:
+    decoder = MvnDecoder()
+    frames = [decoder.decode(quaternions(standing(100.0), sample=n)) for n in range(20)]
+    assert [len(found) for found in frames] == [0] * (TALL_SAMPLES - 1) + [1] * (21 - TALL_SAMPLES)
+    np.testing.assert_allclose(frames[-1][0].position, PLACES, rtol=1e-6)
+    assert decoder.notes == [CENTIMETRES]
+    crouched = only(decoder, quaternions([(1, (0.0, 0.0, 8.0), (1.0, 0.0, 0.0, 0.0))]))
+    assert crouched.position[0, 2] == pytest.approx(0.08)
+
+
+def test_one_wild_sample_changes_no_unit() -> None:
+    decoder = MvnDecoder()
+    for n in range(20):
+        decoder.decode(quaternions(standing(100.0 if n % 2 else 1.0), sample=n))
+    assert not decoder.notes and decoder.dropped.reasons == {"pelvis above 10 m": 10}
+    np.testing.assert_allclose(only(decoder, GOOD).position, PLACES, rtol=1e-6)
+
+
+def test_the_height_of_euler_poses_is_y() -> None:
+    decoder = MvnDecoder()
+    for _ in range(TALL_SAMPLES):
+        found = decoder.decode(euler([(1, (20.0, 95.0, 10.0), (0.0, 0.0, 0.0))]))
+    np.testing.assert_allclose(found[0].position, [[0.1, 0.2, 0.95]], rtol=1e-6)
+
+
+def test_the_t_pose_in_metres_and_in_centimetres() -> None:
+    origins = [(SEGMENTS[number - 1], place) for number, place, _ in standing()]
+    for factor in (1.0, 100.0):
+        decoder = MvnDecoder()
+        sent = [(name, tuple(factor * x for x in place)) for name, place in [*origins, ("Prop1", (0.0, 0.0, 0.0))]]
+        assert decoder.decode(scale(sent, points=2)) == []
+        assert decoder.rest is not None and decoder.rest.names == SEGMENTS
+        np.testing.assert_allclose(decoder.rest.position, PLACES, rtol=1e-5)
+        decoder.decode(scale([], points=2))  # points alone: the T-pose stays
+        assert decoder.rest.names == SEGMENTS and decoder.dropped.count == 0
+
+
+def test_impossible_t_poses() -> None:
+    damaged, impossible = "type 13 (scale) damaged", "type 13 (scale) with an impossible T-pose"
+    assert refused(mvn("13", b"\0\0\0\1")) == {damaged: 1}
+    assert refused(scale([("Pelvis", (0.0, 0.0, np.nan))])) == {impossible: 1}
+    assert refused(scale([("Pelvis", (0.0, 0.0, 1.0)), ("Pelvis", (0.0, 0.0, 1.0))])) == {impossible: 1}
+    assert refused(scale([("L5", (0.0, 0.0, 1.0))])) == {impossible: 1}
+
+
+def test_the_name() -> None:
+    decoder = MvnDecoder()
+    assert decoder.decode(meta("name:Ann\nxmid:1\n")) == [] and decoder.name == "Ann"
+    assert refused(meta("xmid:1")) == {"type 12 (names) without a name": 1}
+
+
+def test_other_characters() -> None:
+    second = mvn("02", GOOD[24:], items=23, character=1)
+    first_seen, chosen = MvnDecoder(), MvnDecoder(character=1)
+    assert [len(first_seen.decode(datagram)) for datagram in (GOOD, second, GOOD)] == [1, 0, 1]
+    assert [len(chosen.decode(datagram)) for datagram in (GOOD, second, GOOD)] == [0, 1, 0]
+    assert first_seen.dropped.reasons == {"another character": 1} and chosen.dropped.reasons["another character"] == 2
+
+
+def test_a_wrong_type_is_named() -> None:
+    decoder = MvnDecoder()
+    for kind in ("05", "20", "21", "22", "23", "24", "25", "77"):
+        assert decoder.decode(mvn(kind, b"whatever")) == []
+    assert len(decoder.dropped.reasons) == decoder.dropped.count == 8
+    shows(decoder.dropped.reasons)
+    assert decoder.types == dict.fromkeys((5, 20, 21, 22, 23, 24, 25, 77), 1)
+
+
+def test_datagrams_that_are_none() -> None:
+    assert refused(b"") == refused(GOOD[:20]) == refused(b"OSC" + GOOD) == {"not an MVN datagram": 1}
+    assert refused(GOOD[:-1]) == refused(GOOD + b"x") == {"not of the size it tells": 1}
+    assert refused(mvn("02", GOOD[24:], items=22)) == {"items do not fill the datagram": 1}
+    assert refused(mvn("02", b"", items=0)) == {"no body segment": 1}
+    assert refused(quaternions([standing()[0]] * 2)) == {"segment told twice": 1}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 3e38])
+@pytest.mark.parametrize("field", range(7))
+def test_one_bad_pose_costs_only_itself(field: int, value: float) -> None:
+    at = 24 + 5 * 32 + 4 + 4 * field
+    decoder = MvnDecoder()
+    frame = only(decoder, GOOD[:at] + struct.pack(">f", value) + GOOD[at + 4 :])
+    assert np.flatnonzero(~frame.tracked).tolist() == [5]
+    assert np.isnan(frame.position[5]).all() and np.isnan(frame.orientation[5]).all()
+    good = frame.tracked
+    np.testing.assert_allclose(frame.position[good], PLACES[good], rtol=1e-6)
+    assert decoder.dropped.reasons == {"pose that is no number or no rotation": 1}
+
+
+def test_a_zero_quaternion_and_a_signalling_nan() -> None:
+    zero = only(MvnDecoder(), quaternions([(1, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0))]))
+    assert not zero.tracked.any()
+    signalling = only(MvnDecoder(), GOOD[:28] + bytes.fromhex("7f800001") + GOOD[32:])
+    assert not signalling.tracked[0] and signalling.tracked[1:].all()
+    for value in (np.nan, np.inf, 1e30):
+        assert not only(MvnDecoder(), euler([(1, (0.0, 1.0, 0.0), (0.0, value, 0.0))])).tracked.any()
+
+
+REAL = [
+    GOOD,
+    euler([(1, (0.0, 1.0, 0.0), (0.0, 90.0, 0.0))]),
+    meta("name:A\n"),
+    scale([("Pelvis", (0, 0, 1))], points=1),
+]
+SPLIT = [quaternions(standing()[:12], counter=0), quaternions(standing()[12:], counter=0x81)]
+
+
+def check(decoder: MvnDecoder, datagram: bytes) -> None:
+    """Whatever comes, a frame is finite where it is tracked, and the state stays small."""
+    for frame in decoder.decode(datagram):
+        assert 0 < len(frame.names) == len(set(frame.names)) <= 23
+        assert np.isfinite(frame.position[frame.tracked]).all()
+        assert np.allclose(np.linalg.norm(frame.orientation[frame.tracked], axis=1), 1.0, atol=1e-9)
+    assert len(decoder.dropped.reasons) <= 30 and len(decoder.types) <= 100 and len(decoder.notes) <= 1
+
+
+@given(st.sampled_from(REAL + SPLIT), st.lists(st.tuples(st.integers(0, 900), st.integers(0, 255)), max_size=6))
+@example(SPLIT[0], [(0, 77)])
+def test_mutated_datagrams(datagram: bytes, changes: list[tuple[int, int]]) -> None:
+    decoder, mutable = MvnDecoder(), bytearray(datagram)
+    for place, value in changes:
+        mutable[place % len(mutable)] = value
+    for sent in (bytes(mutable), datagram, SPLIT[1], GOOD):
+        check(decoder, sent)
+
+
+@pytest.mark.long
+def test_a_million_datagrams() -> None:
+    generator = np.random.default_rng(5)
+    decoder = MvnDecoder()
+    for count in range(1_000_000):
+        check(decoder, mutated(generator, REAL + SPLIT))
+        if count % 100 == 0:
+            decoder = MvnDecoder()
+
+
+def header(part: int, *, last: bool = False, sample: int = 1) -> MvnHeader:
+    return MvnHeader(2, sample, part, last, 1, 0, 0, 4)
+
+
+def test_any_order_of_parts() -> None:
+    for order in itertools.permutations(range(3)):
+        dropped = Dropped()
+        parts = SampleParts(dropped)
+        results = [parts.add(header(part, last=part == 2), b"abc"[part : part + 1]) for part in order]
+        assert results == [None, None, b"abc"]
+        assert dropped.count == 0
+
+
+def test_a_missing_part_gives_the_sample_up() -> None:
+    dropped = Dropped()
+    parts = SampleParts(dropped)
+    assert parts.add(header(0), b"a") is None
+    assert parts.add(header(0, sample=2), b"c") is None
+    assert parts.add(header(1, sample=2, last=True), b"d") == b"cd"
+    assert dropped.reasons == {"sample with a part missing": 1}
+
+
+def test_a_part_sent_twice_is_used_once() -> None:
+    dropped = Dropped()
+    parts = SampleParts(dropped)
+    assert parts.add(header(0), b"a") is None
+    assert parts.add(header(0), b"x") is None
+    assert parts.add(header(1, last=True), b"b") == b"ab"
+    assert dropped.reasons == {"part sent twice": 1}
+
+
+def test_a_part_beyond_the_last() -> None:
+    dropped = Dropped()
+    parts = SampleParts(dropped)
+    parts.add(header(3), b"d")
+    assert parts.add(header(1, last=True), b"b") is None
+    assert dropped.reasons == {"parts that make no sample": 1}
+
+
+def test_it_holds_no_more_than_a_datagram() -> None:
+    dropped = Dropped()
+    parts = SampleParts(dropped)
+    for part in range(5):
+        assert parts.add(header(part), bytes(20_000)) is None
+    assert dropped.reasons == {"parts that make no sample": 1}
+
+
+def other_side(segment: str) -> str:
+    return segment.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
+
+
+def test_every_sensor_has_segments() -> None:
+    assert set(MVN_SENSORS) == set(SENSORS)
+    assert {role.position for role in MVN_SENSORS.values()} <= set(SEGMENTS)
+    assert {role.orientation for role in MVN_SENSORS.values()} <= set(SEGMENTS)
+
+
+def test_joints_are_canonical_and_each_is_another_segment() -> None:
+    assert set(JOINTS) - set(MVN_JOINTS) == {"l_hand", "r_hand"}
+    assert len(set(MVN_JOINTS.values()) & set(SEGMENTS)) == len(MVN_JOINTS)
+
+
+def test_sides_agree() -> None:
+    for name, role in MVN_SENSORS.items():
+        twin = MVN_SENSORS[mirrored_name(name)]
+        assert (other_side(role.position), other_side(role.orientation)) == (twin.position, twin.orientation)
+        assert (name[:2] == "l_") == role.position.startswith("Left") == role.orientation.startswith("Left")
+    for name, segment in MVN_JOINTS.items():
+        assert MVN_JOINTS[mirrored_name(name)] == other_side(segment)
+
+
+def test_a_sensor_lies_at_the_joint_of_its_name() -> None:
+    assert all(MVN_JOINTS[name] == role.position for name, role in MVN_SENSORS.items())
+
+
+def test_limb_lengths_of_the_t_pose() -> None:
+    places = {SEGMENTS[number - 1]: place for number, place, _ in standing()}
+    places |= {"RightUpperArm": (0.0, -0.2, 1.4), "RightForeArm": (0.0, -0.5, 1.4)}
+    decoder = MvnDecoder()
+    decoder.decode(scale(list(places.items())))
+    assert decoder.rest is not None
+    skeleton = decoder.rest.skeleton()
+    assert set(skeleton.names) == set(MVN_JOINTS)
+    assert abs(skeleton.distance("r_shoulder", "r_elbow") - 0.3) < 1e-6
+    assert not skeleton.of("pelvis").any()
+
+
+SENT = [
+    quaternions(standing(), sample=1),
+    meta("name:Ann\n"),
+    scale([("Pelvis", (0, 0, 1))]),
+    quaternions(standing(), sample=2),
+]
+WHOLE = b"".join(SENT)
+
+
+@given(st.lists(st.integers(0, len(WHOLE)), max_size=20))
+def test_any_cutting(places: list[int]) -> None:
+    stream, found = MvnStream(), []
+    for begin, end in zip([0, *sorted(places)], [*sorted(places), len(WHOLE)], strict=True):
+        found += stream.feed(WHOLE[begin:end])
+    assert found == SENT
+    assert stream.held == 0 and stream.dropped.count == 0
+
+
+def test_byte_by_byte() -> None:
+    stream = MvnStream()
+    assert [datagram for byte in WHOLE for datagram in stream.feed(bytes([byte]))] == SENT
+
+
+def test_rubbish_before_a_datagram_is_skipped_and_counted_once() -> None:
+    stream = MvnStream()
+    rubbish = b"MXT" + bytes(100) + b"MXTPxx" + bytes(100) + b"MX"
+    found = [datagram for byte in rubbish + WHOLE for datagram in stream.feed(bytes([byte]))]
+    assert found == SENT
+    assert stream.dropped.reasons == {"bytes that are no datagram": 1}
+
+
+def test_a_chunk_of_headers_that_are_none_is_thrown_away_and_not_looked_through() -> None:
+    stream = MvnStream()
+    few, many = b"MXTPxx" * (MOST_SKIPS // 2), b"MXTPxx" * (4 * MOST_SKIPS)
+    assert stream.feed(few + WHOLE) == SENT
+    assert stream.feed(many + WHOLE) == [] and stream.held < 24
+    assert stream.feed(WHOLE) == SENT and stream.dropped.count == 2
+
+
+@pytest.mark.parametrize("cut", range(5))
+def test_a_header_that_begins_at_the_end_of_rubbish_is_kept(cut: int) -> None:
+    for length in range(30, 60):
+        stream = MvnStream()
+        assert stream.feed(bytes(length) + SENT[0][:cut]) == []
+        assert stream.feed(SENT[0][cut:]) == [SENT[0]]
+
+
+def test_a_size_that_cannot_be_true_swallows_nothing() -> None:
+    lie = mvn("02", b"", items=23, size=60_000)
+    stream = MvnStream()
+    assert stream.feed(lie + WHOLE) == SENT
+    assert stream.dropped.count == 1
+
+
+def test_lost_bytes_cost_what_they_hit() -> None:
+    stream = MvnStream()
+    assert stream.feed(SENT[0][:300] + SENT[0][310:] + 5 * SENT[3])[-3:] == 3 * [SENT[3]]
+
+
+def test_it_never_holds_more_than_a_datagram() -> None:
+    stream = MvnStream()
+    for _ in range(50):
+        stream.feed(mvn("20", b"", size=65_000) + bytes(10_000))
+        assert stream.held <= MAX_DATAGRAM
+    stream = MvnStream()
+    for _ in range(50):
+        stream.feed(b"M" * 10_000)
+        assert stream.held < 24
+
+
+@given(st.lists(st.one_of(st.binary(max_size=60), st.just(b"MXTP02"), st.sampled_from(SENT)), max_size=12))
+def test_any_bytes(chunks: list[bytes]) -> None:
+    stream = MvnStream()
+    for chunk in chunks:
+        assert all(datagram.startswith(b"MXTP") for datagram in stream.feed(chunk))
+        assert stream.held <= MAX_DATAGRAM
+
+
+@pytest.mark.long
+def test_mvn_stream_a_million_datagrams() -> None:
+    generator, stream = np.random.default_rng(7), MvnStream()
+    whole = 0
+    for _ in range(1_000_000):
+        whole += len(stream.feed(mutated(generator, SENT)))
+        assert stream.held <= MAX_DATAGRAM
+    assert whole > 200_000  # the rest was damaged, or beside what was
+
+
+GOLDEN = bytes.fromhex("4d5854503032 000004d2 82 17 0000162e 05 17 00 28 0000 02e0")
+
+
+def test_the_fields_of_a_header() -> None:
+    assert HEADER_BYTES == len(GOLDEN) == 24
+    wanted = MvnHeader(kind=2, sample=1234, part=2, last=True, items=23, time_ms=5678, character=5, size=736)
+    assert read_header(GOLDEN) == wanted
+    assert read_header(b"??" + GOLDEN, 2) == wanted
+    assert read_header(GOLDEN.replace(b"\x82", b"\x02")) == MvnHeader(2, 1234, 2, False, 23, 5678, 5, 736)
+
+
+@pytest.mark.parametrize(
+    "bad", [b"", GOLDEN[:23], b"MXTQ" + GOLDEN[4:], b"MXTPab" + GOLDEN[6:], b"MXTP\xb2\xb3" + GOLDEN[6:]]
+)
+def test_what_is_no_header(bad: bytes) -> None:
+    assert read_header(bad) is None
+
+
+def test_segments_in_the_order_of_their_ids() -> None:
+    assert len(set(SEGMENTS)) == 23
+    assert (SEGMENTS[0], SEGMENTS[6]) == ("Pelvis", "Head")
+    assert (SEGMENTS[7], SEGMENTS[10], SEGMENTS[11], SEGMENTS[14]) == (
+        *("RightShoulder", "RightHand"),
+        *("LeftShoulder", "LeftHand"),
+    )
+    assert (SEGMENTS[15], SEGMENTS[18], SEGMENTS[19], SEGMENTS[22]) == (
+        *("RightUpperLeg", "RightToe"),
+        *("LeftUpperLeg", "LeftToe"),
+    )
+
+
+def test_the_name_of_the_performer() -> None:
+    payload = meta("name:Ann: B\nxmid:00100234\ncolor:ff8800\n")[HEADER_BYTES:]
+    assert read_name(payload) == "Ann: B"
+    assert read_name(meta("xmid:1\n")[HEADER_BYTES:]) is None
+    assert read_name(meta("name:a\x1b[2J\n")[HEADER_BYTES:]) is None
+    assert read_name(payload[:-1]) is None
+    assert read_name(struct.pack(">I", 2) + b"\xff\xff") is None
+    assert len(read_name(meta("name:" + 500 * "x")[HEADER_BYTES:]) or "") == 64
+
+
+def test_the_t_pose() -> None:
+    origins = [("Pelvis", (0.0, 0.0, 0.95)), ("RightHand", (0.25, -0.5, 1.5))]
+    found = read_scale(scale(origins, points=3)[HEADER_BYTES:])
+    assert found is not None
+    assert found[0] == ("Pelvis", "RightHand")
+    np.testing.assert_allclose(found[1], [place for _, place in origins], rtol=1e-6)
+
+
+def test_points_alone_are_an_empty_t_pose() -> None:
+    found = read_scale(scale([], points=5)[HEADER_BYTES:])
+    assert found is not None
+    assert found[0] == () and found[1].shape == (0, 3)
+
+
+def test_every_shortening_of_a_t_pose_is_damage() -> None:
+    whole = scale([("Pelvis", (0.0, 0.0, 0.95)), ("L5", (0.0, 0.0, 1.0))])[HEADER_BYTES:-4]
+    assert read_scale(whole) is not None
+    assert all(read_scale(whole[:length]) is None for length in range(len(whole)))
+
+
+def test_counts_that_lie() -> None:
+    assert read_scale(struct.pack(">I", 256) + bytes(10_000)) is None
+    assert read_scale(struct.pack(">II", 1, 2**32 - 1) + bytes(100)) is None
+    assert read_scale(struct.pack(">II", 1, 65) + bytes(200)) is None
+    assert read_scale(struct.pack(">II", 1, 64) + bytes(200)) is not None
+
+
+@given(st.binary(max_size=200))
+def test_mvn_wire_any_bytes(data: bytes) -> None:
+    read_header(data)
+    read_name(data)
+    read_scale(data)
+    assert read_header(mvn("99", data)) is not None

@@ -1,0 +1,469 @@
+"""NatNet datagrams to frames: names, axes, bones, stamps, damage."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from messages import refuses
+from natnet_packets import (
+    PLAIN_VERSIONS,
+    SIZED_VERSIONS,
+    VERSIONS,
+    Body,
+    Catalogue,
+    Motion,
+    Pose,
+    datagram,
+    definitions,
+    frame,
+    server_info,
+)
+from people import at_rest
+from retarget.errors import UsageError
+from retarget.human.calibration import dimensions_from_skeleton
+from retarget.live.rest_capture import told_skeleton
+from retarget.model.human_dimensions import proportional_dimensions
+from retarget.rotations import angle_between, multiply, normalise, rotate
+from retarget.sources.natnet_decoder import (
+    NameTable,
+    NatnetDecoder,
+    PoseName,
+    PosePlan,
+    compose_bones,
+    plan_poses,
+    pose_names,
+)
+from retarget.sources.natnet_frame import BodyDefinition, Definitions, GroupDefinition, Owner, PoseGroup
+from retarget.sources.natnet_wire import Version
+from retarget.sources.stream_frame import MAX_POSES, StreamFrame
+from retarget.types import FloatArray
+
+HALF = float(np.sqrt(0.5))
+ANN = 5 << 16
+BONES = [Body("Hip", 1, 0), Body("Spine", 2, 1), Body("Head", 3, 2)]
+CATALOGUE = Catalogue(
+    bodies=[Body("Quad", 2)], skeletons=[("Ann", 5, BONES)], assets=[("Cloth", 8, [Body("Patch", 1)])]
+)
+MOTION = Motion(
+    bodies=[Pose(2, (1, 2, 3), (0.1, 0.7, 0.1, 0.7)), Pose(3, (4, 5, 6), flags=0)],
+    skeletons=[(5, [Pose(ANN | bone, (0, 1, 0), (HALF, 0, 0, HALF)) for bone in (3, 1, 2)])],
+)
+
+
+def only(frames: list[StreamFrame]) -> StreamFrame:
+    assert len(frames) == 1
+    return frames[0]
+
+
+def met(version: Version, decoder: NatnetDecoder | None = None) -> NatnetDecoder:
+    """A decoder that knows the server and the definitions."""
+    decoder = decoder or NatnetDecoder()
+    assert decoder.decode(server_info(version)) == []
+    assert decoder.decode(definitions(CATALOGUE, version)) == []
+    return decoder
+
+
+@pytest.mark.parametrize("version", VERSIONS, ids=str)
+def test_a_frame_of_each_version(version: Version) -> None:
+    motion = replace(MOTION, assets=[(8, [Pose(8 << 16 | 1, (9, 9, 9))])], surplus=b"\xff" * 5)
+    decoder = met(version)
+    found = only(decoder.decode(frame(motion, version)))
+    names = ("rigid://Quad", "rigid://#3", "bone://Ann/Head", "bone://Ann/Hip", "bone://Ann/Spine")
+    assert found.names == (*names, "asset://Cloth/Patch") if version in SIZED_VERSIONS else names
+    assert found.tracked.tolist()[:3] == [True, False, True]
+    assert (found.number, found.stamp) == (7, 3.0)
+    np.testing.assert_array_equal(found.position[:2], [[3, 1, 2], [6, 4, 5]])
+    np.testing.assert_allclose(found.orientation[0], [0.7, 0.1, 0.1, 0.7], atol=1e-6)
+    assert decoder.dropped.count == 0
+    assert decoder.names_missing
+
+
+def test_the_same_tuple_of_names_while_they_do_not_change() -> None:
+    decoder = met(Version(3, 0))
+    first, second = (only(decoder.decode(frame(MOTION, Version(3, 0)))) for _ in range(2))
+    assert first.names is second.names
+    decoder.decode(definitions(Catalogue(bodies=[Body("New", 2)]), Version(3, 0)))
+    assert only(decoder.decode(frame(MOTION, Version(3, 0)))).names[0] == "rigid://New"
+
+
+def test_before_anything_is_known_bodies_have_numbers_and_the_stamp_is_the_timestamp() -> None:
+    decoder = NatnetDecoder()
+    found = only(decoder.decode(frame(MOTION, Version(3, 0))))
+    assert found.names == ("rigid://#2", "rigid://#3", "bone://#5/#3", "bone://#5/#1", "bone://#5/#2")
+    assert found.stamp == 12.5
+    assert decoder.names_missing
+
+
+def test_stamps_without_ticks_or_without_sense() -> None:
+    decoder = met(Version(3, 0))
+    assert only(decoder.decode(frame(Motion(ticks=(0, 1, 2)), Version(3, 0)))).stamp == 12.5
+    assert only(decoder.decode(frame(Motion(ticks=(0, 1, 2), timestamp=float("nan")), Version(3, 0)))).stamp is None
+    decoder.decode(server_info(Version(3, 0), clock_hz=3_000))
+    assert only(decoder.decode(frame(Motion(), Version(3, 0)))).stamp == 1000.0
+
+
+@pytest.mark.parametrize("told", VERSIONS, ids=str)
+@pytest.mark.parametrize("sent", VERSIONS, ids=str)
+def test_a_pinned_bitstream_is_read_though_the_server_is_newer(sent: Version, told: Version) -> None:
+    decoder = NatnetDecoder()
+    decoder.decode(server_info(told))
+    decoder.decode(definitions(CATALOGUE, sent))
+    for _ in range(3):
+        assert only(decoder.decode(frame(MOTION, sent))).names[0] == "rigid://Quad"
+    assert decoder.dropped.count == 0
+
+
+def test_a_later_suffix_may_be_longer() -> None:
+    decoder = met(Version(4, 4))
+    found = only(decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 4))))
+    np.testing.assert_array_equal(found.position[0], [3, 1, 2])
+    plain = met(Version(3, 0))
+    assert plain.decode(frame(replace(MOTION, tail=bytes(8)), Version(3, 0))) == []
+    assert plain.dropped.reasons == {"frame that fits no known version": 1}
+
+
+def test_the_layout_of_a_server_that_said_nothing_is_kept() -> None:
+    decoder = NatnetDecoder()
+    assert decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 1))) == []
+    only(decoder.decode(frame(MOTION, Version(4, 1))))
+    only(decoder.decode(frame(replace(MOTION, tail=bytes(8)), Version(4, 1))))
+
+
+@pytest.mark.parametrize(("up", "upward"), [("y", (0, 1, 0)), ("z", (0, 0, 1))])
+def test_up_is_up_and_turns_stay_turns(up: str, upward: tuple[float, float, float]) -> None:
+    """A turn of 90 degrees about the wire's up axis is one about z; a body that leans stays a right-handed one."""
+    turn = (HALF * upward[0], HALF * upward[1], HALF * upward[2], HALF)
+    decoder = NatnetDecoder(up="y" if up == "y" else "z")
+    found = only(decoder.decode(frame(Motion(bodies=[Pose(1, upward, turn)]), Version(3, 0))))
+    np.testing.assert_allclose(found.position[0], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(rotate(found.orientation[0], [1.0, 0, 0]), [0, 1, 0], atol=1e-6)
+
+
+def test_local_bones_are_composed_and_global_ones_are_left() -> None:
+    """Each bone one metre up its parent's y and a quarter turn about its x further: a staircase of quarter turns."""
+    version = Version(4, 1)
+    left = only(met(version).decode(frame(MOTION, version)))
+    np.testing.assert_array_equal(left.position[2:], np.tile([0, 0, 1], (3, 1)))
+    found = only(met(version, NatnetDecoder(bones="local")).decode(frame(MOTION, version)))
+    assert found.names[2:] == ("bone://Ann/Head", "bone://Ann/Hip", "bone://Ann/Spine")
+    # In the wire's axes: hip (0, 1, 0), spine + (0, 0, 1), head + (0, -1, 0); REP-103 is (z, x, y).
+    np.testing.assert_allclose(found.position[2:], [[1, 0, 0], [0, 0, 1], [1, 0, 1]], atol=1e-6)
+    turned = angle_between(found.orientation[3], found.orientation[2])
+    assert float(turned) == pytest.approx(np.pi, abs=1e-5)
+    np.testing.assert_array_equal(found.position[:2], left.position[:2])
+
+
+def test_local_bones_without_definitions_have_no_pose() -> None:
+    decoder = NatnetDecoder(bones="local")
+    found = only(decoder.decode(frame(MOTION, Version(3, 0))))
+    assert np.isnan(found.position[2:]).all() and not found.tracked[2:].any()
+    assert np.isfinite(found.position[:2]).all()
+    assert decoder.dropped.reasons == {"bone whose parents are not known": 3}
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        Pose(1, (float("nan"), 0, 0)),
+        Pose(1, (0, float("inf"), 0)),
+        Pose(1, (0, 0, 3e38)),
+        Pose(1, turn=(0, 0, 0, 0)),
+        Pose(1, turn=(float("nan"), 0, 0, 1)),
+        Pose(1, turn=(3e38, 0, 0, 1)),
+        Pose(1, turn=(0, 0, 0, 1.5)),
+    ],
+    ids=repr,
+)
+def test_a_damaged_pose_is_none_and_the_others_stay(pose: Pose) -> None:
+    decoder = NatnetDecoder()
+    found = only(decoder.decode(frame(Motion(bodies=[pose, Pose(2, (1, 2, 3))]), Version(3, 0))))
+    assert np.isnan(found.position[0]).all() and np.isnan(found.orientation[0]).all()
+    np.testing.assert_array_equal(found.position[1], [3, 1, 2])
+    np.testing.assert_array_equal(found.orientation[1], [1, 0, 0, 0])
+    assert found.tracked.tolist() == [False, True]
+    assert decoder.dropped.count == 1
+
+
+def test_an_untracked_body_without_a_pose_is_no_damage() -> None:
+    decoder = NatnetDecoder()
+    found = only(decoder.decode(frame(Motion(bodies=[Pose(1, turn=(0, 0, 0, 0), flags=0)]), Version(3, 0))))
+    assert np.isnan(found.position).all() and not found.tracked.any()
+    assert decoder.dropped.reasons == {}
+
+
+def test_signalling_nan_makes_no_warning() -> None:
+    whole = bytearray(frame(Motion(bodies=[Pose(1)], crowd=False), Version(3, 0)))
+    whole[24:28] = bytes.fromhex("0100807f")
+    assert np.isnan(only(NatnetDecoder().decode(bytes(whole))).position).all()
+
+
+def test_doubled_and_too_many_poses() -> None:
+    decoder = NatnetDecoder()
+    found = only(decoder.decode(frame(Motion(bodies=[Pose(n % 300) for n in range(301)]), Version(3, 0))))
+    assert len(found.names) == len(set(found.names)) == MAX_POSES
+    assert decoder.dropped.reasons == {
+        "pose of a name that the frame had already": 1,
+        "pose beyond the most that are taken": 300 - MAX_POSES,
+    }
+
+
+def test_what_is_no_frame_is_counted_by_its_reason() -> None:
+    decoder = NatnetDecoder()
+    for other in (bytes(65_537), b"", b"\x07\0", datagram(7, b"")[:-1], datagram(77, b""), datagram(0, bytes(264))):
+        assert decoder.decode(other) == []
+    for other in (datagram(7, b"short"), datagram(5, b"short"), datagram(1, b"short")):
+        assert decoder.decode(other) == []
+    assert decoder.dropped.reasons == {
+        "datagram longer than 64 KiB": 1,
+        "shorter than its header says": 3,
+        "not a message of a NatNet server": 2,
+        "frame that fits no known version": 1,
+        "model definitions that fit no known version": 1,
+        "ServerInfo too short": 1,
+    }
+    for silent in (3, 8, 9, 10, 13, 100):
+        assert decoder.decode(datagram(silent, b"1234")) == []
+    assert decoder.dropped.count == 9
+
+
+def test_an_empty_frame_is_a_frame() -> None:
+    found = only(NatnetDecoder().decode(frame(Motion(), PLAIN_VERSIONS[0])))
+    assert found.names == () and found.position.shape == (0, 3)
+
+
+def test_options() -> None:
+    with refuses(UsageError):
+        NatnetDecoder(bones="both")  # type: ignore[arg-type]
+    with refuses(UsageError):
+        NatnetDecoder(up="x")  # type: ignore[arg-type]
+
+
+def body(name: str, number: int, parent: int = -1) -> BodyDefinition:
+    return BodyDefinition(name, number, parent, (0.0, 0.0, 0.0))
+
+
+BODIES = PoseGroup(Owner.RIGID_BODIES, 0, 1)
+NATNET_NAMES_ANN = PoseGroup(Owner.SKELETON, 5, 1)
+TABLE = NameTable(
+    Definitions(
+        (body("Quad", 2), body("Quad", 3), body("", 4)),
+        (GroupDefinition("Ann", 5, (body("Hip", 1, 0), body("Spine", 2, 1), body("Loose", 3, 9), body("Own", 4, 4))),),
+        (GroupDefinition("Cloth", 8, (body("Patch", 1),)),),
+    )
+)
+
+
+def test_rigid_bodies() -> None:
+    assert TABLE.of(BODIES, 2) == PoseName("rigid://Quad", 2, True)
+    assert TABLE.of(BODIES, 9) == PoseName("rigid://#9", 9, False)
+
+
+def test_a_name_told_twice_or_empty_becomes_a_number() -> None:
+    assert TABLE.of(BODIES, 3).text == "rigid://#3"
+    assert TABLE.of(BODIES, 4).text == "rigid://#4"
+    twins = NameTable(Definitions(skeletons=(GroupDefinition("A", 1, ()), GroupDefinition("A", 2, ()))))
+    assert twins.of(PoseGroup(Owner.SKELETON, 2, 1), 2 << 16 | 3).text == "bone://#2/#3"
+
+
+def test_bones_carry_their_skeleton_in_the_upper_half() -> None:
+    assert TABLE.of(NATNET_NAMES_ANN, 5 << 16 | 2) == PoseName("bone://Ann/Spine", 2, True, 1)
+    assert TABLE.of(NATNET_NAMES_ANN, 5 << 16 | 7) == PoseName("bone://Ann/#7", 7, False)
+    assert TABLE.of(PoseGroup(Owner.SKELETON, 6, 1), 6 << 16 | 1).text == "bone://#6/#1"
+
+
+def test_a_bone_has_no_parent_that_is_not_there() -> None:
+    assert [TABLE.of(NATNET_NAMES_ANN, number).parent for number in (1, 2, 3, 4)] == [None, 1, None, None]
+
+
+def test_assets() -> None:
+    assert TABLE.of(PoseGroup(Owner.ASSET, 8, 1), 8 << 16 | 1).text == "asset://Cloth/Patch"
+
+
+def test_names_follow_the_groups() -> None:
+    groups = (PoseGroup(Owner.RIGID_BODIES, 0, 2), PoseGroup(Owner.SKELETON, 5, 1))
+    names = pose_names(TABLE, groups, [2, 77, 5 << 16 | 1])
+    assert [name.text for name in names] == ["rigid://Quad", "rigid://#77", "bone://Ann/Hip"]
+    assert [name.text for name in pose_names(NameTable(), groups, [2, 77, 1])] == [
+        "rigid://#2",
+        "rigid://#77",
+        "bone://#5/#1",
+    ]
+
+
+NATNET_PLAN_ANN = 5 << 16
+
+
+def table(*parents: int) -> NameTable:
+    """A skeleton whose bone i + 1 has the parent given."""
+    bones = tuple(BodyDefinition(f"b{i + 1}", i + 1, parent, (0.0, 0.0, 0.0)) for i, parent in enumerate(parents))
+    return NameTable(Definitions(skeletons=(GroupDefinition("Ann", 5, bones),)))
+
+
+def plan(names: NameTable, *bones: int, limit: int = 256) -> PosePlan:
+    return plan_poses(
+        names, (PoseGroup(Owner.SKELETON, 5, len(bones)),), [NATNET_PLAN_ANN | bone for bone in bones], limit=limit
+    )
+
+
+def test_parents_come_before_children_in_whatever_order_they_are_sent() -> None:
+    found = plan(table(0, 1, 2, 3), 4, 2, 1, 3)
+    assert found.bones == ((1, 2), (3, 1), (0, 3))
+    assert found.lost == ()
+    assert found.all_defined
+
+
+def test_bones_without_a_known_chain_are_lost() -> None:
+    assert plan(table(0, 1, 2), 3, 1).lost == (0,)
+    assert plan(table(2, 3, 1), 1, 2, 3).lost == (0, 1, 2)
+    unknown = plan(table(0, 1), 1, 9)
+    assert unknown.lost == (1,)
+    assert not unknown.all_defined
+
+
+def test_rigid_bodies_and_assets_have_no_parents() -> None:
+    groups = (PoseGroup(Owner.RIGID_BODIES, 0, 1), PoseGroup(Owner.ASSET, 5, 2))
+    found = plan_poses(table(0, 1), groups, [1, NATNET_PLAN_ANN | 1, NATNET_PLAN_ANN | 2], limit=256)
+    assert (found.bones, found.lost) == ((), ())
+
+
+def test_each_name_once_and_no_more_than_the_limit() -> None:
+    found = plan(table(0, 1, 1), 1, 2, 2, 3, limit=2)
+    assert found.names == ("bone://Ann/b1", "bone://Ann/b2")
+    assert found.rows is not None and found.rows.tolist() == [0, 1]
+    assert (found.doubled, found.surplus) == (1, 1)
+    assert plan(table(0, 1), 1, 2).rows is None
+
+
+def test_an_unvouched_parent_vouches_for_no_child() -> None:
+    found = plan(table(0, 1, 0), 1, 2, 3)
+    tracked = np.array([False, True, True])
+    compose_bones(found, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)), tracked)
+    assert tracked.tolist() == [False, False, True]
+
+
+def test_lost_bones_have_no_pose() -> None:
+    found = plan(table(0, 1), 1, 9)
+    position, orientation, tracked = np.ones((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)), np.ones(2, bool)
+    compose_bones(found, position, orientation, tracked)
+    assert np.isfinite(position[0]).all() and np.isnan(position[1]).all() and np.isnan(orientation[1]).all()
+    assert tracked.tolist() == [True, False]
+
+
+@given(st.lists(st.integers(0, 99), min_size=1, max_size=12), st.integers(0, 2**32 - 1))
+@settings(max_examples=40)
+def test_composed_bones_are_what_matrices_say(choices: list[int], seed: int) -> None:
+    """Any tree, any order: each bone stands in its parent as it was sent."""
+    count = len(choices)
+    parents = [choice % (i + 1) for i, choice in enumerate(choices)]
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(count) + 1
+    found = plan(table(*parents), *order.tolist())
+    points, turns = rng.normal(size=(count, 3)), normalise(rng.normal(size=(count, 4)))
+    world_points, world_turns, tracked = points.copy(), turns.copy(), np.ones(count, bool)
+    compose_bones(found, world_points, world_turns, tracked)
+    places = {bone: row for row, bone in enumerate(order.tolist())}
+    for bone, parent in enumerate(parents, start=1):
+        row = places[bone]
+        expected: tuple[FloatArray, FloatArray] = (points[row], turns[row])
+        if parent:
+            above = places[parent]
+            expected = (
+                world_points[above] + rotate(world_turns[above], points[row]),
+                multiply(world_turns[above], turns[row]),
+            )
+        np.testing.assert_allclose(world_points[row], expected[0], atol=1e-12)
+        np.testing.assert_allclose(world_turns[row], expected[1], atol=1e-12)
+
+
+PERSON = proportional_dimensions(1.83)
+SIDED = {"collar": "Shoulder", "shoulder": "UArm", "elbow": "FArm", "wrist": "Hand"}
+SIDED |= {"hip": "Thigh", "knee": "Shin", "ankle": "Foot", "toe": "Toe"}
+NATNET_SKELETON_BONES_ = {"pelvis": "Hip", "spine": "Ab", "chest": "Chest", "neck": "Neck", "head": "Head"}
+NATNET_SKELETON_BONES_ |= {f"{side}_{part}": side.upper() + name for part, name in SIDED.items() for side in "lr"}
+HUMAN_IK = {"shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand", "hip": "UpLeg", "knee": "Leg", "ankle": "Foot"}
+V41 = Version(4, 1)
+LIMBS = ("knee", "ankle", "elbow", "wrist")
+
+
+def bones(names: dict[str, str], *, up: str = "y", parents: dict[str, str] | None = None) -> list[Body]:
+    """The definition of a person who stands in a T-pose and faces Motive's z, or, where z is up, minus y."""
+    points = at_rest(PERSON, np.pi / 2, splay=0.0)
+    above = {"pelvis": ""} | (parents or {})
+    numbers = {joint: number for number, joint in enumerate(names, start=1)}
+    found = []
+    for joint, name in names.items():
+        parent = above.get(joint, "pelvis")
+        offset = points[joint] - points[parent] if parent else np.zeros(3)
+        forward, left, height = offset.tolist()
+        at = (left, height, forward) if up == "y" else (left, -forward, height)
+        found.append(Body(name, numbers[joint], numbers.get(parent, -1), at))
+    return found
+
+
+CHAIN = {"elbow": "shoulder", "wrist": "elbow", "knee": "hip", "ankle": "knee", "toe": "ankle"}
+PARENTS = {f"{side}_{part}": f"{side}_{parent}" for part, parent in CHAIN.items() for side in "lr"}
+
+
+def told(owner: str, body: list[Body], *, version: Version = V41, up: str = "y") -> NatnetDecoder:
+    decoder = NatnetDecoder(up="z" if up == "z" else "y")
+    decoder.decode(server_info(version))
+    decoder.decode(definitions(Catalogue(skeletons=[(owner, 3, body)]), version))
+    return decoder
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("version", [Version(3, 0), V41, Version(4, 4)])
+@pytest.mark.parametrize("prefix", ["", "Al_"])
+def test_limbs_are_as_they_are_told(up: str, version: Version, prefix: str) -> None:
+    names = {joint: prefix + bone for joint, bone in NATNET_SKELETON_BONES_.items()}
+    decoder = told("Al", bones(names, up=up, parents=PARENTS), version=version, up=up)
+    skeleton = told_skeleton(decoder, ["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
+    assert skeleton is not None
+    size = dimensions_from_skeleton(skeleton)
+    for limb in LIMBS:
+        for side in "lr":
+            assert size.length(f"{side}_{limb}") == pytest.approx(PERSON.length(f"{side}_{limb}"), abs=1e-5)
+
+
+def test_other_names_of_bones() -> None:
+    sided = {
+        f"{s}_{part}": word + bone for part, bone in HUMAN_IK.items() for s, word in (("l", "Left"), ("r", "Right"))
+    }
+    names = {"pelvis": "Hips", "neck": "Neck", "head": "Head"} | sided
+    skeleton = told_skeleton(told("Al", bones(names, parents=PARENTS)), ["bone://Al/Head"])
+    assert skeleton is not None and skeleton.distance("l_knee", "l_ankle") == pytest.approx(PERSON.length("l_ankle"))
+
+
+@pytest.mark.parametrize(
+    "names", [[], ["rigid://head"], ["bone://Bo/Head"], ["bone://Al/Head", "bone://Bo/Head"], ["bone://"]]
+)
+def test_whose_bones_nobody_listens_for_has_no_skeleton(names: list[str]) -> None:
+    assert told_skeleton(told("Al", bones(NATNET_SKELETON_BONES_)), names) is None
+
+
+def _circle(body: list[Body]) -> list[Body]:
+    number = {bone.name: bone.number for bone in body}
+    after = {"LUArm": "LFArm", "LFArm": "LHand", "LHand": "LUArm"}
+    return [Body(b.name, b.number, number[after[b.name]] if b.name in after else b.parent, b.offset) for b in body]
+
+
+def test_what_is_no_human_is_no_skeleton_and_no_error() -> None:
+    assert told_skeleton(told("Al", bones(NATNET_SKELETON_BONES_)[:4]), ["bone://Al/Head"]) is None
+    odd = told_skeleton(told("Al", _circle(bones(NATNET_SKELETON_BONES_, parents=PARENTS))), ["bone://Al/Head"])
+    assert odd is not None and "l_wrist" not in odd.names and "r_wrist" in odd.names
+    assert (
+        told_skeleton(told("Al", [Body(bone.name, 1, 1) for bone in bones(NATNET_SKELETON_BONES_)]), ["bone://Al/Head"])
+        is None
+    )
+
+
+def test_it_faces_x() -> None:
+    decoder = told("Al", bones(NATNET_SKELETON_BONES_, parents=PARENTS, up="z"), up="z")
+    skeleton = decoder.rest("Al")
+    assert skeleton is not None
+    across: FloatArray = skeleton.of("l_shoulder") - skeleton.of("r_shoulder")
+    assert across[1] > 0.2 and abs(across[0]) < 1e-6 and skeleton.of("l_toe")[0] > skeleton.of("l_ankle")[0] + 0.05
+    assert decoder.rest("Bo") is None

@@ -1,0 +1,326 @@
+"""What a NatNet session sends and when, on virtual time."""
+
+from struct import pack
+
+import numpy as np
+import pytest
+
+from messages import Facts, refuses, shows
+from natnet_packets import VERSIONS, Body, Catalogue, Motion, datagram, definitions, frame, server_info
+from retarget.errors import UsageError
+from retarget.sources.natnet_session import UNNAMED_S, NatnetSession, SessionSettings, natnet_problems
+from retarget.sources.natnet_wire import (
+    MULTICAST_GROUP,
+    Version,
+    command_message,
+    connect_message,
+    definitions_request,
+    keep_alive_message,
+)
+
+V41, V44 = Version(4, 1), Version(4, 4)
+CATALOGUE = definitions(Catalogue(bodies=[Body("Quad", 1)]), V41)
+FRAME = frame(Motion(), V41)
+MULTICAST = SessionSettings(transport="multicast")
+
+
+def answered(settings: SessionSettings | None = None, version: Version = V41, now: float = 0.0) -> NatnetSession:
+    """A session whose server answered and told its definitions, and to which a frame came."""
+    session = NatnetSession(settings)
+    session.poll(now)
+    multicast = session.settings.transport == "multicast"
+    session.receive(now, server_info(version, multicast=multicast))
+    session.poll(now)
+    session.receive(now, CATALOGUE)
+    session.receive(now, FRAME)
+    return session
+
+
+def test_it_asks_again_by_turns_until_a_server_answers() -> None:
+    session = NatnetSession()
+    assert session.poll(0.0) == [connect_message(V41)]
+    assert session.poll(0.5) == []
+    assert session.poll(1.0) == [connect_message()]
+    assert session.poll(2.0) == [connect_message(V41)]
+    session.receive(2.1, server_info(V41))
+    assert session.poll(2.1) == [definitions_request(), keep_alive_message()]
+    assert session.poll(3.05) == []
+
+
+def test_definitions_are_asked_for_until_they_come() -> None:
+    session = NatnetSession(MULTICAST)
+    session.poll(0.0)
+    session.receive(0.0, server_info(V41, multicast=True))
+    assert session.poll(0.0) == [definitions_request()]
+    session.receive(0.1, datagram(5, b"damaged"))
+    assert session.poll(0.9) == []
+    assert session.poll(1.0) == [definitions_request()]
+    session.receive(1.1, CATALOGUE)
+    session.receive(1.1, FRAME)
+    assert session.poll(2.5) == []
+
+
+@pytest.mark.parametrize("every", [0.5, 2.0])
+def test_signs_of_life_come_by_time_and_not_by_frames(every: float) -> None:
+    session = answered(SessionSettings(keep_alive_s=every))
+    sent = 0
+    for i in range(1, 2401):
+        now = i / 240
+        session.receive(now, FRAME)
+        sent += session.poll(now).count(keep_alive_message())
+    assert sent == pytest.approx(10 / every, abs=1)
+
+
+def test_multicast_needs_no_sign_of_life_and_no_version() -> None:
+    session = NatnetSession(MULTICAST)
+    assert session.poll(0.0) == [connect_message()]
+    session.receive(0.0, server_info(V44, multicast=True))
+    sent = [message for i in range(50) for message in session.poll(i / 10)]
+    assert keep_alive_message() not in sent
+    assert command_message("Bitstream,4.1") not in sent
+
+
+def test_a_newer_unicast_server_is_asked_for_the_pinned_version() -> None:
+    session = NatnetSession()
+    session.poll(0.0)
+    session.receive(0.0, server_info(V44))
+    assert session.version == V44
+    assert session.poll(0.0)[0] == command_message("Bitstream,4.1")
+    session.receive(0.1, datagram(3, b"Bitstream,4.1\0"))
+    assert session.version == V41
+    assert command_message("Bitstream,4.1") not in session.poll(5.0)
+
+
+def test_it_does_not_insist_for_ever() -> None:
+    session = answered(version=V44)
+    sent = []
+    for i in range(1, 200):
+        session.receive(i / 10, FRAME)
+        sent += session.poll(i / 10)
+    assert sent.count(command_message("Bitstream,4.1")) == 2
+
+
+@pytest.mark.parametrize("version", [v for v in VERSIONS if v <= V41], ids=str)
+def test_an_older_server_keeps_its_version(version: Version) -> None:
+    session = NatnetSession()
+    session.poll(0.0)
+    session.receive(0.0, server_info(version))
+    assert session.poll(0.0) == [definitions_request(), keep_alive_message()]
+    assert session.version == version
+
+
+@pytest.mark.parametrize(
+    "text", [b"Bitstream,9.9\0", b"Bitstream,4\0", b"Bitstream,x.y\0", b"Other,4.0\0", b"\xff,\xb2.1\0", b""]
+)
+def test_strange_answers_change_nothing(text: bytes) -> None:
+    session = answered()
+    session.receive(0.1, datagram(3, text))
+    assert session.version == V41
+
+
+def test_changed_definitions_are_asked_for_once_and_not_per_frame() -> None:
+    session = answered(MULTICAST, now=0.0)
+    changed = frame(Motion(flags=2), V41)
+    sent = []
+    for i in range(10, 25):
+        session.receive(i / 10, changed)
+        sent += session.poll(i / 10)
+        if sent:
+            session.receive(i / 10, CATALOGUE)
+    assert sent == [definitions_request()]
+    session.receive(2.5, FRAME)
+    session.receive(2.6, changed)
+    assert session.poll(2.6) == [definitions_request()]
+
+
+def test_a_changed_bitstream_asks_for_server_and_definitions() -> None:
+    session = answered(MULTICAST)
+    session.receive(1.5, frame(Motion(flags=8), V41))
+    assert session.poll(1.5) == [connect_message(), definitions_request()]
+
+
+def test_a_silent_server_is_asked_again_and_its_definitions_too_when_it_is_back() -> None:
+    session = answered(MULTICAST)
+    assert session.poll(1.9) == []
+    assert session.silent(2.0)
+    assert session.poll(2.0) == [connect_message()]
+    assert session.poll(2.5) == []
+    session.receive(3.0, FRAME)
+    assert not session.silent(3.0)
+    assert session.poll(3.0) == [definitions_request()]
+
+
+def test_a_unicast_server_that_started_again_is_pinned_again() -> None:
+    session = NatnetSession()
+    session.poll(0.0)
+    session.receive(0.0, server_info(V44))
+    asked = [message for i in range(4) for message in session.poll(float(i))]
+    assert asked.count(command_message("Bitstream,4.1")) == 3
+    session.receive(3.1, datagram(3, b"Bitstream,4.1\0"))
+    session.receive(3.1, FRAME)
+    session.poll(5.1)
+    session.receive(5.1, server_info(V44))
+    session.receive(5.2, FRAME)
+    assert command_message("Bitstream,4.1") in session.poll(5.2)
+
+
+def test_names_that_are_missing_are_asked_for_and_not_too_often() -> None:
+    session = answered(MULTICAST)
+    session.names_missing = lambda: True
+    asked = []
+    for tick in range(200):
+        now = 1.0 + 0.1 * tick
+        session.receive(now, FRAME)
+        if definitions_request() in session.poll(now):
+            asked.append(now)
+            session.receive(now, definitions(Catalogue(), V44))  # it has no name for them
+    assert asked[0] == 1.0
+    np.testing.assert_allclose(np.diff(asked), UNNAMED_S, atol=0.11)
+    session.names_missing = lambda: False
+    for tick in range(100):
+        session.receive(21.0 + 0.1 * tick, FRAME)
+        assert definitions_request() not in session.poll(21.0 + 0.1 * tick)
+
+
+def test_what_it_knows() -> None:
+    session = NatnetSession(MULTICAST)
+    assert (session.group, session.data_port, session.clock_hz) == (MULTICAST_GROUP, 1511, 0)
+    whole = bytearray(server_info(V44, multicast=True, port=1600, clock_hz=10_000_000))
+    whole[-4:] = bytes((239, 1, 2, 3))
+    session.receive(0.0, bytes(whole))
+    assert (session.group, session.data_port, session.clock_hz) == ("239.1.2.3", 1600, 10_000_000)
+    assert session.server is not None and session.server.name == "Motive"
+
+
+def test_the_clock_of_the_server_by_echo() -> None:
+    session = answered(SessionSettings(echo_s=1.0))
+    for now, there, back in ((10.0, 0.004, 0.016), (11.0, 0.001, 0.001), (12.0, 0.03, 0.0)):
+        session.receive(now, FRAME)
+        (echo,) = (message for message in session.poll(now) if message[0] == 12)
+        answer = datagram(13, echo[4:] + pack("<Q", round((now + there + 500.0) * 1e6)))
+        session.receive(now + there + back, answer)
+        session.receive(now + there + back, answer)
+    assert session.clock is not None
+    assert session.clock.offset == pytest.approx(500.0, abs=1e-6)
+    assert session.clock.round_trip == pytest.approx(0.002)
+    for _ in range(20):
+        session.receive(13.0, answer)
+    assert session.clock.round_trip == pytest.approx(0.002)
+    session.receive(13.0, FRAME)
+    assert any(message[0] == 12 for message in session.poll(13.0))
+    session.receive(13.0, datagram(13, pack("<QQ", 1, 2)))
+    assert session.clock.round_trip == pytest.approx(0.002)
+
+
+def test_damage_changes_nothing() -> None:
+    session = answered()
+    for whole in (
+        b"",
+        b"\7\0",
+        datagram(7, b"short"),
+        datagram(1, b"short"),
+        datagram(13, b"short"),
+        datagram(100, b""),
+    ):
+        session.receive(0.1, whole)
+    assert session.frames == 1
+    assert session.refused == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"transport": "broadcast"}, ()),
+        ({"version": Version(2, 9)}, ("3.0", "4.x")),
+        ({"version": Version(5, 0)}, ("3.0", "4.x")),
+        ({"keep_alive_s": 0.0}, ("0.1", 60)),
+        ({"retry_s": float("nan")}, ("0.1", 60)),
+        ({"echo_s": -1.0}, ("0.1", 60)),
+    ],
+)
+def test_settings_that_cannot_be(wrong: dict[str, object], message: Facts) -> None:
+    with refuses(UsageError, message):
+        SessionSettings(**wrong)  # type: ignore[arg-type]
+
+
+NATNET_TROUBLE_V41 = Version(4, 1)
+NATNET_TROUBLE_FRAME = frame(Motion(), NATNET_TROUBLE_V41)
+NATNET_TROUBLE_CATALOGUE = definitions(Catalogue(bodies=[Body("Quad", 1)]), NATNET_TROUBLE_V41)
+
+
+def said(session: NatnetSession, now: float) -> list[str]:
+    return [problem.render() for problem in natnet_problems(session, now, host="10.0.0.2")]
+
+
+def started(transport: str = "unicast") -> NatnetSession:
+    session = NatnetSession(SessionSettings(transport="unicast" if transport == "unicast" else "multicast"))
+    session.poll(0.0)
+    return session
+
+
+def test_no_answer() -> None:
+    session = started()
+    assert said(session, 2.9) == []
+    (text,) = said(session, 3.0)
+    assert "10.0.0.2" in text
+    shows(text, "UDP", 1510)
+
+
+def test_frames_but_no_answer() -> None:
+    session = started("multicast")
+    session.receive(1.0, NATNET_TROUBLE_FRAME)
+    (text,) = said(session, 3.0)
+    shows(text)
+
+
+@pytest.mark.parametrize(
+    ("version", "cure"), [(Version(2, 10), "Update Motive"), (Version(5, 0), "choose a 4.x bitstream")]
+)
+def test_a_version_that_cannot_be_read(version: Version, cure: str) -> None:
+    session = started()
+    session.receive(0.1, server_info(version))
+    (text,) = said(session, 0.1)
+    shows(text, str(version), "3.1")
+    assert "3.0 to 4.x" in text and cure in text
+
+
+@pytest.mark.parametrize("mine", ["unicast", "multicast"])
+def test_the_other_way_of_streaming(mine: str) -> None:
+    session = started(mine)
+    session.receive(0.0, server_info(NATNET_TROUBLE_V41, multicast=mine == "unicast"))
+    assert said(session, 1.9) == []
+    (text,) = said(session, 2.0)
+    shows(text, mine)
+    assert ("239.255.42.99, port 1511" in text) == (mine == "unicast")
+
+
+@pytest.mark.parametrize(
+    ("mine", "hint"), [("unicast", "firewall lets UDP"), ("multicast", "239.255.42.99 was joined")]
+)
+def test_no_frames(mine: str, hint: str) -> None:
+    session = started(mine)
+    session.receive(0.0, server_info(NATNET_TROUBLE_V41, multicast=mine == "multicast"))
+    (text,) = said(session, 2.5)
+    shows(text)
+    assert hint in text
+
+
+def test_no_definitions() -> None:
+    session = started()
+    session.receive(0.0, server_info(NATNET_TROUBLE_V41))
+    for i in range(40):
+        session.poll(i / 10)
+        session.receive(i / 10, NATNET_TROUBLE_FRAME)
+    (text,) = said(session, 4.0)
+    shows(text)
+    session.receive(4.0, NATNET_TROUBLE_CATALOGUE)
+    assert said(session, 4.0) == []
+
+
+def test_nothing_is_wrong() -> None:
+    session = started()
+    session.receive(0.0, server_info(NATNET_TROUBLE_V41))
+    session.poll(0.0)
+    session.receive(0.0, NATNET_TROUBLE_CATALOGUE)
+    session.receive(0.0, NATNET_TROUBLE_FRAME)
+    assert said(session, 1.0) == []

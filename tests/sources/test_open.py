@@ -1,0 +1,144 @@
+"""Opening any motion file: the right reader by content and suffix, and refusals before anything is read."""
+
+import gzip
+from pathlib import Path
+
+import pytest
+
+from messages import Facts, refuses
+from motion_texts import amc_text, asf_text, bvh_text, c3d_bytes, write_amc
+from retarget.errors import InputError, UsageError
+from retarget.frames import SensorFrames
+from retarget.sources.files import MAX_FILE_BYTES
+from retarget.sources.open import open_source, recognise
+
+pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
+
+
+def test_content_comes_before_suffix_and_case_does_not_matter(tmp_path: Path) -> None:
+    for name in ("a.bvh", "A.BVH", "a.txt", "a", "a.amc"):
+        (tmp_path / name).write_text("# exported\n\n" + bvh_text() if name == "a.txt" else bvh_text())
+        assert recognise(tmp_path / name) == "bvh"
+    for name in ("b.c3d", "B.C3D", "b.bin"):
+        (tmp_path / name).write_bytes(c3d_bytes())
+        assert recognise(tmp_path / name) == "c3d"
+    for name in ("c.amc", "C.AMC", "c.txt"):
+        (tmp_path / name).write_text(amc_text())
+        assert recognise(tmp_path / name) == "amc"
+
+
+def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
+    amc = write_amc(tmp_path, amc_text())
+    bvh, c3d = tmp_path / "a.bvh", tmp_path / "a.c3d"
+    bvh.write_text(bvh_text())
+    c3d.write_bytes(c3d_bytes())
+    for path in (amc, bvh, c3d):
+        assert isinstance(open_source(str(path)), SensorFrames)
+        assert open_source(path, rate=25.0).time[1] == 0.04
+        assert open_source(path, unit="cm").source == str(path)
+
+
+def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:
+    (tmp_path / "other.asf").write_text(asf_text())
+    (tmp_path / "lone.amc").write_text(amc_text())
+    (tmp_path / "a.bvh").write_text(bvh_text())
+    with refuses(InputError, "--skeleton"):
+        open_source(tmp_path / "lone.amc")
+    assert len(open_source(tmp_path / "lone.amc", skeleton=str(tmp_path / "other.asf"))) == 3
+    with refuses(UsageError, "AMC"):
+        open_source(tmp_path / "a.bvh", skeleton=tmp_path / "other.asf")
+    with refuses(InputError):
+        open_source(tmp_path / "lone.amc", skeleton=tmp_path / "missing.asf")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "what"),
+    [
+        ("a.asf", asf_text(), "--skeleton"),
+        ("a.txt", asf_text(), ()),
+        ("a.fbx", "Kaydara FBX Binary", ("suffix", "'.fbx'", "amc", "bvh", "c3d")),
+        ("a", "something", "suffix"),
+        ("a.bvh", "something", "BVH"),
+        ("a.bvh", "\0\1\2", "NUL"),
+        ("a.bvh", " \n ", ()),
+        ("a.c3d", "something", "C3D"),
+        ("a.amc", "", ()),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_the_file_named(
+    tmp_path: Path, name: str, content: str, what: Facts
+) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with refuses(InputError, what) as caught:
+        open_source(path)
+    assert str(path) in str(caught.value)
+
+
+def test_missing_files_folders_and_odd_paths_are_refused(tmp_path: Path) -> None:
+    for path, facts in (
+        (tmp_path / "missing.bvh", ()),
+        (tmp_path, ()),
+        (Path("/dev/null"), ()),
+        (tmp_path / "missing" / "x.amc", ()),
+        (Path("a\0b.bvh"), ()),
+        (tmp_path / ("x" * 5000), ()),
+    ):
+        with refuses(InputError, facts):
+            open_source(path)
+
+
+@pytest.mark.parametrize("suffix", ["amc", "bvh", "c3d"])
+def test_two_gigabytes_are_refused_before_they_are_read(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"huge.{suffix}"
+    with path.open("wb") as file:
+        file.write(b"HIERARCHY\n" if suffix == "bvh" else b"\2P" if suffix == "c3d" else b"1\n")
+        file.truncate(2 * 2**30)  # sparse: takes no room
+    with refuses(InputError, found=(2048, "MiB"), allowed=(MAX_FILE_BYTES // 2**20, "MiB")):
+        open_source(path)
+
+
+def test_every_shared_file_opens_or_says_why(shared: Path) -> None:
+    opened = 0
+    for path in sorted((shared / "mocap").rglob("*")):
+        if not path.is_file():
+            continue
+        try:
+            frames = open_source(path)
+        except InputError as error:
+            assert path.suffix in (".asf", ".csv", ".md", ".npz", ".txt") or path.name == "walking.amc", error
+            continue
+        opened += 1
+        assert len(frames) > 50 and frames.rate_hz in (30.0, 40.0, 120.0)
+        assert frames.position[frames.valid].min() > -10.0 and frames.position[frames.valid].max() < 10.0
+    assert opened == 26
+
+
+@pytest.mark.parametrize("address", ["vmc://:39539", Path("vmc://:39539"), "osc://host:1/x"])
+def test_live_sources_are_told_to_be_missing(address: str | Path) -> None:
+    with refuses(InputError, "ADDRESS"):
+        open_source(address)
+
+
+def test_binary_text_formats_say_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "a.bvh"
+    path.write_bytes(b"HIERARCHY\0\1")
+    with refuses(InputError):
+        open_source(path)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("magic", [b"RAWDGM01", b"UDPREC01"])
+def test_a_recording_of_datagrams_is_told_as_such(tmp_path: Path, magic: bytes, packed: bool) -> None:
+    path = tmp_path / "session.udprec.gz"
+    content = magic + bytes(range(256)) * 40
+    path.write_bytes(gzip.compress(content) if packed else content)
+    with refuses(InputError, "replay:///", "?kind=vmc"):
+        open_source(path)
+
+
+def test_a_packed_file_of_something_else_is_none(tmp_path: Path) -> None:
+    for content in (gzip.compress(b"hello"), b"\x1f\x8b"):
+        (tmp_path / "x.gz").write_bytes(content)
+        with refuses(InputError):
+            open_source(tmp_path / "x.gz")

@@ -1,0 +1,241 @@
+"""OSC: golden bytes, every type, nesting, bounds, and nothing that raises."""
+
+import random
+import struct
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from osc_bytes import bundle, damaged, message
+from retarget.sources.osc import (
+    BAD_SIZE,
+    CUT_SHORT,
+    MANY_ARGUMENTS,
+    MAX_ALIKE,
+    MAX_ARGUMENTS,
+    MAX_ARGUMENTS_IN_ALL,
+    MAX_DEPTH,
+    MAX_LENGTHS,
+    MAX_MESSAGES,
+    MAX_REMEMBERED,
+    NO_ADDRESS,
+    NO_TAGS,
+    NOT_TEXT,
+    TOO_DEEP,
+    TOO_LONG,
+    TOO_MANY,
+    TOO_MANY_ARGUMENTS,
+    UNKNOWN_TAG,
+    OscLayouts,
+    OscPacket,
+    read_osc,
+)
+
+GOLDEN = bytes.fromhex(
+    "2362756e646c6500 0000000000000001"  # #bundle, immediately
+    "00000014 2f564d432f4578742f540000 2c660000 3fa00000"  # /VMC/Ext/T ,f 1.25
+    "00000014 2f564d432f4578742f4f4b00 2c690000 00000001"  # /VMC/Ext/OK ,i 1
+)
+REASONS = {
+    BAD_SIZE,
+    CUT_SHORT,
+    MANY_ARGUMENTS,
+    NO_ADDRESS,
+    NO_TAGS,
+    NOT_TEXT,
+    TOO_DEEP,
+    TOO_LONG,
+    TOO_MANY,
+    UNKNOWN_TAG,
+}
+
+
+def test_golden_bytes() -> None:
+    packet = read_osc(GOLDEN)
+    assert [(m.address, m.tags, m.arguments, m.at) for m in packet.messages] == [
+        ("/VMC/Ext/T", "f", (1.25,), (36,)),
+        ("/VMC/Ext/OK", "i", (1,), (60,)),
+    ]
+    assert packet.time_tags == [8] and packet.dropped == []
+
+
+def test_every_type_has_its_value_and_is_skipped_right() -> None:
+    tags = "ifsbhdTFNIcrmtS[i]f"
+    raw = message("/x", tags, -7, 0.5, "abc", b"12345", -(2**40), 0.1, 65, 1, 2, 3, "", 9, 2.5)
+    (told,) = read_osc(raw).messages
+    inf = float("inf")
+    values = (-7, 0.5, "abc", b"12345", -(2**40), 0.1, True, False, None, inf, 65, 1, 2, 3, "", None, 9, None, 2.5)
+    assert told.arguments == values
+    assert struct.unpack_from(">f", raw, told.at[-1]) == (2.5,)
+    spans = told.numbers()
+    assert len(spans) == 10 and spans[2] == (told.at[4], told.at[4] + 8)  # i f h d c r m t i f; h is the third
+
+
+@pytest.mark.parametrize("size", range(9))
+def test_what_follows_a_blob_is_found(size: int) -> None:
+    (told,) = read_osc(message("/x", "bi", bytes(size), 7)).messages
+    assert told.arguments == (bytes(size), 7)
+
+
+def nested(depth: int) -> bytes:
+    out = message("/deep", "i", 1)
+    for _ in range(depth):
+        out = bundle(out)
+    return out
+
+
+def test_bundles_to_depth_four() -> None:
+    assert [m.address for m in read_osc(nested(MAX_DEPTH)).messages] == ["/deep"]
+    assert read_osc(nested(MAX_DEPTH + 1)) == OscPacket(dropped=[TOO_DEEP])
+    mixed = bundle(message("/a", ""), bundle(message("/b", "")), message("/c", ""))
+    assert [m.address for m in read_osc(mixed).messages] == ["/a", "/b", "/c"]
+
+
+FINE = message("/fine", "i", 1)
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (b"none\0\0\0\0,\0\0\0", NO_ADDRESS),
+        (b"/x\0\0", NO_TAGS),
+        (b"/x\0\0ifs\0", NO_TAGS),
+        (b"/xyz", CUT_SHORT),
+        (b"/x\0\0,iii", CUT_SHORT),
+        (b"/x\0\0,i\0\0", CUT_SHORT),
+        (b"/x\0\0,d\0\0\0\0\0\0", CUT_SHORT),
+        (b"/x\0\0,s\0\0abcd", CUT_SHORT),
+        (b"/x\0\0,b\0\0", CUT_SHORT),
+        (b"/x\0\0,b\0\0\xff\xff\xff\xff", CUT_SHORT),
+        (b"/x\0\0,b\0\0\0\0\0\5abcd", CUT_SHORT),
+        (b"/x\0\0,z\0\0\0\0\0\0", UNKNOWN_TAG),
+        (b"/\xff\0\0,\0\0\0", NOT_TEXT),
+        (b"/x\0\0,s\0\0\xc3\0\0\0", NOT_TEXT),
+        (message("/x", "T" * (MAX_ARGUMENTS + 1)), MANY_ARGUMENTS),
+    ],
+)
+def test_a_bad_message_is_dropped_and_the_next_one_is_read(bad: bytes, reason: str) -> None:
+    assert read_osc(bad) == OscPacket(dropped=[reason])
+    packet = read_osc(bundle(FINE, bad, FINE))
+    assert [m.address for m in packet.messages] == ["/fine", "/fine"] and packet.dropped == [reason]
+
+
+@pytest.mark.parametrize("size", [-4, 0, 3, 20, 2**31 - 1, -(2**31)])
+def test_a_size_that_does_not_fit_drops_the_datagram(size: int) -> None:
+    assert read_osc(bundle(FINE) + struct.pack(">i", size) + FINE) == OscPacket(dropped=[BAD_SIZE])
+
+
+def test_a_cut_datagram_has_nothing() -> None:
+    whole = bundle(FINE, FINE)
+    for length in range(len(whole)):
+        packet = read_osc(whole[:length])
+        complete = length in (16, 16 + 4 + len(FINE))  # cut exactly between two elements: nobody can tell
+        assert complete == (packet.dropped == [])
+        assert len(packet.messages) == (1 if length == 36 else 0)
+
+
+def test_bounds() -> None:
+    assert len(read_osc(bundle(*[FINE] * MAX_MESSAGES)).messages) == MAX_MESSAGES
+    for many in (FINE, b"/x\0\0"):
+        packet = read_osc(bundle(*[many] * (MAX_MESSAGES + 1)))
+        assert (packet.messages, packet.dropped) == ([], [TOO_MANY])
+
+
+@pytest.mark.parametrize("tag", ["T", "f"])
+def test_the_arguments_of_all_messages_are_bounded(tag: str) -> None:
+    """One datagram of many long messages must not cost a tick: it is given up where it passes the bound."""
+    each = 64
+    one = message("/x", tag * each, *([1.0] * each if tag == "f" else []))
+    fits = read_osc(bundle(*[one] * (MAX_ARGUMENTS_IN_ALL // each)))
+    assert fits.arguments == MAX_ARGUMENTS_IN_ALL and len(fits.messages) == MAX_ARGUMENTS_IN_ALL // each
+    packet = read_osc(bundle(*[one] * 100))
+    assert (packet.messages, packet.dropped) == ([], [TOO_MANY_ARGUMENTS])
+    assert packet.arguments <= MAX_ARGUMENTS_IN_ALL + each and packet.elements <= MAX_ARGUMENTS_IN_ALL // each + 2
+    assert read_osc(bytes(65_540)) == OscPacket(dropped=[TOO_LONG])
+    assert len(read_osc(message("/x", "T" * MAX_ARGUMENTS)).messages) == 1
+
+
+@settings(max_examples=300)
+@given(st.binary(max_size=120))
+def test_noise_never_raises(noise: bytes) -> None:
+    for datagram in (noise, b"#bundle\0" + noise, b"/a\0\0," + noise):
+        packet = read_osc(datagram)
+        assert set(packet.dropped) <= REASONS
+        for told in packet.messages:
+            assert len(told.tags) == len(told.arguments) == len(told.at)
+            assert all(0 <= start < end <= len(datagram) and start % 4 == 0 for start, end in told.numbers())
+
+
+@settings(max_examples=100)
+@given(
+    st.lists(
+        st.tuples(st.text("abc/", max_size=9), st.floats(width=32, allow_nan=False), st.text("xyzé", max_size=7)),
+        max_size=8,
+    )
+)
+def test_what_is_written_is_read(rows: list[tuple[str, float, str]]) -> None:
+    packet = read_osc(bundle(*(message("/" + name, "fs", number, word) for name, number, word in rows)))
+    assert [(m.address, m.arguments) for m in packet.messages] == [("/" + n, (f, w)) for n, f, w in rows]
+
+
+@pytest.mark.long
+def test_a_million_damaged_datagrams() -> None:
+    source = random.Random(5)
+    whole = bundle(FINE, message("/b", "sbhdTi", "name", b"abc", 1, 2.0, 3), bundle(FINE))
+    for _ in range(1_000_000):
+        assert set(read_osc(damaged(source, whole)).dropped) <= REASONS
+
+
+class Asked:
+    """Layouts whose plan is the texts of the datagram; it counts how often it was made."""
+
+    def __init__(self) -> None:
+        self.times = 0
+        self.layouts = OscLayouts(self.plan)
+
+    def plan(self, packet: OscPacket) -> list[object]:
+        self.times += 1
+        return [(m.address, m.tags, *(a for a in m.arguments if isinstance(a, str))) for m in packet.messages]
+
+
+def four(number: float, name: str = "abc", time_tag: int = 1) -> bytes:
+    row = message("/a", "sfih", name, number, int(number), int(number))
+    return bundle(row, row, row, bundle(row, time_tag=time_tag), time_tag=time_tag)
+
+
+def test_numbers_and_time_tags_make_no_new_layout() -> None:
+    asked = Asked()
+    plans = [asked.layouts.of(four(number, time_tag=int(number) + 5)) for number in (0.0, -1.5, 3e5)]
+    assert asked.times == 1 and plans[0] is plans[1] is plans[2]
+
+
+def test_a_text_a_tag_or_a_size_makes_one() -> None:
+    asked = Asked()
+    base = four(1.0)
+    for other in (four(1.0, "abd"), base.replace(b",sfih", b",sfit"), base.replace(b"/a", b"/b")):
+        assert asked.layouts.of(base) != asked.layouts.of(other)
+    assert asked.times == 4
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    asked = Asked()
+    for number in range(20):
+        asked.layouts.of(four(1.0, f"{number:03d}"))
+    assert len(asked.layouts) == MAX_ALIKE
+    for number in range(200):
+        asked.layouts.of(four(1.0, "x" * 4 * number))
+        assert len(asked.layouts) <= MAX_ALIKE * MAX_LENGTHS
+    many = bundle(*[message("/" + "a" * 40, "f", 1.0)] * 500)
+    assert len(many) > MAX_REMEMBERED
+    before, asked.times = len(asked.layouts), 0
+    asked.layouts.of(many)
+    asked.layouts.of(many)
+    assert asked.times == 2 and len(asked.layouts) == before
+
+
+def test_nothing_is_remembered_of_what_cannot_be_read() -> None:
+    asked = Asked()
+    for broken in (b"", b"x", four(1.0)[:-4], bundle(), message("/a", "f", 1.0)):
+        asked.layouts.of(broken)
+    assert len(asked.layouts) == 0

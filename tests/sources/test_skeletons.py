@@ -1,0 +1,168 @@
+"""Joint names as data: every style is complete and finds itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motion_texts import bvh_text
+from retarget import rotations
+from retarget.frames import JOINTS
+from retarget.sources.asf_amc import read_asf
+from retarget.sources.bvh import read_motion
+from retarget.sources.skeletons import (
+    REQUIRED,
+    STYLES,
+    JointTree,
+    NamingStyle,
+    forward_kinematics,
+    joints_by_name,
+    joints_by_shape,
+    plain_names,
+)
+
+
+def names_of(style: NamingStyle) -> dict[str, str]:
+    """Canonical joint -> the style's own first name."""
+    names = {joint: options[0] for joint, options in style.middle.items()}
+    for side, word in zip("lr", style.words, strict=True):
+        names |= {f"{side}_{part}": options[0].format(s=word) for part, options in style.sided.items()}
+    return names
+
+
+@pytest.mark.parametrize("style", STYLES, ids=lambda style: str(style.name))
+def test_each_style_finds_its_own_joints(style: NamingStyle) -> None:
+    names = names_of(style)
+    assert set(REQUIRED) <= set(names) <= {*JOINTS, "head_top"}
+    assert len(set(names.values())) == len(names), "a name stands for two joints"
+    found = joints_by_name(tuple(names.values()))
+    assert found == {joint: i for i, joint in enumerate(names)}
+
+
+def test_name_spaces_prefixes_blanks_and_case_do_not_matter() -> None:
+    assert plain_names(("mixamorig:Hips", "mixamorig:LeftUpLeg")) == ["hips", "leftupleg"]
+    assert plain_names(("Bip01", "Bip01 L Thigh", "Bip01_Pelvis")) == ["", "lthigh", "pelvis"]
+    assert plain_names(("left_up.leg", "Left Arm-2")) == ["upleg", "arm2"]
+    assert plain_names(("Hips",)) == ["hips"]
+    assert plain_names(()) == []
+
+
+def test_names_that_lack_a_limb_are_not_enough() -> None:
+    names = names_of(STYLES[1])
+    for joint in REQUIRED:
+        rest = tuple(name for other, name in names.items() if other != joint)
+        found = joints_by_name(rest)
+        assert found is None or joint == "pelvis"  # the root stands in for a pelvis of another name
+    assert joints_by_name(("tail", "fin")) is None
+
+
+LIMBS = [f"{side}_{part}" for side in "lr" for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
+
+
+def figure(tmp_path: Path, *, z_up: bool = False) -> JointTree:
+    path = tmp_path / "a.bvh"
+    path.write_text(bvh_text(z_up=z_up))
+    return read_motion(path).hierarchy.tree
+
+
+def turned(tree: JointTree, matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> JointTree:
+    ends = tuple(tuple(matrix @ end for end in ends) for ends in tree.ends)
+    return JointTree(tree.names, tree.parents, tree.offsets @ matrix.T, ends)
+
+
+def test_shape_and_names_agree_however_the_figure_stands(tmp_path: Path) -> None:
+    for z_up in (False, True):
+        tree = figure(tmp_path, z_up=z_up)
+        by_name = joints_by_name(tree.names)
+        assert by_name is not None
+        for matrix in (
+            np.eye(3),
+            np.diag([-1.0, 1.0, -1.0]),
+            np.roll(np.eye(3), 1, axis=0),
+            np.diag([1.0, -1.0, -1.0]),
+        ):
+            by_shape = joints_by_shape(turned(tree, matrix))
+            assert by_shape is not None
+            for name in ("pelvis", "head", *LIMBS):
+                assert by_shape[name] == by_name[name], name
+
+
+def test_recordings_are_recognised_without_their_names(shared: Path) -> None:
+    trees = [read_motion(path).hierarchy.tree for path in sorted((shared / "mocap").rglob("*.bvh"))]
+    trees += [read_asf(path).tree for path in sorted((shared / "mocap").rglob("*.asf"))]
+    right = 0
+    for tree in trees:
+        by_name, by_shape = joints_by_name(tree.names), joints_by_shape(tree)
+        assert by_name is not None
+        if by_shape is None:
+            continue  # refused with a clear error, not mistaken
+        wrong = [name for name in LIMBS if not _same_place(tree, by_name[name], by_shape[name])]
+        # A forearm in two pieces ends the shape's forearm too early.
+        assert {name[2:] for name in wrong} <= {"wrist"}, (tree.names, wrong)
+        right += not wrong
+    assert right >= 13
+
+
+def _same_place(tree: JointTree, a: int, b: int) -> bool:
+    """Whether two joints coincide up to joints without length between them."""
+    rest = tree.rest_positions()
+    return bool(np.linalg.norm(rest[a] - rest[b]) < 0.05 * np.abs(rest).max())
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 30])
+def test_chains_and_stars_are_no_bodies(count: int) -> None:
+    offsets = np.tile([0.0, 1.0, 0.0], (count, 1))
+    names = tuple(f"j{i}" for i in range(count))
+    chain = JointTree(names, tuple(range(-1, count - 1)), offsets, ((),) * count)
+    star = JointTree(names, (-1, *([0] * (count - 1))), offsets, ((),) * count)
+    assert joints_by_shape(chain) is None and joints_by_shape(star) is None
+
+
+@given(count=st.integers(1, 25), seed=st.integers(0, 10_000))
+def test_any_tree_gives_an_answer(count: int, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    parents = (-1, *(int(generator.integers(0, i)) for i in range(1, count)))
+    offsets = generator.integers(-3, 4, size=(count, 3)).astype(float)
+    ends = tuple((generator.normal(size=3),) if generator.random() < 0.5 else () for _ in range(count))
+    found = joints_by_shape(JointTree(tuple(map(str, range(count))), parents, offsets, ends))
+    assert found is None or all(0 <= joint < count for joint in found.values())
+
+
+TREE = JointTree(
+    names=("root", "arm", "hand", "leg"),
+    parents=(-1, 0, 1, 0),
+    offsets=np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, -1]]),
+    ends=((), (), (np.array([0.0, 0, 3]),), ()),
+)
+
+
+def test_paths_children_and_rest() -> None:
+    assert TREE.path(2) == [0, 1, 2] and TREE.path(0) == [0]
+    assert TREE.children(0) == [1, 3] and TREE.children(2) == []
+    np.testing.assert_array_equal(TREE.rest_positions(), [[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 0, -1]])
+
+
+def test_forward_kinematics_is_the_product_of_transforms() -> None:
+    generator = np.random.default_rng(0)
+    local = rotations.normalise(generator.normal(size=(5, 4, 4)))
+    translation = np.broadcast_to(TREE.offsets, (5, 4, 3)).copy()
+    translation[:, 0] = generator.normal(size=(5, 3))
+    pose = forward_kinematics(TREE, local, translation)
+    for frame in range(5):
+        matrices = np.zeros((4, 4, 4))
+        matrices[:, :3, :3] = rotations.to_matrix(local[frame])
+        matrices[:, :3, 3] = translation[frame]
+        matrices[:, 3, 3] = 1.0
+        hand = matrices[0] @ matrices[1] @ matrices[2]
+        np.testing.assert_allclose(pose.position[frame, 2], hand[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(rotations.to_matrix(pose.orientation[frame, 2]), hand[:3, :3], atol=1e-12)
+        tip = pose.point(2, TREE.ends[2][0])[frame]
+        np.testing.assert_allclose(tip, (hand @ [0, 0, 3, 1])[:3], atol=1e-12)
+
+
+def test_constant_offsets_serve_every_frame() -> None:
+    local = np.broadcast_to(rotations.IDENTITY, (3, 4, 4))
+    pose = forward_kinematics(TREE, local, TREE.offsets)
+    np.testing.assert_array_equal(pose.position, np.broadcast_to(TREE.rest_positions(), (3, 4, 3)))

@@ -1,0 +1,214 @@
+"""SlimeVR's real bytes against the motion that was scripted for it.
+
+Alignment: the script's angles at the wall time of each datagram, no lag fitted, no frame left out. Frames in which an
+angle moves are judged apart, because most of the recording stands still. Errors are angles of whole rotations, so that
+a wrong axis or side is an error of the full motion.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from retarget.live.roles import canonical_orientation, joint_position, role_set
+from retarget.rotations import angle_between, conjugate, from_axis_angle, multiply
+from retarget.sources.raw_record import RawReader
+from retarget.sources.stream_frame import StreamDecoder, StreamFrame
+from retarget.sources.vmc import BODY_BONES, VmcDecoder, local_bones, world_rotations
+from retarget.sources.vrchat import NOT_A_TRACKER, VrchatDecoder
+from retarget.types import BoolArray, FloatArray
+
+DOWN = {"l_": 0.5 * np.pi, "r_": -0.5 * np.pi}
+"""From a hanging arm to the T-pose, about forward."""
+MOVING_DEG_PER_S = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Decoded frames with their wall times, and the script."""
+
+    wall: FloatArray
+    frames: list[StreamFrame]
+    decoder: StreamDecoder
+    script: dict[str, FloatArray]
+
+    def told(self, name: str) -> FloatArray:
+        return np.array([frame.orientation[frame.names.index(name)] for frame in self.frames])
+
+    def angle(self, column: str) -> FloatArray:
+        """Scripted degrees at each frame."""
+        return np.interp(self.wall, self.script["wall_s"], self.script[column])
+
+
+def record(shared: Path, name: str, decoder: StreamDecoder) -> Recording:
+    folder = shared / "streams/slimevr"
+    rows = [(r.time_s, f) for r in RawReader(folder / name) for f in decoder.decode(r.payload)]
+    table = np.genfromtxt(folder / "ground_truth.csv", delimiter=",", names=True)
+    script = {name: table[name] for name in table.dtype.names or ()}
+    return Recording(np.array([wall for wall, _ in rows]), [frame for _, frame in rows], decoder, script)
+
+
+@pytest.fixture(scope="module")
+def vmc(shared: Path) -> Recording:
+    return record(shared, "full12_vmc_50hz.udprec.gz", VmcDecoder())
+
+
+@pytest.fixture(scope="module")
+def vrchat(shared: Path) -> Recording:
+    return record(shared, "full12_vrcosc_20hz.udprec.gz", VrchatDecoder())
+
+
+def segments(recording: Recording, roles: str) -> dict[str, FloatArray]:
+    """World orientations (T, 4), identity in the T-pose, by canonical sensor."""
+    return {
+        role.segment: canonical_orientation(role, recording.told(role.name))
+        for role in role_set(roles).roles
+        if role.segment
+    }
+
+
+def bone_segments(recording: Recording) -> dict[str, FloatArray]:
+    """The same from the bones alone, by forward kinematics."""
+    world = np.array([world_rotations(local_bones(frame)) for frame in recording.frames])
+    return {
+        role.segment: world[:, BODY_BONES.index(role.name.removeprefix("bone://"))]
+        for role in role_set("unity_bones").roles
+        if role.segment
+    }
+
+
+def errors(recording: Recording, parts: dict[str, FloatArray], wrist: str = "r_wrist") -> dict[str, FloatArray]:
+    """Degrees (T,) between the told turn of a joint and the scripted one."""
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    hang = {side: from_axis_angle((1.0, 0.0, 0.0), -turn) for side, turn in DOWN.items()}
+    joints = {
+        "left_arm_abd_deg": ("chest", "l_shoulder", (1.0, 0.0, 0.0), upright, hang["l_"]),
+        "right_elbow_flex_deg": ("r_shoulder", wrist, (0.0, -1.0, 0.0), hang["r_"], hang["r_"]),
+        "left_hip_flex_deg": ("pelvis", "l_hip", (0.0, -1.0, 0.0), upright, upright),
+        "yaw_deg": ("", "pelvis", (0.0, 0.0, 1.0), upright, upright),
+    }
+    out = {}
+    for column, (parent, child, axis, parent_rest, child_rest) in joints.items():
+        if child not in parts or (parent and parent not in parts):
+            continue
+        above = upright if not parent else multiply(parts[parent], conjugate(parent_rest))
+        below = multiply(parts[child], conjugate(child_rest))
+        scripted = from_axis_angle(np.array(axis), np.radians(recording.angle(column)))
+        out[column] = np.degrees(angle_between(multiply(conjugate(above), below), scripted))
+    return out
+
+
+def moving(recording: Recording, column: str) -> BoolArray:
+    return np.asarray(np.abs(np.gradient(recording.angle(column), recording.wall)) > MOVING_DEG_PER_S)
+
+
+def check(recording: Recording, found: dict[str, FloatArray], median: float, worst: float) -> None:
+    for column, error in found.items():
+        moves = moving(recording, column)
+        assert np.count_nonzero(moves) > 20 and np.ptp(recording.angle(column)) > 40.0
+        assert np.median(error) < median and np.median(error[moves]) < median, column
+        assert error.max() < worst, column
+
+
+def test_vmc_roles_follow_the_script(vmc: Recording) -> None:
+    found = errors(vmc, segments(vmc, "slimevr"))
+    assert len(found) == 4
+    check(vmc, found, 1.0, 2.0)
+
+
+def test_vmc_bones_follow_the_script(vmc: Recording) -> None:
+    found = errors(vmc, bone_segments(vmc), wrist="r_elbow")
+    assert len(found) == 4
+    check(vmc, found, 1.0, 2.0)
+
+
+def test_vrchat_trackers_follow_the_script(vrchat: Recording) -> None:
+    found = errors(vrchat, segments(vrchat, "slimevr_vrchat"))
+    assert set(found) == {"left_arm_abd_deg", "left_hip_flex_deg", "yaw_deg"}
+    check(vrchat, found, 0.5, 2.0)
+
+
+def test_everything_is_decoded(vmc: Recording, vrchat: Recording) -> None:
+    assert len(vmc.frames) == 709 and vmc.decoder.dropped.count == 0
+    assert {len(frame.names) for frame in vmc.frames} == {32, 33}
+    assert all(frame.tracked.all() for frame in vmc.frames)
+    stamps = np.array([frame.stamp for frame in vmc.frames], float)
+    assert np.diff(stamps).min() > 0.0 and np.ptp(vmc.wall - stamps) < 0.010
+    assert len(vrchat.frames) == 305 and vrchat.decoder.dropped.reasons == {NOT_A_TRACKER: 305 * 6}
+    assert {len(frame.names) for frame in vrchat.frames} == {9}
+
+
+def test_two_references_in_one_packet(vmc: Recording) -> None:
+    """Standing with hanging arms at the start: the roles' arms are the identity there, the bones' are not."""
+    first = vmc.frames[0]
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    for side, name in (("l_", "Left"), ("r_", "Right")):
+        role = first.orientation[first.names.index(f"human://{name.upper()}_ELBOW")]
+        bone = first.orientation[first.names.index(f"bone://{name}UpperArm")]
+        assert np.degrees(angle_between(role, upright)) < 0.01
+        assert np.degrees(angle_between(bone, from_axis_angle((1.0, 0.0, 0.0), -DOWN[side]))) < 0.01
+    by_role, by_bone = segments(vmc, "slimevr"), bone_segments(vmc)
+    for segment in set(by_role) - {"l_wrist", "r_wrist"}:
+        assert np.degrees(angle_between(by_role[segment], by_bone[segment])).max() < 0.1, segment
+
+
+def test_roles_that_nobody_wears_are_told_all_the_same(vmc: Recording) -> None:
+    """There was no tracker on the hands: they hang on the forearms, vouched for like all others."""
+    bones = bone_segments(vmc)
+    hands = segments(vmc, "slimevr")
+    for side in "lr":
+        turn = angle_between(hands[f"{side}_wrist"], bones[f"{side}_elbow"])
+        assert np.degrees(turn).max() < 0.1
+    assert all(frame.tracked[frame.names.index("human://LEFT_HAND")] for frame in vmc.frames)
+
+
+def test_bone_positions_are_untold_and_the_rest_is_told(vmc: Recording) -> None:
+    for frame in vmc.frames[::50]:
+        for name, place in zip(frame.names, frame.position, strict=True):
+            assert np.isnan(place).all() == name.startswith("bone://"), name
+
+
+def test_the_head_moves_forward_and_left(vmc: Recording) -> None:
+    """Half a metre forward, facing 45 degrees to the left: the raw headset is where the script has it."""
+    last = vmc.frames[-1]
+    assert_allclose(last.position[last.names.index("rig-HEAD")], [0.3536, 0.3536, 1.6], atol=1e-3)
+
+
+def test_a_hand_without_its_offset_lies_on_the_forearm(shared: Path) -> None:
+    raw = shared / "streams/slimevr/one_bundle_pose_left_arm_T_right_elbow90_left_hip60.bin"
+    (frame,) = VmcDecoder().decode(raw.read_bytes())
+    for side, along in (("LEFT", (0.0, 0.295, 0.0)), ("RIGHT", (0.295, 0.0, 0.0))):
+        hand, elbow = (frame.names.index(f"human://{side}_{part}") for part in ("HAND", "ELBOW"))
+        role = role_set("slimevr").role(f"human://{side}_HAND")
+        assert role is not None
+        wrist = joint_position(role, frame.position[hand], frame.orientation[hand])
+        assert_allclose(wrist - frame.position[elbow], along, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "name", ["pythonosc_vmc_bundle", "vmcp_1.0.6_bundle", "pythonosc_vmc_single_tra", "vmcp_1.0.6_single_bone"]
+)
+def test_other_senders_of_vmc(shared: Path, name: str) -> None:
+    decoder = VmcDecoder()
+    (frame,) = decoder.decode((shared / f"streams/osc/{name}.bin").read_bytes())
+    assert decoder.dropped.count == 0 and frame.tracked.all()
+    if "bone://Hips" in frame.names:
+        hips = frame.names.index("bone://Hips")
+        assert_allclose(frame.position[hips], [-0.2, -0.1, 0.95], atol=1e-6)
+        assert_allclose(frame.orientation[hips], [0.9239, 0.0, 0.0, -0.3827], atol=1e-4)
+    if "bundle" in name:
+        assert frame.stamp == 1.25 and decoder.loaded
+        assert decoder.calibration == (3 if "python" in name else None)
+
+
+def test_another_sender_of_vrchat(shared: Path) -> None:
+    place, turn = (
+        VrchatDecoder().decode((shared / f"streams/osc/pythonosc_vrchat_tracker1_{what}.bin").read_bytes())[0]
+        for what in ("pos", "rot")
+    )
+    assert place.names == turn.names == ("tracker://1",)
+    assert_allclose(place.position, [[-0.2, -0.1, 0.95]], atol=1e-6)
+    yaw, pitch = from_axis_angle((0.0, 0.0, 1.0), -np.pi / 4), from_axis_angle((0.0, 1.0, 0.0), np.pi / 18)
+    assert angle_between(turn.orientation[0], multiply(yaw, pitch)) < 1e-6

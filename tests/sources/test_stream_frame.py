@@ -1,0 +1,117 @@
+"""Poses that no room and no rotation holds are found, and only those."""
+
+import numpy as np
+import pytest
+
+from messages import refuses
+from retarget import rotations
+from retarget.errors import UsageError
+from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, Convention, convention, unusable
+from retarget.types import FloatArray
+
+GOOD_PLACE, GOOD_TURN = [0.5, -1.0, 1.7], [0.6, 0.0, 0.8, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("place", "turn", "bad"),
+    [
+        (GOOD_PLACE, GOOD_TURN, False),
+        (GOOD_PLACE, [-1.0, 0.0, 0.0, 0.0], False),
+        (GOOD_PLACE, [1.019, 0.0, 0.0, 0.0], False),
+        (GOOD_PLACE, [1.021, 0.0, 0.0, 0.0], True),
+        (GOOD_PLACE, [0.979, 0.0, 0.0, 0.0], True),
+        (GOOD_PLACE, [0.0, 0.0, 0.0, 0.0], True),
+        (GOOD_PLACE, [np.nan, 0.0, 0.0, 1.0], True),
+        (GOOD_PLACE, [np.inf, 0.0, 0.0, 1.0], True),
+        (GOOD_PLACE, [3.4e38, 0.0, 0.0, 1.0], True),
+        ([0.0, np.nan, 0.0], GOOD_TURN, True),
+        ([0.0, 0.0, -np.inf], GOOD_TURN, True),
+        ([0.0, MAX_COORDINATE, 0.0], GOOD_TURN, False),
+        ([0.0, 1.01 * MAX_COORDINATE, 0.0], GOOD_TURN, True),
+    ],
+)
+def test_each_pose_by_itself(place: list[float], turn: list[float], bad: bool) -> None:
+    among = unusable(np.array([GOOD_PLACE, place, GOOD_PLACE]), np.array([GOOD_TURN, turn, GOOD_TURN]))
+    assert among.tolist() == [False, bad, False]
+
+
+ALL = pytest.mark.parametrize("row", CONVENTIONS.values(), ids=lambda row: row.name)
+
+FORWARD, LEFT, UP = np.eye(3)
+
+SENDERS = {
+    # Sender's own vectors of forward, left and up, one of its length units long, written from the senders' manuals.
+    "rep103": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "unity": ((0, 0, 1), (-1, 0, 0), (0, 1, 0)),
+    "openxr": ((0, 0, -1), (-1, 0, 0), (0, 1, 0)),
+    "motive_y_up": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
+    "motive_z_up": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "xsens": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "xsens_y_up": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
+    "vicon_mm": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "qtm_mm": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+}
+
+
+def random_poses(seed: int) -> tuple[FloatArray, FloatArray]:
+    generator = np.random.default_rng(seed)
+    return generator.normal(size=(50, 3)), rotations.normalise(generator.normal(size=(50, 4)))
+
+
+@ALL
+def test_forward_left_and_up_are_found(row: Convention) -> None:
+    for sent, wanted in zip(SENDERS[row.name], (FORWARD, LEFT, UP), strict=True):
+        np.testing.assert_allclose(row.positions(sent), row.metres * wanted, atol=1e-15)
+
+
+@ALL
+def test_turning_then_converting_is_converting_then_turning(row: Convention) -> None:
+    points, turns = random_poses(1)
+    turned_first = row.positions(rotations.rotate(turns, points))
+    converted_first = rotations.rotate(row.orientations(turns), row.positions(points))
+    np.testing.assert_allclose(turned_first, converted_first, atol=1e-12)
+
+
+@ALL
+def test_turns_are_chained_alike(row: Convention) -> None:
+    _, a = random_poses(2)
+    _, b = random_poses(3)
+    np.testing.assert_allclose(
+        row.orientations(rotations.multiply(a, b)),
+        rotations.multiply(row.orientations(a), row.orientations(b)),
+        atol=1e-12,
+    )
+
+
+@ALL
+def test_handedness_is_that_of_the_sender(row: Convention) -> None:
+    x, y, z = row.positions(np.eye(3)) / row.metres
+    assert np.dot(np.cross(x, y), z) == pytest.approx(row.handedness)
+    assert row.handedness == (-1 if row.name == "unity" else 1)
+
+
+@ALL
+def test_shapes_units_and_signs_are_kept(row: Convention) -> None:
+    points, turns = random_poses(4)
+    stacked = row.positions(points.reshape(5, 10, 3)).reshape(50, 3)
+    np.testing.assert_array_equal(stacked, row.positions(points))
+    np.testing.assert_allclose(row.positions(points), [row.positions(point) for point in points], rtol=1e-12)
+    np.testing.assert_array_equal(row.orientations(-turns), -row.orientations(turns))
+    np.testing.assert_allclose(np.linalg.norm(row.orientations(turns), axis=-1), 1.0)
+    assert np.isnan(row.positions(np.full((2, 3), np.nan))).all()
+
+
+def test_the_formulas_of_the_vendors() -> None:
+    points, turns = random_poses(5)
+    (px, py, pz), (w, x, y, z) = points.T, turns.T
+    np.testing.assert_allclose(convention("unity").positions(points), np.stack([pz, -px, py], axis=1))
+    np.testing.assert_allclose(convention("unity").orientations(turns), np.stack([w, -z, x, -y], axis=1))
+    np.testing.assert_allclose(convention("openxr").positions(points), np.stack([-pz, -px, py], axis=1))
+    np.testing.assert_allclose(convention("openxr").orientations(turns), np.stack([w, -z, -x, y], axis=1))
+    np.testing.assert_allclose(convention("vicon_mm").positions(points), points / 1000.0)
+    np.testing.assert_allclose(convention("xsens_y_up").orientations(turns), np.stack([w, z, x, y], axis=1))
+
+
+def test_an_unknown_name_is_refused_with_the_nearest() -> None:
+    with refuses(UsageError, "'Unity3'", next_step="unity"):
+        convention("Unity3")

@@ -1,0 +1,539 @@
+"""VMC: names, poses, states, what is dropped, and that remembering layouts changes nothing."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from osc_bytes import bundle, damaged, message, pose, text
+from people import place
+from retarget import rotations
+from retarget.model.human import build_human
+from retarget.model.human_dimensions import POINTS, proportional_dimensions
+from retarget.rotations import angle_between, from_axis_angle, from_rotation_vector, multiply, rotate
+from retarget.sources.raw_record import RawReader
+from retarget.sources.stream_frame import MAX_POSES, StreamFrame
+from retarget.sources.vmc import (
+    BAD_POSE,
+    BAD_SERIAL,
+    BAD_STAMP,
+    BODY_BONES,
+    BONES,
+    MAX_SERIAL,
+    OPTIONAL,
+    TOLD_TWICE,
+    TOO_MANY_POSES,
+    UNKNOWN_ADDRESS,
+    UNKNOWN_BONE,
+    WRONG_ARGUMENTS,
+    LocalBones,
+    VmcBodyDecoder,
+    VmcDecoder,
+    bone_name,
+    device_name,
+    euler_from_unity,
+    local_bones,
+    merged,
+    poses_from_unity,
+    position_from_unity,
+    t_pose_offsets,
+    world_positions,
+    world_rotations,
+)
+from retarget.types import FloatArray
+
+ANGLES = st.floats(-720.0, 720.0)
+
+
+def about(axis: int, degrees: float) -> FloatArray:
+    """Quaternion xyzw about one of Unity's axes."""
+    out = np.zeros(4)
+    out[axis], out[3] = np.sin(np.radians(degrees) / 2), np.cos(np.radians(degrees) / 2)
+    return out
+
+
+def turn(quaternion: FloatArray) -> FloatArray:
+    """One quaternion xyzw of Unity as wxyz in the world's axes."""
+    return poses_from_unity(np.concatenate((np.zeros(3), quaternion)))[1]
+
+
+def test_axes() -> None:
+    assert_allclose(position_from_unity([1.0, 2.0, 3.0]), [3.0, -1.0, 2.0])
+    position, orientation = poses_from_unity(np.array([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.9]] * 2))
+    assert_allclose(position, [[3.0, -1.0, 2.0]] * 2)
+    assert_allclose(orientation, [[0.9, -0.3, 0.1, -0.2]] * 2)
+
+
+def test_signs_a_person_can_check() -> None:
+    """In Unity, turning right is positive about y, looking down about x, leaning left about z."""
+    x, y, z = np.eye(3)
+    assert_allclose(rotations.rotate(euler_from_unity([0.0, 90.0, 0.0]), x), -y, atol=1e-12)
+    assert_allclose(rotations.rotate(euler_from_unity([90.0, 0.0, 0.0]), x), -z, atol=1e-12)
+    assert_allclose(rotations.rotate(euler_from_unity([0.0, 0.0, 90.0]), z), y, atol=1e-12)
+
+
+@settings(max_examples=100)
+@given(ANGLES, ANGLES, ANGLES)
+def test_euler_angles_turn_by_z_then_x_then_y(x: float, y: float, z: float) -> None:
+    one = [turn(about(axis, angle)) for axis, angle in ((1, y), (0, x), (2, z))]
+    whole = rotations.multiply(rotations.multiply(one[0], one[1]), one[2])
+    assert_allclose(euler_from_unity([x, y, z]), whole, atol=1e-12)
+    assert_allclose(euler_from_unity([[x, y, z]] * 2), [whole] * 2, atol=1e-12)
+
+
+@settings(max_examples=100)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7))
+def test_turning_and_converting_may_change_places(numbers: list[float]) -> None:
+    """A left-handed turn of a point, converted, is the converted turn of the converted point."""
+    point, q = np.array(numbers[:3]), rotations.normalise([*numbers[3:6], 2.0 + numbers[6]])
+    turned = rotations.rotate(q[[3, 0, 1, 2]], point)  # the formula is the same in both kinds of axes
+    there = rotations.rotate(turn(q), position_from_unity(point))
+    assert_allclose(position_from_unity(turned), there, atol=1e-12)
+
+
+ROOT, BONE, HMD, CON, TRA = (f"/VMC/Ext/{part}/Pos" for part in ("Root", "Bone", "Hmd", "Con", "Tra"))
+TURNED = (0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5)
+NAN, INF = float("nan"), float("inf")
+
+
+def decode(*messages: bytes) -> tuple[list[StreamFrame], VmcDecoder]:
+    decoder = VmcDecoder()
+    return decoder.decode(bundle(*messages)), decoder
+
+
+def one(*messages: bytes) -> StreamFrame:
+    (frame,), decoder = decode(*messages)
+    assert not decoder.dropped.reasons
+    return frame
+
+
+def same(first: list[StreamFrame], second: list[StreamFrame]) -> bool:
+    return len(first) == len(second) and all(
+        a.names == b.names
+        and a.stamp == b.stamp
+        and np.array_equal(a.tracked, b.tracked)
+        and np.array_equal(a.position, b.position, equal_nan=True)
+        and np.array_equal(a.orientation, b.orientation, equal_nan=True)
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+def test_golden_bytes() -> None:
+    golden = (
+        b"/VMC/Ext/Tra/Pos\0\0\0\0,sfffffff\0\0\0LHR-1\0\0\0"
+        b"\x3f\x80\0\0\x40\0\0\0\x40\x40\0\0"  # 1 2 3
+        b"\xbf\0\0\0\x3f\0\0\0\xbf\0\0\0\x3f\0\0\0"  # -0.5 0.5 -0.5 0.5
+    )
+    assert golden == pose(TRA, "LHR-1", 1.0, 2.0, 3.0, -0.5, 0.5, -0.5, 0.5)
+    (frame,) = VmcDecoder().decode(golden)
+    assert frame.names == ("LHR-1",) and frame.stamp is None and frame.number is None
+    assert_allclose(frame.position, [[3.0, -1.0, 2.0]])
+    assert_allclose(frame.orientation, [[0.5, 0.5, -0.5, -0.5]])
+    assert frame.tracked.tolist() == [True]
+
+
+def test_names_by_serial_bone_and_root() -> None:
+    frame = one(
+        message("/VMC/Ext/T", "f", 7.5),
+        pose(ROOT, "root"),
+        pose(BONE, "leftupperarm"),
+        pose(HMD, "human://HEAD"),
+        pose(TRA, "human://WAIST"),
+        pose(CON, "human://LEFT_HAND"),
+        pose(HMD + "/Local", "human://HEAD"),
+    )
+    devices = ("human://HEAD", "human://WAIST", "human://LEFT_HAND", "local://human://HEAD")
+    assert frame.names == ("root://root", "bone://LeftUpperArm", *devices)
+    assert frame.stamp == 7.5
+
+
+def test_a_zero_position_is_untold_for_bones_only() -> None:
+    frame = one(
+        pose(ROOT, "root"), pose(BONE, "Hips", -0.0, 0.0, 0.0, 0, 0, 0, 1), pose(TRA, "a"), pose(BONE, "Neck", *TURNED)
+    )
+    assert_array_equal(np.isnan(frame.position).all(axis=1), [False, True, False, False])
+    assert not np.isnan(frame.orientation).any() and frame.tracked.all()
+
+
+def test_surplus_arguments_are_ignored_and_quaternions_are_made_unit() -> None:
+    scale = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+    values = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.99)
+    frame = one(message(ROOT, "sfffffffffffff", "root", *values, *scale))
+    assert_allclose(frame.orientation, [[1.0, 0.0, 0.0, 0.0]], atol=1e-15)
+
+
+def test_the_sign_of_a_quaternion_stays() -> None:
+    frame = one(pose(TRA, "a", 0, 0, 0, 0, 0, 0, -1))
+    assert frame.orientation[0, 0] == -1.0
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (message(TRA, "sffffff", "a", *[0.0] * 6), WRONG_ARGUMENTS),
+        (message(TRA, "ifffffff", 1, *[0.0] * 7), WRONG_ARGUMENTS),
+        (message(TRA, "sdffffff", "a", *[0.0] * 7), WRONG_ARGUMENTS),
+        (message("/VMC/Ext/T", "i", 1), WRONG_ARGUMENTS),
+        (message("/VMC/Ext/OK", "f", 1.0), WRONG_ARGUMENTS),
+        (message("/other", ""), UNKNOWN_ADDRESS),
+        (message("/VMC/Extra", ""), UNKNOWN_ADDRESS),
+        (pose(BONE, "Tail"), UNKNOWN_BONE),
+        (pose(TRA, ""), BAD_SERIAL),
+        (pose(TRA, "bone://Hips"), BAD_SERIAL),
+        (pose(TRA, "x" * 129), BAD_SERIAL),
+        (message("/VMC/Ext/T", "f", NAN), BAD_STAMP),
+        (message("/VMC/Ext/T", "f", INF), BAD_STAMP),
+    ],
+)
+def test_what_is_dropped_by_reason_leaves_the_rest(bad: bytes, reason: str) -> None:
+    decoder = VmcDecoder()
+    for _ in range(2):  # the second time from the remembered layout
+        (frame,) = decoder.decode(bundle(bad, *(pose(TRA, name) for name in "wxyz")))
+        assert frame.names == ("w", "x", "y", "z") and frame.stamp is None
+    assert decoder.dropped.reasons == {reason: 2}
+    assert decode(bad)[0] == []
+
+
+@pytest.mark.parametrize(
+    "address", ["/VMC/Ext/Blend/Val", "/VMC/Ext/Con", "/VMC/Ext/Cam", "/VMC/Thru/a", "/VMC/Ext/Key"]
+)
+def test_messages_without_a_pose_are_no_fault(address: str) -> None:
+    frames, decoder = decode(message(address, "sf", "A", 1.0))
+    assert frames == [] and decoder.dropped.count == 0
+
+
+@pytest.mark.parametrize("index", range(7))
+@pytest.mark.parametrize("value", [NAN, INF, -INF, 1e30])
+def test_a_pose_out_of_this_world_is_nan_and_untracked(index: int, value: float) -> None:
+    numbers = list(TURNED)
+    numbers[index] = value
+    frames, decoder = decode(pose(TRA, "good", *TURNED), pose(TRA, "bad", *numbers), pose(TRA, "fine", *TURNED))
+    (frame,) = frames
+    assert frame.names == ("good", "bad", "fine") and frame.tracked.tolist() == [True, False, True]
+    assert np.isnan(frame.position[1]).all() and np.isnan(frame.orientation[1]).all()
+    assert np.isfinite(frame.position[[0, 2]]).all() and np.isfinite(frame.orientation[[0, 2]]).all()
+    assert decoder.dropped.reasons == {BAD_POSE: 1}
+
+
+def test_a_zero_quaternion_and_a_signalling_nan_are_dropped() -> None:
+    assert decode(pose(TRA, "a", *[0.0] * 7))[1].dropped.reasons == {BAD_POSE: 1}
+    signalling = pose(TRA, "a", *TURNED)[:-4] + b"\x7f\xa0\0\1"
+    assert decode(signalling)[1].dropped.reasons == {BAD_POSE: 1}
+
+
+def test_a_name_told_twice_counts_last() -> None:
+    frames, decoder = decode(pose(TRA, "a"), pose(HMD, "a", *TURNED))
+    assert frames[0].names == ("a",) and decoder.dropped.reasons == {TOLD_TWICE: 1}
+    assert_allclose(frames[0].position[0], [0.3, -0.1, 0.2], atol=1e-7)
+
+
+def test_poses_are_bounded() -> None:
+    frames, decoder = decode(*(pose(TRA, str(number)) for number in range(MAX_POSES + 3)))
+    assert len(frames[0].names) == MAX_POSES and decoder.dropped.reasons == {TOO_MANY_POSES: 3}
+
+
+def test_states_are_remembered_until_told_otherwise() -> None:
+    decoder = VmcDecoder()
+    tracker = pose(TRA, "a")
+    assert (decoder.loaded, decoder.calibration, decoder.calibration_mode, decoder.tracking) == (None,) * 4
+    assert decoder.decode(tracker)[0].tracked.all()
+    assert decoder.decode(message("/VMC/Ext/OK", "iiii", 1, 3, 2, 1)) == []
+    assert (decoder.loaded, decoder.calibration, decoder.calibration_mode, decoder.tracking) == (True, 3, 2, True)
+    decoder.decode(message("/VMC/Ext/OK", "iiii", 1, 2, 0, 0))
+    assert not decoder.decode(tracker)[0].tracked.any() and decoder.tracking is False
+    decoder.decode(message("/VMC/Ext/OK", "iii", 1, 1, 0))
+    assert decoder.calibration == 1 and decoder.tracking is False
+    decoder.decode(message("/VMC/Ext/OK", "iiii", 0, 3, 0, 1))
+    assert not decoder.decode(tracker)[0].tracked.any() and decoder.loaded is False
+    decoder.decode(message("/VMC/Ext/OK", "ii", 1, 0))  # no form of the protocol: the first argument counts
+    assert decoder.decode(tracker)[0].tracked.all() and decoder.calibration == 3
+
+
+def test_a_time_of_its_own_datagram_only() -> None:
+    decoder = VmcDecoder()
+    assert decoder.decode(message("/VMC/Ext/T", "f", 1.25)) == [] and decoder.time == 1.25
+    assert decoder.decode(pose(TRA, "a"))[0].stamp is None
+
+
+def test_names_stay_the_same_object() -> None:
+    decoder = VmcDecoder()
+    rows = [pose(TRA, name) for name in "abcd"]
+    first = decoder.decode(bundle(*rows))[0]
+    second = decoder.decode(bundle(*rows, message("/VMC/Ext/Key", "")))[0]
+    assert first.names is second.names
+
+
+def test_numbers_are_read_afresh_from_a_remembered_layout() -> None:
+    decoder = VmcDecoder()
+    for number in range(5):
+        time = message("/VMC/Ext/T", "f", float(number))
+        state = message("/VMC/Ext/OK", "i", number % 2)
+        rows = [pose(TRA, name, float(number), *TURNED[1:]) for name in "abcd"]
+        (frame,) = decoder.decode(bundle(time, state, *rows, time_tag=number))
+        assert frame.stamp == number and decoder.loaded == bool(number % 2) and frame.tracked.all() == number % 2
+        assert_allclose(frame.position[:, 1], -float(number))
+
+
+def whole() -> bytes:
+    bones = [pose(BONE, name, *TURNED) for name in ("Hips", "Spine", "Head")]
+    state = message("/VMC/Ext/OK", "iiii", 1, 3, 0, 1)
+    return bundle(
+        message("/VMC/Ext/T", "f", 1.0), state, pose(ROOT, "root"), *bones, pose(HMD, "human://HEAD", *TURNED)
+    )
+
+
+def check_damaged(count: int, seed: int, datagram: bytes) -> None:
+    """One decoder that remembers against a fresh one, on damaged datagrams."""
+    source = random.Random(seed)
+    used = VmcDecoder()
+    for number in range(count):
+        raw = damaged(source, datagram)
+        frames = used.decode(raw)
+        for frame in frames:
+            told = ~np.isnan(frame.orientation[:, 0])
+            assert_allclose(np.linalg.norm(frame.orientation[told], axis=1), 1.0, atol=1e-9)
+            assert not np.isinf(frame.position).any() and len(set(frame.names)) == len(frame.names)
+        if number % 10 == 0:
+            fresh = VmcDecoder()
+            fresh.loaded, fresh.tracking = used.loaded, used.tracking
+            assert same(frames, fresh.decode(raw)), (seed, number)
+    assert len(used.dropped.reasons) < 20
+
+
+def test_damaged_datagrams() -> None:
+    check_damaged(2000, 1, whole())
+
+
+@pytest.mark.long
+def test_a_million_damaged_datagrams(shared: Path) -> None:
+    real = shared / "streams/slimevr/one_bundle_pose_left_arm_T_right_elbow90_left_hip60.bin"
+    check_damaged(500_000, 2, real.read_bytes())
+    check_damaged(500_000, 3, whole())
+
+
+def test_texts_are_padded_as_the_golden_bytes() -> None:
+    assert text("abc") == b"abc\0" and text("abcd") == b"abcd\0\0\0\0"
+
+
+ME = (1.0, 0.0, 0.0, 0.0)
+
+
+def bone(name: str, *, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> bytes:
+    return pose("/VMC/Ext/Bone/Pos", name, *at, 0.0, 0.0, 0.0, 1.0)
+
+
+def test_in_the_t_pose_everybody_stands_on_the_ground_with_arms_out() -> None:
+    names = ("Hips", "Spine", "Head", *(s + p for s in ("Left", "Right") for p in PARTS))
+    (frame,) = VmcBodyDecoder().decode(bundle(*(bone(name) for name in names)))
+    at = dict(zip(frame.names, frame.position, strict=True))
+    assert (
+        at["bone://LeftFoot"][2] == pytest.approx(at["bone://RightFoot"][2]) and 0.04 < at["bone://LeftFoot"][2] < 0.1
+    )
+    assert at["bone://LeftHand"][1] > 0.6 and at["bone://RightHand"][1] < -0.6
+    assert 1.4 < at["bone://Head"][2] < 1.7
+    np.testing.assert_allclose(frame.orientation[0], ME)
+
+
+PARTS = ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")
+
+
+def test_an_avatar_in_several_datagrams_is_put_together() -> None:
+    decoder = VmcBodyDecoder()
+    (half,) = decoder.decode(bundle(bone("Hips"), bone("Spine"), bone("Head")))
+    known = dict(zip(half.names, half.tracked, strict=True))
+    assert known["bone://Head"] and not known["bone://LeftHand"]
+    (whole,) = decoder.decode(bundle(*(bone(s + p) for s in ("Left", "Right") for p in PARTS)))
+    assert dict(zip(whole.names, whole.tracked, strict=True))["bone://LeftHand"]
+    assert decoder.decode(bundle(message("/VMC/Ext/T", "f", 1.0))) == []
+
+
+def test_slimevr_s_bones_agree_with_its_roles(shared: Path) -> None:
+    decoder, heights = VmcBodyDecoder(), []
+    for record in RawReader(shared / "streams/slimevr/full12_vmc_50hz.udprec.gz"):
+        for frame in decoder.decode(record.payload):
+            at = dict(zip(frame.names, frame.position, strict=True))
+            heights.append((at["bone://LeftHand"][2], at["bone://RightFoot"][2], at["bone://Head"][2]))
+    hand, foot, head = np.array(heights).T
+    assert len(heights) > 600
+    assert hand.max() - hand.min() > 0.4  # the left arm goes up to the side
+    assert foot.min() > 0.0 and foot.max() < 0.2 and head.min() > 1.3
+
+
+REQUIRED = tuple(bone for bone in BODY_BONES if bone not in OPTIONAL)
+ROW = {bone: row for row, bone in enumerate(BODY_BONES)}
+X, Y, Z = np.eye(3)
+QUARTER = 0.5 * np.pi
+
+
+def frame_of(turns: dict[str, FloatArray], *, tracked: bool = True, position: FloatArray | None = None) -> StreamFrame:
+    """Bones (and "root") with these rotations; positions not told unless one is given for all."""
+    names = tuple("root://root" if bone == "root" else f"bone://{bone}" for bone in turns)
+    count = len(names)
+    places = np.full((count, 3), np.nan) if position is None else np.tile(position, (count, 1))
+    return StreamFrame(names, places, np.array(list(turns.values())).reshape(count, 4), np.full(count, tracked))
+
+
+def still(*bones: str) -> dict[str, FloatArray]:
+    return {bone: np.array([1.0, 0.0, 0.0, 0.0]) for bone in bones or BODY_BONES}
+
+
+def test_identity_in_the_t_pose() -> None:
+    assert_allclose(world_rotations(local_bones(frame_of(still()))), [[1.0, 0.0, 0.0, 0.0]] * 22)
+
+
+def test_a_turn_reaches_all_that_hangs_from_a_bone_and_nothing_else() -> None:
+    turn = from_axis_angle(Z, 0.5)
+    for bone, below in (
+        ("Hips", BODY_BONES),
+        ("LeftShoulder", ("LeftShoulder", "LeftUpperArm", "LeftLowerArm", "LeftHand")),
+        ("RightUpperLeg", ("RightUpperLeg", "RightLowerLeg", "RightFoot", "RightToes")),
+        ("Neck", ("Neck", "Head")),
+        ("Head", ("Head",)),
+        (
+            "UpperChest",
+            tuple(b for b in BODY_BONES if b[-3:] in ("est", "eck", "ead", "der", "Arm", "and") and b != "Chest"),
+        ),
+    ):
+        world = world_rotations(local_bones(frame_of({**still(), bone: turn})))
+        turned = {name for name in BODY_BONES if angle_between(world[ROW[name]], turn) < 1e-9}
+        assert turned == set(below), bone
+
+
+vectors = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
+
+
+@settings(max_examples=30)
+@given(st.lists(vectors, min_size=8, max_size=8))
+def test_a_chain_is_the_product_of_its_bones(turns: list[FloatArray]) -> None:
+    chain = ("root", "Hips", "Spine", "Chest", "RightShoulder", "RightUpperArm", "RightLowerArm", "RightHand")
+    told = dict(zip(chain, from_rotation_vector(turns), strict=True))
+    world = world_rotations(local_bones(frame_of({**still(*REQUIRED), **told})))
+    product = np.array([1.0, 0.0, 0.0, 0.0])
+    for bone in chain:
+        product = multiply(product, told[bone])
+    assert angle_between(world[ROW["RightHand"]], product) < 1e-6
+
+
+def test_optional_bones_may_be_missing() -> None:
+    turn = from_axis_angle(Y, 0.3)
+    world = world_rotations(local_bones(frame_of({**still(*REQUIRED), "Spine": turn})))
+    for bone in ("UpperChest", "Neck", "Head", "LeftHand", "RightShoulder"):
+        assert_allclose(world[ROW[bone]], turn)
+
+
+@pytest.mark.parametrize("bone", REQUIRED)
+def test_a_missing_required_bone_is_unknown_and_so_is_all_below(bone: str) -> None:
+    rest = still()
+    del rest[bone]
+    world = world_rotations(local_bones(frame_of(rest)))
+    unknown = {name for name in BODY_BONES if np.isnan(world[ROW[name]]).any()}
+    assert bone in unknown
+    if bone in ("Hips", "LeftUpperArm", "RightFoot"):
+        arm = {"LeftUpperArm", "LeftLowerArm", "LeftHand"}
+        assert unknown == {"Hips": set(BODY_BONES), "LeftUpperArm": arm, "RightFoot": {"RightFoot", "RightToes"}}[bone]
+
+
+def test_bones_that_are_not_vouched_for_are_not_told() -> None:
+    bones = local_bones(frame_of(still("Hips", "root"), tracked=False))
+    assert np.isnan(bones.rotation).all() and np.isnan(bones.root_rotation).all()
+
+
+def test_an_avatar_split_over_two_datagrams() -> None:
+    turn = from_axis_angle(X, 1.0)
+    first = local_bones(frame_of({**still(*BODY_BONES[:11]), "root": turn}))
+    second = local_bones(frame_of(still(*BODY_BONES[11:])))
+    assert np.isnan(world_rotations(second)[ROW["LeftHand"]]).all()
+    assert_allclose(world_rotations(merged(second, first)), np.tile(turn, (22, 1)))
+    newer = local_bones(frame_of({"Hips": turn}, position=X))
+    both = merged(newer, first)
+    assert_allclose(both.rotation[0], turn)
+    assert_allclose(both.position[0], X)
+
+
+def test_positions_of_the_t_pose_are_those_of_our_human() -> None:
+    person = proportional_dimensions(1.7)
+    bones = local_bones(frame_of(still()))
+    ours = dict(zip(BODY_BONES, world_positions(bones, world_rotations(bones), t_pose_offsets(person)), strict=True))
+    human = build_human(person)
+    theirs = dict(zip(POINTS, place(human, human.posture("t_pose"), POINTS), strict=True))
+    pairs = {
+        "LeftHand": "l_wrist",
+        "RightLowerArm": "r_elbow",
+        "Head": "head",
+        "LeftToes": "l_toe",
+        "RightUpperLeg": "r_hip",
+    }
+    for bone, point in pairs.items():
+        assert_allclose(ours[bone] - ours["Hips"], theirs[point] - theirs["pelvis"], atol=1e-9, err_msg=bone)
+
+
+def test_told_positions_go_before_lengths() -> None:
+    bones = local_bones(frame_of({**still(), "root": from_axis_angle(Z, QUARTER)}, position=X))
+    world = world_positions(bones, world_rotations(bones), np.full((22, 3), 9.0))
+    assert_allclose(world[ROW["Hips"]], X + Y, atol=1e-12)  # the root's position, and then one step turned
+    assert_allclose(world[ROW["Spine"]], X + 2.0 * Y, atol=1e-12)
+
+
+def test_positions_without_lengths_are_unknown_and_absent_bones_take_no_room() -> None:
+    bones = local_bones(frame_of(still()))
+    assert np.isnan(world_positions(bones, world_rotations(bones))).all()
+    present = local_bones(frame_of(still(*REQUIRED), position=Z))
+    world = world_positions(present, world_rotations(present))
+    assert_allclose(world[ROW["Hips"]], Z)
+    assert_allclose(world[ROW["UpperChest"]], world[ROW["Spine"]])
+    assert_allclose(world[ROW["LeftUpperArm"]], 3.0 * Z)
+    assert_allclose(world[ROW["LeftHand"]], 5.0 * Z)
+
+
+def test_a_bone_that_is_known_in_part_has_no_place() -> None:
+    turns = still(*REQUIRED, "LeftShoulder")
+    del turns["RightUpperLeg"]
+    frame = frame_of(turns, position=Z)
+    frame.position[frame.names.index("bone://LeftShoulder")] = np.nan
+    bones = local_bones(frame)
+    world = world_positions(bones, world_rotations(bones))
+    for bone in ("LeftShoulder", "LeftHand", "RightUpperLeg", "RightFoot"):
+        assert np.isnan(world[ROW[bone]]).all(), bone
+    for bone in ("RightShoulder", "RightHand", "LeftFoot", "Head"):
+        assert np.isfinite(world[ROW[bone]]).all(), bone
+
+
+def test_a_bent_elbow_moves_the_hand() -> None:
+    offsets = t_pose_offsets(proportional_dimensions(1.7))
+    bend = from_axis_angle(Z, -QUARTER)  # the left forearm to the front
+    bones = local_bones(frame_of({**still(), "LeftLowerArm": bend}))
+    world = world_positions(bones, world_rotations(bones), offsets)
+    forearm = world[ROW["LeftHand"]] - world[ROW["LeftLowerArm"]]
+    assert_allclose(forearm, rotate(bend, offsets[ROW["LeftHand"]]), atol=1e-12)
+    assert forearm[0] > 0.2
+
+
+def test_told_nothing() -> None:
+    bones = local_bones(frame_of({}))
+    assert isinstance(bones, LocalBones) and np.isnan(world_rotations(bones)[0]).all()
+
+
+def test_unity_has_55_bones() -> None:
+    assert len(BONES) == len(set(BONES)) == 55 and len(BODY_BONES) == 22
+    assert {"LeftThumbProximal", "RightLittleDistal", "Jaw", "LeftEye", "UpperChest"} <= set(BONES)
+
+
+@pytest.mark.parametrize("told", ["LeftUpperArm", "leftUpperArm", "LEFTUPPERARM", "leftupperarm"])
+def test_bones_in_any_case(told: str) -> None:
+    assert bone_name(told) == "bone://LeftUpperArm"
+
+
+@pytest.mark.parametrize("told", ["", "LastBone", "Left Upper Arm", "LeftUpperArm ", "bone://Hips"])
+def test_no_bones(told: str) -> None:
+    assert bone_name(told) is None
+
+
+def test_serials() -> None:
+    for fine in ("human://HEAD", "LHR-ABCD0001", "a", "é", "x" * MAX_SERIAL):
+        assert device_name(fine) == fine
+    for bad in ("", "x" * (MAX_SERIAL + 1), "a\nb", "\x1b[2J", "bone://Hips", "Root://root", "local://a"):
+        assert device_name(bad) is None

@@ -1,0 +1,130 @@
+"""VRChat trackers: names, poses, what is dropped, and damaged datagrams."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from osc_bytes import bundle, damaged, message
+from retarget.sources.vmc import euler_from_unity
+from retarget.sources.vrchat import (
+    BAD_POSITION,
+    BAD_ROTATION,
+    NOT_A_TRACKER,
+    TOLD_TWICE,
+    UNKNOWN_ADDRESS,
+    WRONG_ARGUMENTS,
+    VrchatDecoder,
+)
+
+NAN, INF = float("nan"), float("inf")
+
+
+def at(tracker: str, *numbers: float) -> bytes:
+    return message(f"/tracking/trackers/{tracker}/position", "fff", *(numbers or (1.0, 2.0, 3.0)))
+
+
+def turned(tracker: str, *numbers: float) -> bytes:
+    return message(f"/tracking/trackers/{tracker}/rotation", "fff", *(numbers or (10.0, 20.0, 30.0)))
+
+
+def test_golden_bytes() -> None:
+    golden = b"/tracking/trackers/1/position\0\0\0,fff\0\0\0\0\x3f\x80\0\0\x40\0\0\0\x40\x40\0\0"
+    assert golden == at("1")
+    (frame,) = VrchatDecoder().decode(golden)
+    assert frame.names == ("tracker://1",) and frame.stamp is None and frame.tracked.tolist() == [True]
+    assert_allclose(frame.position, [[3.0, -1.0, 2.0]])
+    assert np.isnan(frame.orientation).all()
+
+
+def test_a_bundle_of_trackers() -> None:
+    decoder = VrchatDecoder()
+    datagram = bundle(at("head"), at("1"), turned("1"), turned("8"), at("-1"), turned("-1"))
+    for _ in range(2):
+        (frame,) = decoder.decode(datagram)
+        assert frame.names == ("tracker://head", "tracker://1", "tracker://8")
+        assert np.isnan(frame.position).all(axis=1).tolist() == [False, False, True]
+        assert np.isnan(frame.orientation).all(axis=1).tolist() == [True, False, False]
+        assert_allclose(frame.orientation[1], euler_from_unity([10.0, 20.0, 30.0]), atol=1e-7)
+        assert frame.tracked.all()
+    assert decoder.dropped.reasons == {NOT_A_TRACKER: 4}
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (at("0"), NOT_A_TRACKER),
+        (at("9"), NOT_A_TRACKER),
+        (at("-1"), NOT_A_TRACKER),
+        (at("01"), NOT_A_TRACKER),
+        (message("/tracking/trackers/1/velocity", "fff", 0.0, 0.0, 0.0), UNKNOWN_ADDRESS),
+        (message("/tracking/eye/CenterPitchYaw", "ff", 0.0, 0.0), UNKNOWN_ADDRESS),
+        (message("/tracking/trackers/1/position", "ff", 0.0, 0.0), WRONG_ARGUMENTS),
+        (message("/tracking/trackers/1/position", "iff", 0, 0.0, 0.0), WRONG_ARGUMENTS),
+    ],
+)
+def test_what_is_dropped_by_reason(bad: bytes, reason: str) -> None:
+    decoder = VrchatDecoder()
+    assert decoder.decode(bad) == []
+    (frame,) = decoder.decode(bundle(bad, at("2")))
+    assert frame.names == ("tracker://2",) and decoder.dropped.reasons == {reason: 2}
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF, 1e30])
+def test_numbers_out_of_this_world(value: float) -> None:
+    decoder = VrchatDecoder()
+    (frame,) = decoder.decode(
+        bundle(at("1", 0.0, value, 0.0), turned("1"), at("2"), turned("2", 0.0, 0.0, value), at("3"))
+    )
+    assert frame.tracked.tolist() == [False, False, True]
+    assert np.isnan(frame.position).all(axis=1).tolist() == [True, False, False]
+    assert np.isnan(frame.orientation).all(axis=1).tolist() == [False, True, True]
+    assert decoder.dropped.reasons == {BAD_POSITION: 1, BAD_ROTATION: 1}
+
+
+def test_names_stay_the_same_object() -> None:
+    decoder = VrchatDecoder()
+    first, second = (decoder.decode(raw)[0] for raw in (at("1"), turned("1")))
+    assert first.names is second.names
+
+
+def test_told_twice_counts_last() -> None:
+    decoder = VrchatDecoder()
+    (frame,) = decoder.decode(bundle(at("1"), at("1", 0.0, 0.0, 5.0)))
+    assert_allclose(frame.position, [[5.0, 0.0, 0.0]])
+    assert decoder.dropped.reasons == {TOLD_TWICE: 1}
+
+
+def check_damaged(count: int, seed: int, datagram: bytes) -> None:
+    source = random.Random(seed)
+    used = VrchatDecoder()
+    for number in range(count):
+        raw = damaged(source, datagram)
+        frames = used.decode(raw)
+        for frame in frames:
+            told = ~np.isnan(frame.orientation[:, 0])
+            assert_allclose(np.linalg.norm(frame.orientation[told], axis=1), 1.0, atol=1e-9)
+            assert not np.isinf(frame.position).any() and len(set(frame.names)) == len(frame.names) <= 9
+        if number % 10 == 0:
+            fresh = VrchatDecoder().decode(raw)
+            assert len(fresh) == len(frames)
+            for one, other in zip(frames, fresh, strict=True):
+                assert one.names == other.names
+                assert np.array_equal(one.position, other.position, equal_nan=True)
+                assert np.array_equal(one.orientation, other.orientation, equal_nan=True)
+    assert len(used.dropped.reasons) < 20
+
+
+WHOLE = bundle(at("head"), at("1"), turned("1"), at("-1"), at("5"), turned("5"))
+
+
+def test_damaged_datagrams() -> None:
+    check_damaged(2000, 1, WHOLE)
+
+
+@pytest.mark.long
+def test_a_million_damaged_datagrams(shared: Path) -> None:
+    check_damaged(500_000, 2, (shared / "streams/slimevr/one_vrchat_osc_bundle.bin").read_bytes())
+    check_damaged(500_000, 3, WHOLE)

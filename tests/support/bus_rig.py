@@ -1,0 +1,180 @@
+"""A DynamixelBus above emulated servos on virtual time, and what it costs and says."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hardware.arrays import TickArray
+from hardware.bus import BusSpec, ServoGoals, ServoStates
+from hardware.clock import VirtualClock
+from hardware.dynamixel.bus import DynamixelBus
+from hardware.joint_map import JointMap
+from hardware.servo import ServoSpec, find_model
+from sim.emulator.conversation import Gaps
+from sim.emulator.fault_state import FaultState
+from sim.emulator.faults import Fault
+from sim.emulator.line import Line, Timing
+from sim.emulator.ports import EmulatedPort
+from sim.emulator.robot_lines import devices_of
+from sim.emulator.servo1 import EmulatedServo1
+from sim.emulator.servo2 import EmulatedServo
+
+CYCLE = 0.008
+"""[s] Of the robot."""
+
+
+class Cycle(NamedTuple):
+    """What one read said, and how long it took, s."""
+
+    states: ServoStates
+    took: float
+
+
+def spec(number: int, model: str = "XM430-W350", *, bus: str = "main") -> ServoSpec:
+    """A servo j<number> with this id."""
+    found = find_model(model)
+    speed = 0.9 * found.no_load_speed
+    return ServoSpec(f"j{number}", number, found, bus, 1, found.centre_tick, -1.5, 1.5, speed, 40.0)
+
+
+def specs(count: int, model: str = "XM430-W350") -> list[ServoSpec]:
+    """Servos j1, j2, ... of one model, ids from 1."""
+    return [spec(number, model) for number in range(1, count + 1)]
+
+
+def bus_of(servos: Sequence[ServoSpec], *, name: str = "main", protocol: int = 2, baud: int = 2_000_000) -> BusSpec:
+    """The bus with those servos whose bus has the name."""
+    return BusSpec(name, f"/dev/{name}", baud, protocol, tuple(one.id for one in servos if one.bus == name))
+
+
+class Tapped(EmulatedPort):
+    """An emulated port that keeps what was sent; `latency_command`: what would mend its adapter."""
+
+    latency_command = "echo 1 | sudo tee latency_timer"
+
+    def __init__(self, line: Line, clock: VirtualClock, *, name: str) -> None:
+        super().__init__(line, clock, name=name)
+        self.sent: list[bytes] = []
+        self.opened = False
+
+    def open(self, baud: int) -> None:
+        super().open(baud)
+        self.opened = True
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        super().write(data)
+
+    def close(self) -> None:
+        super().close()
+        self.opened = False
+
+
+class BusRig:
+    """Servos, lines, ports and the bus above them. supply of 12 V; shafts begin at `start`, None: their middles."""
+
+    def __init__(
+        self,
+        servos: Sequence[ServoSpec] | None = None,
+        *,
+        buses: Sequence[BusSpec] = (),
+        timing: Timing | dict[str, Timing] | None = None,
+        gaps: Gaps = Gaps.SILENCE,
+        start: Sequence[int] | None = None,
+        strangers: Sequence[ServoSpec] = (),
+    ) -> None:
+        self.servos = list(specs(20) if servos is None else servos)
+        self.buses = list(buses) or [bus_of(self.servos)]
+        self.clock = VirtualClock()
+        self.notes: list[str] = []
+        protocols = {bus.name: bus.protocol for bus in self.buses}
+        bauds = {bus.name: bus.baud for bus in self.buses}
+        self.devices = list(devices_of(self.servos, protocols=protocols, bauds=bauds, start=start))
+        others = devices_of(strangers, protocols=protocols, bauds=bauds)
+        self.lines: dict[str, Line] = {}
+        for bus in self.buses:
+            own = [one for one, servo in zip(self.devices, self.servos, strict=True) if servo.bus == bus.name]
+            own += [one for one, servo in zip(others, strangers, strict=True) if servo.bus == bus.name]
+            wire = timing.get(bus.name) if isinstance(timing, dict) else timing
+            self.lines[bus.name] = Line(own, timing=wire, gaps=gaps, faults=FaultState(own, seed=7))
+        self.ports = {name: Tapped(line, self.clock, name=f"emulated {name}") for name, line in self.lines.items()}
+        self.bus = self.another()
+
+    def another(self) -> DynamixelBus:
+        """A further bus over the same ports."""
+        return DynamixelBus(JointMap(self.servos), self.buses, lambda bus: self.ports[bus.name], tell=self.notes.append)
+
+    @property
+    def line(self) -> Line:
+        """The only line, or the first."""
+        return next(iter(self.lines.values()))
+
+    @property
+    def port(self) -> Tapped:
+        """The only port, or the first."""
+        return next(iter(self.ports.values()))
+
+    def device(self, number: int) -> EmulatedServo:
+        """The 2.0 servo with an id."""
+        found = next(one for one in self.devices if one.id == number)
+        assert isinstance(found, EmulatedServo)
+        return found
+
+    def device1(self, number: int) -> EmulatedServo1:
+        """The 1.0 servo with an id."""
+        found = next(one for one in self.devices if one.id == number)
+        assert isinstance(found, EmulatedServo1)
+        return found
+
+    def fault(self, fault: Fault) -> None:
+        """From now on."""
+        self.line.faults.add(fault, self.clock.now())
+
+    def mend(self) -> None:
+        """No fault from now on."""
+        self.line.faults.clear(self.clock.now())
+
+    def shafts(self) -> TickArray:
+        """Where the servos really are, (n,) ticks."""
+        now = self.clock.now()
+        for one in self.devices:
+            one.catch_up(now)
+        return np.array([round(one.shaft.position) for one in self.devices])
+
+    def shown(self, name: str) -> list[int]:
+        """A register of every servo."""
+        return [one.memory.value(name) for one in self.devices]
+
+    def images(self) -> list[bytes]:
+        """EEPROM of every servo, and what RAM holds before any present value."""
+        return [bytes(one.memory.image[: one.table["goal_position"].address + 2]) for one in self.devices]
+
+    def read(self) -> Cycle:
+        """One read."""
+        begun = self.clock.now()
+        states = self.bus.read()
+        return Cycle(states, self.clock.now() - begun)
+
+    def tick(self, goals: Sequence[int] | TickArray | None = None) -> Cycle:
+        """One cycle of the robot: read, write (None: where the servos were said to be), and wait for the next."""
+        begun = self.clock.now()
+        cycle = self.read()
+        self.bus.write(ServoGoals(cycle.states.position if goals is None else np.asarray(goals)))
+        self.clock.sleep_until(begun + CYCLE)
+        return cycle
+
+    def ready(self, *, torque: bool = False) -> "BusRig":
+        """Opened; with torque: on, holding."""
+        self.bus.open()
+        states = self.bus.read()
+        if torque:
+            self.bus.write(ServoGoals(states.position))
+            self.bus.torque(True)
+        return self
+
+
+def moved(servo: ServoSpec, bus: str) -> ServoSpec:
+    """The same servo on another bus."""
+    return replace(servo, bus=bus)

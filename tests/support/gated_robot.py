@@ -1,0 +1,107 @@
+"""OP3 behind a gate that looks at collision, without servos: what the tests of the gate's collision part share."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from followers import DT, op3
+from retarget import _solver
+from retarget.ik.base_pose import plant_roots
+from retarget.ik.hierarchy import Surroundings
+from retarget.ik.support_polygon import plant
+from retarget.model.observers import Observers, placed, robot_observers
+from retarget.model.scene_state import SceneState
+from retarget.safety.clearance import KEPT_SHARE, PathClearance
+from retarget.safety.gate import Gate
+from retarget.schema.scene import Scene
+from retarget.types import FloatArray
+
+SUBSTEPS = 20
+
+
+def scene(**obstacles: Any) -> SceneState:
+    return SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles}))
+
+
+def sphere(at: Any, radius: float, **keys: Any) -> dict[str, Any]:
+    place = [float(x) for x in at]
+    return {
+        "shape": {"sphere": {"radius": radius}},
+        "at": {"pos": place},
+        "influence": 0.06,
+        "margin": 0.004,
+        **keys,
+    }
+
+
+class GatedRobot:
+    """Stands in its stance, at rest. `sent` (n,) is where it was sent last, `q` (nq,) the same with its root."""
+
+    def __init__(self, state: SceneState | None = None, *, watched: bool = True) -> None:
+        self.robot, self.state = op3(), state
+        self.observers: Observers = robot_observers(self.robot)
+        self.around = Surroundings(state)
+        compiled = self.observers.for_solver(self.robot.body, self.around.shapes)
+        self.clearance = PathClearance(self.robot, compiled, self.around, dt=DT)
+        self.gate = Gate.for_servos(self.robot.joint_map, dt=DT, path_is_clear=self.clearance if watched else None)
+        self.q = plant(self.robot, self.robot.profile.postures.stand).q
+        self.gate.seed(self.sent)
+        self.clearance.begin(self.q, self.sent)
+
+    @property
+    def sent(self) -> FloatArray:
+        return self.q[self.robot.servo_columns]
+
+    def ask(self, goal: FloatArray) -> bool:
+        """One tick. Returns whether the goal is what was sent."""
+        sent = self.gate.admit(goal)
+        q = self.standing(sent[None])[0]
+        self.q = q
+        self.clearance.sent(sent, q)
+        return bool(np.array_equal(sent, goal))
+
+    def way_through(self, goal: FloatArray) -> FloatArray:
+        """Servo angles (k, n), tick by tick, to a goal (n,) and on to rest at full deceleration."""
+        limits = self.robot.joint_map
+        step, change = goal - self.sent, limits.max_acceleration * DT**2
+        slower = np.maximum(np.abs(step) - np.arange(60)[:, None] * change, 0.0)
+        assert not slower[-1].any()
+        return np.asarray(self.sent + np.cumsum(np.copysign(slower, step), axis=0))
+
+    def standing(self, rows: FloatArray) -> FloatArray:
+        """Postures (T, nq) with these servo angles (T, n), on the sole that is planted now."""
+        q = np.repeat(self.q[None], len(rows), axis=0)
+        q[:, self.robot.servo_columns] = rows
+        plant_roots(self.robot, np.repeat(self.q[None], len(rows), axis=0), q)
+        return q
+
+    def between(self, rows: FloatArray, substeps: int = SUBSTEPS) -> FloatArray:
+        """Servo angles on straight lines from row to row."""
+        share = np.arange(1, substeps + 1)[:, None] / substeps
+        parts = [before + share * (after - before) for before, after in pairwise(rows)]
+        return np.concatenate([rows[:1], *parts])
+
+    def distances(self, rows: FloatArray) -> FloatArray:
+        """Distance (T, pairs) m of all pairs that the gate looks at, the scene as it is now, for angles (T, n)."""
+        found = [self._distances(q) for q in self.standing(rows)]
+        return np.array(found)
+
+    def kept(self) -> FloatArray:
+        """What the gate keeps of each pair, m."""
+        n, margin = len(self.observers.names), self.observers.margin
+        own = margin[self.observers.pairs].max(axis=1)
+        around = self.around.shapes.margin
+        return KEPT_SHARE * np.concatenate([own, np.maximum(np.repeat(around, n), np.tile(margin, len(around)))])
+
+    def _distances(self, q: FloatArray) -> FloatArray:
+        obs, shapes, now = self.observers, self.around.shapes, self.around.now
+        position, quat = placed(self.robot.body, obs, q)
+        n, k = len(obs.names), len(shapes.names)
+        kinds, sizes = np.concatenate([obs.kinds, shapes.kinds]), np.concatenate([obs.sizes, shapes.sizes])
+        if now is not None:
+            position, quat = np.concatenate([position, now.position]), np.concatenate([quat, now.quat])
+        around = np.array([(a, n + b) for b in range(k) for a in range(n)], dtype=np.int64).reshape(-1, 2)
+        pairs = np.concatenate([obs.pairs, around])
+        sides = [np.ascontiguousarray(x[pairs[:, s]]) for s in (0, 1) for x in (kinds, sizes, position, quat)]
+        return _solver.shape_distances(*sides)[0]

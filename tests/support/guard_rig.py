@@ -1,0 +1,68 @@
+"""A guard on a mock bus, on virtual time, with everything that it wrote recorded."""
+
+import numpy as np
+
+from hardware.arrays import FloatArray
+from hardware.bus import ServoGoals, ServoStates
+from hardware.clock import VirtualClock
+from hardware.guard import Guard, Think
+from hardware.guard_state import GuardLimits, GuardState
+from hardware.joint_map import JointMap
+from retarget.safety.gate import Gate
+from servos import four_servos
+from sim.mock_bus import MockBus, MockFault
+
+MAP = JointMap(four_servos())
+DT = 0.01
+START = np.array([2148, 2000, 2048, 500])
+
+
+class Recorder(MockBus):
+    """A mock bus that keeps the order of what was asked of it."""
+
+    def __init__(self, clock: VirtualClock, faults: tuple[MockFault, ...]) -> None:
+        super().__init__(MAP.servos, clock, start=START, faults=faults)
+        self.calls: list[str] = []
+        self.goals: list[FloatArray] = []
+
+    def write(self, goals: ServoGoals) -> None:
+        self.calls.append("write")
+        super().write(goals)
+        self.goals.append(MAP.to_radians(goals.ticks))
+
+    def torque(self, on: bool) -> None:
+        self.calls.append("torque on" if on else "torque off")
+        super().torque(on)
+
+
+class Rig:
+    """A guard with everything around it, on virtual time."""
+
+    def __init__(self, *faults: MockFault, limits: GuardLimits | None = None) -> None:
+        self.clock = VirtualClock()
+        self.bus = Recorder(self.clock, faults)
+        self.gate = Gate.for_servos(MAP, dt=DT)
+        self.guard = Guard(bus=self.bus, joint_map=MAP, goal_filter=self.gate, clock=self.clock, limits=limits)
+        self.bus.open()
+
+    def state(self) -> GuardState:
+        return self.guard.state
+
+    def run(self, ticks: int, think: Think | None = None) -> None:
+        for _ in range(ticks):
+            if self.guard.active:
+                self.clock.advance(DT)
+                self.guard.tick(think or self.faster)
+
+    def faster(self, _: ServoStates) -> FloatArray:
+        """A goal for the first joint, always faster."""
+        speed = np.minimum(np.abs(self.gate.velocity) + MAP.max_acceleration * DT, 2.0)
+        return self.gate.position + speed * DT * [-1, 0, 0, 0]
+
+    def check_goals(self) -> None:
+        """Assert that what was written keeps speed and acceleration, but for the rounding to ticks."""
+        goals = np.array(self.bus.goals)
+        steps = np.diff(goals, axis=0)
+        tick = np.abs(1.0 / np.array([servo.ticks_per_rad for servo in MAP.servos]))
+        assert np.all(np.abs(steps) <= MAP.max_velocity * DT + tick)
+        assert np.all(np.abs(np.diff(steps, axis=0)) <= MAP.max_acceleration * DT**2 + 2 * tick)

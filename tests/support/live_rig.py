@@ -1,0 +1,77 @@
+"""A live run of OP3 on virtual time, that hears a sender of JSON poses."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from hardware.clock import Clock, VirtualClock
+from retarget.human.samples import Performance
+from retarget.live.admission import Admission
+from retarget.live.begin import LiveOptions, begin_live
+from retarget.live.clock_map import ClockMap
+from retarget.live.playout import Playout, PlayoutDelay
+from retarget.live.roles import roles_of
+from retarget.live.sensor_validity import Trust
+from retarget.live.smoothing import pose_filter
+from retarget.live.stream import LiveStream
+from retarget.model.robot import RobotBody
+from retarget.recording.recorder import Recorder
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared, prepare_for
+from retarget.schema.performer import Performer, load_performer
+from retarget.sources.json_pose import JsonPoseDecoder
+from sim.faults.sender import FakeSender
+from sim.mock_bus import MockBus
+
+WHERE = "json://:7000"
+
+
+def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
+    """A stream that hears the sender."""
+    roles = roles_of(performer, "json", where="test")
+    return LiveStream(
+        sender,
+        JsonPoseDecoder(),
+        roles,
+        admission=Admission(),
+        clock_map=ClockMap(),
+        trust=Trust(roles.sensors),
+        playout=Playout(len(roles.sensors), delay=PlayoutDelay()),
+        smooth=pose_filter("light", len(roles.sensors)),
+    )
+
+
+class LiveRig:
+    """A live run of OP3 on a mock bus. said: what the performer and the user were told."""
+
+    def __init__(self, sender: FakeSender, *, robot: str = "op3", options: LiveOptions | None = None) -> None:
+        self.sender, self.clock, self.said = sender, VirtualClock(), list[str]()
+        self.live = options or LiveOptions(countdown=0.5, duration=6.0)
+        self.run_options = RunOptions(robot=robot)
+        self.stream: LiveStream
+        self.bus: MockBus
+
+    @contextmanager
+    def prepared(self, recorder: Recorder | None = None) -> Iterator[Prepared]:
+        """Calibrated, and the bus open."""
+
+        def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+            self.stream = live_stream(self.sender, performer)
+            rate = 100.0 if robot is None else robot.profile.safety.rate_hz
+            return begin_live(
+                self.stream, self.live, clock=self.clock, rate_hz=rate, where=WHERE, tell=self.said.append
+            )
+
+        clock = self.clock if recorder is None else recorder.clock
+        make_bus = self._bus if recorder is None else recorder.make_bus(self._bus)
+        with prepare_for(perform, self.run_options, clock=clock, make_bus=make_bus, parks=True) as prepared:
+            yield prepared
+
+    def _bus(self, robot: RobotBody, clock: Clock) -> MockBus:
+        stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+        self.bus = MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand))
+        return self.bus
+
+
+def five() -> Performer:
+    """Head, wrists, ankles."""
+    return load_performer("five")

@@ -1,0 +1,188 @@
+"""Stand-ins for both stages, so that the loop, the metrics and the files are tested without a solver."""
+
+import numpy as np
+
+from hardware.clock import VirtualClock
+from hardware.guard import Guard
+from retarget.frames import SensorSample
+from retarget.human.samples import Clip, Playback, lay_on_ticks
+from retarget.ik.support_polygon import plant
+from retarget.model.human import Human, PostureReader, build_human, human_limits
+from retarget.model.human_dimensions import POINTS, proportional_dimensions
+from retarget.model.robot import RobotBody, load_robot
+from retarget.run.loop import Ending, Pipeline, Watch
+from retarget.run.robot_side import RobotSide
+from retarget.run.run_result import RunResult
+from retarget.safety.gate import Gate
+from retarget.schema.performer import Performer, load_performer
+from retarget.types import BoolArray, FloatArray, HumanPosture, RobotPosture
+from sim.mock_bus import MockBus
+from sim.performer import synthetic_performer
+
+
+def five() -> Performer:
+    return load_performer("five")
+
+
+def short_clip(*, seconds: float = 0.4, rate_hz: float | None = 125.0, speed: float = 1.0, loop: bool = False) -> Clip:
+    playback = Playback(speed=speed, end=seconds, loop=loop)
+    return lay_on_ticks(synthetic_performer(), performer=five(), playback=playback, rate_hz=rate_hz)
+
+
+class StubReconstructor:
+    """Every sample is the same standing human, whose pelvis is where the head's sensor is."""
+
+    def __init__(self, human: Human) -> None:
+        self.human = human
+        self.calls: list[float] = []
+        self._reader = PostureReader(human)
+
+    def start(self, sample: SensorSample) -> HumanPosture:
+        return self._posture(sample)
+
+    def step(self, sample: SensorSample, dt: float) -> HumanPosture:
+        self.calls.append(dt)
+        return self._posture(sample)
+
+    def _posture(self, sample: SensorSample) -> HumanPosture:
+        q = self.human.body.qpos0.copy()
+        q[:3] = sample.position[sample.names.index("head")]
+        row = q[None]
+        return HumanPosture(
+            q,
+            POINTS,
+            self._reader.joints(row)[0],
+            self._reader.orientations(row)[0],
+            self._reader.centre_of_mass(row)[0],
+            np.zeros(len(sample.names)),
+            0.0,
+            (1.0, 0.0),
+        )
+
+
+class StubFollower:
+    """Joint angles by a script: tick -> rad (n,) from the standing posture. Landmarks are asked where they are."""
+
+    def __init__(self, robot: RobotBody, script: FloatArray) -> None:
+        self.robot = robot
+        self.script = script
+        self.tick = 0
+        self.reseeded: list[FloatArray] = []
+        self.felt: list[BoolArray | None] = []
+        self.paces: list[float] = []
+        self.landings: list[FloatArray] = []
+        self.parted, self.passed_s = 0, 0.0
+        self.stance = plant(robot, robot.profile.postures.stand)
+
+    def start(self, human: HumanPosture) -> RobotPosture:
+        self.tick = 0
+        return self._posture(0)
+
+    def arrive(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
+        return []
+
+    def step(self, human: HumanPosture, dt: float) -> RobotPosture:
+        self.tick += 1
+        return self._posture(self.tick)
+
+    def keep_pace(self, pace: float) -> None:
+        self.paces.append(pace)
+
+    def halt(self, dt: float) -> FloatArray | None:
+        return None
+
+    def land(self, dt: float) -> FloatArray | None:
+        return None
+
+    def begin_landing(self, q: FloatArray) -> None:
+        self.landings.append(q[self.robot.servo_columns].copy())
+
+    def part_limbs(self) -> None:
+        self.parted += 1
+
+    def pass_time(self, dt: float) -> None:
+        self.passed_s += dt
+
+    def feel(self, soles: BoolArray | None) -> None:
+        self.felt.append(soles)
+
+    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
+        self.reseeded.append(q[self.robot.servo_columns].copy())
+
+    def _posture(self, tick: int) -> RobotPosture:
+        q = self.stance.q.copy()
+        q[self.robot.servo_columns] += self.script[min(tick, len(self.script) - 1)]
+        names = tuple(self.robot.profile.landmarks)
+        points = self.robot.points(q[None], self.robot.landmark_frames(names))[0]
+        return RobotPosture(
+            q=q,
+            joint_positions=q[self.robot.servo_columns].copy(),
+            root_position=q[:3],
+            root_quaternion=q[3:7],
+            landmark_names=names,
+            landmarks_asked=points,
+            landmarks_reached=points,
+            centre_of_mass=np.zeros(3),
+            support_distance=0.0,
+            observer_modes=np.zeros(0, dtype=np.uint8),
+        )
+
+
+class Rig:
+    """OP3 on a mock bus with a scripted follower."""
+
+    def __init__(self, script: FloatArray, *, parks: bool = False, **bus_options: object) -> None:
+        """parks: a stop leads on to the profile's rest posture."""
+        self.robot = load_robot("op3")
+        self.clock = VirtualClock()
+        self.dt = 1.0 / self.robot.profile.safety.rate_hz
+        stand = self.robot.posture(self.robot.profile.postures.stand)[self.robot.servo_columns]
+        start = self.robot.joint_map.to_ticks(stand)
+        self.bus = MockBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
+        self.bus.open()
+        self.gate = Gate.for_servos(self.robot.joint_map, dt=self.dt)
+        self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, goal_filter=self.gate, clock=self.clock)
+        self.follower = StubFollower(self.robot, script)
+        self.side = RobotSide(
+            robot=self.robot,
+            follower=self.follower,
+            goals=self.gate,
+            guard=self.guard,
+            clock=self.clock,
+            dt=self.dt,
+            parks=parks,
+        )
+
+
+def person() -> Human:
+    return build_human(proportional_dimensions(1.7))
+
+
+def result(ending: Ending, clip: Clip, human: Human, robot: RobotBody | None) -> RunResult:
+    return RunResult(
+        record=ending.record,
+        clip=clip,
+        human=human,
+        human_limits=human_limits(human.body),
+        performer=five(),
+        robot=robot,
+        priorities=(),
+        state=ending.state,
+        reason=ending.reason,
+        wall_s=ending.wall_s,
+        has_bus=robot is not None,
+    )
+
+
+def scripted_run() -> RunResult:
+    """A short run of an OP3, one joint of which turns by 0.02 rad."""
+    script = np.zeros((51, 20))
+    script[:, 1] = np.linspace(0.0, 0.02, 51)
+    rig, human, clip = Rig(script), person(), short_clip()
+    ending = Pipeline(clip=clip, reconstructor=StubReconstructor(human), robot=rig.side).run()
+    return result(ending, clip, human, rig.robot)
+
+
+def play(rig: Rig, watch: Watch | None = None) -> Ending:
+    clip = short_clip(seconds=0.4)
+    return Pipeline(clip=clip, reconstructor=StubReconstructor(person()), robot=rig.side).run(watch)

@@ -1,0 +1,51 @@
+"""Who is seen on pages of tests: OP3 beside the synthetic performer, a ball around them."""
+
+from functools import cache
+
+import numpy as np
+
+from followers import dimensions, op3, performer
+from retarget.model.body_file import compile_body, compile_body_text
+from retarget.model.human import Human, build_human
+from retarget.viewer.meshes import shape_mesh
+from retarget.viewer.snapshot import Cast, Moment, Obstacle, actor
+
+SENSORS = ("l_wrist", "head")
+
+
+@cache
+def person() -> Human:
+    return build_human(dimensions(performer()))
+
+
+@cache
+def cast_of_op3(*, simulated: bool = False) -> Cast:
+    robot = op3()
+    shown = actor(compile_body(robot.profile.body_path, root="free"))
+    human = actor(compile_body_text(person().mjcf, source="human", root="free"))
+    ball = Obstacle("ball/1", shape_mesh(0, (0.05, 0.0, 0.0)))
+    return Cast("test", shown, human, robot.joint_map.joints, ("l_hand",), robot, (ball,), simulated, SENSORS)
+
+
+@cache
+def cast_of_a_human() -> Cast:
+    human = actor(compile_body_text(person().mjcf, source="human", root="free"))
+    return Cast("test", None, human, (), (), sensors=SENSORS)
+
+
+def moment(**changed: object) -> Moment:
+    """OP3 as its file has it, at its goals."""
+    q, points = op3().body.qpos0.copy(), np.full((1, 3), 0.1)
+    fields: dict[str, object] = {
+        "time": 0.0,
+        "state": "following",
+        "robot": q,
+        "goal": q,
+        "human": person().body.qpos0,
+        "present": np.zeros(20),
+        "sent": np.zeros(20),
+        "asked": points,
+        "reached": points,
+        "com": np.array([0.0, 0.0, 0.2]),
+    }
+    return Moment(**fields | changed)  # type: ignore[arg-type]

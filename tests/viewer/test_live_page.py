@@ -1,0 +1,99 @@
+"""The page of a run: rows are drawn for whoever looks, its button stops, and its end is told."""
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+
+from followers import op3
+from messages import shows
+from retarget.viewer.feed import LiveRow
+from retarget.viewer.ground import MassMotion
+from retarget.viewer.live_page import STOPPING_WORDS, LivePage, moment_of
+from viewed import cast_of_op3, person
+
+
+def row(tick: int, *, state: str = "following", truth: bool = False) -> LiveRow:
+    robot = op3()
+    joints = int((robot.body.joint_type > 1).sum())
+    return LiveRow(
+        time=100.0 + 0.04 * tick,
+        state=state,
+        why="",
+        robot=robot.body.qpos0 + 0.001 * tick,
+        human=person().body.qpos0,
+        present=np.where(np.arange(20) == 3, np.nan, 0.01 * tick),
+        temperature=np.full(20, 25.0 + tick),
+        current=np.full(20, 0.05 * tick),
+        asked=np.full((1, 3), 0.1 if tick % 2 else np.nan),
+        modes=np.full(len(robot.profile.observers), tick % 3, dtype=np.uint8),
+        around=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
+        truth=np.arange(9.0 + joints) if truth else np.zeros(0),
+        sensors=np.array([[0.01 * tick, 0.0, 1.0], [np.nan] * 3]),
+    )
+
+
+class Watched:
+    """A page, the stops that were asked for on it, and whether somebody looks."""
+
+    def __init__(self, server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.stops, self.looked = list[int](), True
+        monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
+        self.page = LivePage(server, cast_of_op3(), lambda: self.stops.append(1))
+        self.page.name_landmarks(["l_hand"])
+
+    @property
+    def letters(self) -> str:
+        return str(self.page._state.content)
+
+
+@pytest.fixture
+def watched(server: Any, monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(server, monkeypatch)
+
+
+def test_it_can_be_stopped_before_anything_moves(watched: Watched) -> None:
+    assert "WAITING" in watched.letters
+    asyncio.run(watched.page._pressed(None))
+    assert watched.stops == [1] and watched.page._button.label == STOPPING_WORDS
+
+
+def test_rows_are_drawn_and_the_end_is_told(watched: Watched) -> None:
+    for tick in range(60):
+        watched.page.show(row(tick))
+    assert "FOLLOWING" in watched.letters and "2.36 s" in watched.letters
+    watched.page.show(row(60, state="stopped"))
+    assert "STOPPED" in watched.letters, "what is new is said at once"
+    watched.page.end("over <b>")
+    shows(watched.letters)
+    assert watched.page._button.disabled
+
+
+def test_nothing_is_drawn_for_nobody_but_all_is_kept_for_the_plot(watched: Watched) -> None:
+    watched.looked = False
+    for tick in range(600):
+        watched.page.show(row(tick))
+    assert "0.00 s" in watched.letters
+    watched.looked = True
+    watched.page.show(row(600, state="holding"))
+    assert "HOLDING" in watched.letters and "24.00 s" in watched.letters
+    track = watched.page._track(0)
+    assert track is not None and track.time[0] == pytest.approx(4.0) and track.time[-1] == pytest.approx(24.0)
+    np.testing.assert_allclose(track.temperature[-2:], [624.0, 625.0])
+
+
+def test_a_servo_that_said_nothing_is_where_its_goal_is() -> None:
+    robot, cast, mass = op3(), cast_of_op3(), MassMotion()
+    moment = moment_of(row(7), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
+    there = moment.robot[robot.servo_columns]
+    assert there[3] == moment.sent[3] and there[2] == 0.07
+    assert moment.time == pytest.approx(0.28) and moment.pressure is None
+
+
+def test_a_simulated_body_is_where_it_really_is() -> None:
+    robot, cast, mass = op3(), cast_of_op3(), MassMotion()
+    moment = moment_of(row(7, truth=True), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
+    np.testing.assert_array_equal(moment.robot[:7], np.arange(7.0))
+    np.testing.assert_array_equal(moment.pressure, [27.0, 28.0])
+    assert set(moment.robot[robot.servo_columns]) == set(np.arange(7.0, 27.0))

@@ -1,0 +1,227 @@
+"""The page of a recorded run: what is shown when, by its buttons, its slider and the clock; nothing for nobody."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from followers import op3
+from hardware.clock import VirtualClock
+from messages import shows
+from retarget.types import FloatArray
+from retarget.viewer.colours import LEGEND, current_scale, legend, mixed, temperature_scale, web
+from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
+from retarget.viewer.page import PLAY, RecordedPage, Timeline, headline
+from retarget.viewer.snapshot import Moment, Tracks
+from viewed import cast_of_op3, moment
+
+ROWS, DT = 100, 0.01
+
+
+class Run:
+    """A run of a second; which rows of it were asked for."""
+
+    def __init__(self, rows: int = ROWS) -> None:
+        self.cast = cast_of_op3()
+        self.times: FloatArray = np.arange(rows, dtype=np.float64) * DT
+        self.notes: tuple[str, ...] = ()
+        self.shown: list[int] = []
+
+    def moment(self, row: int) -> Moment:
+        self.shown.append(row)
+        return moment(time=float(self.times[row]))
+
+    def track(self, joint: int) -> Tracks:
+        return Tracks(*(self.times,) * 5)
+
+
+class Watched:
+    """A page, whether somebody looks, and the clock that it plays by."""
+
+    def __init__(self, server: Any, monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
+        self.looked, self.clock, self.run = True, VirtualClock(), run
+        monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
+        self.page: Any = RecordedPage(server, run, self.clock)
+
+    def after(self, seconds: float) -> int:
+        self.clock.sleep_until(self.clock.now() + seconds)
+        self.page.tick()
+        return self.run.shown[-1]
+
+    def press(self, button: str) -> None:
+        self.page._pressed(button)
+
+    def slide(self, row: int, *, by: int | None) -> None:
+        self.page._slider.value = row
+        self.page._slid(SimpleNamespace(client_id=by))
+
+
+@pytest.fixture
+def watched(server: Any, monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(server, monkeypatch, Run())
+
+
+def test_it_plays_by_the_clock_and_the_letters_follow(watched: Watched) -> None:
+    assert watched.after(0.2005) == 20 and watched.page._slider.value == 20
+    assert "0.20 s" in watched.page._state.content
+    watched.page._timeline.speed = 0.1
+    assert watched.after(0.2) == 22
+
+
+def test_it_stands_steps_and_goes_on(watched: Watched) -> None:
+    watched.after(0.2005)
+    watched.press(PLAY)
+    assert watched.after(0.5) == 20
+    watched.press("+1")
+    assert watched.after(0.5) == 21
+    watched.press("-1")
+    watched.press("-1")
+    assert watched.after(0.0) == 19
+    watched.press(PLAY)
+    assert watched.after(0.1005) == 29
+
+
+def test_a_person_slides_and_a_tick_does_not(watched: Watched) -> None:
+    watched.slide(70, by=3)
+    assert watched.after(0.5) == 70, "it stands where it was put"
+    watched.press(PLAY)
+    watched.slide(5, by=None)
+    assert watched.after(0.1005) == 80, "the page moved its slider itself"
+
+
+def test_nothing_is_worked_out_for_nobody(watched: Watched) -> None:
+    watched.looked = False
+    before = len(watched.run.shown)
+    for _ in range(5):
+        watched.after(0.1)
+    assert len(watched.run.shown) == before
+    watched.looked = True
+    assert watched.after(0.0005) == 50, "and who comes later sees what is shown now"
+
+
+def test_a_run_of_one_tick(server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(server, monkeypatch, Run(rows=1))
+    for button in ("+1", "-1", PLAY, PLAY):
+        watched.press(button)
+        assert watched.after(1.0) == 0
+
+
+TIMES = np.arange(-1.0, 4.0, 0.01)
+
+
+def test_it_plays_as_fast_as_it_happened_or_as_it_is_told() -> None:
+    line = Timeline(TIMES)
+    assert not line.playing and line.at(100.0) == 0
+    line.play(100.0)
+    assert line.at(101.005) == 100
+    line.speed = 0.5
+    assert line.at(103.005) == 200
+    line.pause()
+    assert line.at(200.0) == 200
+
+
+def test_it_ends_or_begins_again() -> None:
+    line = Timeline(TIMES)
+    line.loops = False
+    line.play(0.0)
+    assert line.at(60.0) == len(TIMES) - 1 and not line.playing
+    line.play(60.0)
+    assert line.at(60.0) == 0, "played again from the beginning"
+    line.loops = True
+    assert line.at(60.0 + 4.99 + 0.505) == 50
+
+
+def test_a_step_stands() -> None:
+    line = Timeline(TIMES)
+    line.play(0.0)
+    line.at(1.005)
+    line.step(-1)
+    assert line.row == 99 and not line.playing
+    line.step(-1000)
+    assert line.row == 0
+    line.go_to(10**9)
+    assert line.row == len(TIMES) - 1
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 3.0), st.integers(-600, 600), st.booleans()), max_size=20))
+def test_it_is_always_somewhere(moves: list[tuple[float, int, bool]]) -> None:
+    line, now = Timeline(TIMES), 0.0
+    for later, row, plays in moves:
+        now += later
+        line.go_to(row)
+        if plays:
+            line.play(now)
+        assert 0 <= line.at(now + later) < len(TIMES)
+
+
+def test_one_row_is_a_recording_too() -> None:
+    line = Timeline(np.zeros(1))
+    line.play(0.0)
+    assert line.at(5.0) == 0
+
+
+def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
+    text = headline(moment(state="stopping", why="a <script>", present=np.full(20, 0.1)), "gone")
+    shows(text, "STOPPING", "5.7")
+    assert "degrees" not in headline(moment(present=np.full(20, np.nan)))
+
+
+def test_the_legend_has_the_colours_of_what_is_shown() -> None:
+    text = legend(["goal", "balance"], temperature_scale(op3()))
+    for colour, words in (*LEGEND["goal"].keys, *LEGEND["balance"].keys):
+        assert web(colour) in text and words in text
+    assert "30 \u00b0C" in text and f"{op3().profile.safety.temperature_c:g} \u00b0C" in text
+    assert LEGEND["around"].keys[0][1] not in legend(["goal"], None)
+
+
+def test_shares_of_a_scale_end_at_its_ends() -> None:
+    scale = current_scale(op3())
+    assert scale is not None
+    values = np.array([0.0, 0.75, -1.5, 9.0, np.nan, *np.zeros(15)])
+    np.testing.assert_allclose(scale.shares(values)[:5], [0.0, 0.5, 1.0, 1.0, 0.0])
+    assert mixed(0.0) != mixed(0.5) != mixed(1.0)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
+    time = np.arange(5000.0)
+    tracks = Tracks(time, np.full(5000, 0.2), np.full(5000, 0.1), np.full(5000, 40.0), np.full(5000, 0.5))
+    at, goal, servo = curves(tracks, quantity)
+    assert len(at) == len(goal) == len(servo) <= 1500 and (at[0], at[-1]) == (0.0, 4999.0)
+    expected = {"angle": np.degrees(0.1), "off its goal": np.degrees(0.1), "temperature": 40.0, "current": 0.5}
+    np.testing.assert_allclose(servo, expected[quantity])
+    assert np.isnan(goal).all() == (quantity != "angle")
+
+
+@pytest.mark.parametrize(("told", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
+def test_a_plot_offers_what_is_known(told: bool, quantities: tuple[str, ...], server: Any) -> None:
+    plot = JointPlot(server, replace(cast_of_op3(), servos_told=told), lambda _: None)
+    assert plot._quantity.options == quantities
+
+
+@pytest.mark.parametrize(
+    "values", [[np.nan] * 9, [25.0] * 9, [np.nan, 1.0, 7.0], [-40.0, np.nan, 71.5], [1e-4, 2e-4], [1e5, np.inf]]
+)
+def test_a_plot_reaches_beyond_all_that_is_known(values: list[float]) -> None:
+    low, high = heights(np.array(values), np.full(3, np.nan))
+    known = [value for value in values if np.isfinite(value)]
+    assert (
+        low < min(known, default=0.5)
+        and max(known, default=0.5) < high
+        and high - low < 3 * (np.ptp(known or [0, 1]) + 0.1)
+    )
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_a_page_is_told_how_far_a_plot_reaches(quantity: str, server: Any) -> None:
+    """It finds that out by itself only where all is known: a goal that is NaN left the whole plot empty."""
+    time, gone = np.arange(50.0), np.where(np.arange(50) < 9, np.nan, 0.1)
+    plot: Any = JointPlot(server, cast_of_op3(), lambda _: Tracks(time, gone + 0.1, gone, gone + 40.0, gone))
+    plot._quantity.value = quantity
+    plot.draw()
+    reach, shown = plot._plot.scales["y"]["range"], plot._plot.data[2]
+    assert reach[0] < np.nanmin(shown) <= np.nanmax(shown) < reach[1]

@@ -1,0 +1,223 @@
+"""The obstacles of a recorded run: as its scene was then, where they were at every tick; and why they are not shown."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from messages import Facts, refuses, shows
+from retarget.errors import InputError
+from retarget.recording.cycles import Cycles
+from retarget.recording.reading import Recording, played, read_recording
+from retarget.run.record import Phase
+from retarget.schema.catalogue import Kind, find
+from retarget.types import FloatArray
+from retarget.viewer.recorded import RecordedRun, SceneThen, open_recorded, open_viewed
+from saved_runs import saved_run
+from view_mcap_helpers import recorded
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording beside its scene file, in which a ball moves at once."""
+    folder = tmp_path_factory.mktemp("run")
+    crossing = find(Kind.SCENE, "crossing_ball").read_text()
+    (folder / "scene.yaml").write_text(crossing.replace("      - {time: 1, pos: [0.2, 0.6, 0.34]}\n", ""))
+    recorded(folder / "run.mcap", robot="op3", scene=str(folder / "scene.yaml"))
+    return folder
+
+
+@pytest.fixture
+def recording(place: Path) -> Recording:
+    return read_recording(place / "run.mcap")
+
+
+@pytest.fixture
+def cycles(recording: Recording) -> Cycles:
+    all_of_them = played(recording).cycles
+    return all_of_them.taken(np.flatnonzero(all_of_them.kept))
+
+
+def at(scene: SceneThen, row: int) -> FloatArray:
+    poses = scene.at(row)
+    assert poses is not None
+    return poses
+
+
+def test_obstacles_move_from_the_first_tick_that_followed(recording: Recording, cycles: Cycles) -> None:
+    scene = SceneThen(recording, cycles)
+    assert [one.name for one in scene.obstacles] == ["ball"] and scene.notes == ()
+    first = int(np.flatnonzero(cycles.phase == Phase.FOLLOW)[0])
+    assert first > 10
+    for row in (0, first // 2, first):
+        np.testing.assert_allclose(at(scene, row), [[0.2, 0.6, 0.34, 1.0, 0.0, 0.0, 0.0]])
+    dt = recording.session.dt
+    assert at(scene, first + 50)[0, 1] == pytest.approx(0.6 - 0.3 * 50 * dt, abs=1e-9), "1.2 m in 4 s"
+
+
+def test_they_stand_while_nobody_leads(recording: Recording, cycles: Cycles) -> None:
+    first = int(np.flatnonzero(cycles.phase == Phase.FOLLOW)[0])
+    unled = cycles.unled.copy()
+    unled[first + 10 : first + 20] = True
+    scene, held = SceneThen(recording, cycles), SceneThen(recording, replace(cycles, unled=unled))
+    np.testing.assert_allclose(at(held, first + 10), at(scene, first + 10))
+    np.testing.assert_allclose(at(held, first + 19), at(scene, first + 10))
+    np.testing.assert_allclose(at(held, first + 30), at(scene, first + 20))
+
+
+def test_a_scene_that_changed_since_is_shown_as_it_was(recording: Recording, cycles: Cycles, place: Path) -> None:
+    file = place / "scene.yaml"
+    before = file.read_text()
+    try:
+        file.write_text(before.replace("radius: 0.05", "radius: 0.25"))
+        scene = SceneThen(recording, cycles)
+        assert np.abs(scene.obstacles[0].mesh[0]).max() == pytest.approx(0.05, abs=1e-3)
+        assert len(scene.notes) == 1
+        shows(scene.notes[0])
+        assert sum("another one now" in note for note in open_viewed(recording.path).notes) == 1, "told once"
+        file.unlink()
+        assert len(SceneThen(recording, cycles).obstacles) == 1
+    finally:
+        file.write_text(before)
+
+
+def test_why_it_is_not_shown(recording: Recording, cycles: Cycles, place: Path) -> None:
+    """Not there any more, and not attached; the run is seen all the same."""
+    session = recording.session.model_copy(update={"scene": "nowhere", "files": ()})
+    scene = SceneThen(replace(recording, session=session, attachments={}), cycles)
+    assert scene.obstacles == () and scene.at(0) is None
+    assert len(scene.notes) == 1 and scene.notes[0].startswith("its scene is not shown: ")
+
+
+def test_without_a_scene_there_is_nothing(recording: Recording, cycles: Cycles) -> None:
+    session = recording.session.model_copy(update={"scene": None})
+    scene = SceneThen(replace(recording, session=session), cycles)
+    assert scene.obstacles == () and scene.at(0) is None and scene.notes == ()
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved_run(tmp_path_factory.mktemp("run") / "run.npz", robot="op3")
+
+
+@pytest.fixture(scope="module")
+def run(path: Path) -> RecordedRun:
+    return open_recorded(path)
+
+
+def test_every_row_is_as_it_was(path: Path, run: RecordedRun) -> None:
+    with np.load(path) as saved:
+        arrays = {key: saved[key] for key in saved}
+    robot = run.cast.robot
+    assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
+    assert not run.cast.servos_told
+    states = {run.moment(row).state for row in range(len(run.times))}
+    assert states == {"approaching", "following", "stopping"}
+    for row in (0, len(run.times) // 2, len(run.times) - 1):
+        moment = run.moment(row)
+        assert moment.time == arrays["time"][row]
+        np.testing.assert_array_equal(moment.sent, arrays["joint_positions"][row])
+        np.testing.assert_array_equal(moment.goal[:3], arrays["root_position"][row])
+        column = robot.body.joint_qpos[robot.body.joint_index("l_knee")]
+        joint = run.cast.joints.index("l_knee")
+        assert moment.goal[column] == moment.sent[joint]
+        assert moment.robot[column] == moment.present[joint]
+        assert 0.0 < moment.off < 0.2
+    track = run.track(3)
+    np.testing.assert_array_equal(track.sent, arrays["joint_positions"][:, 3])
+    np.testing.assert_array_equal(track.present, arrays["servo_positions"][:, 3])
+    assert np.isnan(track.temperature).all() and len(track.time) == len(run.times)
+
+
+def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: RecordedRun) -> None:
+    assert run.cast.profile is not None and run.cast.profile.profile.name == "op3"
+    moment = run.moment(len(run.times) // 2)
+    com, zmp = moment.com, moment.zmp
+    assert np.abs(com[:2]).max() < 0.1 and 0.1 < com[2] < 0.4
+    assert zmp is not None and 1e-5 < np.abs(zmp - com[:2]).max() < 0.1
+    for row in (0, len(run.times) - 1):
+        zmp = run.moment(row).zmp
+        assert zmp is not None and np.isnan(zmp).all(), "nobody knows what was before, or comes after"
+
+
+def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:
+    run = open_recorded(saved_run(tmp_path / "human.npz", robot="human"))
+    moment = run.moment(5)
+    assert run.cast.robot is None and run.cast.joints == () and run.cast.landmarks == ()
+    assert run.cast.sensors and moment.sensors is not None and np.isfinite(moment.sensors).all()
+    assert np.isfinite(moment.com).all() and np.isnan(moment.off)
+
+
+def test_sensors_are_shown_where_they_were_kept(path: Path, run: RecordedRun, tmp_path: Path) -> None:
+    with np.load(path) as saved:
+        arrays = {key: saved[key] for key in saved}
+    moment = run.moment(40)
+    assert run.cast.sensors == tuple(arrays["sensor_names"]) and moment.sensors is not None
+    np.testing.assert_array_equal(moment.sensors, arrays["sensor_positions"][40])
+    older = tmp_path / "older.npz"
+    np.savez(older, **{key: value for key, value in arrays.items() if not key.startswith("sensor_")})
+    assert open_recorded(older).cast.sensors == () and open_recorded(older).moment(40).sensors is None
+
+
+def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
+    return {name: value for name, value in arrays.items() if name != key}
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda a: _without(a, "phase"), ()),
+        (lambda a: a | {"time": a["time"][:0]}, ()),
+        (lambda a: a | {"human_q": a["human_q"][:-1]}, "human_q"),
+        (lambda a: a | {"servo_positions": a["servo_positions"][:-1]}, "servo_positions"),
+        (
+            lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]},
+            "sensor_positions",
+        ),
+        (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "sensor_positions"),
+        (
+            lambda a: a | {"joint_positions": a["joint_positions"] * np.nan},
+            ("joint_positions", 1),
+        ),
+        (lambda a: a | {"joint_positions": a["joint_positions"][:, 1:]}, "joint_positions"),
+        (lambda a: a | {"joint_positions": a["joint_positions"].astype("U9")}, "joint_positions"),
+        (lambda a: a | {"servo_positions": a["servo_positions"][:, 1:]}, "servo_positions"),
+        (lambda a: a | {"root_position": a["root_position"][:, 1:]}, "root_position"),
+        (lambda a: a | {"root_quaternion": a["root_quaternion"][:, 1:]}, "root_quaternion"),
+        (lambda a: a | {"landmarks_asked": a["landmarks_asked"][:, 1:]}, "landmarks_asked"),
+        (lambda a: a | {"human_q": a["human_q"][:, 1:]}, ()),
+        (lambda a: a | {"time": a["time"].astype("U9")}, ()),
+        (lambda a: a | {"time": a["time"][::-1]}, ()),
+        (lambda a: a | {"body": np.array("/nowhere/body.xml")}, ()),
+        (lambda a: a | {"joint_names": a["joint_names"][::-1].astype("U20") + np.array(["x"])}, ()),
+        (lambda a: a | {"human_mjcf": np.array("<mujoco")}, ()),
+        (lambda a: a | {"phase": np.array([None] * len(a["time"]), dtype=object)}, "allow_pickle"),
+    ],
+)
+def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, found: Facts) -> None:
+    with np.load(path) as saved:
+        arrays = {key: saved[key] for key in saved}
+    changed = tmp_path / "changed.npz"
+    np.savez(changed, **change(arrays))
+    with refuses(InputError, found) as refused:
+        open_recorded(changed)
+    assert str(changed) in str(refused.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"\x93NUMPY\x01\x00", b"time,joint\n0,1\n"])
+def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, content: bytes) -> None:
+    other = tmp_path / "other.npz"
+    other.write_bytes(content)
+    with refuses(InputError, "NPZ"):
+        open_recorded(other)
+    with refuses(InputError):
+        open_recorded(tmp_path / "none.npz")
+
+
+def test_half_a_file_is_refused(path: Path, tmp_path: Path) -> None:
+    half = tmp_path / "half.npz"
+    half.write_bytes(path.read_bytes()[:20000])
+    with refuses(InputError, "NPZ"):
+        open_recorded(half)

@@ -1,0 +1,106 @@
+"""A recorded run, looked at: every tick as it was, with what observers and servos did."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from followers import op3
+from messages import shows
+from retarget.errors import InputError
+from retarget.run.run_result import RunResult
+from retarget.types import FloatArray
+from retarget.viewer.recorded import RecordedCycles, open_viewed
+from view_mcap_helpers import recorded
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("run") / "run.mcap"
+
+
+@pytest.fixture(scope="module")
+def run(path: Path) -> RunResult:
+    return recorded(path, robot="op3", stop=150)
+
+
+def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
+    seen, sent = open_viewed(path), run.record.robot
+    assert isinstance(seen, RecordedCycles) and sent is not None and run.robot is not None
+    assert len(seen.times) == len(run.record.time)
+    np.testing.assert_allclose(seen.times, run.record.time, atol=1e-9)
+    columns = run.robot.servo_columns
+    for row in range(0, len(seen.times), 7):
+        moment = seen.moment(row)
+        np.testing.assert_allclose(moment.goal, sent.q[row], atol=1e-6)
+        np.testing.assert_allclose(moment.robot[columns], sent.present[row], atol=1e-9)
+        np.testing.assert_array_equal(moment.temperature, sent.temperature[row])
+        assert moment.current is not None and moment.current.min() > 0.01
+        assert moment.modes is not None and moment.modes.shape == sent.observer_modes[row].shape
+        assert moment.sensors is not None and seen.cast.sensors == run.sensors
+        of = np.abs(run.record.human.q[: row + 1] - moment.human).max(axis=1)
+        made_of = run.record.human.sensors[: row + 1][of < 1e-6]
+        assert any(np.array_equal(moment.sensors, one) for one in made_of), (
+            "those that the human who is shown is made of"
+        )
+        assert np.abs(moment.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
+    track = seen.track(4)
+    np.testing.assert_allclose(track.sent, sent.q[:, columns[4]], atol=1e-6)
+    np.testing.assert_allclose(track.present, sent.present[:, 4], atol=1e-9)
+    np.testing.assert_array_equal(track.temperature, sent.temperature[:, 4])
+
+
+def test_why_it_stopped_is_said(path: Path, run: RunResult) -> None:
+    seen = open_viewed(path)
+    last = seen.moment(len(seen.times) - 1)
+    assert last.state == "stopping"
+    shows(last.why)
+    states = {seen.moment(row).state for row in range(len(seen.times))}
+    assert {"approaching", "stopping"} <= states
+
+
+def test_a_human_alone(tmp_path: Path) -> None:
+    path = tmp_path / "human.mcap"
+    run = recorded(path, robot="human")
+    seen = open_viewed(path)
+    moment = seen.moment(10)
+    assert seen.cast.robot is None and np.isfinite(moment.com).all()
+    assert moment.sensors is not None and moment.zmp is not None and np.isfinite(moment.zmp).all()
+    np.testing.assert_array_equal(moment.sensors, run.record.human.sensors[10])
+
+
+def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
+    """Fallen, say, with bent knees; until somebody knows, it is where its servos have it."""
+    path, ticks, robot = tmp_path / "run.mcap", 0, op3()
+    truth = np.concatenate([[0.5, 0.25, 0.125, 0.0, 1.0, 0.0, 0.0], np.linspace(-0.5, 0.5, 20), [0.0625, -0.25]])
+
+    def told() -> FloatArray | None:
+        nonlocal ticks
+        ticks += 1
+        return truth if ticks > 100 else None
+
+    run = recorded(path, robot="op3", truth=told)
+    seen = open_viewed(path)
+    assert seen.cast.simulated and run.record.robot is not None
+    before, after = seen.moment(50), seen.moment(len(seen.times) - 1)
+    assert before.pressure is None
+    np.testing.assert_allclose(before.robot[robot.servo_columns], run.record.robot.present[50], atol=1e-9)
+    np.testing.assert_array_equal(after.robot[:7], truth[:7])
+    np.testing.assert_allclose(after.robot[7:], truth[7:-2], atol=1e-6)
+    assert after.pressure is not None and after.pressure.tolist() == [0.0625, -0.25]
+    assert not open_viewed(other_run(tmp_path)).cast.simulated
+
+
+def other_run(folder: Path) -> Path:
+    recorded(folder / "mock.mcap", robot="op3")
+    return folder / "mock.mcap"
+
+
+def test_half_of_it_is_seen_and_nothing_is_refused(path: Path, run: RunResult, tmp_path: Path) -> None:
+    half, other = tmp_path / "half.mcap", tmp_path / "other.mcap"
+    half.write_bytes(path.read_bytes()[:-3000])
+    seen = open_viewed(half)
+    assert isinstance(seen, RecordedCycles) and seen.notes and 0 < len(seen.times) <= len(run.record.time)
+    other.write_bytes(b"no recording")
+    with pytest.raises(InputError):
+        open_viewed(other)
