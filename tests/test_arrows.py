@@ -43,3 +43,50 @@ def test_only_the_clock_reads_a_clock() -> None:
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert "time" not in names, f"{path.relative_to(ROOT)} imports time; ask hardware.clock"
+
+
+BELOW: dict[str, set[str]] = {
+    "schema": set(),
+    "model": {"schema"},
+    "ik": {"schema", "model"},
+    "human": {"schema", "model", "ik"},
+    "robot": {"schema", "model", "ik", "human"},
+    "safety": {"schema", "model", "ik"},
+    "sources": {"schema", "model"},
+    "live": {"schema", "model", "ik", "human", "sources"},
+}
+"""Folders of `retarget` that a folder may import, beside itself and what lies flat in `retarget`."""
+BELOW["run"] = {*BELOW, "run"}
+BELOW["recording"] = {*BELOW["run"], "recording"}
+BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
+BELOW["setup"] = {*BELOW["recording"], "report", "viewer"}
+BELOW["cli"] = {*BELOW["setup"], "setup"}
+EXCEPTIONS = {
+    "model/observers.py": {"ik"},  # where a robot stands, to know how high its parts are at home
+    "robot/deflection_compensation.py": {"safety"},  # the gate looks at the goals beside the postures
+    "schema/profile.py": {"model"},  # a profile is checked against its body file
+}
+"""Imports against the arrows that wait for the straight tick: from which module, into which folder. The list may only shrink."""
+
+
+def folders_imported(path: Path) -> set[str]:
+    """Folders of `retarget` that a file imports from."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name.split(".")[1] for name in names if name.startswith("retarget.") and name.split(".")[1] in BELOW}
+
+
+def test_folders_import_only_those_below() -> None:
+    """The list of exceptions is exact: an import that goes away leaves it too."""
+    found: dict[str, set[str]] = {}
+    for path in sorted((ROOT / "retarget").rglob("*.py")):
+        place = path.relative_to(ROOT / "retarget")
+        home = place.parts[0] if len(place.parts) > 1 else ""
+        against = folders_imported(path) - BELOW.get(home, set()) - {home}
+        if home in BELOW and against:
+            found[place.as_posix()] = against
+    assert found == EXCEPTIONS
