@@ -66,7 +66,7 @@ EXCEPTIONS = {
     "robot/deflection_compensation.py": {"safety"},  # the gate looks at the goals beside the postures
     "schema/profile.py": {"model"},  # a profile is checked against its body file
 }
-"""Imports against the arrows that wait for the straight tick: from which module, into which folder. The list may only shrink."""
+"""Imports against the arrows, from which module into which folder. They wait for the straight tick; may only shrink."""
 
 
 def folders_imported(path: Path) -> set[str]:
