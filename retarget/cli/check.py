@@ -248,7 +248,8 @@ def _obstacle(obstacle: Obstacle) -> str:
     else:
         moves = "" if obstacle.velocity is None and obstacle.angular_velocity is None else ", at constant velocity"
     place = f"{obstacle.shape.label} in the {obstacle.frame}{moves}"
-    return f"{place}; influence {obstacle.influence:g} m, margin {obstacle.margin:g} m"
+    stands = "; soles may stand on it" if obstacle.ground else ""
+    return f"{place}; influence {obstacle.influence:g} m, margin {obstacle.margin:g} m{stands}"
 
 
 _REPORTS: dict[Kind, Callable[[Path], str]] = {

@@ -369,9 +369,9 @@ def clearances(run: RunResult) -> RunClearances:
     if run.scene is not None:
         times = np.maximum(run.record.time, 0.0)
         to_scene = placed.to_scene(run.scene, times)
-        if run.robot is not None:
-            soles = [run.robot.body.body_names[sole.body] for sole in run.robot.soles]
-            to_ground = placed.to_ground(run.scene, times, soles=soles)
+        standing = run.robot.soles if run.robot is not None and run.robot.stands else ()
+        soles = [] if run.robot is None else [run.robot.body.body_names[sole.body] for sole in standing]
+        to_ground = placed.to_ground(run.scene, times, soles=soles)
     parts = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
     seen: tuple[float | None, float | None, float | None] = (None, None, None)
     if run.observers is not None:

@@ -187,8 +187,7 @@ def refuse_contact(found: tuple[Contact, ...], *, where: str) -> None:
 def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: FloatArray) -> None:
     """Raise UsageError if a robot that stands in posture q (nq,) has an obstacle under its soles: it would keep off
     it."""
-    soles = {robot.frame(foot.frame).body for foot in robot.profile.feet.values()}
-    feet = {name for name, link in zip(observers.names, observers.links.tolist(), strict=True) if link in soles}
+    feet = {name for name, stands in zip(observers.names, observers.stands.tolist(), strict=True) if stands}
     for contact in contacts(robot.body, observers, scene, q, deeper_than=-NEAR_SOLE_M):
         if contact.part in feet and contact.other in scene.shapes.names:
             raise UsageError(

@@ -178,7 +178,8 @@ fn among_obstacles() -> (Arc<Body>, Arc<ObserverSet>) {
     let ball = Shape::Capsule { half_length: 0.0, radius: 0.05 };
     let obstacles = vec![Obstacle { shape: ball, influence: 0.1, margin: 0.01 }; 5];
     let pairs: Vec<_> = (0..6).flat_map(|a| (a + 2..6).map(move |b| (a, b, f64::INFINITY))).collect();
-    let set = ObserverSet::new(&body, observers, obstacles, &pairs).unwrap();
+    let around: Vec<_> = (0..5).flat_map(|k| (0..6).map(move |a| (a, k, f64::INFINITY))).collect();
+    let set = ObserverSet::new(&body, observers, obstacles, &pairs, &around).unwrap();
     (Arc::new(body), Arc::new(set))
 }
 
