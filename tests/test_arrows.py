@@ -62,7 +62,6 @@ BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
 BELOW["setup"] = {*BELOW["recording"], "report", "viewer"}
 BELOW["cli"] = {*BELOW["setup"], "setup"}
 EXCEPTIONS = {
-    "model/observers.py": {"ik"},  # where a robot stands, to know how high its parts are at home
     "robot/deflection_compensation.py": {"safety"},  # the gate looks at the goals beside the postures
     "schema/profile.py": {"model"},  # a profile is checked against its body file
 }

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from retarget import _solver, rotations
 from retarget.errors import ConfigError, Problem
-from retarget.ik.support_polygon import plant
 from retarget.model.body import BodyModel, Geom
 from retarget.model.human import Human
 from retarget.model.robot import RobotBody
@@ -233,36 +232,37 @@ def _on_ground(robot: RobotBody, observers: Observers) -> Observers:
     """
     postures = robot.profile.postures
     stands = np.isin(observers.links, [sole.body for sole in robot.soles])
-    heights = np.stack(
-        [lowest_points(robot, observers, angles) for angles in (postures.neutral, postures.stand, postures.rest)]
+    neutral, *others = (
+        _heights(robot, observers, angles) for angles in (postures.neutral, postures.stand, postures.rest)
     )
-    below = [k for k in np.flatnonzero(~stands) if heights[0, k] <= 0.0]
-    if below:
-        raise ConfigError.from_problems(
-            [
-                Problem(
-                    "a part is below the soles in the neutral posture",
-                    where=str(robot.profile.path),
-                    found=f"{observers.names[k]}, {-1e3 * heights[0, k]:.1f} mm below the ground",
-                    allowed="only links with a sole touch the ground",
-                    next_step="Move the neutral posture, draw its shape tighter, or describe its sole in `feet`",
-                )
-                for k in below
-            ]
+    problems = [
+        Problem(
+            "a part is below the soles in the neutral posture",
+            where=str(robot.profile.path),
+            found=f"{observers.names[k]}, {-1e3 * neutral[k]:.1f} mm below the ground",
+            allowed="only links with a sole touch the ground",
+            next_step="Move the neutral posture, draw its shape tighter, or describe its sole in `feet`",
         )
-    return replace(observers, stands=stands, ground_margin=AT_HOME * np.maximum(heights.min(axis=0), 0.0))
+        for k in np.flatnonzero(~stands & (neutral <= 0.0))
+    ]
+    if problems:
+        raise ConfigError.from_problems(problems)
+    return replace(
+        observers, stands=stands, ground_margin=AT_HOME * np.maximum(np.min([neutral, *others], axis=0), 0.0)
+    )
 
 
-def lowest_points(robot: RobotBody, observers: Observers, angles: dict[str, float]) -> FloatArray:
-    """Height (n,) m of the lowest point of each observer over the ground, of a robot that stands with these joint
+def _heights(robot: RobotBody, observers: Observers, angles: dict[str, float]) -> FloatArray:
+    """Height (n,) m of the lowest point of each observer over the plane of the robot's first sole, with these joint
     angles, rad."""
-    position, quat = placed(robot.body, observers, plant(robot, angles).q)
+    q, sole = robot.posture(angles), (next(iter(robot.profile.feet.values())).frame,)
+    position, quat = placed(robot.body, observers, q)
     n = len(observers.names)
     ground = (
         np.full(n, int(ShapeKind.HALF_SPACE)),
         np.zeros((n, 3)),
-        np.zeros((n, 3)),
-        np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        np.tile(robot.points(q[None], sole)[0], (n, 1)),
+        np.tile(robot.orientations(q[None], sole)[0], (n, 1)),
     )
     return _solver.shape_distances(observers.kinds, observers.sizes, position, quat, *ground)[0]
 

@@ -182,7 +182,7 @@ class PlacedBody:
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
         """See `scene_clearance`; times: one for every posture that was given. The ground is left out."""
-        return self._to_obstacles(scene, times, ~scene.shapes.ground[None] & np.ones((len(self.geoms.links), 1), bool))
+        return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.geoms.links), 1)))
 
     def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
         """The same between the ground of the scene and all links but those named in `soles`."""
