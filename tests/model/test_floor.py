@@ -8,7 +8,7 @@ import pytest
 import followers
 from gated_robot import GatedRobot
 from messages import refuses
-from physics_rig import PhysicsRig
+from physics_rig import PhysicsRig, op3, ticks
 from retarget.errors import ConfigError, UsageError
 from retarget.ik.support_polygon import plant
 from retarget.model.observers import Observers, robot_observers
@@ -21,7 +21,6 @@ from retarget.schema.priorities import load_priorities
 from retarget.schema.profile_parts import Observer
 from retarget.schema.scene import FLOOR, Scene, on_floor
 from retarget.types import FloatArray
-from sim.physics.world import World
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
 
@@ -130,10 +129,11 @@ def test_what_is_under_the_soles_has_to_be_ground() -> None:
 
 
 def test_a_simulated_hand_on_the_floor_is_no_fall_and_is_counted() -> None:
-    """Who owns the shapes decides: a contact of the floor with a hand is one with a fixture, with a shank a fall."""
-    world = PhysicsRig().bus.witness.simulation.world
-    by_link = {
-        world.model.body(world.model.geom_bodyid[geom]).name: owner for geom, owner in enumerate(world.owners.tolist())
-    }
-    assert by_link["l_el_link"] == by_link["r_el_link"] == World.HANDS
-    assert by_link["l_knee_link"] == by_link["body_link"] == by_link["l_sho_roll_link"] == World.ROBOT
+    """A squat whose left hand is 3 mm in the floor at first, held for 0.3 s."""
+    arm = {"l_sho_pitch": 0.0, "l_sho_roll": 1.45, "l_el": 0.0}
+    low = ticks(op3().profile.postures.rest | arm | {"l_hip_pitch": -1.55, "r_hip_pitch": 1.55})
+    rig = PhysicsRig(start=low)
+    rig.arm()
+    rig.run(0.3, low)
+    witness = rig.bus.witness
+    assert witness.state.fixture_contacts == 1 and not witness.state.touching and witness.fall is None
