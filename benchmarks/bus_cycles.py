@@ -94,10 +94,10 @@ class Missing:
 def missing(side: BusSide, emulator: EmulatorProcess, *, count: int, device: int, cycles: int) -> Missing:
     """Let `device` be silent for some cycles."""
     before, _ = _timed(side, count, cycles)
-    emulator.tell(f"missing {device}")
+    emulator.notify(f"missing {device}")
     first, heard_first = _timed(side, count, 5)
     later, heard_later = _timed(side, count, cycles)
-    emulator.tell("clear")
+    emulator.notify("clear")
     for k in range(WARM_UP * 4):
         side.cycle(goals(count, k))
     others = int(min(heard_first.min(), heard_later.min()))

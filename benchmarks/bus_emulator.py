@@ -74,7 +74,7 @@ class EmulatorProcess:
         self._process.wait()
         self._output.close()
 
-    def tell(self, line: str) -> None:
+    def notify(self, line: str) -> None:
         """Begin or end a fault, as typed into `retarget emulate`; returns when it is done."""
         self._input.write(line + "\n")
         self._input.flush()

@@ -49,7 +49,7 @@ class Obstacle:
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class SceneObstacles:
     """What a body must not meet where: `start` in all its geoms, `rest` in all but the forearms, over the whole run."""
 
     start: PlacedBody
@@ -61,7 +61,7 @@ class Surroundings:
 
 def place(motion: Motion, folder: Path) -> tuple[Obstacle, ...]:
     """The table and the post, as far as there is a place for them. Writes trial scenes to a folder."""
-    scale, around = height_scale(motion), surroundings(motion)
+    scale, around = height_scale(motion), scene_obstacles(motion)
     table = _best_that_fits(_tables(motion, scale), around, scale, folder)
     posts = (post for post in _posts(motion, scale) if table is None or apart(post, table) >= APART * scale)
     post = _best_that_fits(posts, around, scale, folder) or _best_that_fits(
@@ -83,14 +83,14 @@ def height_scale(motion: Motion) -> float:
     return float(np.ptp(motion.body.geoms.position[0, :, 2])) / STANDARD
 
 
-def surroundings(motion: Motion) -> Surroundings:
+def scene_obstacles(motion: Motion) -> SceneObstacles:
     """The parts of a motion that a placement looks at."""
     body, every = motion.body, np.arange(len(motion.body.geoms.links))
     forearms = [body.model.body(link).id for side in motion.arms for link in side]
     of_arm = np.isin(body.geoms.links, forearms)
     start = np.arange(motion.beginning)
     rows = np.arange(motion.first, motion.end)
-    return Surroundings(
+    return SceneObstacles(
         start=body.part(start, every),
         start_times=motion.time[start],
         rest=body.part(rows, every[~of_arm]),
@@ -109,7 +109,7 @@ def write_scene(obstacles: tuple[Obstacle, ...], path: Path, *, scale: float = 1
 
 
 def _best_that_fits(
-    candidates: Iterator[Obstacle], around: Surroundings, scale: float, folder: Path
+    candidates: Iterator[Obstacle], around: SceneObstacles, scale: float, folder: Path
 ) -> Obstacle | None:
     """The first that is met deep enough, or else the one that is met deepest, if by half of that."""
     best: Obstacle | None = None

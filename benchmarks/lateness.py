@@ -96,14 +96,14 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
     def perform(performer: Performer, body: RobotBody | None) -> Performance:
         stream = open_stream(address, performer, clock=clock)
         options = LiveOptions(countdown=0.0, patience=20.0, duration=seconds + SPARE_S)
-        return begin_live(stream, options, clock=clock, rate_hz=RATE_HZ, where=address.text, tell=lambda text: None)
+        return begin_live(stream, options, clock=clock, rate_hz=RATE_HZ, where=address.text, notify=lambda text: None)
 
     def make_bus(body: RobotBody, _: Clock) -> ServoBus:
         stand = body.posture(body.profile.postures.stand)[body.servo_columns]
         return emulated_bus(body, MonotonicClock(), start=body.joint_map.to_ticks(stand))
 
     options = RunOptions(robot=str(robot), bus="emulator")
-    with PoseSender(port), prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=True) as prepared:
+    with PoseSender(port), prepare_for(perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True) as prepared:
         side = prepared.side
         assert side is not None
 

@@ -25,7 +25,7 @@ from retarget.robot.follower import Follower
 from retarget.robot.following_limits import following_limits
 from retarget.robot.landmarks import AskedLandmarks, Facing
 from retarget.robot.posture_reader import RobotReader, robot_frames, robot_postures
-from retarget.robot.reference_governor import Chase
+from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import Priorities, load_priorities
 from retarget.sources.open import open_source
@@ -87,7 +87,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
     hierarchy.set_support(targets, half_spaces(stance.edges(0.01)))
     still = frozenset(sole.frame.name for sole in stance.soles)
-    chase = Chase(robot, hierarchy, still=still, trunk_at_stance=reader.trunk_at_stance)
+    governor = ReferenceGovernor(robot, hierarchy, still=still, trunk_at_stance=reader.trunk_at_stance)
     hierarchy.solver.reset(stance.q)
     facing, q, reached = Facing(), stance.q, reader.read(stance.q)
     scale = float(stance.points["head"][2]) / float(np.nanmax(frames.position[:, frames.index("head"), 2]))
@@ -100,7 +100,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         for name, (a, b, c) in zip(("head", "l_hand", "r_hand"), (ankle + scale * turned).tolist(), strict=True):
             goals[name] = (a, b, c)
         asked = AskedLandmarks([goals[name] for name in names], (1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-        chase.aim(targets, asked, reached, dt, haste=1.0)
+        governor.aim(targets, asked, reached, dt, speed_override=1.0)
         hierarchy.set_previous(targets, q, dt)
         q = hierarchy.solver.frame(targets, dt)
         reached = reader.read(q)

@@ -96,7 +96,7 @@ def play(frames: SensorFrames, options: RunOptions) -> RunResult:
     """Run it on a virtual clock; a fall ends it. Raises RetargetError."""
     bench = PhysicsBench(options, lambda text: None)
     with prepare(
-        lambda: frames, options, clock=VirtualClock(), make_bus=bench.make_bus, parks=options.has_physics
+        lambda: frames, options, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=options.has_physics
     ) as prepared:
         run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
     return bench.seen(run)
@@ -111,7 +111,9 @@ def cost_of_run(name: str, frames: SensorFrames, options: RunOptions) -> Physics
         timed.append(TimedBus(bench.make_bus(robot, clock)))
         return timed[0]
 
-    with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=bus, parks=options.has_physics) as prepared:
+    with prepare(
+        lambda: frames, options, clock=VirtualClock(), make_bus=bus, goes_to_rest=options.has_physics
+    ) as prepared:
         watch = Watch(stop_asked=bench.watching(lambda: False, prepared))
         begun = thread_cpu()
         run = prepared.run(watch)

@@ -28,7 +28,7 @@ from benchmarks.physics_runs import Stood, play, stood
 from benchmarks.table import print_table
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback
-from retarget.run.options import TROUBLES, PhysicsOptions, RunOptions
+from retarget.run.options import PERTURBATIONS, PhysicsOptions, RunOptions
 from retarget.sources.open import open_source
 from sim.performer import synthetic_performer
 
@@ -59,7 +59,7 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=0.5, help="of the performer")
     parser.add_argument("--end", type=float, default=None, help="end at this time of the motion, s")
     parser.add_argument("--seeds", type=int, default=50, help="runs of each kind of trouble")
-    parser.add_argument("--trouble", nargs="*", default=[NONE, *TROUBLES], choices=[NONE, *TROUBLES])
+    parser.add_argument("--perturb", nargs="*", default=[NONE, *PERTURBATIONS], choices=[NONE, *PERTURBATIONS])
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--json", type=Path, help="file for every run")
     asked = parser.parse_args()
@@ -113,16 +113,16 @@ def row(trouble: str, ends: list[Stood]) -> list[str]:
     """One kind of trouble."""
     fell = [end for end in ends if end.fallen_at is not None]
     stopped = sum(end.late and bool(end.stopped) for end in fell)
-    parking = sum(end.late and not end.stopped for end in fell)
+    rest_trajectory = sum(end.late and not end.stopped for end in fell)
     margins = [end.margin_mm for end in ends if end.margin_mm is not None]
     first = ", ".join(f"{end.fallen_at:.1f} ({end.seed})" for end in fell[:4]) + (", ..." if len(fell) > 4 else "")
     return [
         trouble,
         str(len(ends)),
         f"{1.0 - len(fell) / max(len(ends), 1):.0%}",
-        str(len(fell) - stopped - parking),
+        str(len(fell) - stopped - rest_trajectory),
         str(stopped),
-        str(parking),
+        str(rest_trajectory),
         str(sum(bool(end.stopped) for end in ends)),
         f"{min(margins):.1f}" if margins else "-",
         f"{max(end.slip_mm for end in ends):.1f}" if ends else "-",

@@ -117,7 +117,7 @@ def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tu
         yield Viewing(None), None
         return
     told: list[str] = []
-    with viewing(0, prepared, options, tell=told.append) as viewed:
+    with viewing(0, prepared, options, notify=told.append) as viewed:
         feed = viewed._feed
         assert feed is not None
         looker = subprocess.Popen(

@@ -8,7 +8,7 @@ from retarget.run.prepare import prepare
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
-FILES = ("servo", "steady")
+FILES = ("servo", "balanced")
 
 
 def main(path: str | None = None) -> None:

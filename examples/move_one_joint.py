@@ -17,7 +17,7 @@ def main() -> None:
     robot, clock = load_robot("op3"), VirtualClock()
     joints = robot.joint_map
     gate = Gate(**vars(robot.limits), dt=DT)
-    bus = emulated_bus(robot, clock, start=standing_ticks(robot), tell=print)
+    bus = emulated_bus(robot, clock, start=standing_ticks(robot), notify=print)
     guard = Guard(bus=bus, joint_map=joints, goal_filter=gate, clock=clock, limits=robot.profile.guard_limits())
     head, ticks = joints.joints.index("head_pan"), round(SECONDS / DT)
     bus.open()  # checks every servo and writes what the profile wants

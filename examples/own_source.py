@@ -25,9 +25,9 @@ def main() -> None:
         noisy = seen.position + chance.normal(0.0, 5e-4, seen.position.shape)
         return [StreamFrame(seen.names, noisy, seen.orientation, seen.valid, stamp=now)]
 
-    performer = performing(read, LiveOptions(countdown=0.5, duration=2.0), clock=clock, tell=print)
+    performer = performing(read, LiveOptions(countdown=0.5, duration=2.0), clock=clock, notify=print)
     options = RunOptions(robot="op3", performer="five")
-    with prepare_for(performer, options, clock=clock, make_bus=mock_bus, parks=True) as prepared:
+    with prepare_for(performer, options, clock=clock, make_bus=mock_bus, goes_to_rest=True) as prepared:
         report = measure(prepared.run())
     for name, tracking in report.tracking_mm.items():
         print(f"{name:10s} {tracking.mean:6.1f} mm off on average")

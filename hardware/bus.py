@@ -51,7 +51,7 @@ class ServoStates:
     """Whether the servo follows its goals, as far as it said last: torque on, not stopped by its bus watchdog."""
     retries: int = 0
     """Requests that had to be repeated since the bus was opened, of all servos."""
-    rough: float = 0.0
+    error_rate: float = 0.0
     """Share of the last cycles (0.05 s) in which answers came damaged, and had to be asked for more than once."""
     soles: BoolArray | None = None
     """Which soles press on the floor, (k,) in the order of the profile's feet; None where nothing feels it."""

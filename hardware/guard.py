@@ -16,14 +16,14 @@ from hardware.servo_health import ServoHealth
 __all__ = [
     "CUT_POWER",
     "FOLLOWING",
-    "GOING_HOME",
+    "GOING_TO_REST",
     "LED_S",
     "TORQUE_OFF",
     "Guard",
     "Halt",
+    "NoCommand",
     "StopLatch",
     "Think",
-    "Unled",
 ]
 
 
@@ -31,7 +31,7 @@ __all__ = [
 
 TORQUE_OFF = " (torque is off)"
 CUT_POWER = " (torque could not be switched off: cut the power)"
-GOING_HOME = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+GOING_TO_REST = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
 """Stops that are no fault of the robot: it may go where it is parked."""
 
 
@@ -45,7 +45,7 @@ class StopLatch:
 
     def begin(self) -> None:
         """The way to a stand begins, be it without a stop."""
-        self._braked = self._homed = 0
+        self._braked = self._rest_ticks = 0
         self._stood = False
 
     def latch(self, cause: StopCause, reason: str, time: float) -> None:
@@ -74,17 +74,17 @@ class StopLatch:
         self.stop = Stop(cause, reason + (CUT_POWER if powered else TORQUE_OFF), time, powered, then)
 
     @property
-    def may_go_home(self) -> bool:
+    def may_go_to_rest(self) -> bool:
         """Whether a stopping robot may go where it is parked: nothing is wrong with it, and it does not take for
         ever."""
-        well = self.stop is None or (self.stop.cause in GOING_HOME and self.stop.then is None)
-        return well and self._homed < self._limits.max_home_ticks
+        well = self.stop is None or (self.stop.cause in GOING_TO_REST and self.stop.then is None)
+        return well and self._rest_ticks < self._limits.max_rest_ticks
 
     def spend(self, *, stood: bool) -> int | None:
         """One more tick on the way; stood: the robot stands. Ticks of braking so far when there may be no more."""
         self._stood |= stood
-        if self._stood and self.may_go_home:
-            self._homed += 1  # at the end of these it stands where it is
+        if self._stood and self.may_go_to_rest:
+            self._rest_ticks += 1  # at the end of these it stands where it is
         elif self._braked == self._limits.max_brake_ticks:
             return self._braked
         else:
@@ -99,7 +99,7 @@ LED_S = 0.5
 again and again, leads nowhere."""
 
 
-class Unled:
+class NoCommand:
     """Counts the time in which nobody knew a goal, from one tick to the next."""
 
     def __init__(self) -> None:
@@ -169,9 +169,9 @@ class Guard:
         self._pending: FloatArray | None = None  # [rad] what the filter returned, until the bus has it
         self.paused = False
         """Whether somebody holds the robot on purpose: that may last."""
-        self.lack = "no goal"
+        self.hold_reason = "no goal"
         """What there is while nobody knows a goal, for the reason of a stop where that lasts too long."""
-        self._pace, self._unled = TickPace(self.limits.period), Unled()
+        self._pace, self._no_command = TickPace(self.limits.period), NoCommand()
 
     @property
     def state(self) -> GuardState:
@@ -199,9 +199,9 @@ class Guard:
         return self._state in (*FOLLOWING, GuardState.STOPPING)
 
     @property
-    def may_go_home(self) -> bool:
+    def may_go_to_rest(self) -> bool:
         """Whether a stopping robot may go where it is parked."""
-        return self._latch.may_go_home
+        return self._latch.may_go_to_rest
 
     def arm(self) -> FloatArray:
         """Set every goal to its present position, then switch torque on. Returns the present posture, rad (n,).
@@ -222,7 +222,7 @@ class Guard:
                     describe(what="the filter moved the present posture", then="Seed the filter with what it is given")
                 )
             self._write(goals)
-            self._pending, self._unled = None, Unled()
+            self._pending, self._no_command = None, NoCommand()
             self._pace.restart()
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
@@ -332,7 +332,7 @@ class Guard:
             self._hold(halt, begun)
             return
         self._step = StopCause.FILTER
-        self._unled.led(begun)
+        self._no_command.led(begun)
         if self._pending is None:
             self._pending = self._filter.admit(goal)
         self._send(self._pending)
@@ -340,9 +340,9 @@ class Guard:
 
     def _hold(self, halt: Halt, now: float) -> None:
         """Brake and stand, torque on, while nobody knows a goal; not for ever."""
-        lasted = self._unled.lasted(now, on_purpose=self.paused)
+        lasted = self._no_command.lasted(now, on_purpose=self.paused)
         if lasted > self.limits.max_hold:
-            told = f"{self.lack} for {lasted:.3g} s, allowed {self.limits.max_hold:g} s"
+            told = f"{self.hold_reason} for {lasted:.3g} s, allowed {self.limits.max_hold:g} s"
             self.stop(told, StopCause.STALE_GOAL)
             return
         if self._state is not GuardState.ARMED:  # one that has not moved yet waits
@@ -364,7 +364,7 @@ class Guard:
     def _brake(self, *, stood: bool) -> None:
         """Send the next posture of the way. stood: before anybody was asked; if nobody leads on then, that was it."""
         self._step = StopCause.FILTER
-        if stood and (self._pending is None or (self._filter.at_rest and not self.may_go_home)):
+        if stood and (self._pending is None or (self._filter.at_rest and not self.may_go_to_rest)):
             self._state = GuardState.ARMED if self._latch.stop is None else GuardState.STOPPED
             return
         spent = self._latch.spend(stood=stood)

@@ -64,14 +64,13 @@ class GuardLimits:
     """What the guard tolerates; what is not given is not watched.
 
     max_age: s since a servo's last answer, from the start of a tick to its goal, and between ticks. max_temperature:
-    degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the present position
-    and the way to the goal of the last tick, at once; lasting_error: rad, for lasting_time, s. max_current: A, for
-    current_time, s. max_brake_ticks: until the robot must stand; max_home_ticks: from there to where it is parked.
-    max_hold: s without a goal (see `Unled`). period: s between ticks, so that late ones are counted; infinite: none is
-    late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the way that it
-    lets them go; none: from the goal.
-    The fields named warn_ are levels, in the same units, at which somebody is told. Beyond those of temperature and
-    current the robot is left slow_share of its speed.
+    degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the present position and
+    the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s. max_current: A, for
+    current_time, s. max_brake_ticks: until the robot must stand; max_rest_ticks: from there to where it is parked.
+    max_hold: s without a goal (see `NoCommand`). period: s between ticks, so that late ones are counted; infinite: none
+    is late. lag: s by which each servo's loop follows its goal, in servo order: errors are measured from the way that
+    it lets them go; none: from the goal. The fields named warn_ are levels, in the same units, at which somebody is
+    told. Beyond those of temperature and current the robot is left slow_share of its speed.
     """
 
     max_age: float = 0.1
@@ -79,10 +78,10 @@ class GuardLimits:
     voltage: tuple[float, float] = (-math.inf, math.inf)
     following_error: float = math.inf
     max_brake_ticks: int = 1000
-    max_home_ticks: int = 5000
+    max_rest_ticks: int = 5000
     max_hold: float = math.inf
-    lasting_error: float = math.inf
-    lasting_time: float = 0.2
+    sustained_error: float = math.inf
+    sustained_time: float = 0.2
     max_current: float = math.inf
     current_time: float = 1.0
     warn_age: float = math.inf

@@ -17,7 +17,7 @@ from hardware.servo import ExpectedWay, ServoSpec
 
 # What is watched of servos: within which bounds there is nothing to say, and the words for what is beyond them.
 
-Tell = Callable[[float], str]
+Notify = Callable[[float], str]
 """A value in words."""
 Bounds = tuple[float, float]
 """Least and most."""
@@ -44,7 +44,7 @@ class Watched:
     cause: StopCause
     stop: Bounds
     complaint: str
-    tell: Tell
+    in_words: Notify
     patience: float = 0.0
     warn: Bounds = ANYTHING
     warning: str = ""
@@ -63,30 +63,33 @@ class Row:
     ALERT, AGE, LIMP, TEMPERATURE, VOLTAGE, CURRENT, FAR, STILL_FAR = range(8)
 
 
-def name_servos(servos: Sequence[ServoSpec], which: BoolArray, tell: Tell, values: FloatArray) -> str:
+def name_servos(servos: Sequence[ServoSpec], which: BoolArray, in_words: Notify, values: FloatArray) -> str:
     """Every servo of the mask (n,) with its value (n,), for example: l_el (id 6) OVERLOAD; all of them by their number
     alone, from the least value to the most: it is their supply or their bus, and no servo's own."""
     if which.all() and len(servos) > MOST_OF_ALL:
-        found = list(dict.fromkeys(tell(float(value)) for value in np.sort(values)))
+        found = list(dict.fromkeys(in_words(float(value)) for value in np.sort(values)))
         told = " and ".join(found) if len(found) < MOST_OF_ALL else f"{found[0]} to {found[-1]}"
         return f"all {len(servos)} servos {told}".rstrip()
     named = []
     for index in np.flatnonzero(which).tolist():
         servo = servos[index]
-        named.append(f"{servo.joint} (id {servo.id}) {tell(float(values[index]))}".rstrip())
+        named.append(f"{servo.joint} (id {servo.id}) {in_words(float(values[index]))}".rstrip())
     return ", ".join(named)
 
 
 def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
     return (
         Watched(
-            cause=StopCause.SERVO_ALERT, stop=(0, 0), complaint="reports", tell=lambda value: _alert_text(int(value))
+            cause=StopCause.SERVO_ALERT,
+            stop=(0, 0),
+            complaint="reports",
+            in_words=lambda value: _alert_text(int(value)),
         ),
         Watched(
             cause=StopCause.SERVO_LOST,
             stop=(0, limits.max_age),
             complaint=f"has not answered for more than {limits.max_age:g} s:",
-            tell=_untold,
+            in_words=_untold,
             warn=(0, limits.warn_age),
             warning=f"has not answered for more than {limits.warn_age:g} s:",
         ),
@@ -94,7 +97,7 @@ def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
             cause=StopCause.SERVO_LIMP,
             stop=(0, 0),
             complaint="does not follow its goals (started anew, or stopped by its watchdog):",
-            tell=_untold,
+            in_words=_untold,
         ),
     )
 
@@ -104,7 +107,7 @@ def _temperature(limits: GuardLimits) -> Watched:
         cause=StopCause.TEMPERATURE,
         stop=(-inf, limits.max_temperature),
         complaint=f"is hotter than {limits.max_temperature:g} degrees Celsius:",
-        tell=lambda value: _known(f"{value:.0f}"),
+        in_words=lambda value: _known(f"{value:.0f}"),
         warn=(-inf, limits.warn_temperature),
         warning=f"is hotter than {limits.warn_temperature:g} degrees Celsius:",
         ease=COOLER,
@@ -119,7 +122,7 @@ def _voltage(limits: GuardLimits) -> Watched:
         cause=StopCause.VOLTAGE,
         stop=limits.voltage,
         complaint=f"has a supply outside {low:g} to {high:g} V:",
-        tell=lambda value: _known(f"{value:.1f} V"),
+        in_words=lambda value: _known(f"{value:.1f} V"),
         warn=limits.warn_voltage,
         warning=f"has a supply outside {warn_low:g} to {warn_high:g} V:",
         ease=STEADIER,
@@ -127,15 +130,15 @@ def _voltage(limits: GuardLimits) -> Watched:
 
 
 def _current(limits: GuardLimits) -> Watched:
-    lasting = f"for {limits.current_time:g} s:"
+    sustained = f"for {limits.current_time:g} s:"
     return Watched(
         cause=StopCause.CURRENT,
         stop=(0, limits.max_current),
-        complaint=f"draws more than {limits.max_current:g} A {lasting}",
-        tell=lambda value: f"{value:.2f} A",
+        complaint=f"draws more than {limits.max_current:g} A {sustained}",
+        in_words=lambda value: f"{value:.2f} A",
         patience=limits.current_time,
         warn=(0, limits.warn_current),
-        warning=f"draws more than {limits.warn_current:g} A {lasting}",
+        warning=f"draws more than {limits.warn_current:g} A {sustained}",
         ease=_eased(limits.warn_current),
         slows=True,
     )
@@ -143,22 +146,22 @@ def _current(limits: GuardLimits) -> Watched:
 
 def _following(limits: GuardLimits) -> tuple[Watched, ...]:
     """The largest error at once, a smaller one if it lasts."""
-    lasting = f"rad from its goal for {limits.lasting_time:g} s:"
+    sustained = f"rad from its goal for {limits.sustained_time:g} s:"
     return (
         Watched(
             cause=StopCause.FOLLOWING_ERROR,
             stop=(0, limits.following_error),
             complaint=f"is more than {limits.following_error:g} rad from its goal:",
-            tell=_angle,
+            in_words=_angle,
         ),
         Watched(
             cause=StopCause.FOLLOWING_ERROR,
-            stop=(0, limits.lasting_error),
-            complaint=f"is more than {limits.lasting_error:g} {lasting}",
-            tell=_angle,
-            patience=limits.lasting_time,
+            stop=(0, limits.sustained_error),
+            complaint=f"is more than {limits.sustained_error:g} {sustained}",
+            in_words=_angle,
+            patience=limits.sustained_time,
             warn=(0, limits.warn_following_error),
-            warning=f"is more than {limits.warn_following_error:g} {lasting}",
+            warning=f"is more than {limits.warn_following_error:g} {sustained}",
             ease=_eased(limits.warn_following_error),
         ),
     )
@@ -269,9 +272,9 @@ class ServoWarnings:
         ended = self._active & (now - self._rough_at >= CALM_S)
         self._active = (self._active | began) & ~ended
         if began.any():
-            self._tell(began, seen, "warning: servo {warning} {names}{slower}")
+            self._notify(began, seen, "warning: servo {warning} {names}{slower}")
         if ended.any():
-            self._tell(ended, seen, "over: servo {warning} {names} now")
+            self._notify(ended, seen, "over: servo {warning} {names} now")
         self._change_speed(now)
         self.busy = self.slow < 1.0 or self.levels.waiting or bool(self._active.any())
 
@@ -287,10 +290,10 @@ class ServoWarnings:
         step = (1.0 - self._share) * elapsed / RAMP_S
         self.slow = max(goal, self.slow - step) if goal < self.slow else min(goal, self.slow + step)
 
-    def _tell(self, which: BoolArray, seen: FloatArray, form: str) -> None:
+    def _notify(self, which: BoolArray, seen: FloatArray, form: str) -> None:
         for row, mask, values in zip(self._rows, which, seen, strict=True):
             if mask.any():
-                names = name_servos(self._servos, mask, row.tell, values)
+                names = name_servos(self._servos, mask, row.in_words, values)
                 slower = f"; the robot goes at {self._share:.0%} of its speed" if row.slows else ""
                 self._news.append(form.format(warning=row.warning, names=names, slower=slower))
         del self._news[:-MOST_NEWS]
@@ -302,8 +305,8 @@ DEAF_CYCLES = 2
 """Cycles in a row without one sound answer."""
 DEAF_S = 0.015
 """[s] since the last sound answer on a bus before it is given up."""
-MOST_ROUGH = 0.6
-"""Share of rough cycles that is no line to move a robot on (see `ServoStates.rough`)."""
+HIGHEST_ERROR_RATE = 0.6
+"""Share of rough cycles that is no line to move a robot on (see `ServoStates.error_rate`)."""
 
 
 class LineHealth:
@@ -333,11 +336,11 @@ class LineHealth:
                 return f"no sound answer from any servo of bus {name} for {age:.3f} s"
         return None
 
-    def rough(self, states: ServoStates) -> str | None:
+    def error_rate(self, states: ServoStates) -> str | None:
         """Why the robot must stop while it still can; or None."""
-        if states.rough < MOST_ROUGH:
+        if states.error_rate < HIGHEST_ERROR_RATE:
             return None
-        share = f"in {states.rough:.0%} of the cycles of late"
+        share = f"in {states.error_rate:.0%} of the cycles of late"
         return f"answers came damaged or cut short {share}: a noisy line, or answers that come late"
 
 
@@ -382,9 +385,9 @@ class ServoHealth:
         if lost is not None:
             raise BusError(lost)
         self._look(states, sent if sent is None or held is None else self._aimed(sent, held))
-        rough = self._lines.rough(states)
-        if rough is not None:
-            return StopCause.BUS, rough
+        error_rate = self._lines.error_rate(states)
+        if error_rate is not None:
+            return StopCause.BUS, error_rate
         seen, levels, warnings = self._seen, self._levels, self.warnings
         if not (levels.waiting or warnings.busy) and self._all_well():
             warnings.pass_over(states.time)
@@ -401,7 +404,7 @@ class ServoHealth:
         self._levels.forget()
         self._look(states, None)
         age = self._rows[Row.AGE]
-        names = name_servos(self._joint_map.servos, missing, age.tell, states.age)
+        names = name_servos(self._joint_map.servos, missing, age.in_words, states.age)
         problems = [f"servo does not answer: {names}"] if missing.any() else []
         problems += [text for _, text in self._complaints(self._wrong(states.time) & states.valid)]
         if problems:
@@ -465,7 +468,7 @@ class ServoHealth:
         """All complaints about the servos (rows, n), in order of the rows."""
         servos = self._joint_map.servos
         return [
-            (row.cause, f"servo {row.complaint} {name_servos(servos, which, row.tell, values)}")
+            (row.cause, f"servo {row.complaint} {name_servos(servos, which, row.in_words, values)}")
             for row, which, values in zip(self._rows, wrong, self._seen, strict=True)
             if which.any()
         ]

@@ -498,7 +498,7 @@ class WatchedSensors:
     def forget_turn(self, rows: NDArray[np.int64]) -> None:
         """These sensors come without an orientation now."""
     def judge(self, now: float) -> NDArray[np.uint8]:
-        """A `TrustState` of each sensor at `now`, s: fresh, stale, frozen, not worn, out of range."""
+        """A `ValidityState` of each sensor at `now`, s: fresh, stale, frozen, not worn, out of range."""
     @property
     def latest(self) -> float:
         """s, of all captures."""

@@ -89,8 +89,30 @@ def nearest(name: str, known: Iterable[str], *, limit: int = 3) -> tuple[str, ..
     return tuple(spelled[match] for match in matches)
 
 
+RENAMED = {
+    "uphold": "deflection_compensation",
+    "reserve": "speed_margin",
+    "off_stops": "soft_limits",
+    "late": "tracking_delay",
+    "ahead": "lead_time",
+    "following_error_lasting": "following_error_sustained",
+    "steady": "balanced",
+    "lasting": "balanced_sustained",
+    "held": "fixed_base",
+    "--trouble": "--perturb",
+    "--cut": "--torque-off",
+    "cut": "torque_off",
+}
+"""Names of version 0.1.0 and what they are called now: keys and files of configurations, options, words of the control
+socket. An old name is refused with the new one."""
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
-    """A next step for an unknown name: "Did you mean a, b or c?", or "" when nothing is near."""
+    """A next step for an unknown name: its new name if it was renamed, "Did you mean a, b or c?", or "" when nothing
+    is near."""
+    known = tuple(known)
+    if RENAMED.get(name) in known:
+        return f"It is called {RENAMED[name]} now"
     near = nearest(name, known)
     if not near:
         return ""

@@ -33,7 +33,7 @@ def emulated_bus(
     faults: Path | None = None,
     timing: Timing | None = None,
     simulation: Simulation | None = None,
-    tell: Callable[[str], object] = lambda note: None,
+    notify: Callable[[str], object] = lambda note: None,
 ) -> DynamixelBus:
     """The bus of a robot whose emulated servos begin at `start`, ticks (n,). timing: of the wires; None: the usual.
     simulation: what turns their shafts, begun at the same ticks; None: the emulator's own motion.
@@ -49,7 +49,7 @@ def emulated_bus(
     def port(bus: BusSpec) -> EmulatedPort:
         return EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}")
 
-    return DynamixelBus(robot.joint_map, buses, port, tell=tell)
+    return DynamixelBus(robot.joint_map, buses, port, notify=notify)
 
 
 # A robot's bus above its simulated mechanics: what `--bus physics` opens.
@@ -66,7 +66,7 @@ def physics_wire_bus(
     *,
     faults: Path | None = None,
     timing: Timing | None = None,
-    tell: Callable[[str], object] = lambda note: None,
+    notify: Callable[[str], object] = lambda note: None,
 ) -> WitnessedBus:
     """As `physics_bus`, through the bytes of emulated servos: the robot's own driver above (see `emulated_bus`).
 
@@ -74,7 +74,7 @@ def physics_wire_bus(
     """
     robot = simulation.world.robot
     start = robot.joint_map.to_ticks(simulation.world.start_angles)
-    bus = emulated_bus(robot, clock, start=start, faults=faults, timing=timing, simulation=simulation, tell=tell)
+    bus = emulated_bus(robot, clock, start=start, faults=faults, timing=timing, simulation=simulation, notify=notify)
     return WitnessedBus(bus, Witness(simulation))
 
 
@@ -86,19 +86,19 @@ def simulation_of(
     mount: Mount | None = None,
     perturbation: Perturbation | None = None,
     seed: int = 0,
-    tell: Callable[[str], object] = lambda note: None,
+    notify: Callable[[str], object] = lambda note: None,
 ) -> Simulation:
     """The mechanics of a robot whose servos begin at `start`, ticks (n,), as its profile's root says or on `mount`.
 
     tell: hears what is left out. The same seed gives the same bits. Raises ConfigError (see `build_world`).
     """
-    trouble = NOMINAL if perturbation is None else perturbation
+    perturbation = NOMINAL if perturbation is None else perturbation
     world = build_world(
         robot,
         np.asarray(robot.joint_map.to_radians(start)),
         mount=mount_of(robot) if mount is None else mount,
-        perturbation=trouble,
+        perturbation=perturbation,
         scene=scene,
-        tell=tell,
+        notify=notify,
     )
-    return Simulation(world, perturbation=trouble, seed=seed)
+    return Simulation(world, perturbation=perturbation, seed=seed)

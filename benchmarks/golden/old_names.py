@@ -35,7 +35,29 @@ class Names:
         return made
 
 
-OLD_NAMES: dict[str, Names] = {}
+OLD_NAMES: dict[str, Names] = {
+    "150b0e3": Names(
+        words={
+            "--perturb": "--trouble",
+            "deflection_compensation": "uphold",
+            "speed_margin": "reserve",
+            "soft_limits": "off_stops",
+            "tracking_delay": "late",
+            "lead_time": "ahead",
+            "following_error_sustained": "following_error_lasting",
+            "balanced": "steady",
+            "balanced_sustained": "lasting",
+            "fixed_base": "held",
+        },
+        keys={
+            "no_command_frames": "unled_frames",
+            "perturbations": "trouble",
+            "balanced": "steady",
+            "balanced_sustained": "lasting",
+            "fixed_base": "held",
+        },
+    ),
+}
 """By the last commit that has them: that commit, and all before it. A rename adds an entry, with its parent as the
 commit: {"0123abc": Names(words={"--perturb": "--trouble"}, keys={"no_command_frames": "unled_frames"})}."""
 

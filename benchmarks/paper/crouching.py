@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.paper.observed_distances import ObservedDistances, observed_distances
-from benchmarks.paper.placement import FOREARM, HEAD, clear_cylinder, cycles_hindered, hindering_sphere
+from benchmarks.paper.placement import FOREARM, HEAD, clear_cylinder, cycles_on_hold, hindering_sphere
 from benchmarks.paper.replay import Replay, replay
 from hardware.clock import Clock
 from retarget.frames import SensorFrames
@@ -35,7 +35,7 @@ class Experiment:
 
     number: int
     scene: Scene | None
-    hindered: str | None
+    evidence: str | None
     worn: Worn
 
     @property
@@ -137,7 +137,7 @@ def _outcome(experiment: Experiment, priorities: str, worn: Worn, replayed: Repl
 
     seen, whole = looked(replayed, replayed.observers), looked(replayed, capsules)
     free_seen, free_whole = looked(free, replayed.observers), looked(free, capsules)
-    part = experiment.hindered
+    part = experiment.evidence
     free_distances = free_whole.least_own if part is None else free_seen.of(part)
     return Outcome(
         experiment=experiment,
@@ -149,7 +149,7 @@ def _outcome(experiment: Experiment, priorities: str, worn: Worn, replayed: Repl
         on_capsules=Collisions.of(whole),
         free_on_observers=Collisions.of(free_seen),
         free_on_capsules=Collisions.of(free_whole),
-        cycles=0 if part is None else cycles_hindered(free, -free_distances),
+        cycles=0 if part is None else cycles_on_hold(free, -free_distances),
         distances=whole.least_own if part is None else seen.of(part),
         free_distances=free_distances,
     )

@@ -20,7 +20,7 @@ from retarget.schema.priorities import ObserverSettings
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
 
-__all__ = ["FOREARM", "HEAD", "HINDERED", "clear_cylinder", "cycles_hindered", "hindering_sphere"]
+__all__ = ["FOREARM", "HEAD", "HINDERED", "clear_cylinder", "cycles_on_hold", "hindering_sphere"]
 
 HINDERED = 0.05
 """m: how deep the body would be inside the obstacle."""
@@ -44,8 +44,8 @@ _ARM = ("r_collar", "r_shoulder", "r_elbow", "r_wrist")
 class _Survey:
     """Looks at a motion (every LOOKED_AT-th frame) beside obstacles."""
 
-    def __init__(self, motion: Replay, hindered: str) -> None:
-        self._motion, self._hindered = motion, hindered
+    def __init__(self, motion: Replay, evidence: str) -> None:
+        self._motion, self._hindered = motion, evidence
         self._frames = np.arange(0, len(motion.q), LOOKED_AT)
         self._lines, self._capsules = (_worn(motion.human, worn) for worn in ("lines_and_head", "capsules"))
 
@@ -56,7 +56,7 @@ class _Survey:
         if start[0] < START_CLEAR:
             return False
         looked = observed_distances(motion.human.body, self._lines, motion.q[self._frames], scene).of(self._hindered)
-        return cycles_hindered(motion, -np.interp(np.arange(len(motion.q)), self._frames, looked)) >= CYCLES
+        return cycles_on_hold(motion, -np.interp(np.arange(len(motion.q)), self._frames, looked)) >= CYCLES
 
     def room(self, scene: Scene, spared: tuple[str, ...]) -> float:
         """Least distance (m) of anything that is not spared."""
@@ -106,7 +106,7 @@ def hindering_sphere(motion: Replay) -> Scene:
     raise _nowhere("the head")
 
 
-def cycles_hindered(motion: Replay, depth: FloatArray) -> int:
+def cycles_on_hold(motion: Replay, depth: FloatArray) -> int:
     """Cycles in which a depth (T,) m of the motion's frames reaches HINDERED."""
     head = motion.joints[:, POINTS.index("head"), 2]
     return sum(bool(depth[cycle].max() >= HINDERED) for cycle in crouch_cycles(head))
@@ -118,9 +118,9 @@ def _worn(human: Human, worn: Worn) -> Observers:
     return replace(observers, pairs=observers.pairs[:0])  # nobody looks at themselves here
 
 
-def _nowhere(hindered: str) -> InputError:
+def _nowhere(evidence: str) -> InputError:
     return InputError(
-        f"no place for an obstacle that hinders {hindered}",
+        f"no place for an obstacle that hinders {evidence}",
         allowed=f"{1e2 * HINDERED:.0f} cm deep in {CYCLES} crouch cycles or more, and clear at the start",
         next_step="Give a motion with several crouches, such as CMU 02_06",
     )

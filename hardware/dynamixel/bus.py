@@ -14,7 +14,7 @@ from hardware.dynamixel import torque as powering
 from hardware.dynamixel.bus_line import BusLine, read_cycle
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.control_table import Register
-from hardware.dynamixel.cyclic import Roughness
+from hardware.dynamixel.cyclic import ErrorRate
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.serial_port import BytePort
@@ -38,7 +38,7 @@ class DynamixelBus:
     """All buses of a robot, in parallel: each cycle asks on every port before it waits on any.
 
     A servo without an answer keeps its values and is marked; a port that is gone raises BusError. Torque comes on by a
-    ramp, and only where everything was found and written as the profile wants. `tell` hears what is worth a note.
+    ramp, and only where everything was found and written as the profile wants. `notify` hears what is worth a note.
     """
 
     def __init__(
@@ -47,10 +47,10 @@ class DynamixelBus:
         buses: Sequence[BusSpec],
         make_port: MakePort,
         *,
-        tell: Callable[[str], object] = _quiet,
+        notify: Callable[[str], object] = _quiet,
     ) -> None:
         self._map = joint_map
-        self._tell = tell
+        self._notify = notify
         servos = list(enumerate(joint_map.servos))
         self._lines = [
             BusLine(bus, make_port(bus), [(index, servo) for index, servo in servos if servo.bus == bus.name])
@@ -62,7 +62,7 @@ class DynamixelBus:
         self._readings: Readings
         self._goals: TickArray | None = None
         self._restless = 0  # cycles
-        self._roughness = [Roughness() for _ in self._lines]
+        self._error_rates = [ErrorRate() for _ in self._lines]
         self._open = False
         self._powered = False  # torque may be on, through this bus
 
@@ -92,8 +92,8 @@ class DynamixelBus:
             for line, opening in zip(self._lines, found, strict=True):
                 line.adopt(opening.images)
                 for note in opening.notes:
-                    self._tell(note)
-            powering.prepare(self._lines, self._tell, limp_only=True)
+                    self._notify(note)
+            powering.prepare(self._lines, self._notify, limp_only=True)
             self._begin()
         except BaseException:
             self._close_ports()
@@ -204,18 +204,18 @@ class DynamixelBus:
         counted = [(line.cyclic.retries, line.cyclic.spoiled) for line in self._lines]
         read_cycle(self._lines, self._readings, wide=self._readings.slow_due(now))
         retries, repeated, share = 0, False, 0.0
-        for line, rough, (asked, spoiled) in zip(self._lines, self._roughness, counted, strict=True):
+        for line, error_rate, (asked, spoiled) in zip(self._lines, self._error_rates, counted, strict=True):
             cyclic = line.cyclic
-            rough.note(now, retries=cyclic.retries - asked, spoiled=cyclic.spoiled - spoiled)
+            error_rate.note(now, retries=cyclic.retries - asked, spoiled=cyclic.spoiled - spoiled)
             retries, repeated = retries + cyclic.retries, repeated or cyclic.retries > asked
-            share = max(share, rough.share)
+            share = max(share, error_rate.share)
         self._restless = self._restless + 1 if repeated else 0
         if self._restless == RESTLESS:
-            self._tell(
+            self._notify(
                 f"requests had to be repeated in {RESTLESS} cycles on end: a noisy line, or an adapter that is slower "
                 "than it says"
             )
-        return self._readings.states(now, retries=retries, rough=share)
+        return self._readings.states(now, retries=retries, error_rate=share)
 
     def _torque_on(self) -> None:
         """Provision whoever started anew, check goals, arm watchdogs, then let the drive rise."""
@@ -223,7 +223,7 @@ class DynamixelBus:
             raise BusError(
                 describe(what="no goals were sent", where="bus, torque on", then="Send the present posture first")
             )
-        ready = powering.prepare(self._lines, self._tell)
+        ready = powering.prepare(self._lines, self._notify)
         self._recount(ready)
         raw = self._goals - self._readings.turns
         goals = [{device: int(raw[index]) for device, index in line.index_of.items()} for line in self._lines]

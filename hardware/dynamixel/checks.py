@@ -233,7 +233,7 @@ def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:
 
 # Everything in which a servo's EEPROM should follow its profile: more than opening writes, which asks nobody.
 
-NOBODY = 255
+NO_SECONDARY_ID = 255
 """Secondary ID of a servo that has none."""
 
 
@@ -252,5 +252,5 @@ def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span | Non
     if image.has("homing_offset"):
         wanted["homing_offset"] = servo.homing_offset
     if image.has("secondary_id") and image.value("secondary_id") <= HIGHEST_SECONDARY:
-        wanted["secondary_id"] = NOBODY
+        wanted["secondary_id"] = NO_SECONDARY_ID
     return wanted | limits_to_move(servo, image, needed)

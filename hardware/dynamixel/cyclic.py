@@ -78,7 +78,7 @@ LOST_AFTER = 3
 """Cycles without an answer after which a servo is no longer asked in every cycle."""
 PROBE_PERIOD = 0.1
 """[s] Between two looks for lost servos."""
-MAX_ERRANDS = 1000
+MAX_TRANSACTIONS = 1000
 """Requests that are kept ready-made."""
 NOISY = 1.0
 """[s] After a request that had to be repeated goals are sent twice for so long."""
@@ -109,7 +109,7 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Errand:
+class Transaction:
     """One request that is due, for a group's values or (names None) for the status of one servo.
 
     who: where those that are asked stand in servo order. again: what is asked when an answer is missing.
@@ -143,14 +143,14 @@ class CyclicPort:
         self._status_block = {servo.id: status_block(servo.table) for servo in servos}
         self._strikes: dict[int, int] = {}  # cycles on end without an answer, of those who are silent
         self._missed: set[int] = set()  # of this cycle: the first that did not answer, each time
-        self._queue: deque[Errand] = deque()
+        self._queue: deque[Transaction] = deque()
         self._sent = 0.0  # [s]
         self._line_free = -np.inf  # [s] when the last goals have left the wire
         self._noisy_until = -np.inf  # [s]
         self._cycle = 0
         self._probed = -np.inf
-        self._errands: dict[tuple[object, ...], Errand] = {}
-        self._usual: dict[bool, list[Errand]] = {}
+        self._transactions: dict[tuple[object, ...], Transaction] = {}
+        self._usual: dict[bool, list[Transaction]] = {}
         """What a cycle asks while nobody is missed: wide, and not."""
 
     def write(self, ticks: NDArray[np.int64], driven: BoolArray) -> None:
@@ -210,14 +210,14 @@ class CyclicPort:
 
     def collect(self, readings: Readings) -> None:
         """Wait for the answers to the last request, and keep them. Raises BusError."""
-        errand = self._queue.popleft()
-        answers, noise = collect(self.port, errand.ask, self._sent, errand.timeouts)
-        if answers and errand.names is not None:
-            self._keep(readings, errand, answers)
+        transaction = self._queue.popleft()
+        answers, noise = collect(self.port, transaction.ask, self._sent, transaction.timeouts)
+        if answers and transaction.names is not None:
+            self._keep(readings, transaction, answers)
         elif answers:
-            self._keep_status(readings, errand.block, answers)
-        if len(answers) < len(errand.ask.ids):
-            self._again(errand, answers, noise=noise)
+            self._keep_status(readings, transaction.block, answers)
+        if len(answers) < len(transaction.ask.ids):
+            self._again(transaction, answers, noise=noise)
 
     def ask_status(self, device: int) -> None:
         """Let the next request be for the torque, errors and watchdog of one servo."""
@@ -238,10 +238,10 @@ class CyclicPort:
                     readings.take_drive(index, False)  # until it says otherwise: it may have started anew
                 self.ask_status(device)
 
-    def _keep(self, readings: Readings, errand: Errand, answers: Answers) -> None:
-        assert errand.names is not None
-        who = errand.who if answers.ids == errand.ask.ids else self._places(answers.ids)
-        readings.take(who, errand.block.unpack(answers), answers.errors, errand.names, self.port.now())
+    def _keep(self, readings: Readings, transaction: Transaction, answers: Answers) -> None:
+        assert transaction.names is not None
+        who = transaction.who if answers.ids == transaction.ask.ids else self._places(answers.ids)
+        readings.take(who, transaction.block.unpack(answers), answers.errors, transaction.names, self.port.now())
 
     def _places(self, ids: Sequence[int]) -> NDArray[np.int64]:
         """Where servos stand in servo order."""
@@ -254,29 +254,31 @@ class CyclicPort:
         readings.take_drive(index, bool(said["torque_enable"]) and not tripped)
         readings.take_alert(index, said.get("hardware_error_status", 0))
 
-    def _again(self, errand: Errand, answers: Answers, *, noise: bool) -> None:
+    def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
         """Ask those that did not answer once more, the first of them last: it may be the one that silenced the rest.
 
         One alone that said nothing at all, though it was asked twice or missed before, is left to the next cycle.
         """
         self.spoiled += noise
         heard = set(answers.ids)
-        silent = [device for device in errand.ask.ids if device not in heard]
+        silent = [device for device in transaction.ask.ids if device not in heard]
         known = silent[0] in self._missed or silent[0] in self._strikes
         self._missed.add(silent[0])
-        if errand.tries == RETRIES or (len(silent) == 1 and not noise and known):
+        if transaction.tries == RETRIES or (len(silent) == 1 and not noise and known):
             return
         self.retries += 1
         if noise:
             self._noisy_until = self.port.now() + NOISY
-        kind = errand.ask.kind
+        kind = transaction.ask.kind
         if kind is Kind.FAST and (answers or noise):
             kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only its own
         late = [device for device in silent if device in self._missed]
         order = [device for device in silent if device not in self._missed] + late
-        if errand.names is not None:  # a status that is due can wait: this cycle takes long enough
+        if transaction.names is not None:  # a status that is due can wait: this cycle takes long enough
             self._queue = deque(later for later in self._queue if later.names is not None)
-        self._enqueue(kind, tuple(order), errand.again, errand.again, errand.names, tries=errand.tries + 1)
+        self._enqueue(
+            kind, tuple(order), transaction.again, transaction.again, transaction.names, tries=transaction.tries + 1
+        )
 
     def _probe(self) -> int | None:
         """A lost servo to be looked for in this cycle, each in its turn."""
@@ -294,16 +296,16 @@ class CyclicPort:
         for at in range(0, len(ids), most):
             part = ids[at : at + most]
             key = (kind, part, block.address, block.size, tries)
-            errand = self._errands.get(key)
-            if errand is None:
-                if len(self._errands) >= MAX_ERRANDS:
-                    self._errands.clear()
+            transaction = self._transactions.get(key)
+            if transaction is None:
+                if len(self._transactions) >= MAX_TRANSACTIONS:
+                    self._transactions.clear()
                 ask = Ask(kind, part, block.address, block.size)
                 timeouts = ask.timeouts(self.port, self._return_delay)
-                errand = self._errands[key] = Errand(
+                transaction = self._transactions[key] = Transaction(
                     ask, self._places(part), ask.request(), timeouts, block, again, names, tries
                 )
-            self._queue.append(errand)
+            self._queue.append(transaction)
 
 
 def status_block(table: ControlTable) -> Block:
@@ -339,7 +341,7 @@ FEWEST = 4
 """Cycles that it is taken to hold at least."""
 
 
-class Roughness:
+class ErrorRate:
     """Of the cycles of one bus. share: of the rough ones among the last, 0 to 1."""
 
     def __init__(self) -> None:
@@ -349,9 +351,9 @@ class Roughness:
 
     def note(self, now: float, *, retries: int, spoiled: int) -> None:
         """A cycle ended at `now`, s, with so many repeated requests, and so many whose answers came damaged."""
-        rough = retries >= RETRIES and spoiled > 0
-        self._cycles.append((now, rough))
-        self._rough += rough
+        error_rate = retries >= RETRIES and spoiled > 0
+        self._cycles.append((now, error_rate))
+        self._rough += error_rate
         while self._cycles[0][0] < now - WINDOW_S:
             self._rough -= self._cycles.popleft()[1]
         self.share = self._rough / max(len(self._cycles), FEWEST)

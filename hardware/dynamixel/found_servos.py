@@ -37,7 +37,7 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
     return False
 
 
-def muted_text(bus: BusSpec, device: int) -> str:
+def status_return_off_text(bus: BusSpec, device: int) -> str:
     """What is wrong with it, and what a person types."""
     return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
 
@@ -63,7 +63,7 @@ def is_controller(found: Found) -> bool:
     return found.model in CONTROLLERS
 
 
-def tell_off(line: BusLine, ids: Iterable[int]) -> None:
+def send_torque_off(line: BusLine, ids: Iterable[int]) -> None:
     """Tell servos to switch their torque off; nobody answers. Raises BusError when the port is gone."""
     line.write_all(TORQUE_ENABLE[line.spec.protocol], [(device, 0) for device in ids])
 
@@ -113,12 +113,14 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
         except (NoAnswer, ServoError) as error:
             mute = isinstance(error, NoAnswer) and answers_pings_only(line.client, device)
             notes.append(
-                f"{servo.joint} (id {device}) {muted_text(spec, device)}" if mute else f"{servo.joint}: {error}"
+                f"{servo.joint} (id {device}) {status_return_off_text(spec, device)}"
+                if mute
+                else f"{servo.joint}: {error}"
             )
             continue
         if image is None:
             if seen[device].found.model is None and answers_pings_only(line.client, device):
-                notes.append(f"{servo.joint} (id {device}) {muted_text(spec, device)}")
+                notes.append(f"{servo.joint} (id {device}) {status_return_off_text(spec, device)}")
             continue
         if image.table.model != servo.model.name:
             notes.append(f"{servo.joint} (id {device}) is {image.table.model}, the profile says {servo.model.name}")
@@ -128,9 +130,9 @@ def look(port: BytePort, spec: BusSpec, servos: Sequence[Placed], sightings: Seq
     for one in strange:
         if one.table is None:
             notes.append(f"{_called(line, one)} is a model that is not known here: {one.model}")
-    strangers = [f"{one.found.id} ({one.model})" for one in strange if one.found.id not in line.servos and one.table]
-    if strangers:
-        notes.append(f"ids that the profile does not know: {', '.join(strangers)}")
+    unknown_ids = [f"{one.found.id} ({one.model})" for one in strange if one.found.id not in line.servos and one.table]
+    if unknown_ids:
+        notes.append(f"ids that the profile does not know: {', '.join(unknown_ids)}")
     named = {one.found.id for one in strange}
     missing = tuple(device for device in line.servos if device not in images and device not in named)
     if missing:
@@ -220,7 +222,7 @@ MARGIN = 0.002
 """[s] After the last byte, before the speed changes: what the adapter still holds would be spoiled."""
 
 
-def tell_everybody_off(port: BytePort, speeds: Sequence[Speed]) -> None:
+def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed]) -> None:
     """Write torque off to all ids at each speed, in this order; nobody answers. Under 1 s for all speeds there are.
 
     The port is left at the last speed. A speed that the adapter does not have is left out. Raises BusError when the

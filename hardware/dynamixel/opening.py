@@ -8,7 +8,7 @@ from hardware.dynamixel import exchange, protocol1
 from hardware.dynamixel.checks import Span, complaints, needed_ticks, notes
 from hardware.dynamixel.control_table import ControlTable, Register, find_table, table_of_number
 from hardware.dynamixel.exchange import Ask, Found, Kind, settle
-from hardware.dynamixel.found_servos import answers_pings_only, muted_text
+from hardware.dynamixel.found_servos import answers_pings_only, status_return_off_text
 from hardware.dynamixel.line_scan import MOST, elsewhere_texts, heard_elsewhere, other_bauds
 from hardware.dynamixel.packets import MAX_ID
 from hardware.dynamixel.serial_port import ECHOES, BytePort
@@ -135,9 +135,9 @@ def examine(
         opening.problems.append(f"{where}: no servo answers; {_other_speeds(port, bus)}")
         return opening
     _name_missing(port, bus, servos, found, opening)
-    strangers = [f"{one.id} ({_model(one)})" for one in found.values() if one.id not in bus.ids]
-    if strangers:
-        opening.problems.append(f"{where}: ids that the profile does not know: {', '.join(strangers)}")
+    unknown_ids = [f"{one.id} ({_model(one)})" for one in found.values() if one.id not in bus.ids]
+    if unknown_ids:
+        opening.problems.append(f"{where}: ids that the profile does not know: {', '.join(unknown_ids)}")
     needed = needed_ticks(robot or servos)
     for servo in servos:
         if servo.id in found:
@@ -212,14 +212,16 @@ def _look_at(
     expected = find_table(servo.model.name, bus.protocol, found.firmware)
     try:
         if found.model != expected.number:
-            muted = found.model is None and answers_pings_only(client, servo.id)
+            status_return_off = found.model is None and answers_pings_only(client, servo.id)
             other = f"is {_model(found)}, the profile says {servo.model.name}"
-            opening.problems.append(f"{where} {muted_text(bus, servo.id) if muted else other}")
+            opening.problems.append(f"{where} {status_return_off_text(bus, servo.id) if status_return_off else other}")
             return
         image = read_image(client, servo.id, expected)
     except NoAnswer as error:
-        muted = not error.damaged and answers_pings_only(client, servo.id)
-        opening.problems.append(f"{where} {muted_text(bus, servo.id)}" if muted else f"{where}: {error}")
+        status_return_off = not error.damaged and answers_pings_only(client, servo.id)
+        opening.problems.append(
+            f"{where} {status_return_off_text(bus, servo.id)}" if status_return_off else f"{where}: {error}"
+        )
         return
     except ServoError as error:
         opening.problems.append(f"{where}: {error}")

@@ -168,7 +168,7 @@ class Readings:
         """Whether everybody has answered in this cycle."""
         return all_of(self._valid)
 
-    def states(self, now: float, *, retries: int = 0, rough: float = 0.0) -> ServoStates:
+    def states(self, now: float, *, retries: int = 0, error_rate: float = 0.0) -> ServoStates:
         """Everything, as of `now`, s; none of it changes later, and arrays that stay as they were may be the same
         again. Voltages and temperatures beyond SLOW_AGE are not known."""
         if now > self._slow_until:
@@ -188,7 +188,7 @@ class Readings:
             valid=self._all_valid if complete else self._valid.copy(),
             driven=self._driven.copy(),
             retries=retries,
-            rough=rough,
+            error_rate=error_rate,
         )
 
     def _make_slow(self, now: float) -> None:

@@ -20,9 +20,9 @@ from hardware.errors import BusError, describe
 
 __all__ = [
     "SLACK",
-    "MendedProtocol2",
     "NoAnswer",
     "OneOff",
+    "PatchedProtocol2",
     "ResetScope",
     "SdkPort",
     "ServoError",
@@ -143,7 +143,7 @@ class SdkPort:
         self._unconfirmed = b""
 
 
-class MendedProtocol2(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
+class PatchedProtocol2(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
     """The SDK's handler, with byte stuffing that reaches the wire and removes what was added, no more."""
 
     def addStuffing(self, packet: list[int]) -> list[int]:
@@ -155,9 +155,9 @@ class MendedProtocol2(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK 
         return _with_body(packet, protocol2.unstuff(_body(packet)))
 
 
-def packet_handler(protocol: int) -> Protocol1PacketHandler | MendedProtocol2:
+def packet_handler(protocol: int) -> Protocol1PacketHandler | PatchedProtocol2:
     """The SDK's packet handler of a protocol, 1 or 2."""
-    return Protocol1PacketHandler() if protocol == 1 else MendedProtocol2()
+    return Protocol1PacketHandler() if protocol == 1 else PatchedProtocol2()
 
 
 def _body(packet: list[int]) -> bytes:

@@ -323,10 +323,10 @@ class Ready(NamedTuple):
     limp: tuple[int, ...]
 
 
-def prepare(lines: Sequence[BusLine], tell: Callable[[str], object], *, limp_only: bool = False) -> list[Ready]:
+def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_only: bool = False) -> list[Ready]:
     """Bring everybody to what the profile wants: limp servos wholly, those that have torque as far as they let.
 
-    limp_only: leave those that have torque as they are. `tell` hears what was changed. Raises BusError with what one
+    limp_only: leave those that have torque as they are. `notify` hears what was changed. Raises BusError with what one
     refuses, and what others have taken by then.
     """
     found, changed = [], list[str]()
@@ -339,7 +339,7 @@ def prepare(lines: Sequence[BusLine], tell: Callable[[str], object], *, limp_onl
                 raise BusError(f"{error} Written before that: {'; '.join(changed) or 'nothing'}.") from error
             if now:
                 changed.append(f"servo {line.name_of(device)}: {', '.join(now)}")
-                tell(changed[-1])
+                notify(changed[-1])
         line.adopt(line.images)
         found.append(Ready(line, limp))
     return found

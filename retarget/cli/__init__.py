@@ -41,18 +41,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else list(arguments)
     chosen = [word for word in words if not word.startswith("-")][:2]
     if arguments is None:
-        _make_haste()
+        _start_fast()
     sys.exit(exit_code_of(lambda: _call(chosen, words)))
 
 
 def _call(chosen: list[str], words: list[str]) -> None:
-    from retarget.cli.application import application, with_values
+    from retarget.cli.application import application, refuse_renamed, with_values
 
+    refuse_renamed(words)
     panels = bool(chosen) and "--help" in words
     application(chosen, panels=panels)(args=with_values(words), prog_name="retarget")
 
 
-def _make_haste() -> None:
+def _start_fast() -> None:
     """In a process of our own: nobody collects garbage (0.1 s), loads the windows of MuJoCo (40 ms), seeks plugins of
     pydantic, or keeps a second core spinning for matrices as small as ours (0.1 s)."""
     gc.disable()

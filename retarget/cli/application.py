@@ -13,11 +13,11 @@ import typer
 
 import retarget
 from hardware.realtime import USUAL_PRIORITY
-from retarget.errors import UsageError
+from retarget.errors import RENAMED, UsageError
 from retarget.run.control_socket import USUAL
 from retarget.viewer.server import PORT
 
-__all__ = ["Overwrite", "TypedLines", "application", "ask", "progress_bar", "with_values"]
+__all__ = ["Overwrite", "TypedLines", "application", "ask", "progress_bar", "refuse_renamed", "with_values"]
 
 
 EPILOG = (
@@ -92,6 +92,14 @@ def with_values(words: Sequence[str]) -> list[str]:
         if word in USUAL_VALUES and after.startswith("-"):
             found.append(USUAL_VALUES[word])
     return found
+
+
+def refuse_renamed(words: Sequence[str]) -> None:
+    """Raises UsageError for an option that has another name now."""
+    for word in words:
+        option = word.partition("=")[0]
+        if option.startswith("--") and option in RENAMED:
+            raise UsageError("no such option", where=option, next_step=f"It is called {RENAMED[option]} now")
 
 
 # `--overwrite`: the one way in which a command replaces a file that is there.

@@ -75,7 +75,7 @@ def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
     def port(bus: BusSpec) -> SerialPort:
         return SerialPort(bus.port, clock)
 
-    return DynamixelBus(robot.joint_map, buses, port, tell=_note)
+    return DynamixelBus(robot.joint_map, buses, port, notify=_note)
 
 
 def _note(text: str) -> None:
@@ -91,17 +91,17 @@ LIVE_PUSH_S = 30.0
 CHEST = "chest"
 """The frame that is pushed, where the profile has it; else the centre of mass of the root link."""
 
-Tell = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 class PhysicsBench:
     """Of one run. Without physics it only makes the bus. tell: hears of what the simulation leaves out."""
 
-    def __init__(self, options: RunOptions, tell: Tell) -> None:
-        self._options, self._tell = options, tell
+    def __init__(self, options: RunOptions, notify: Notify) -> None:
+        self._options, self._notify = options, notify
         self._bus: PhysicsBus | WitnessedBus | None = None
         self._robot: RobotBody
-        self._to_push = "push" in options.physics.trouble
+        self._to_push = "push" in options.physics.perturbations
 
     def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
         """The bus that the options name. Raises RetargetError."""
@@ -136,7 +136,9 @@ class PhysicsBench:
 
         asked, time = self._options.physics, run.record.time
         begun = float(time[0]) if len(time) else 0.0
-        return replace(run, physics=physics_run(self._bus.witness, begun=begun, seed=asked.seed, trouble=asked.trouble))
+        return replace(
+            run, physics=physics_run(self._bus.witness, begun=begun, seed=asked.seed, perturbations=asked.perturbations)
+        )
 
     def truth(self) -> Truth | None:
         """Where the simulated body was when its servos were read last; None without physics."""
@@ -153,7 +155,7 @@ class PhysicsBench:
     def _physics_bus(self, robot: RobotBody, clock: Clock) -> "PhysicsBus | WitnessedBus":
         from sim.buses import physics_bus, physics_wire_bus, simulation_of
         from sim.physics.mount import mount_of
-        from sim.physics.perturbation import combined, drawn, trouble_of
+        from sim.physics.perturbation import combined, drawn, perturbation_kind
 
         options, asked = self._options, self._options.physics
         if asked.root is not None:  # it follows as it is held; its soles are still soles
@@ -162,7 +164,11 @@ class PhysicsBench:
         mount = self._mount(robot) or mount_of(robot)
         if mount.support.value == "floor":
             check_stand(robot)
-        steady = [drawn(trouble_of(name), asked.seed, within=(0.0, 0.0)) for name in asked.trouble if name != "push"]
+        steady = [
+            drawn(perturbation_kind(name), asked.seed, within=(0.0, 0.0))
+            for name in asked.perturbations
+            if name != "push"
+        ]
         simulation = simulation_of(
             robot,
             start=standing_ticks(robot),
@@ -170,11 +176,11 @@ class PhysicsBench:
             mount=mount,
             perturbation=combined(steady),
             seed=asked.seed,
-            tell=self._note,
+            notify=self._note,
         )
         if options.bus == "physics":
             return physics_bus(simulation, clock)
-        return physics_wire_bus(simulation, clock, faults=options.faults, tell=self._note)
+        return physics_wire_bus(simulation, clock, faults=options.faults, notify=self._note)
 
     def _mount(self, robot: RobotBody) -> "Mount | None":
         """What was asked for; None: as the profile says."""
@@ -192,14 +198,14 @@ class PhysicsBench:
 
     def _push(self, now: float, within: float) -> None:
         """Let the push come at some time of the performance, which begins now; once."""
-        from sim.physics.perturbation import Trouble, drawn
+        from sim.physics.perturbation import PerturbationKind, drawn
 
         assert self._bus is not None
         self._to_push = False
         frame = CHEST if CHEST in self._robot.profile.frames else None
         later = (now + 0.1 * within, now + 0.9 * within)
-        for push in drawn(Trouble.PUSH, self._options.physics.seed, within=later, frame=frame).pushes:
+        for push in drawn(PerturbationKind.PUSH, self._options.physics.seed, within=later, frame=frame).pushes:
             self._bus.witness.simulation.push(push)
 
     def _note(self, text: str) -> None:
-        self._tell(f"note: {text}")
+        self._notify(f"note: {text}")

@@ -12,7 +12,7 @@ from retarget.errors import ConfigError, Problem, RefusedError, UsageError, sugg
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_robot
-from retarget.report.rest_check import parking_way
+from retarget.report.rest_check import path_to_rest
 from retarget.robot.balance import heaviest_loads
 from retarget.run.options import name_with_mass
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_of
@@ -121,7 +121,7 @@ def _robot(path: Path) -> str:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
     robot = load_robot(path)
     observers = robot_observers(robot)
-    margin, parks = check_stand(robot), parking_way(robot)
+    margin, goes_to_rest = check_stand(robot), path_to_rest(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (
         f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
@@ -146,7 +146,7 @@ def _robot(path: Path) -> str:
                 else {
                     "stands": f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles",
                     "carries": "; ".join(map(str, heaviest_loads(robot))),
-                    "parks": str(parks or "nothing is looked at"),
+                    "parks": str(goes_to_rest or "nothing is looked at"),
                 }
             ),
             "tick": f"{profile.safety.rate_hz:g} Hz",
@@ -156,7 +156,7 @@ def _robot(path: Path) -> str:
             "physics": _physics(robot),
             **_drafts(path),
         },
-        verdict="good" if parks is None or parks.sound else "good, but it does not go straight to rest",
+        verdict="good" if goes_to_rest is None or goes_to_rest.sound else "good, but it does not go straight to rest",
     )
 
 

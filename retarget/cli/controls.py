@@ -17,7 +17,7 @@ from hardware.clock import Clock, MonotonicClock
 from hardware.guard import Guard
 from hardware.key_device import KeyDevice
 from hardware.realtime import Scheduling, refuse_scheduling
-from retarget.cli.exit import SecondPress, StopRequest
+from retarget.cli.exit import ForcedStopKey, StopRequest
 from retarget.errors import UsageError
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
@@ -176,12 +176,12 @@ class Clutch:
         performer: LivePerformer,
         *,
         clock: Clock,
-        tell: Callable[[str], object],
+        notify: Callable[[str], object],
         guard: Guard | None = None,
         dead_man: DeadMan | None = None,
     ) -> None:
         self._performer, self._guard, self._dead_man = performer, guard, dead_man
-        self._clock, self._tell = clock, tell
+        self._clock, self._notify = clock, notify
         self._paused, self._held = False, dead_man is None
         self._since: float | None = None  # [s] when it was let go
         self._lost = False
@@ -210,10 +210,10 @@ class Clutch:
         held = dead_man.held(pressed, self._clock.now())
         if dead_man.lost and not self._lost:
             self._lost = True
-            self._tell(f"{dead_man.lost}: it counts as let go, for good; stop the run")
+            self._notify(f"{dead_man.lost}: it counts as let go, for good; stop the run")
         if held != self._held:
             self._held = held
-            self._tell("held" if held else "let go: the robot holds")
+            self._notify("held" if held else "let go: the robot holds")
             self._apply()
 
     def pause(self) -> None:
@@ -350,7 +350,7 @@ HELP = (
 )
 FILE_PERIOD = 5
 """Ticks between two looks for the file; the first look of all is one, so nothing gets torque where it is there."""
-WORDS = "stop, cut, hold, status"
+WORDS = "stop, torque_off, hold, status"
 SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
 """Who stopped it."""
 GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on, so stop it: `retarget stop`"
@@ -380,15 +380,15 @@ class LiveControls:
         performer: LivePerformer,
         clutch: Clutch,
         *,
-        tell: Callable[[str], object],
+        notify: Callable[[str], object],
         clock: Clock | None = None,
         guard: Guard | None = None,
         stop_file: Path | None = None,
         socket: ControlSocket | None = None,
     ) -> None:
         self._keys, self._stop, self._performer, self._clutch = keys, stop, performer, clutch
-        self._guard, self._stop_file, self._socket, self._tell = guard, stop_file, socket, tell
-        self._clock, self._space = clock or MonotonicClock(), SecondPress()
+        self._guard, self._stop_file, self._socket, self._notify = guard, stop_file, socket, notify
+        self._clock, self._space = clock or MonotonicClock(), ForcedStopKey()
         self._ticks, self._told = 0, False  # told: that the robot stops
 
     def look(self) -> bool:
@@ -406,11 +406,11 @@ class LiveControls:
             self._stop_by_itself()
         return self._stop()
 
-    def insisted(self) -> bool:
+    def forced_stop(self) -> bool:
         """While the robot brakes: whether torque is to go off at once."""
         self.look()
         self._say_why()
-        return self._stop.insisted()
+        return self._stop.forced_stop()
 
     def why(self) -> str:
         """Who asked for the stop."""
@@ -432,7 +432,7 @@ class LiveControls:
 
     def _say_stopping(self, text: str) -> None:
         self._told = True
-        self._tell(text)
+        self._notify(text)
 
     def _stop_by_itself(self) -> None:
         if self._ticks % FILE_PERIOD == 1 and self._stop_file is not None:
@@ -462,12 +462,12 @@ class LiveControls:
         if key == "p":
             if self._clutch.paused:
                 self._clutch.unpause()
-                self._tell("going on" if self._clutch.engaged else "no pause any more: it goes on when it is held")
+                self._notify("going on" if self._clutch.engaged else "no pause any more: it goes on when it is held")
             else:
                 self._clutch.pause()
-                self._tell(f"paused: the robot holds; {GOES_ON}")
+                self._notify(f"paused: the robot holds; {GOES_ON}")
         elif key == "h":
-            self._tell(
+            self._notify(
                 "straight ahead is where you face now" if self._performer.reset_heading() else "left and right are lost"
             )
 
@@ -480,7 +480,7 @@ class LiveControls:
                 self._stop.ask(SOCKET)
                 self._say_stopping("stopping, asked by the control socket")
             return "ok stopping"
-        if word == "cut":
+        if word == "torque_off":
             self._stop.insist(SOCKET)
             self._say_stopping("torque off at once, asked by the control socket")
             return "ok torque off"
@@ -488,7 +488,7 @@ class LiveControls:
             if not self._clutch.paused:
                 self._clutch.pause()
                 then = GOES_ON if self._keys.listens else NEVER_GOES_ON
-                self._tell(f"paused by the control socket: the robot holds; {then}")
+                self._notify(f"paused by the control socket: the robot holds; {then}")
             return "ok holding"
         return f"error: found {word[:20]!a}, allowed: {WORDS}; only a person at the keyboard lets the robot move"
 

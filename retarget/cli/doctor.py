@@ -54,7 +54,7 @@ def doctor(
         found = _machine(MonotonicClock())
     for finding in found:
         typer.echo(finding.render())
-    wrong = sum(finding.level is Level.MEND for finding in found)
+    wrong = sum(finding.level is Level.FIX for finding in found)
     typer.echo("nothing is wrong" if not wrong else f"{wrong} to mend")
     if file is not None:
         _write(file, found)

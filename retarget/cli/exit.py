@@ -28,8 +28,8 @@ __all__ = [
     "STOPPED",
     "SUSPENDED",
     "Detached",
+    "ForcedStopKey",
     "Screen",
-    "SecondPress",
     "StopRequest",
     "all_as_ctrl_c",
     "careful_stdout",
@@ -108,7 +108,7 @@ PAUSE_S = 0.2
 """Without the key before its second press. Slow keyboards repeat every 0.09 s."""
 
 
-class SecondPress:
+class ForcedStopKey:
     """Of one key."""
 
     def __init__(self) -> None:
@@ -147,7 +147,7 @@ class StopRequest:
 
     def __init__(self) -> None:
         self._why = ""
-        self._insisted = False
+        self._forced_stop = False
 
     def __call__(self) -> bool:
         """Whether somebody asked."""
@@ -157,9 +157,9 @@ class StopRequest:
         """Who asked first, as the reason of a stop; "" before somebody has."""
         return self._why
 
-    def insisted(self) -> bool:
+    def forced_stop(self) -> bool:
         """Whether somebody asked not to wait for the robot to stand."""
-        return self._insisted
+        return self._forced_stop
 
     def ask(self, why: str) -> None:
         """Ask to stop before the next tick. why: not empty."""
@@ -167,7 +167,7 @@ class StopRequest:
 
     def insist(self, why: str) -> None:
         """Ask to stop, without braking."""
-        self._why, self._insisted = self._why or why, True
+        self._why, self._forced_stop = self._why or why, True
 
 
 @contextmanager
@@ -194,11 +194,11 @@ def all_as_ctrl_c() -> Iterator[None]:
 @contextmanager
 def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Iterator[StopRequest]:
     """SIGINT, SIGTERM, SIGHUP and SIGQUIT ask to stop, and Ctrl-Z where a robot `moves`; SIGINT after another of them
-    insists, and so does Ctrl-C that is pressed again (see `SecondPress`): held, it repeats.
+    insists, and so does Ctrl-C that is pressed again (see `ForcedStopKey`): held, it repeats.
 
     None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
     """
-    request, key, time = StopRequest(), SecondPress(), clock or MonotonicClock()
+    request, key, time = StopRequest(), ForcedStopKey(), clock or MonotonicClock()
 
     def handle(number: int, frame: FrameType | None) -> None:
         why = {**REASONS, **SUSPENDED}[signal.Signals(number).name]

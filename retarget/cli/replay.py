@@ -90,11 +90,15 @@ def _tell_of_damage(found: "Played") -> None:
 
 
 def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
-    from retarget.recording.configs import as_now, as_then
+    from retarget.recording.configs import as_now, as_recorded
     from retarget.report.measure import measure
 
     recording = found.recording
-    with as_then(recording) if robot is None else as_now(recording, recording.session.options, robot=robot) as configs:
+    with (
+        as_recorded(recording)
+        if robot is None
+        else as_now(recording, recording.session.options, robot=robot) as configs
+    ):
         again = _run(found, configs)
         if again.result.reason:
             typer.echo(f"it stops again: {again.result.reason}")
@@ -157,7 +161,7 @@ def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
                 found=options.robot[:80],
                 next_step="Say which robot is on the bus: --robot NAME|FILE",
             )
-        for told in configs.told:
+        for told in configs.notes:
             _note(told)
         return _sent(found, configs.options, configs.robot, speed)
 
@@ -169,17 +173,17 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
     from retarget.cli.application import progress_bar
     from retarget.cli.buses import PhysicsBench
     from retarget.cli.exit import stop_on_signals
-    from retarget.recording.goal_playback import sending
+    from retarget.recording.goal_playback import goal_playback
 
     clock: Clock = VirtualClock() if options.simulated else MonotonicClock()
     bench = PhysicsBench(options, _note)
     with ExitStack() as signals:
-        with sending(
-            found, options, speed=speed, clock=clock, make_bus=bench.make_bus, tell=_note, robot=robot
+        with goal_playback(
+            found, options, speed=speed, clock=clock, make_bus=bench.make_bus, notify=_note, robot=robot
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with progress_bar(options.robot, prepared.samples.kept // 2) as show:
-                run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.insisted, stop.why))
+                run = prepared.run(Watch(show, bench.watching(stop, prepared), stop.forced_stop, stop.why))
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"
         gated = int(sent.gated.sum())

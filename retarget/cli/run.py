@@ -88,35 +88,39 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
     if options.simulated:  # whoever looks on sees it as fast as it would be
         clock = VirtualClock() if outputs.view is None else PacedClock()
     bench = PhysicsBench(options, _note)
-    recorder = recorder_for(outputs, options, bench, clock=clock, parks=options.has_mass)
+    recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=options.has_mass)
     with detached_screens(), ExitStack() as signals:
         with prepare(
             read,
             options,
             clock=recorder.clock,
             make_bus=recorder.make_bus(bench.make_bus),
-            parks=options.has_mass,
-            tell=recorder.hears(_note),
+            goes_to_rest=options.has_mass,
+            notify=recorder.hears(_note),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with (
-                viewing(outputs.view, prepared, options, truth=bench.truth, tell=_note) as page,
+                viewing(outputs.view, prepared, options, truth=bench.truth, notify=_note) as page,
                 recorder.recording(prepared, source=source) as recorded,
                 progress_bar(options.robot, prepared.samples.ticks) as show,
             ):
                 asked = page.heard(bench.watching(stop, prepared), stop)
                 if prepared.side is None and outputs.view is not None:
                     asked = in_time(asked, prepared.samples.dt, clock)
-                watch = Watch(show, asked, stop.insisted, stop.why)
+                watch = Watch(show, asked, stop.forced_stop, stop.why)
                 run = recorded.run(page.watch(recorder.watch(watch, prepared)))
         # Still heard and not raised: what was recorded is written, whoever is in a hurry.
         return recorder.code(finished(bench.seen(run), outputs))
 
 
-def recorder_for(outputs: Outputs, options: RunOptions, bench: PhysicsBench, *, clock: Clock, parks: bool) -> Recorder:
+def recorder_for(
+    outputs: Outputs, options: RunOptions, bench: PhysicsBench, *, clock: Clock, goes_to_rest: bool
+) -> Recorder:
     """What records the run if `outputs` ask for it, and tells on stderr; see `Recorder` for parks and errors."""
     truth, overwrite = bench.truth_numbers, outputs.overwrite
-    return Recorder(outputs.record, options, clock=clock, parks=parks, tell=_note, overwrite=overwrite, truth=truth)
+    return Recorder(
+        outputs.record, options, clock=clock, goes_to_rest=goes_to_rest, notify=_note, overwrite=overwrite, truth=truth
+    )
 
 
 def finished(run: RunResult, outputs: Outputs) -> int:
@@ -125,7 +129,7 @@ def finished(run: RunResult, outputs: Outputs) -> int:
     hurry = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     report = measure_latest(run) if hurry else measure(run)
     written = outputs.write(run, report)
-    _tell(report, written)
+    _show(report, written)
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
 
 
@@ -133,7 +137,7 @@ def _note(text: str) -> None:
     typer.echo(text, err=True)
 
 
-def _tell(report: Report, written: Written) -> None:
+def _show(report: Report, written: Written) -> None:
     """Last of all, because a terminal may be gone or full."""
     show_summary(report, Console())
     for line in written.lines:
@@ -189,8 +193,8 @@ def follow_live(
         clock = VirtualClock() if outputs.view is None else PacedClock()
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _log)
-    recorder = recorder_for(outputs, options, bench, clock=clock, parks=True)
-    tell = recorder.hears(_log)
+    recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=True)
+    notify = recorder.hears(_log)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
         tap = _raw_tap(record_raw, address, stack, overwrite=outputs.overwrite)
@@ -198,21 +202,25 @@ def follow_live(
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
             stream = open_stream(address, performer, clock=clock, tap=tap, smoothing=live.smoothing, latest=live.latest)
             stack.callback(stream.receiver.close)
-            return begin_live(stream, live, clock=clock, rate_hz=live_rate_hz(robot), where=address.text, tell=tell)
+            return begin_live(stream, live, clock=clock, rate_hz=live_rate_hz(robot), where=address.text, notify=notify)
 
         make_bus = recorder.make_bus(bench.make_bus)
-        with prepare_for(perform, options, clock=recorder.clock, make_bus=make_bus, parks=True, tell=tell) as prepared:
+        with prepare_for(
+            perform, options, clock=recorder.clock, make_bus=make_bus, goes_to_rest=True, notify=notify
+        ) as prepared:
             stop, keys = stack.enter_context(stop_on_signals(moves=True)), stack.enter_context(Keys())
             performer, guard = prepared.samples, None if prepared.side is None else prepared.side.guard
             assert isinstance(performer, LivePerformer)
-            clutch = Clutch(performer, clock=clock, tell=tell, guard=guard, dead_man=dead_man)
+            clutch = Clutch(performer, clock=clock, notify=notify, guard=guard, dead_man=dead_man)
             file = oversight.stop_file
             controls = LiveControls(
-                keys, stop, performer, clutch, tell=_log, clock=clock, guard=guard, stop_file=file, socket=socket
+                keys, stop, performer, clutch, notify=_log, clock=clock, guard=guard, stop_file=file, socket=socket
             )
             _tell_how(keys, dead_man)
             words = _words(prepared, controls)
-            page = stack.enter_context(viewing(outputs.view, prepared, options, words, truth=bench.truth, tell=tell))
+            page = stack.enter_context(
+                viewing(outputs.view, prepared, options, words, truth=bench.truth, notify=notify)
+            )
             look = page.heard(controls.look, stop)
             _wait_until_wanted(clutch, look, performer, clock)
             with recorder.recording(prepared, source=address.text) as recorded:
@@ -221,7 +229,7 @@ def follow_live(
                     watch = _watch(recorded, look, controls, bench, clock)
                     run = recorded.run(page.watch(recorder.watch(watch, recorded)))
         if not run.ticks_followed and run.reason is None:
-            tell("nobody was followed: the stream was over before following began")
+            notify("nobody was followed: the stream was over before following began")
         told = performer.report(address=address.text, person=live.person)
         return recorder.code(finished(replace(bench.seen(run), live=told), outputs))
 
@@ -235,7 +243,7 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
                 "this file is what is played", where="--record-raw", found=str(path), next_step="Give another name"
             )
         remove(path, option="--record-raw")
-    return stack.enter_context(RawTap(RawWriter(path, url=address.text), tell=_log))
+    return stack.enter_context(RawTap(RawWriter(path, url=address.text), notify=_log))
 
 
 def _opened(oversight: Oversight, stack: ExitStack) -> tuple[ControlSocket | None, DeadMan | None]:
@@ -282,7 +290,7 @@ def _watch(
     if prepared.side is None:
         look = in_time(look, prepared.samples.dt, clock)
     asked = bench.watching(look, prepared, live=True)
-    return Watch(stop_asked=asked, cut_asked=controls.insisted, why=controls.why)
+    return Watch(stop_asked=asked, torque_off_asked=controls.forced_stop, why=controls.why)
 
 
 def _refuse_played(options: RunOptions) -> None:
@@ -390,7 +398,7 @@ def run(
             rich_help_panel=PHYSICS,
         ),
     ] = None,
-    trouble: Annotated[
+    perturbations: Annotated[
         list[str] | None,
         typer.Option(
             help="Another mass (+-10 %), a centre of mass 10 mm off, friction from 0.5 to 1, 30 ms of latency, a push "
@@ -512,7 +520,7 @@ def run(
         scene=scene,
         allow_contact=allow_contact,
         faults=faults,
-        physics=PhysicsOptions(mount=mount, hook=hook, seed=seed, trouble=tuple(trouble or ())),
+        physics=PhysicsOptions(mount=mount, hook=hook, seed=seed, perturbations=tuple(perturbations or ())),
         playback=Playback(speed=speed, start=start, end=end, loop=loop, mirror=mirror),
     )
     outputs = Outputs.checked(report=report, save=save, plots=plots, record=record, overwrite=overwrite)

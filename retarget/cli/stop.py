@@ -18,7 +18,9 @@ def stop(
         str | None,
         typer.Option("--socket", help="The socket of the run, if it is not the usual one.", metavar="PATH"),
     ] = None,
-    cut: Annotated[bool, typer.Option("--cut", help="Torque off at once, without braking: it may fall.")] = False,
+    torque_off: Annotated[
+        bool, typer.Option("--torque-off", help="Torque off at once, without braking: it may fall.")
+    ] = False,
 ) -> None:
     """Stop a live run that has a `--control-socket`: it brakes, goes to its rest posture, and torque goes off.
 
@@ -37,7 +39,7 @@ def stop(
     with client:
         client.settimeout(PATIENCE_S)
         try:
-            client.sendall(b"cut\n" if cut else b"stop\n")
+            client.sendall(b"torque_off\n" if torque_off else b"stop\n")
             while b"\n" not in answer and len(answer) <= MAX_LINE:
                 data = client.recv(MAX_LINE)
                 if not data:

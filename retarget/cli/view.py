@@ -11,11 +11,11 @@ import typer
 from hardware.clock import MonotonicClock
 from retarget.cli.exit import StopRequest, stop_on_signals
 from retarget.model.scene_state import ObstaclePoses
-from retarget.run.loop import Onlooker, Watch
+from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Record
-from retarget.run.run_result import Beside, Truth
+from retarget.run.run_result import Extras, Truth
 from retarget.types import FloatArray
 from retarget.viewer.feed import PageSetup, ViewFeed, open_feed
 from retarget.viewer.page import RecordedPage
@@ -64,11 +64,11 @@ ON_THE_PAGE = "stopped on the web page"
 class Viewing:
     """A run whose page is open, or that has none: then it changes nothing."""
 
-    def __init__(self, feed: ViewFeed | None, tell: Callable[[str], object] = lambda text: None) -> None:
-        self._feed, self._tell = feed, tell
+    def __init__(self, feed: ViewFeed | None, notify: Callable[[str], object] = lambda text: None) -> None:
+        self._feed, self._notify = feed, notify
         self.over = False
         """Whether the run has ended."""
-        self._shows = Onlooker(lambda record, row: None if feed is None else feed.on_row(record, row))
+        self._shows = ObserverCallback(lambda record, row: None if feed is None else feed.on_row(record, row))
 
     def heard(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
         """What is to be asked before every tick instead: the button of the page is `stop`, too."""
@@ -79,7 +79,7 @@ class Viewing:
         def either() -> bool:
             if feed.stop_asked() and not stop():
                 stop.ask(ON_THE_PAGE)
-                self._tell(f"{ON_THE_PAGE}: stopping")
+                self._notify(f"{ON_THE_PAGE}: stopping")
             return asked()
 
         return either
@@ -100,7 +100,7 @@ class Viewing:
     def settle(self) -> None:
         """Say why nothing was shown any more, if so."""
         if self._shows.failure:
-            self._tell(f"warning: the page showed nothing any more: {self._shows.failure}")
+            self._notify(f"warning: the page showed nothing any more: {self._shows.failure}")
 
 
 @contextmanager
@@ -111,7 +111,7 @@ def viewing(
     words: Callable[[], str] | None = None,
     *,
     truth: Callable[[], Truth | None] = lambda: None,
-    tell: Callable[[str], object],
+    notify: Callable[[str], object],
 ) -> Iterator[Viewing]:
     """Open the page of a run on a port of this machine; None: there is none. words: what it does now, where the phase
     of its tick does not say enough. truth: where a simulated body really is. tell: hears the address. Raises
@@ -120,9 +120,9 @@ def viewing(
         yield Viewing(None)
         return
     with open_feed(_setup(port, prepared, options), rate_hz=1.0 / prepared.samples.dt) as feed:
-        view = Viewing(feed, tell)
-        feed.beside = _beside(prepared, view, words, truth)
-        tell(f"Look at it: {feed.address}")
+        view = Viewing(feed, notify)
+        feed.extras = _beside(prepared, view, words, truth)
+        notify(f"Look at it: {feed.address}")
         try:
             yield view
         finally:
@@ -146,16 +146,16 @@ def _setup(port: int, prepared: Prepared, options: RunOptions) -> PageSetup:
 
 def _beside(
     prepared: Prepared, view: Viewing, words: Callable[[], str] | None, truth: Callable[[], Truth | None]
-) -> Beside:
+) -> Extras:
     """What the parts of a run know of now."""
-    side, surroundings = prepared.side, prepared.surroundings
+    side, scene_obstacles = prepared.side, prepared.scene_obstacles
 
     def around() -> ObstaclePoses | None:
-        now = None if surroundings is None else surroundings.now
-        return now if now is None or surroundings is None else now.rows(drawn(surroundings.shapes))
+        now = None if scene_obstacles is None else scene_obstacles.now
+        return now if now is None or scene_obstacles is None else now.rows(drawn(scene_obstacles.shapes))
 
     if side is None:
-        return Beside(words=lambda: ("ended" if view.over else "following", ""), around=around)
+        return Extras(words=lambda: ("ended" if view.over else "following", ""), around=around)
 
     def now() -> tuple[str, str]:
         stop = side.guard.stop_reason
@@ -169,4 +169,4 @@ def _beside(
         states = side.guard.states
         return None if states is None else states.current
 
-    return Beside(words=now, current=current, around=around, truth=truth)
+    return Extras(words=now, current=current, around=around, truth=truth)

@@ -15,7 +15,7 @@ from retarget.human.heading import Heading
 from retarget.human.posture_prior import Balance, Crouch, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.human.support_phase import CarryingFeet
-from retarget.ik.hierarchy import Hierarchy, Surroundings, body_frames
+from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
 from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS
@@ -25,7 +25,7 @@ from retarget.schema.performer import Performer
 from retarget.schema.priorities import CentreOfMassTask, PostureTask, Priorities
 from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 
-__all__ = ["Reconstructor", "WornSensors"]
+__all__ = ["Reconstructor", "SensorLayout"]
 
 
 # The sensors that a performer wears, read out of a source's samples.
@@ -40,7 +40,7 @@ class SensorTurn:
     link: FloatArray
 
 
-class WornSensors:
+class SensorLayout:
     """k sensors in the performer's order; a sensor that the source does not have is never valid.
 
     `joints` (k): index in POINTS of the joint that each sits on. `oriented`: rows whose orientation is used.
@@ -126,12 +126,12 @@ class Reconstructor:
         in the performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what
         a human does not have."""
         self._human = human
-        self._worn = WornSensors(performer, human, rest)
+        self._worn = SensorLayout(performer, human, rest)
         self._feet = None if set(_FEET) & set(self._worn.names) else VirtualFeet(human.dimensions)
         names = self._worn.names + (() if self._feet is None else _FEET)
         self._names, self._worn_count = names, len(self._worn.names)
         worn = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
-        self._around = Surroundings(scene)
+        self._around = SceneObstacles(scene)
         self.observers = human_observers(human, priorities.observers, observed)
         self._hierarchy = Hierarchy.build(
             priorities,
@@ -174,7 +174,7 @@ class Reconstructor:
         return self._hierarchy
 
     @property
-    def surroundings(self) -> Surroundings:
+    def scene_obstacles(self) -> SceneObstacles:
         """What is around the human."""
         return self._around
 

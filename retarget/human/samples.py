@@ -64,7 +64,7 @@ class Samples(Protocol):
         ...
 
     @property
-    def hindrance(self) -> str:
+    def hold_reason(self) -> str:
         """Why nobody is followed, in a few words; of the last tick in which nobody was."""
         ...
 
@@ -168,7 +168,7 @@ class Clip:
         return True
 
     @property
-    def hindrance(self) -> str:
+    def hold_reason(self) -> str:
         """There is none."""
         return ""
 

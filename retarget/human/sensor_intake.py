@@ -114,9 +114,9 @@ class SensorIntake:
         """Losses, returns and leaps."""
         absent_before = ~self.present
         back = valid & (absent_before | (self._lost_for > 0.0))
-        leap = valid & ~calm & ~back
+        jump = valid & ~calm & ~back
         asked_before = np.where(absent_before[:, None], reached, self.position)
-        changed = back | leap
+        changed = back | jump
         self._back = back
         self._offset[changed] = asked_before[changed] - position[changed]
         self.measured[valid] = position[valid]

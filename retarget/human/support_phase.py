@@ -13,7 +13,7 @@ from retarget.types import Carrying
 __all__ = ["CarryingFeet"]
 
 
-LIFTED_M, LANDED_M = 0.06, 0.04
+LIFTED_M, TOUCHDOWN_M = 0.06, 0.04
 """An ankle higher than the first above the other foot's has left the floor; it is back below the second. Shoes and
 noise are less."""
 LEFT_M = 0.1
@@ -55,7 +55,7 @@ class CarryingFeet:
         self._velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
         self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
         self._doubted = [0.0, 0.0]
-        return self._tell()
+        return self._decide()
 
     def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
         """Go on by `dt` s of the performer's time."""
@@ -70,7 +70,7 @@ class CarryingFeet:
                 self._carries[foot], self._doubted[foot] = not carries, 0.0
         self._end_long_flight(ankles, speeds, dt)
         self._follow_floor(ankles, dt)
-        return self._tell()
+        return self._decide()
 
     def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
         """Whether a foot that carries seems to be off the floor. On tiptoe both ankles are high, and alike."""
@@ -81,7 +81,7 @@ class CarryingFeet:
 
     def _lands(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
         """Whether a foot that does not carry seems to be on the floor."""
-        return ankles[foot][2] - self._floor < LANDED_M and speeds[foot] < SLOW
+        return ankles[foot][2] - self._floor < TOUCHDOWN_M and speeds[foot] < SLOW
 
     def _speeds(self, ankles: Sequence[Point], dt: float) -> list[float]:
         """Speed of each ankle, m/s, low-passed."""
@@ -108,7 +108,7 @@ class CarryingFeet:
             share = 1.0 if lowest < self._floor else 1.0 - exp(-dt / FLOOR_SETTLE_S)
             self._floor += share * (lowest - self._floor)
 
-    def _tell(self) -> Carrying:
+    def _decide(self) -> Carrying:
         left, right = self._carries
         self.carrying = _OF_FEET[left, right]
         return self.carrying

@@ -10,7 +10,7 @@ from retarget.model.robot import RobotBody
 from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated
 from retarget.types import FloatArray
 
-__all__ = ["EitherSole", "plant_root", "plant_roots"]
+__all__ = ["SupportFootBase", "plant_root", "plant_roots"]
 
 
 def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
@@ -70,7 +70,7 @@ LOWER_M = 3e-5
 """A sole that is lower than the one before by more than this carries instead: less is rounding."""
 
 
-class EitherSole:
+class SupportFootBase:
     """Of one robot in a stance on two soles."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:

@@ -18,7 +18,7 @@ from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
-__all__ = ["CarriedLoad", "servo_give"]
+__all__ = ["GravityTorque", "joint_compliance"]
 
 
 CARRIES_BELOW_M = 0.002
@@ -27,7 +27,7 @@ UPWARD = np.array([0.0, 0.0, 9.81])
 """m/s^2: what holds against gravity."""
 
 
-class CarriedLoad:
+class GravityTorque:
     """Of one robot in a stance on one sole or two."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
@@ -84,7 +84,7 @@ def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:
 # How far the joints of a robot give way under load: a position loop with a pure P gain is a spring.
 
 
-def servo_give(robot: RobotBody) -> FloatArray:
+def joint_compliance(robot: RobotBody) -> FloatArray:
     """(n, n) rad per N m: from torques of the joints to how far they give way, in servo order.
 
     By the profile's gains, at the voltage that the maker's numbers are for. Coupled joints give way together.

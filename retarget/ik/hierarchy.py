@@ -21,7 +21,7 @@ from retarget.model.scene_state import ObstaclePoses, SceneState
 from retarget.schema.priorities import PreventiveTask, Priorities
 from retarget.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Hierarchy", "Surroundings", "body_frames"]
+__all__ = ["Hierarchy", "SceneObstacles", "body_frames"]
 
 
 RANKS = 4
@@ -261,7 +261,7 @@ def body_frames(body: BodyModel) -> dict[str, Frame]:
 # What is around a body while it moves: the scene over time, handed to the hierarchy tick by tick.
 
 
-class Surroundings:
+class SceneObstacles:
     """The obstacles that one hierarchy sees. Until `begin` they stand where they are at time 0; time is s of the
     scene."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from retarget import rotations
 from retarget._solver import Task as SolverTask
 from retarget.errors import ConfigError, suggest
-from retarget.model.body import BodyModel, Frame, joint_weights, light_dofs
+from retarget.model.body import BodyModel, Frame, joint_weights, low_inertia_joints
 from retarget.schema.priorities import (
     AxisTask,
     CentreOfMassTask,
@@ -152,7 +152,7 @@ def _placed(
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:
     cap = task.max_error or 0.05
     if task.mode == "support":
-        without = [] if task.moving is None else light_dofs(body, frames)
+        without = [] if task.moving is None else low_inertia_joints(body, frames)
         return Slot(SlotKind.SUPPORT, task.mode, SolverTask.support(SUPPORT_EDGES, without=without, max_error=cap))
     rows = _row_weights(task.weight, is_soft=is_soft)
     over_root = task.mode == "over_root"

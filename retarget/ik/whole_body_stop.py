@@ -76,7 +76,7 @@ class Stopping:
         self._velocity = np.zeros_like(self._deceleration) if velocity is None else velocity
         self._slip, self._shortfall = self._losses(self._way)
 
-    def keep_pace(self, change: float) -> None:
+    def set_speed_override(self, change: float) -> None:
         """Time goes by slower (change < 1) or faster from now on: what moves as before has another velocity. The way
         that is known stays good: its rows are taken one by one."""
         self._velocity = self._velocity / change

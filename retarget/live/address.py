@@ -14,7 +14,7 @@ from typing import Literal, TypeVar
 from retarget.errors import UsageError, suggest
 
 __all__ = [
-    "ANYBODY",
+    "ANY_ADDRESS",
     "KINDS",
     "NATNET_COMMAND_PORT",
     "RECORDED",
@@ -61,7 +61,7 @@ def interface_towards(host: str) -> str | None:
 Value = TypeVar("Value")
 UpAxis = Literal["y", "z"]
 Bones = Literal["global", "local"]
-ANYBODY = IPv4Network("0.0.0.0/0")
+ANY_ADDRESS = IPv4Network("0.0.0.0/0")
 MOST_ALLOWED = 64
 """Entries of an allow-list."""
 MAX_SPEED = 100.0
@@ -171,7 +171,7 @@ def _present(name: str) -> str:
 
 def _networks(value: str) -> tuple[IPv4Network, ...]:
     if value == "any":
-        return (ANYBODY,)
+        return (ANY_ADDRESS,)
     parts = value.split(",")
     networks = tuple(IPv4Network(part) for part in parts)
     senders = all(network.prefixlen and not network.network_address.is_multicast for network in networks)
@@ -232,7 +232,7 @@ class StreamAddress:
     kind: str
     bind: str = LOOPBACK
     port: int = 0
-    allow: tuple[IPv4Network, ...] = (ANYBODY,)
+    allow: tuple[IPv4Network, ...] = (ANY_ADDRESS,)
     host: str | None = None
     multicast: str | None = None
     interface: str = EVERYWHERE
@@ -308,7 +308,7 @@ def _listener(text: str, kind: str, host: str, port: int, options: AddressOption
         raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
     if options.allow is None and not bind.is_loopback:
         raise _open_to_all(text, str(bind), port, kind)
-    return StreamAddress(text, kind, str(bind), port, options.allow or (ANYBODY,))
+    return StreamAddress(text, kind, str(bind), port, options.allow or (ANY_ADDRESS,))
 
 
 def _open_to_all(text: str, bind: str, port: int, kind: str) -> UsageError:

@@ -10,7 +10,7 @@ from math import isfinite
 from socket import inet_aton
 from typing import Literal, NamedTuple, Protocol
 
-from retarget.live.address import ANYBODY, StreamAddress
+from retarget.live.address import ANY_ADDRESS, StreamAddress
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped, StreamDecoder
 
 __all__ = [
@@ -126,7 +126,7 @@ class Admission:
     def __init__(
         self,
         *,
-        allow: Iterable[IPv4Network] = (ANYBODY,),
+        allow: Iterable[IPv4Network] = (ANY_ADDRESS,),
         release_after: float | None = RELEASE_AFTER_S,
         rate: float = RATE,
         burst: int = BURST,

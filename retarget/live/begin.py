@@ -25,7 +25,7 @@ from retarget.live.rest_capture import (
 )
 from retarget.live.smoothing import LIGHT
 from retarget.live.stream import LiveStream
-from retarget.live.stream_report import StreamTrouble, refuse_version, unusable
+from retarget.live.stream_report import StreamProblems, refuse_version, unusable
 from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
@@ -97,27 +97,27 @@ def measure(
     *,
     clock: Clock,
     where: str,
-    tell: Callable[[str], object],
+    notify: Callable[[str], object],
 ) -> Calibrated:
     """Floor, heading, and the size: as `known`, else as the stream's skeleton tells, else from the rest pose.
 
     Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
     """
     pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
-    tell(f"{pose}: {options.countdown:g} s")
+    notify(f"{pose}: {options.countdown:g} s")
     _listen(stream, clock, options.countdown, measured=False)
-    stream.trust.keep_sides()  # before, whoever wears trackers may have put their names right
-    size = known or _told_size(stream, options, where=where, tell=tell)
+    stream.validity.keep_sides()  # before, whoever wears trackers may have put their names right
+    size = known or _told_size(stream, options, where=where, notify=notify)
     lasts = CAPTURE_S if known is None else KNOWN_CAPTURE_S
     capture = RestCapture(where=where, lasts=lasts, loose=stream.roles.loose, needed=needed(stream.roles))
-    found = _captured(stream, options, capture, size, clock=clock, where=where, tell=tell)
+    found = _captured(stream, options, capture, size, clock=clock, where=where, notify=notify)
     height = f"{found.dimensions.stature:.2f} m tall"
-    tell(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
+    notify(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
     if found.offset.any():
         stream.roles = stream.roles.shifted(found.offset)
         off = np.linalg.norm(found.offset, axis=1)
         told = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
-        tell(f"beside their joints: {', '.join(told)}")
+        notify(f"beside their joints: {', '.join(told)}")
         _listen(stream, clock, SETTLE_S, measured=True)
     return found
 
@@ -132,7 +132,7 @@ def _listen(stream: LiveStream, clock: Clock, seconds: float, *, measured: bool)
 
 
 def _told_size(
-    stream: LiveStream, options: LiveOptions, *, where: str, tell: Callable[[str], object]
+    stream: LiveStream, options: LiveOptions, *, where: str, notify: Callable[[str], object]
 ) -> HumanDimensions | None:
     """The size by the skeleton that the sender has told; None where it has none that is a human's."""
     skeleton = told_skeleton(stream.decoder, stream.roles.names)
@@ -141,7 +141,7 @@ def _told_size(
     try:
         return dimensions_from_skeleton(skeleton, mass=options.mass, source=where)
     except InputError as error:
-        tell(f"the stream's skeleton is not used: {error}")
+        notify(f"the stream's skeleton is not used: {error}")
         return None
 
 
@@ -153,10 +153,10 @@ def _captured(
     *,
     clock: Clock,
     where: str,
-    tell: Callable[[str], object],
+    notify: Callable[[str], object],
 ) -> Calibrated:
     """The first moment of standing still. A stream that falls silent is told at once, and is then why there is none."""
-    trouble = StreamTrouble(stream)
+    trouble = StreamProblems(stream)
     end, look = clock.now() + options.patience + CAPTURE_S, 0.0
     tries, refused = Counter[str](), dict[str, InputError]()  # by what was in the way
     names = stream.roles.sensors
@@ -167,7 +167,7 @@ def _captured(
         _catch_up(stream, now)
         capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
         if message := trouble.look(now):
-            tell(message)
+            notify(message)
         if now >= end or (capture.done and now >= look):
             look = now + TRY_S
             try:
@@ -288,7 +288,7 @@ def _whereto(forward: float) -> str:
 
 
 def check_sides(
-    stream: LiveStream, rest: Calibrated, *, clock: Clock, where: str, tell: Callable[[str], object]
+    stream: LiveStream, rest: Calibrated, *, clock: Clock, where: str, notify: Callable[[str], object]
 ) -> None:
     """Ask for the left arm to the front, and see it come; once more if it goes to the side.
 
@@ -298,8 +298,8 @@ def check_sides(
     names = stream.roles.sensors
     rows = [names.index("l_wrist"), names.index("r_wrist")]
     everybody = np.ones(len(names), dtype=bool)
-    check, asked_again, trouble = SideCheck(rest.position[rows]), False, StreamTrouble(stream)
-    tell(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
+    check, asked_again, trouble = SideCheck(rest.position[rows]), False, StreamProblems(stream)
+    notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
     end = clock.now() + WAIT_S
     while not check.passed:
         clock.sleep_until(clock.now() + LISTEN_S)
@@ -309,17 +309,17 @@ def check_sides(
         sample = live_sample(names, heard, rest.alignment, believed=everybody)
         check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
         if message := trouble.look(now):
-            tell(message)
+            notify(message)
         if check.refused is not None:
             what, step = check.refused
             raise InputError(what, where=f"{where}, raise your left arm", found=_found(check), next_step=step)
         if check.aside and not asked_again:
             asked_again, end = True, now + WAIT_S
-            tell(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
+            notify(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
         if now >= end and not check.passed:
             lost = [names[row] for row in rows if not heard.fresh[row]]
             raise _not_heard(trouble.why(now), lost, where) or _not_seen(check, where)
-    tell("left is left, up is up, and the front is in front: lower the arm")
+    notify("left is left, up is up, and the front is in front: lower the arm")
 
 
 def _not_heard(why: str, lost: list[str], where: str) -> InputError | None:
@@ -379,7 +379,7 @@ def begin_live(
     clock: Clock,
     rate_hz: float,
     where: str,
-    tell: Callable[[str], object],
+    notify: Callable[[str], object],
 ) -> Performance:
     """Wait for the stream, calibrate, and return who performs.
 
@@ -396,16 +396,16 @@ def begin_live(
     _wait(stream, options, clock, where=where)
     refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
-    calibrated = measure(stream, options, known, clock=clock, where=where, tell=tell)
+    calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify)
     heard = stream.read(clock.now())
     everybody = np.ones(len(heard.states), dtype=bool)
     names = stream.roles.sensors
     first = live_sample(names, heard, calibrated.alignment, believed=everybody, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
     if options.check_sides:
-        check_sides(stream, calibrated, clock=clock, where=where, tell=tell)
+        check_sides(stream, calibrated, clock=clock, where=where, notify=notify)
     if options.person is not None and person is None:
-        _keep(options.person, calibrated, stream.roles.convention, tell)
+        _keep(options.person, calibrated, stream.roles.convention, notify)
     performer = LivePerformer(
         stream,
         calibrated.alignment,
@@ -416,14 +416,14 @@ def begin_live(
         kept=min(ticks, round(KEPT_S * rate_hz), MAX_TICKS),
         mirror=options.mirror,
         lacking=calibrated.missing if stream.roles.partial else (),
-        tell=tell,
+        notify=notify,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)
     size = calibrated.dimensions
     return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, INTAKE)
 
 
-def _keep(name: str, calibrated: Calibrated, convention: str, tell: Callable[[str], object]) -> None:
+def _keep(name: str, calibrated: Calibrated, convention: str, notify: Callable[[str], object]) -> None:
     """Write the person's file."""
     rows = [row for row, sensor in enumerate(calibrated.sensors) if sensor not in calibrated.missing]
     person = person_of(
@@ -435,7 +435,7 @@ def _keep(name: str, calibrated: Calibrated, convention: str, tell: Callable[[st
         offset=calibrated.offset[rows],
     )
     path = write_person(person)
-    tell(f"kept for --person {name}: {path}")
+    notify(f"kept for --person {name}: {path}")
 
 
 def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str) -> None:

@@ -239,7 +239,7 @@ class ClockMap:
             return self._odd_one(arrival, stamp, step=step)
         self._odd.clear()
         if self._is_late_for_good(arrival, gap, excess):
-            self._leap(arrival, self._late_least, stamp=stamp)
+            self._jump(arrival, self._late_least, stamp=stamp)
         else:
             self._least.add(arrival, gap)
             self._offset = self._least.at(arrival)
@@ -251,7 +251,7 @@ class ClockMap:
         excess = arrival - stamp - self._offset
         self._odd.note(arrival, stamp, step)
         if self._odd.is_believed(arrival, patience=PATIENCE_S):
-            self._leap(arrival, self._odd.least, stamp=stamp)
+            self._jump(arrival, self._odd.least, stamp=stamp)
             return self._in_order(arrival, stamp, step)
         if -(AHEAD_S + step) <= excess < 0.0:
             return self._deliver(arrival)
@@ -269,7 +269,7 @@ class ClockMap:
         self._late_least = min(self._late_least, gap)
         return self._late_count >= 5 and arrival - self._late_since >= PATIENCE_S
 
-    def _leap(self, arrival: float, gap: float, *, stamp: float) -> None:
+    def _jump(self, arrival: float, gap: float, *, stamp: float) -> None:
         """Start the estimate anew; a leap that matters is counted."""
         shift = gap - (self._offset or 0.0)
         if abs(shift) >= SHIFT_S:

@@ -8,16 +8,24 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import UsageError
 from retarget.frames import SensorSample
-from retarget.live.sensor_validity import StateArray, TrustState
+from retarget.live.sensor_validity import StateArray, ValidityState
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["Engaged", "Engagement", "EngagementTimes", "Lasting", "Rejoin", "RejoinTimes", "TurningBack"]
+__all__ = [
+    "Debounce",
+    "Engaged",
+    "Engagement",
+    "EngagementTimes",
+    "ReacquisitionBlend",
+    "ReacquisitionTimes",
+    "ReacquisitionTurn",
+]
 
 
 # Whether something has been good for long enough to be relied upon again.
 
 
-class Lasting:
+class Debounce:
     """From bad on it takes `healthy` s of good. good: whether it is taken to have been good until now."""
 
     def __init__(self, healthy: float, *, good: bool = False) -> None:
@@ -72,7 +80,7 @@ class Engagement:
         self.settled: float
         """How much of its speed the robot may use beyond that of its slow approach: 0 until the way back is over, from
         there to 1 in `blend` s."""
-        self._good = Lasting(self._times.healthy)
+        self._good = Debounce(self._times.healthy)
         self._began = -np.inf  # [s] when it came back
         self._duration = 0.0
         self.begin(first)
@@ -145,7 +153,7 @@ LONGEST_STEP = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class RejoinTimes:
+class ReacquisitionTimes:
     """s. leave: from full weight to none. healthy: so long a sensor must be believed before it comes back. blend: from
     none to full weight. Raises UsageError for what is not positive."""
 
@@ -158,11 +166,11 @@ class RejoinTimes:
             raise UsageError("times of coming back make no sense", found=repr(self), allowed="positive seconds")
 
 
-class Rejoin:
+class ReacquisitionBlend:
     """`weights` (k,), 0 to 1, of k sensors: none at first. Both ways are smoothsteps; one may turn into the other."""
 
-    def __init__(self, count: int, times: RejoinTimes | None = None) -> None:
-        self._times = times or RejoinTimes()
+    def __init__(self, count: int, times: ReacquisitionTimes | None = None) -> None:
+        self._times = times or ReacquisitionTimes()
         self._share = np.zeros(count)
         self._fresh_for = np.zeros(count)
         self.weights: FloatArray = np.zeros(count)
@@ -170,7 +178,7 @@ class Rejoin:
 
     def start(self, states: StateArray) -> None:
         """Whoever is believed takes part in full, at once: for a body that does not move yet."""
-        self._share = (states == TrustState.FRESH).astype(np.float64)
+        self._share = (states == ValidityState.FRESH).astype(np.float64)
         self._fresh_for = self._share * self._times.healthy
         self.weights = self._share.copy()
         self._full = False
@@ -179,7 +187,7 @@ class Rejoin:
         """Weights (k,) `dt` s later, for the states (k,) of now."""
         if self._full and not np.count_nonzero(states):
             return self.weights
-        fresh = states == TrustState.FRESH
+        fresh = states == ValidityState.FRESH
         dt = min(max(dt, 0.0), LONGEST_STEP)
         self._fresh_for = np.where(fresh, self._fresh_for + dt, 0.0)
         back = self._fresh_for > self._times.healthy
@@ -194,7 +202,7 @@ class Rejoin:
 # How sensors that were lost are turned when they come back: from how they were shown last, by their weight.
 
 
-class TurningBack:
+class ReacquisitionTurn:
     """Remembers of `count` sensors how they were turned while they took part in full."""
 
     def __init__(self, count: int) -> None:

@@ -12,7 +12,7 @@ from retarget.live.playout import Playout, PlayoutDelay
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
 from retarget.live.receivers import NatnetReceiver, TcpReceiver, session_for
 from retarget.live.roles import Roles, roles_of
-from retarget.live.sensor_validity import Trust
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.smoothing import LIGHT, PoseFilter, WindowFilter, pose_filter
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
@@ -142,7 +142,7 @@ def _stream(
         roles,
         admission=admission,
         clock_map=how.clock(),
-        trust=Trust(roles.sensors),
+        validity=SensorValidity(roles.sensors),
         playout=Playout(len(roles.sensors), delay=None if latest else PlayoutDelay()),
         smooth=smooth,
         tap=tap,

@@ -12,18 +12,18 @@ from retarget.frames import SensorFrames, SensorSample, mirrored_name, on_grid
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
 from retarget.human.sensor_intake import IntakeTimes
-from retarget.live.engagement import Engagement, EngagementTimes, Lasting, Rejoin, TurningBack
+from retarget.live.engagement import Debounce, Engagement, EngagementTimes, ReacquisitionBlend, ReacquisitionTurn
 from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
-from retarget.live.sensor_validity import TrustState
+from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import CatchingUp, Heard, LiveStream
 from retarget.live.stream_report import (
-    Hindered,
+    HoldEvidence,
     LiveReport,
     StreamNews,
-    StreamTrouble,
+    StreamProblems,
     Tally,
-    hindrance_of,
+    hold_reason_of,
     live_report,
 )
 from retarget.types import BoolArray, FloatArray
@@ -76,8 +76,8 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
 
 
 INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4)
-"""A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s. It comes back by the weight of `Rejoin`, no
-faster than this, in m/s: an elbow is then at half of its servo's speed, at most."""
+"""A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s. It comes back by the weight of
+`ReacquisitionBlend`, no faster than this, in m/s: an elbow is then at half of its servo's speed, at most."""
 SILENCE_S = 0.13
 """A stream that says nothing for so long is held, before its sensors are stale."""
 PLAYED_S = 0.05
@@ -126,28 +126,28 @@ class LivePerformer:
         kept: int,
         mirror: bool = False,
         lacking: tuple[str, ...] = (),
-        tell: Callable[[str], object] = lambda text: None,
+        notify: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
         self.engagement = Engagement(first)
-        self._on_the_way, self._waits = Lasting(EngagementTimes().healthy, good=True), False
-        self._trouble, self._news = StreamTrouble(stream), StreamNews(stream, tell)
-        self._first, self._clock, self._tell = first, clock, tell
+        self._on_the_way, self._waits = Debounce(EngagementTimes().healthy, good=True), False
+        self._trouble, self._news = StreamProblems(stream), StreamNews(stream, notify)
+        self._first, self._clock, self._notify = first, clock, notify
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
         self._pace, self._catching_up = TickPace(1.0 / rate_hz), CatchingUp(stream)
         names = stream.roles.sensors
-        self._rejoin: Rejoin | None = None
+        self._reacquisition: ReacquisitionBlend | None = None
         self._tally = Tally(names, self.dt)
-        self._turning = TurningBack(len(names))
+        self._turning = ReacquisitionTurn(len(names))
         self._message: str | None = None  # of what is wrong with the stream
         self._nobody: BoolArray = np.zeros(len(names), dtype=bool)
-        self._leapt = self._nobody  # while it was followed
+        self._jumped = self._nobody  # while it was followed
         self._came_back = False  # whether data were good since it is not followed
         self._carrying = [names.index(name) for name in carrying(name for name in names if name not in lacking)]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
         self._valid = np.zeros((self._kept, len(names)), dtype=bool)
-        self._last_tick, self._states = -1, np.full(len(names), TrustState.STALE, dtype=np.uint8)
+        self._last_tick, self._states = -1, np.full(len(names), ValidityState.STALE, dtype=np.uint8)
 
     @property
     def ticks(self) -> int:
@@ -191,7 +191,7 @@ class LivePerformer:
         self._say_news()
         if goes is self._waits:
             late = " because ticks come late" if self._pace.behind else ""
-            self._tell("the robot goes on" if goes else f"the robot waits on its way to the performer{late}")
+            self._notify("the robot goes on" if goes else f"the robot waits on its way to the performer{late}")
             self._waits = not goes
         return goes
 
@@ -218,14 +218,14 @@ class LivePerformer:
         return sample
 
     @property
-    def hindrance(self) -> str:
+    def hold_reason(self) -> str:
         """Why nobody is followed, in a few words."""
         if not self.engagement.wanted:
             return "let go"
         trouble = self._trouble.briefly(self._clock.now(), SILENCE_S)
         carrying, late = tuple(self._carrying), self._pace.behind
-        hindered = Hindered(self._states, self._leapt, carrying, late, trouble, self._came_back)
-        return hindrance_of(self.stream.roles.sensors, hindered)
+        evidence = HoldEvidence(self._states, self._jumped, carrying, late, trouble, self._came_back)
+        return hold_reason_of(self.stream.roles.sensors, evidence)
 
     def clutch(self, *, engaged: bool) -> None:
         """Take the robot up again from where it is, or let go of it: it holds."""
@@ -280,7 +280,7 @@ class LivePerformer:
         self._say_news()
         if self.engagement.state is not before:
             late = " because ticks come late" if self._pace.behind else ""
-            self._tell(
+            self._notify(
                 "the performer is followed" if followed else f"the performer is not followed{late}: the robot holds"
             )
         return followed
@@ -290,17 +290,17 @@ class LivePerformer:
         self._pace.begin(now)
         heard = self.stream.read(now)
         self._states = heard.states
-        if self._rejoin is None:  # the body has not moved yet
-            self._rejoin = Rejoin(len(heard.states))
-            self._rejoin.start(heard.states)
-            self.stream.trust.forget_mended()
-        before = self._rejoin.weights
-        weight = self._rejoin.step(heard.states, self.dt)
+        if self._reacquisition is None:  # the body has not moved yet
+            self._reacquisition = ReacquisitionBlend(len(heard.states))
+            self._reacquisition.start(heard.states)
+            self.stream.validity.forget_recovered()
+        before = self._reacquisition.weights
+        weight = self._reacquisition.step(heard.states, self.dt)
         if np.count_nonzero(heard.states):
-            doubted = (heard.states == TrustState.JUMPED) | (heard.states == TrustState.SWAPPED)
-            self._leapt = doubted & (self._leapt | (before > 0.5))
+            doubted = (heard.states == ValidityState.JUMPED) | (heard.states == ValidityState.SWAPPED)
+            self._jumped = doubted & (self._jumped | (before > 0.5))
         else:
-            self._leapt = self._nobody
+            self._jumped = self._nobody
         self._message = self._trouble.look(now)
         names = self.stream.roles.sensors
         sample = live_sample(
@@ -309,9 +309,9 @@ class LivePerformer:
         return heard, self._turning.step(sample)
 
     def _say_news(self) -> None:
-        for message in (*self.stream.trust.messages(), self._message):
+        for message in (*self.stream.validity.messages(), self._message):
             if message:
-                self._tell(message)
+                self._notify(message)
 
     def _is_good(self, heard: Heard, now: float) -> bool:
         """Whether enough can be believed to move: somebody speaks, nobody has leapt, what carries is known, and it is
@@ -321,5 +321,5 @@ class LivePerformer:
         return (
             now - self.stream.last <= SILENCE_S
             and known
-            and not (self._pace.behind or np.count_nonzero(self._leapt) or self._trouble.foreign)
+            and not (self._pace.behind or np.count_nonzero(self._jumped) or self._trouble.foreign)
         )

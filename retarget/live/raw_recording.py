@@ -156,9 +156,9 @@ class RawTap:
     counted in `lost`, as is what comes faster than the disk takes it (the writer holds a bounded number of bytes).
     """
 
-    def __init__(self, writer: RawWriter, *, tell: Callable[[str], object] = lambda text: None) -> None:
+    def __init__(self, writer: RawWriter, *, notify: Callable[[str], object] = lambda text: None) -> None:
         """Start the thread. The tap owns the writer from here on. tell: hears, when it is closed, what is missing."""
-        self._writer, self._tell = writer, tell
+        self._writer, self._notify = writer, notify
         self._hung = ""
         self._told_trouble = self._told_lost = False
         self._ending = threading.Event()
@@ -206,7 +206,7 @@ class RawTap:
             self._hung = "the disk does not answer"
         if self.trouble or self.lost:
             reason = self.trouble or "the disk was too slow"
-            self._tell(f"the recording is not whole: {reason}; {self.lost} datagrams are missing")
+            self._notify(f"the recording is not whole: {reason}; {self.lost} datagrams are missing")
 
     def _run(self) -> None:
         while not self._ending.wait(FLUSH_S) and not self._writer.trouble:

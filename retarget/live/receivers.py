@@ -19,7 +19,7 @@ from retarget.sources.stream_frame import Dropped
 
 __all__ = [
     "NOT_THE_SENDER",
-    "REJOIN_S",
+    "REACQUISITION_S",
     "SECOND_CONNECTION",
     "SILENT_S",
     "NatnetReceiver",
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 
-REJOIN_S = 5.0
+REACQUISITION_S = 5.0
 """Between two tries to join a group that the server told of."""
 NOT_THE_SERVER = "sender is not the server"
 
@@ -38,7 +38,7 @@ class NatnetReceiver:
 
     In multicast, frames come through a second socket, which follows the group and port that the server tells.
     dropped: what others than the server sent. trouble: why that group is not heard, "" while all is well; the old one
-    is then kept, and the new one tried again every REJOIN_S.
+    is then kept, and the new one tried again every REACQUISITION_S.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class NatnetReceiver:
         if self._frames is None or server is None or not server.multicast:
             return
         group, port = self.session.group, self.session.data_port
-        if (group, port) == (self._frames_at.multicast, self._frames_at.port) or now - self._tried < REJOIN_S:
+        if (group, port) == (self._frames_at.multicast, self._frames_at.port) or now - self._tried < REACQUISITION_S:
             return
         self._tried = now
         address = replace(self._frames_at, bind=group, multicast=group, port=port)

@@ -10,7 +10,7 @@ from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
 from retarget.human.rest_pose import REQUIRED, RestFit, fit_rest_pose
-from retarget.live.sensor_validity import TrustState
+from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import Heard
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.sources.mvn import MvnDecoder
@@ -147,7 +147,7 @@ class Calibrated:
 
 def believing_still(heard: Heard) -> Heard:
     """What was heard, frozen sensors too: nothing that is worn by somebody who stands still has to move."""
-    states = np.where(heard.states == TrustState.FROZEN, TrustState.FRESH, heard.states)
+    states = np.where(heard.states == ValidityState.FROZEN, ValidityState.FRESH, heard.states)
     return replace(heard, states=states.astype(np.uint8))
 
 

@@ -25,15 +25,15 @@ __all__ = [
     "OUT_OF_RANGE",
     "REASONS",
     "UNTRACKED",
-    "Leaps",
+    "JumpDetection",
+    "SensorValidity",
     "StateArray",
-    "Trust",
-    "TrustChange",
-    "TrustLimits",
-    "TrustState",
-    "exchanged",
-    "lasting",
+    "ValidityChange",
+    "ValidityLimits",
+    "ValidityState",
     "sentences",
+    "sides_swapped",
+    "sustained",
     "taken_over",
     "watched_sensors",
 ]
@@ -43,23 +43,23 @@ __all__ = [
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrustLimits:
+class ValidityLimits:
     """Limits of trust. Lengths m, times s of capture unless said otherwise. Raises UsageError for what makes no sense.
 
     fastest: m/s; the fist of a boxer reaches about 10. shortest_step: a shorter time between two poses counts as this:
     stamps taken on arrival are off by 15 ms, and a sender of 200 Hz may repeat a tracker of 60 Hz. settled_after: a
     sensor that jumped, or changed places, is believed again when it went on from there for so long. exchange: nearer
     ones may change places unseen. stale_after: without an accepted pose, on the local clock; a feed of 20 Hz may lose
-    one pose of three. frozen_after: repeating one value; with `Rejoin`'s way out it makes 0.3 s. noticeable: how far
-    another one must have moved, in m and in parts of a unit quaternion (0.0087: one degree), to say that somebody
-    moves. not_worn_after: from the first judgement. reach: horizontally from the origin, along each axis. low, high:
-    of the height. norm_tolerance: of a quaternion's norm.
+    one pose of three. frozen_after: repeating one value; with `ReacquisitionBlend`'s way out it makes 0.3 s.
+    noticeable: how far another one must have moved, in m and in parts of a unit quaternion (0.0087: one degree), to say
+    that somebody moves. not_worn_after: from the first judgement. reach: horizontally from the origin, along each axis.
+    low, high: of the height. norm_tolerance: of a quaternion's norm.
     """
 
     fastest: float = 15.0
     shortest_step: float = 1.0 / 60.0
     settled_after: float = 0.5
-    exchange: float = 0.08
+    swap: float = 0.08
     stale_after: float = 0.142
     frozen_after: float = 0.2
     noticeable: tuple[float, float] = (0.01, 0.0087)
@@ -71,7 +71,7 @@ class TrustLimits:
 
     def __post_init__(self) -> None:
         positive = (
-            *(self.fastest, self.shortest_step, self.settled_after, self.exchange, self.stale_after),
+            *(self.fastest, self.shortest_step, self.settled_after, self.swap, self.stale_after),
             *(self.frozen_after, *self.noticeable, self.not_worn_after, self.reach, self.norm_tolerance),
         )
         # Comparisons with NaN are False.
@@ -87,10 +87,10 @@ class TrustLimits:
 # What is thought of one sensor at one instant.
 
 StateArray = NDArray[np.uint8]
-"""One TrustState per sensor, (k,)."""
+"""One ValidityState per sensor, (k,)."""
 
 
-class TrustState(IntEnum):
+class ValidityState(IntEnum):
     """Only a FRESH sensor is believed."""
 
     FRESH = 0
@@ -103,7 +103,7 @@ class TrustState(IntEnum):
     """It went farther than a human can, and stays there."""
     SWAPPED = 4
     """It and its other side have exchanged places at once."""
-    NOT_WORN = 5
+    NOT_IN_USE = 5
     """It was not heard since the start."""
     OUT_OF_RANGE = 6
     """It is told to be outside the room."""
@@ -113,22 +113,22 @@ class TrustState(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class TrustChange:
+class ValidityChange:
     """Of one sensor by its name, judged at `now`, s. seconds: since when it is as it is now, where that is known.
     resettled: it is believed at another place than where it was doubted."""
 
     now: float
     name: str
-    before: TrustState
-    after: TrustState
+    before: ValidityState
+    after: ValidityState
     seconds: float = 0.0
     resettled: bool = False
 
 
-def lasting(changes: Sequence[TrustChange]) -> list[TrustChange]:
+def sustained(changes: Sequence[ValidityChange]) -> list[ValidityChange]:
     """Those of sensors that are not what they were before: nobody needs to hear what came and went unheard."""
-    first: dict[str, TrustChange] = {}
-    last: dict[str, TrustChange] = {}
+    first: dict[str, ValidityChange] = {}
+    last: dict[str, ValidityChange] = {}
     for change in changes:
         first.setdefault(change.name, change)
         last[change.name] = change
@@ -136,42 +136,42 @@ def lasting(changes: Sequence[TrustChange]) -> list[TrustChange]:
     return [change for change in changes if change.name not in same]
 
 
-def sentences(changes: Iterable[TrustChange]) -> list[str]:
+def sentences(changes: Iterable[ValidityChange]) -> list[str]:
     """One for all sensors that changed alike at one time, in order."""
     told = []
     for _, alike in groupby(changes, key=lambda change: (change.now, change.before, change.after, change.resettled)):
         group = list(alike)
         names = [change.name for change in group]
-        if group[0].after is TrustState.SWAPPED:
-            told += _exchanges(names)
+        if group[0].after is ValidityState.SWAPPED:
+            told += _swaps(names)
         else:
             told.append(f"{', '.join(names)}: {_text(group[0], max(change.seconds for change in group))}")
     return told
 
 
-def _exchanges(names: Sequence[str]) -> list[str]:
+def _swaps(names: Sequence[str]) -> list[str]:
     pairs = [f"{name} and {mirrored_name(name)}" for name in names if name.startswith("l_")]
     return [f"{pair} have changed places: the robot holds until they change back" for pair in pairs]
 
 
-def _text(change: TrustChange, seconds: float) -> str:
-    if change.after is TrustState.FRESH:
+def _text(change: ValidityChange, seconds: float) -> str:
+    if change.after is ValidityState.FRESH:
         if change.resettled:
             return "believed again where it is now"
-        return "heard now" if change.before is TrustState.NOT_WORN else "back"
+        return "heard now" if change.before is ValidityState.NOT_IN_USE else "back"
     return {
-        TrustState.STALE: f"nothing that can be used for {seconds:.1f} s" if seconds else "not heard yet",
-        TrustState.FROZEN: f"frozen since {seconds:.1f} s (tracker lost?)",
-        TrustState.JUMPED: "jumped farther than a human can",
-        TrustState.NOT_WORN: "not heard since the start (not worn?)",
-        TrustState.OUT_OF_RANGE: "told to be outside the room",
+        ValidityState.STALE: f"nothing that can be used for {seconds:.1f} s" if seconds else "not heard yet",
+        ValidityState.FROZEN: f"frozen since {seconds:.1f} s (tracker lost?)",
+        ValidityState.JUMPED: "jumped farther than a human can",
+        ValidityState.NOT_IN_USE: "not heard since the start (not worn?)",
+        ValidityState.OUT_OF_RANGE: "told to be outside the room",
     }[change.after]
 
 
 # The memory of trust: the last accepted pose of each sensor, who repeats one value, and which poses are sound.
 
 
-def watched_sensors(count: int, limits: TrustLimits) -> WatchedSensors:
+def watched_sensors(count: int, limits: ValidityLimits) -> WatchedSensors:
     """Of k sensors that were never heard."""
     return WatchedSensors(
         count,
@@ -207,7 +207,7 @@ _Point = list[float] | tuple[float, float, float]
 _Two = tuple[_Point, _Point]
 
 
-def exchanged(was: _Two, due: _Two, now: _Two, elapsed: float, least: float) -> bool:
+def sides_swapped(was: _Two, due: _Two, now: _Two, elapsed: float, least: float) -> bool:
     """Whether two sensors, each told to be at `now`, are the other one.
 
     was: where they were told `elapsed` s ago. due: where they would be if they had gone on as they went. Each must be
@@ -257,14 +257,14 @@ class _Elsewhere:
 
     __slots__ = ("alone", "count", "first", "home", "kind", "last", "place", "settles", "since")
 
-    def __init__(self, kind: TrustState, place: _Point, time: float, *, home: _Point) -> None:
+    def __init__(self, kind: ValidityState, place: _Point, time: float, *, home: _Point) -> None:
         self.kind, self.home, self.settles, self.alone = kind, home, False, False
         self.first = self.place = place
         self.since = self.last = time
         self.count = 1
 
 
-class Leaps:
+class JumpDetection:
     """Judges positions of k sensors against where each was last accepted, by capture time.
 
     A sensor that leapt is refused until it leaps back, or has gone on from its new place for `settled_after`. Sides
@@ -273,7 +273,7 @@ class Leaps:
     `doubted_at` (k,): s, of the last refused pose. `resettled` (k,): whether it was believed again at a new place.
     """
 
-    def __init__(self, names: tuple[str, ...], last: WatchedSensors, limits: TrustLimits) -> None:
+    def __init__(self, names: tuple[str, ...], last: WatchedSensors, limits: ValidityLimits) -> None:
         count = len(names)
         self._last = last
         self._limits = limits
@@ -291,8 +291,8 @@ class Leaps:
     def keep_sides(self) -> None:
         """From now on which side is which is known, and no time makes another of it."""
         self._keeps_sides = True
-        for leap in self._elsewhere.values():
-            leap.settles = True
+        for jump in self._elsewhere.values():
+            jump.settles = True
 
     @property
     def any_doubted(self) -> bool:
@@ -305,14 +305,14 @@ class Leaps:
         calm = np.linalg.norm(position - self._last.pose[rows, :3], axis=1) <= CALM
         elapsed = (time - self._last.at[rows]).tolist()
         places, order = position.tolist(), rows.tolist()
-        swapped = self._exchanges(order, places, elapsed, calm)
+        swapped = self._swaps(order, places, elapsed, calm)
         took_over = self._take_overs(order, places, time, calm)
         usable, stored = np.ones(len(rows), dtype=bool), np.ones(len(rows), dtype=bool)
         for row in self._changed_back(dict(zip(order, places, strict=True)), time):
             self._believe(row, resettled=False)
         for i, row in enumerate(order):
             if row in swapped:
-                self._doubt(row, TrustState.SWAPPED, places[i], time)
+                self._doubt(row, ValidityState.SWAPPED, places[i], time)
                 usable[i] = stored[i] = False
             elif row in took_over:
                 self._doubt_alone(row, places[i], time)
@@ -324,7 +324,7 @@ class Leaps:
                 usable[i] = dist(places[i], self._last.pose[row, :3]) <= self._within(0.0)
                 stored[i] = False
             elif elapsed[i] > 0.0 and dist(places[i], self._last.pose[row, :3]) > self._within(elapsed[i]):
-                self._doubt(row, TrustState.JUMPED, places[i], time)
+                self._doubt(row, ValidityState.JUMPED, places[i], time)
                 usable[i] = stored[i] = False
         self._exchanges_in_two()
         self._note_homes(order, places)
@@ -346,24 +346,24 @@ class Leaps:
         return sorted(both)
 
     def _is_back(self, row: int, place: _Point, time: float) -> bool:
-        leap = self._elsewhere.get(row)
-        if leap is None or not self._swapped(row) or time <= leap.last:
+        jump = self._elsewhere.get(row)
+        if jump is None or not self._swapped(row) or time <= jump.last:
             return False
-        on, back = dist(place, leap.place), dist(place, leap.home)
-        apart = dist(leap.place, leap.home) > self._limits.exchange
-        return apart and on > CALM and back < 0.5 * on and back <= self._within(time - leap.last)
+        on, back = dist(place, jump.place), dist(place, jump.home)
+        apart = dist(jump.place, jump.home) > self._limits.swap
+        return apart and on > CALM and back < 0.5 * on and back <= self._within(time - jump.last)
 
     def _swapped(self, row: int) -> bool:
         """For good, until it changes back."""
-        leap = self._elsewhere.get(row)
-        return self._keeps_sides and leap is not None and leap.kind is TrustState.SWAPPED and not leap.settles
+        jump = self._elsewhere.get(row)
+        return self._keeps_sides and jump is not None and jump.kind is ValidityState.SWAPPED and not jump.settles
 
     def _note_homes(self, order: list[int], places: list[_Point]) -> None:
         for row, place in zip(order, places, strict=True):
             if self._swapped(row) and self._swapped(self._other[row]):
                 self._elsewhere[self._other[row]].home = place
 
-    def _exchanges(self, order: list[int], places: list[_Point], elapsed: list[float], calm: BoolArray) -> set[int]:
+    def _swaps(self, order: list[int], places: list[_Point], elapsed: list[float], calm: BoolArray) -> set[int]:
         """Rows of pairs that changed places from their last capture to this one."""
         found: set[int] = set()
         if calm.all():
@@ -378,7 +378,7 @@ class Leaps:
                 continue
             was = (_point(self._last.pose[row, :3]), _point(self._last.pose[other, :3]))
             due = (self._due(row, elapsed[i]), self._due(other, elapsed[at[other]]))
-            if exchanged(was, due, (places[i], places[at[other]]), since, self._limits.exchange):
+            if sides_swapped(was, due, (places[i], places[at[other]]), since, self._limits.swap):
                 found |= {row, other}
         return found
 
@@ -395,7 +395,7 @@ class Leaps:
             elapsed = (time - float(self._last.at[row]), time - float(self._last.at[other]))
             if 0.0 < elapsed[0] < inf and 0.0 < elapsed[1] <= TOGETHER_S:
                 due = (self._due(row, elapsed[0]), self._due(other, elapsed[1]))
-                if taken_over(due, places[i], elapsed, least=self._limits.exchange, calm=CALM):
+                if taken_over(due, places[i], elapsed, least=self._limits.swap, calm=CALM):
                     found.add(row)
         return found
 
@@ -411,86 +411,86 @@ class Leaps:
         """Jumps of both sides that were told one after the other, and lead to each other's place."""
         for row, here in self._elsewhere.items():
             there = self._elsewhere.get(self._other.get(row, -1))
-            if there is None or here.kind is TrustState.SWAPPED or abs(here.since - there.since) > TOGETHER_S:
+            if there is None or here.kind is ValidityState.SWAPPED or abs(here.since - there.since) > TOGETHER_S:
                 continue
             was = (_point(self._last.pose[row, :3]), _point(self._last.pose[self._other[row], :3]))
-            if exchanged(was, was, (here.first, there.first), TOGETHER_S, self._limits.exchange):
-                for one, leap in ((row, here), (self._other[row], there)):
-                    leap.kind = TrustState.SWAPPED
-                    self.state[one] = TrustState.SWAPPED
+            if sides_swapped(was, was, (here.first, there.first), TOGETHER_S, self._limits.swap):
+                for one, jump in ((row, here), (self._other[row], there)):
+                    jump.kind = ValidityState.SWAPPED
+                    self.state[one] = ValidityState.SWAPPED
 
     def _within(self, elapsed: float) -> float:
         """How far, m, a human gets in `elapsed` s."""
         return self._limits.fastest * max(elapsed, self._limits.shortest_step)
 
-    def _doubt(self, row: int, kind: TrustState, place: _Point, time: float) -> None:
+    def _doubt(self, row: int, kind: ValidityState, place: _Point, time: float) -> None:
         self._elsewhere[row] = _Elsewhere(kind, place, time, home=_point(self._last.pose[row, :3]))
         self.doubted_at[row] = time
-        self.state[row] = kind if kind is TrustState.SWAPPED else TrustState.FRESH
+        self.state[row] = kind if kind is ValidityState.SWAPPED else ValidityState.FRESH
 
     def _doubt_alone(self, row: int, place: _Point, time: float) -> None:
         """A sensor is where its other side was, which may be told yet: it is said from its second pose there on."""
         other = self._other[row]
         home = _point(self._last.pose[row, :3])
-        self._doubt(other, TrustState.SWAPPED, home, float(self._last.at[other]))
-        self._doubt(row, TrustState.SWAPPED, place, time)
+        self._doubt(other, ValidityState.SWAPPED, home, float(self._last.at[other]))
+        self._doubt(row, ValidityState.SWAPPED, place, time)
         for one in (row, other):
-            self._elsewhere[one].alone, self.state[one] = True, TrustState.FRESH
+            self._elsewhere[one].alone, self.state[one] = True, ValidityState.FRESH
         self._elsewhere[other].count = 0
 
     def _tell_alone(self, row: int, place: _Point, time: float) -> None:
         """Of two that have changed places, of which only one was told, one is told again: now it is said of both."""
-        leap, there = self._elsewhere[row], self._elsewhere.get(self._other[row])
+        jump, there = self._elsewhere[row], self._elsewhere.get(self._other[row])
         if there is None or not (
-            leap.count == 1 or (leap.count == 0 and dist(place, leap.place) < dist(place, leap.home))
+            jump.count == 1 or (jump.count == 0 and dist(place, jump.place) < dist(place, jump.home))
         ):
             return
-        if leap.count == 0:  # the one that was not told
-            leap.alone = there.alone = False
-        self.doubted_at[self._other[row]], self.state[self._other[row]] = time, TrustState.SWAPPED
+        if jump.count == 0:  # the one that was not told
+            jump.alone = there.alone = False
+        self.doubted_at[self._other[row]], self.state[self._other[row]] = time, ValidityState.SWAPPED
 
     def _stay_swapped(self, row: int, place: _Point, time: float) -> bool:
         """One more pose of one of two that have changed places; whether it is believed again."""
-        leap = self._elsewhere[row]
-        if leap.alone and self._other[row] not in self._elsewhere:  # it was told at its own place: each is itself
+        jump = self._elsewhere[row]
+        if jump.alone and self._other[row] not in self._elsewhere:  # it was told at its own place: each is itself
             if dist(place, self._last.pose[row, :3]) <= self._within(time - float(self._last.at[row])):
                 return self._believe(row, resettled=False)
-            self._doubt(row, TrustState.JUMPED, place, time)
-            self.state[row] = TrustState.JUMPED
+            self._doubt(row, ValidityState.JUMPED, place, time)
+            self.state[row] = ValidityState.JUMPED
             return False
-        leap.place, leap.last = place, time
-        leap.count += 1
-        self.doubted_at[row], self.state[row] = time, leap.kind
+        jump.place, jump.last = place, time
+        jump.count += 1
+        self.doubted_at[row], self.state[row] = time, jump.kind
         return False
 
     def _go_on(self, row: int, place: _Point, time: float) -> bool:
         """One more pose of a doubted sensor; whether it is believed again."""
-        leap = self._elsewhere[row]
-        gap = time - leap.last
+        jump = self._elsewhere[row]
+        gap = time - jump.last
         if -self._limits.settled_after <= gap <= 0.0:
             return False
-        if leap.alone:
+        if jump.alone:
             self._tell_alone(row, place, time)
         if self._swapped(row):
             return self._stay_swapped(row, place, time)
-        on, back = dist(place, leap.place), dist(place, self._last.pose[row, :3])
-        if gap > 0.0 and on > CALM and back < 0.5 * on and back <= self._within(min(time - leap.since, TOGETHER_S)):
+        on, back = dist(place, jump.place), dist(place, self._last.pose[row, :3])
+        if gap > 0.0 and on > CALM and back < 0.5 * on and back <= self._within(min(time - jump.since, TOGETHER_S)):
             return self._believe(row, resettled=False)
         if not 0.0 < gap <= self._limits.stale_after or on > self._within(gap):
-            self._doubt(row, TrustState.JUMPED, place, time)
-            self.state[row] = TrustState.JUMPED  # not the first one
+            self._doubt(row, ValidityState.JUMPED, place, time)
+            self.state[row] = ValidityState.JUMPED  # not the first one
             return False
-        leap.place, leap.last = place, time
-        leap.count += 1
+        jump.place, jump.last = place, time
+        jump.count += 1
         self.doubted_at[row] = time
-        self.state[row] = leap.kind
-        if time - leap.since >= self._limits.settled_after:
+        self.state[row] = jump.kind
+        if time - jump.since >= self._limits.settled_after:
             return self._believe(row, resettled=True)
         return False
 
     def _believe(self, row: int, *, resettled: bool) -> bool:
         del self._elsewhere[row]
-        self.state[row] = TrustState.FRESH
+        self.state[row] = ValidityState.FRESH
         self.resettled[row] = resettled
         return True
 
@@ -502,27 +502,27 @@ def _point(array: FloatArray) -> list[float]:
 MAX_CHANGES = 64
 """Changes that wait to be told; the oldest are forgotten."""
 NO_TIME = "pose at a time that is not finite"
-LEAPT = "position that no human can have reached"
+UNREACHABLE = "position that no human can have reached"
 
 
-class Trust:
+class SensorValidity:
     """Of k sensors. Times are s of the local clock; memory is bounded; nothing from outside raises.
 
     refused: poses that were not used, by reason. A pose that may be used is finite and a rotation, inside the room,
     vouched for by the sender, and within reach of the last one.
     """
 
-    def __init__(self, names: Sequence[str], limits: TrustLimits | None = None) -> None:
+    def __init__(self, names: Sequence[str], limits: ValidityLimits | None = None) -> None:
         self.names = tuple(names)
-        self.limits = limits or TrustLimits()
+        self.limits = limits or ValidityLimits()
         self.refused = Dropped()
         count = len(self.names)
         self._watched = watched_sensors(count, self.limits)
-        self._leaps = Leaps(self.names, self._watched, self.limits)
-        self._states: StateArray = np.full(count, TrustState.STALE, dtype=np.uint8)
+        self._jumps = JumpDetection(self.names, self._watched, self.limits)
+        self._states: StateArray = np.full(count, ValidityState.STALE, dtype=np.uint8)
         self._told = self._states.tobytes()
         self._heard_before = np.zeros(count, dtype=bool)
-        self._changes: deque[TrustChange] = deque(maxlen=MAX_CHANGES)
+        self._changes: deque[ValidityChange] = deque(maxlen=MAX_CHANGES)
 
     def take(
         self, rows: IntArray, time: float, *, position: FloatArray, orientation: FloatArray, tracked: BoolArray
@@ -536,7 +536,7 @@ class Trust:
             self.refused.reasons[NO_TIME] += len(rows)
             return np.zeros(len(rows), dtype=bool)
         position, orientation = np.ascontiguousarray(position), np.ascontiguousarray(orientation)
-        found = self._watched.take(rows, time, position, orientation, tracked, self._leaps.any_doubted)
+        found = self._watched.take(rows, time, position, orientation, tracked, self._jumps.any_doubted)
         if found is None:  # all are sound and calm
             return tracked
         verdicts, taken = found
@@ -544,31 +544,31 @@ class Trust:
         for verdict in verdicts[~usable].tolist():
             self.refused.reasons[REASONS[verdict]] += 1
         if not taken:
-            usable[usable] = self._take_leaps(rows[usable], time, position[usable], orientation[usable])
+            usable[usable] = self._take_jumps(rows[usable], time, position[usable], orientation[usable])
         return usable
 
-    def _take_leaps(self, rows: IntArray, time: float, position: FloatArray, orientation: FloatArray) -> BoolArray:
+    def _take_jumps(self, rows: IntArray, time: float, position: FloatArray, orientation: FloatArray) -> BoolArray:
         """Where some sound ones are not calm."""
-        usable, stored = self._leaps.take(rows, time, position)
-        if leapt := len(rows) - int(np.count_nonzero(usable)):
-            self.refused.reasons[LEAPT] += leapt
+        usable, stored = self._jumps.take(rows, time, position)
+        if jumped := len(rows) - int(np.count_nonzero(usable)):
+            self.refused.reasons[UNREACHABLE] += jumped
         self._watched.put(rows[stored], time, np.concatenate((position, orientation), axis=1)[stored])
         self._watched.forget_turn(rows[usable & np.isnan(orientation[:, 0])])
         return usable
 
     def keep_sides(self) -> None:
         """From now on left and right that have changed places are not believed before they change back."""
-        self._leaps.keep_sides()
+        self._jumps.keep_sides()
 
     def judge(self, now: float) -> StateArray:
-        """What is thought of each sensor at `now`: a TrustState each, (k,), read-only."""
+        """What is thought of each sensor at `now`: a ValidityState each, (k,), read-only."""
         states: StateArray = self._watched.judge(now)
         if not isfinite(now):
             now = np.inf
-        if self._leaps.any_doubted:
-            doubted = self._leaps.state != TrustState.FRESH
-            doubted &= np.abs(now - self._leaps.doubted_at) <= self.limits.stale_after
-            states[doubted] = self._leaps.state[doubted]
+        if self._jumps.any_doubted:
+            doubted = self._jumps.state != ValidityState.FRESH
+            doubted &= np.abs(now - self._jumps.doubted_at) <= self.limits.stale_after
+            states[doubted] = self._jumps.state[doubted]
         if (told := states.tobytes()) != self._told:
             self._note(np.flatnonzero(states != self._states), states, now)
         states.flags.writeable = False
@@ -579,13 +579,13 @@ class Trust:
         """What has changed since the last call, in sentences for a person."""
         if not self._changes:
             return []
-        told = sentences(lasting(self._changes))
+        told = sentences(sustained(self._changes))
         self._changes.clear()
         return told
 
-    def forget_mended(self) -> None:
+    def forget_recovered(self) -> None:
         """Say nothing of sensors that are believed by now, whatever was wrong with them before."""
-        fresh = {name for name, state in zip(self.names, self._states, strict=True) if state == TrustState.FRESH}
+        fresh = {name for name, state in zip(self.names, self._states, strict=True) if state == ValidityState.FRESH}
         kept = [change for change in self._changes if change.name not in fresh]
         self._changes.clear()
         self._changes.extend(kept)
@@ -593,14 +593,14 @@ class Trust:
     def _note(self, rows: IntArray, states: StateArray, now: float) -> None:
         still, at = self._watched.still_for, self._watched.at
         for row in rows.tolist():
-            before, after = TrustState(self._states[row]), TrustState(states[row])
+            before, after = ValidityState(self._states[row]), ValidityState(states[row])
             first = not self._heard_before[row]
-            self._heard_before[row] |= after is TrustState.FRESH
-            if first and before is TrustState.STALE and after is TrustState.FRESH:
+            self._heard_before[row] |= after is ValidityState.FRESH
+            if first and before is ValidityState.STALE and after is ValidityState.FRESH:
                 continue
             since = now - at[row]
-            seconds = float(still[row] if after is TrustState.FROZEN else since) if isfinite(since) else 0.0
-            resettled = bool(self._leaps.resettled[row]) and before in (TrustState.JUMPED, TrustState.SWAPPED)
+            seconds = float(still[row] if after is ValidityState.FROZEN else since) if isfinite(since) else 0.0
+            resettled = bool(self._jumps.resettled[row]) and before in (ValidityState.JUMPED, ValidityState.SWAPPED)
             self._changes.append(
-                TrustChange(now, self.names[row], before, after, seconds, resettled and after is TrustState.FRESH)
+                ValidityChange(now, self.names[row], before, after, seconds, resettled and after is ValidityState.FRESH)
             )

@@ -11,7 +11,7 @@ from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
-from retarget.live.sensor_validity import StateArray, Trust, TrustState
+from retarget.live.sensor_validity import SensorValidity, StateArray, ValidityState
 from retarget.live.smoothing import PoseFilter, WindowFilter
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
@@ -19,13 +19,13 @@ from retarget.types import BoolArray, FloatArray
 __all__ = ["RECENT_S", "CatchingUp", "Heard", "LiveStream"]
 
 
-_GONE = np.array([state not in (TrustState.FRESH, TrustState.FROZEN) for state in TrustState])
+_GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for state in ValidityState])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heard:
     """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
-    told; states (k,): a `TrustState` each. fresh (k,): who is believed and known."""
+    told; states (k,): a `ValidityState` each. fresh (k,): who is believed and known."""
 
     position: FloatArray
     orientation: FloatArray
@@ -35,7 +35,7 @@ class Heard:
     def __post_init__(self) -> None:
         fresh: BoolArray = np.isfinite(self.position[:, 0])
         if np.count_nonzero(self.states):
-            fresh &= self.states == TrustState.FRESH
+            fresh &= self.states == ValidityState.FRESH
         object.__setattr__(self, "fresh", fresh)
 
 
@@ -54,18 +54,18 @@ class LiveStream:
         *,
         admission: Admission,
         clock_map: ClockMap,
-        trust: Trust,
+        validity: SensorValidity,
         playout: Playout,
         smooth: PoseFilter | WindowFilter | None = None,
         tap: RawTap | None = None,
     ) -> None:
         self.receiver, self.decoder, self.roles = receiver, decoder, roles
-        self.admission, self.clock_map, self.trust, self.playout = admission, clock_map, trust, playout
+        self.admission, self.clock_map, self.validity, self.playout = admission, clock_map, validity, playout
         self.frames = self.arrived = 0
         self.last = -np.inf
         self.names: dict[str, None] = {}
         """Poses that the sender has told, by its own names; bounded."""
-        self.unread = b""
+        self.undecoded = b""
         """The last datagram that held no poses."""
         self.tap, self._smooth = tap, smooth
         self._waiting: deque[Datagram] = deque()
@@ -102,7 +102,7 @@ class LiveStream:
 
     def read(self, now: float) -> Heard:
         """Every sensor at `now`, s."""
-        played, states = self.playout.read(now), self.trust.judge(now)
+        played, states = self.playout.read(now), self.validity.judge(now)
         if self._smooth is None:
             return Heard(played.position, played.orientation, states)
         if np.count_nonzero(states) and (gone := _GONE[states]).any():  # where it comes back is no motion
@@ -113,7 +113,7 @@ class LiveStream:
     def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
         frames = self.decoder.decode(datagram.payload)
         if not frames:
-            self.unread = datagram.payload
+            self.undecoded = datagram.payload
         if not frames or not self.admission.confirm(datagram.source, now=now, moving=moving):
             return
         for frame in frames:
@@ -128,7 +128,7 @@ class LiveStream:
     def _keep(self, poses: SensorPoses, time: float, arrival: float) -> None:
         rows, position, orientation = poses.rows, poses.position, poses.orientation
         self._parts.complete(rows, time, position, orientation)
-        usable = self.trust.take(rows, time, position=position, orientation=orientation, tracked=poses.tracked)
+        usable = self.validity.take(rows, time, position=position, orientation=orientation, tracked=poses.tracked)
         self.playout.push(rows, time, position, orientation, usable, arrival=arrival)
 
     def _note_names(self, frame: StreamFrame) -> None:

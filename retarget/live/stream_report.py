@@ -16,7 +16,7 @@ from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MA
 from retarget.live.clock_map import JumpKind
 from retarget.live.datagram_kinds import SENDERS, advice_for, recognise
 from retarget.live.receivers import NatnetReceiver
-from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, TrustState
+from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, ValidityState
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver
 from retarget.sources.mvn import MvnDecoder
@@ -24,13 +24,13 @@ from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
 from retarget.types import BoolArray
 
 __all__ = [
-    "Hindered",
+    "HoldEvidence",
     "Holds",
     "LiveReport",
     "StreamNews",
-    "StreamTrouble",
+    "StreamProblems",
     "Tally",
-    "hindrance_of",
+    "hold_reason_of",
     "live_report",
     "refuse_version",
     "unusable",
@@ -101,7 +101,7 @@ def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
     """What arrives instead of what the address reads, and what to do; "" each where it is not known."""
     if where.partition("://")[0] not in (*SENDERS, REPLAY):  # a source of somebody's own
         return "", ""
-    address, got = parse_address(where), recognise(stream.unread)
+    address, got = parse_address(where), recognise(stream.undecoded)
     kind = address.recorded if address.kind == REPLAY else address.kind
     if kind is None or not got.kind or got.kind == kind:
         return "", ""
@@ -132,7 +132,7 @@ def refuse_version(stream: LiveStream, now: float) -> None:
         raise InputError.from_problems(_motive(stream, now))
 
 
-class StreamTrouble:
+class StreamProblems:
     """Looks at a stream in every tick; tells once in every silence why it is one.
 
     foreign: whether the sender has become one that is not understood, whatever its frames look like.
@@ -200,7 +200,7 @@ class StreamTrouble:
 
 def _refused(stream: LiveStream) -> Counter[str]:
     """Everything that was not used so far, by reason; a copy."""
-    return stream.admission.refused.reasons + stream.decoder.dropped.reasons + stream.trust.refused.reasons
+    return stream.admission.refused.reasons + stream.decoder.dropped.reasons + stream.validity.refused.reasons
 
 
 def _told(reasons: Counter[str]) -> str:
@@ -257,9 +257,9 @@ _NOT_USED = {
 class StreamNews:
     """Looks at a stream in every tick. What it can say is little, and bounded however much a stranger sends."""
 
-    def __init__(self, stream: LiveStream, tell: Callable[[str], object]) -> None:
+    def __init__(self, stream: LiveStream, notify: Callable[[str], object]) -> None:
         """tell: hears a sentence each."""
-        self._stream, self._tell = stream, tell
+        self._stream, self._notify = stream, notify
         self._told = set[str]()
         self._jumps = stream.clock_map.jumps  # those before somebody follows it are of a sender that starts
         self._refused = 0
@@ -271,7 +271,7 @@ class StreamNews:
         if admission.refused.count != self._refused:
             self._refused = admission.refused.count
             for source, reason in admission.news():
-                self._tell(_refusal(source, reason, admission.owner))
+                self._notify(_refusal(source, reason, admission.owner))
             for reason, (count, text) in _NOT_USED.items():
                 if admission.refused.reasons[reason] >= count:
                     self._once(text)
@@ -286,12 +286,12 @@ class StreamNews:
             self._once("datagrams were lost in this computer: they came faster than they were fetched")
         tap = self._stream.tap
         if tap is not None and (news := tap.news()):
-            self._tell(news)
+            self._notify(news)
 
     def _once(self, text: str, *, key: str = "") -> None:
         if (key or text) not in self._told:
             self._told.add(key or text)
-            self._tell(text)
+            self._notify(text)
 
 
 def _refusal(source: Source, reason: str, owner: Source | None) -> str:
@@ -353,9 +353,9 @@ class Tally:
         self._ever = False
 
     def count(self, states: StateArray, *, followed: bool) -> None:
-        """One tick of following. states (k,): a `TrustState` each; followed: whether the performer was."""
+        """One tick of following. states (k,): a `ValidityState` each; followed: whether the performer was."""
         if np.count_nonzero(states):  # FRESH is 0
-            self._lost += (states != TrustState.FRESH) & (states != TrustState.NOT_WORN)
+            self._lost += (states != ValidityState.FRESH) & (states != ValidityState.NOT_IN_USE)
         self._holds += self._followed and not followed
         self._followed, self._ever = followed, self._ever or followed
         self._held += self._ever and not followed
@@ -373,8 +373,8 @@ class Tally:
 
 def live_report(stream: "LiveStream", tally: Tally, *, address: str, person: str | None) -> LiveReport:
     """Of a run that has ended."""
-    decoder, receiver, trust = stream.decoder.dropped, stream.receiver.dropped, stream.trust.refused
-    dropped = stream.admission.refused.reasons + decoder.reasons + receiver.reasons + trust.reasons
+    decoder, receiver, validity = stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
+    dropped = stream.admission.refused.reasons + decoder.reasons + receiver.reasons + validity.reasons
     dropped += stream.clock_map.dropped.reasons + stream.playout.dropped.reasons
     return LiveReport(
         address=address,
@@ -396,47 +396,47 @@ def _refused_sources(admission: Admission) -> tuple[str, ...]:
 # Why a performer is not followed, in a few words: the reason of a stop where that lasts too long.
 
 WORDS = {
-    TrustState.STALE: "lost",
-    TrustState.FROZEN: "frozen",
-    TrustState.JUMPED: "jumped",
-    TrustState.SWAPPED: "changed places",
-    TrustState.NOT_WORN: "not heard",
-    TrustState.OUT_OF_RANGE: "outside the room",
+    ValidityState.STALE: "lost",
+    ValidityState.FROZEN: "frozen",
+    ValidityState.JUMPED: "jumped",
+    ValidityState.SWAPPED: "changed places",
+    ValidityState.NOT_IN_USE: "not heard",
+    ValidityState.OUT_OF_RANGE: "outside the room",
 }
 TOO_SHORT = "not for long enough at a time"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hindered:
-    """What the last tick knew of k sensors. states (k,): a `TrustState` each; leapt (k,): who may not be followed to
+class HoldEvidence:
+    """What the last tick knew of k sensors. states (k,): a `ValidityState` each; leapt (k,): who may not be followed to
     where they are; carrying: rows of those that are needed; late: whether ticks come late; trouble: of the stream, ""
     for none; came_back: whether data were good in the meantime, and not for long enough."""
 
     states: StateArray
-    leapt: BoolArray
+    jumped: BoolArray
     carrying: tuple[int, ...]
     late: bool
     trouble: str
     came_back: bool = False
 
 
-def hindrance_of(names: tuple[str, ...], hindered: Hindered) -> str:
+def hold_reason_of(names: tuple[str, ...], evidence: HoldEvidence) -> str:
     """What is in the way now; where it has not been all the time, that comes first."""
-    now = _now(names, hindered)
+    now = _now(names, evidence)
     if not now:
         return TOO_SHORT
-    return f"{TOO_SHORT}, at last: {now}" if hindered.came_back else now
+    return f"{TOO_SHORT}, at last: {now}" if evidence.came_back else now
 
 
-def _now(names: tuple[str, ...], hindered: Hindered) -> str:
+def _now(names: tuple[str, ...], evidence: HoldEvidence) -> str:
     """The first that applies: the stream, the sensors of `names` (k,), the ticks; "" for none."""
-    if hindered.trouble:
-        return hindered.trouble
+    if evidence.trouble:
+        return evidence.trouble
     told = [
         f"{name}: {WORDS[state]}"
-        for row, (name, state) in enumerate(zip(names, map(TrustState, hindered.states.tolist()), strict=True))
-        if state in WORDS and (row in hindered.carrying or hindered.leapt[row])
+        for row, (name, state) in enumerate(zip(names, map(ValidityState, evidence.states.tolist()), strict=True))
+        if state in WORDS and (row in evidence.carrying or evidence.jumped[row])
     ]
     if told:
         return ", ".join(told)
-    return "ticks came late" if hindered.late else ""
+    return "ticks came late" if evidence.late else ""

@@ -27,9 +27,9 @@ __all__ = [
     "JointLimits",
     "JointType",
     "joint_weights",
-    "light_dofs",
     "load_body",
     "load_body_text",
+    "low_inertia_joints",
 ]
 
 
@@ -336,7 +336,7 @@ LIMBS = ("l_hand", "r_hand", "l_sole", "r_sole")
 """Frames at the ends of limbs. What moves them is asked to, however light."""
 
 
-def light_dofs(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
+def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int]:
     """The DoFs of hinges that are light and move no limb. frames: of the body, by their names."""
     solver = body.solver_body()
     hinges = body.joint_type == JointType.HINGE

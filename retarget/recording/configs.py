@@ -16,7 +16,7 @@ from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.profile import RobotProfile, read_profile
 from retarget.schema.servo_calibration import read_calibration
 
-__all__ = ["PROFILE", "Configs", "as_now", "as_then", "scene_as_then"]
+__all__ = ["PROFILE", "Configs", "as_now", "as_recorded", "recorded_scene"]
 
 PROFILE, CALIBRATION, PERFORMER, SCENE = "robot.yaml", "calibration.yaml", "performer.yaml", "scene.yaml"
 PRIORITIES_OF = "priorities_of_the_{}.yaml"
@@ -31,7 +31,7 @@ class Configs:
 
     options: RunOptions
     robot: RobotBody | None
-    told: tuple[str, ...]
+    notes: tuple[str, ...]
     attached: frozenset[str] = frozenset()
 
     @property
@@ -41,7 +41,7 @@ class Configs:
 
 
 @contextmanager
-def as_then(recording: Recording, *, body: Path | None = None) -> Iterator[Configs]:
+def as_recorded(recording: Recording, *, body: Path | None = None) -> Iterator[Configs]:
     """Every file as it was: from its place where it still is so, else from the recording, while the context lasts.
 
     body: the robot's body file instead of both. Raises RetargetError where a file is nowhere, or is none for this
@@ -73,20 +73,20 @@ def as_now(recording: Recording, options: RunOptions, *, robot: str | None = Non
 
 
 @contextmanager
-def scene_as_then(recording: Recording) -> Iterator[tuple[str | None, tuple[str, ...]]]:
+def recorded_scene(recording: Recording) -> Iterator[tuple[str | None, tuple[str, ...]]]:
     """The scene alone, as it was: its name or file, None without one, and what is told of it. Raises RetargetError."""
     scene = recording.session.scene
     with TemporaryDirectory(prefix="retarget.") as folder:
         files = _Files(recording, Path(folder), now=False)
         found = None if scene is None else _named(files, SCENE, Kind.SCENE, scene)
-        yield found, tuple(files.told)
+        yield found, tuple(files.notes)
 
 
 class _Files:
     """Where each file of a run is. now: as it is now, else as it was then. told: what is another than then."""
 
     def __init__(self, recording: Recording, folder: Path, *, now: bool) -> None:
-        self.recording, self.told, self.attached = recording, list[str](), set[str]()
+        self.recording, self.notes, self.attached = recording, list[str](), set[str]()
         self._folder, self._now = folder, now
         self._said = {file.name: file for file in recording.session.files}
 
@@ -108,7 +108,7 @@ class _Files:
     def place(self, name: str, now: Path | None) -> Path:
         """Of one file. Raises InputError where it is nowhere."""
         if now is not None and self._now:
-            self.tell(name, now)
+            self.note_changed(name, now)
             return now
         if now is not None and self.is_as_then(name, now):
             return now
@@ -118,15 +118,15 @@ class _Files:
         elif now is None:
             return then  # somewhere else than where its name leads to, and as it was
         state = "is not there any more" if now is None else f"is another one now, {now}"
-        self.told.append(f"{name} {state}: the one of then is used")
+        self.notes.append(f"{name} {state}: the one of then is used")
         return then
 
-    def tell(self, name: str, now: Path) -> None:
+    def note_changed(self, name: str, now: Path) -> None:
         """Tell of a file that is used as it is now, if it is another than then."""
         if name not in self._said:
-            self.told.append(f"{name}: there was none then: {now}")
+            self.notes.append(f"{name}: there was none then: {now}")
         elif not self.is_as_then(name, now):
-            self.told.append(f"{name} has changed: {now}")
+            self.notes.append(f"{name} has changed: {now}")
 
     def is_as_then(self, name: str, path: Path) -> bool:
         """Whether a file holds what it held."""
@@ -170,7 +170,7 @@ def _configs(files: _Files, options: RunOptions, robot: RobotBody | None) -> Con
         options = replace(options, priorities=chosen[-1])
     if robot is not None and chosen[0] != names[0]:
         robot = replace(robot, profile=robot.profile.model_copy(update={"reconstruct": chosen[0]}))
-    return Configs(options, robot, tuple(files.told), frozenset(files.attached))
+    return Configs(options, robot, tuple(files.notes), frozenset(files.attached))
 
 
 def _named(files: _Files, name: str, kind: Kind, asked: str) -> str:
@@ -208,16 +208,16 @@ def _calibration(files: _Files, profile: RobotProfile) -> Path | None:
     if files.said(CALIBRATION) is not None:
         return files.place(CALIBRATION, there)
     if there is not None:
-        files.told.append(f"{CALIBRATION}: there was none then; {there} is not used")
+        files.notes.append(f"{CALIBRATION}: there was none then; {there} is not used")
     return None
 
 
 def _tell_of_robot(files: _Files, robot: RobotBody) -> None:
     """Of a robot that is used as it is now."""
     profile = robot.profile
-    files.tell(PROFILE, profile.path)
-    files.tell(f"body{profile.body_path.suffix}", profile.body_path)
+    files.note_changed(PROFILE, profile.path)
+    files.note_changed(f"body{profile.body_path.suffix}", profile.body_path)
     if robot.calibration is not None:
-        files.tell(CALIBRATION, calibration_path(profile.name))
+        files.note_changed(CALIBRATION, calibration_path(profile.name))
     elif files.said(CALIBRATION) is not None:
-        files.told.append(f"{CALIBRATION}: there is none now")
+        files.notes.append(f"{CALIBRATION}: there is none now")

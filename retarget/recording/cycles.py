@@ -22,7 +22,7 @@ class Asked(IntFlag):
 
     STOP = 1
     """Somebody asked for a stop."""
-    CUT = 2
+    TORQUE_OFF = 2
     """Somebody asked for torque off at once."""
     OVER = 4
     """The stream was at its end."""
@@ -96,14 +96,14 @@ class Cycles:
     valid: BoolArray
     driven: BoolArray
     retries: NDArray[np.int64]
-    rough: FloatArray
+    error_rate: FloatArray
     written: NDArray[np.uint8]
     goal: NDArray[np.int64]
     state: NDArray[np.uint8]
     kept: BoolArray
     phase: NDArray[np.int8]
     gated: BoolArray
-    unled: BoolArray
+    no_command: BoolArray
     q: FloatArray
     rest: FloatArray
     landmarks: FloatArray

@@ -20,16 +20,16 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared, prepare_for
 from retarget.run.record import Phase
 from retarget.run.stages import FollowingStage, ReconstructingStage
-from retarget.run.trajectory import PacedWay, slower_in_line
+from retarget.run.trajectory import SpeedOverrideTrajectory, slower_in_line
 from retarget.schema.performer import Performer
 from retarget.types import BoolArray, FloatArray, RobotPosture
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
-__all__ = ["RecordedGoals", "StillHuman", "sending"]
+__all__ = ["RecordedGoals", "StillHuman", "goal_playback"]
 
-Tell = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 NEAR = 1e-5
@@ -78,7 +78,7 @@ class RecordedGoals:
         self._pace, self._gone = 1.0, 0.0
         self._here: FloatArray = self._joints[0]
         self._moved: FloatArray = np.zeros_like(self._here)
-        self._way = PacedWay(self._joints, dt=dt)
+        self._way = SpeedOverrideTrajectory(self._joints, dt=dt)
 
     @property
     def ticks(self) -> int:
@@ -111,7 +111,7 @@ class RecordedGoals:
         self._here, self._moved = self._here + moved, moved
         return self._posture(self._here)
 
-    def keep_pace(self, pace: float) -> None:
+    def set_speed_override(self, pace: float) -> None:
         """Go along them at a share (0, 1] of the speed."""
         self._pace = pace
 
@@ -119,20 +119,20 @@ class RecordedGoals:
         """None is known: each joint brakes on its own."""
         return None
 
-    def land(self, dt: float) -> FloatArray | None:
+    def return_to_stance(self, dt: float) -> FloatArray | None:
         """No foot is off the floor, as far as anybody knows."""
         return None
 
-    def begin_landing(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray) -> None:
         """It makes no difference."""
 
-    def part_limbs(self) -> None:
+    def separate_limbs(self) -> None:
         """Nobody thinks of limbs here."""
 
     def pass_time(self, dt: float) -> None:
         """Nothing is around it that moves."""
 
-    def feel(self, soles: BoolArray | None) -> None:
+    def set_contact_state(self, soles: BoolArray | None) -> None:
         """It makes no difference."""
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
@@ -145,7 +145,7 @@ class RecordedGoals:
         self._way.leave()
 
     def _begin(self) -> None:
-        self._way, self._gone, self._here = PacedWay(self._joints, dt=self._dt), 0.0, self._joints[0]
+        self._way, self._gone, self._here = SpeedOverrideTrajectory(self._joints, dt=self._dt), 0.0, self._joints[0]
         self._moved = np.zeros_like(self._here)
 
     def _inside(self, moved: FloatArray) -> FloatArray:
@@ -201,7 +201,7 @@ class UntilDone:
     def __init__(self, clip: Clip, stage: RecordedGoals) -> None:
         self._clip, self._stage = clip, stage
         self.ticks, self.kept = FOR_EVER, 2 * clip.ticks
-        self.dt, self.motion_dt, self.settled, self.hindrance = clip.dt, clip.motion_dt, 1.0, ""
+        self.dt, self.motion_dt, self.settled, self.hold_reason = clip.dt, clip.motion_dt, 1.0, ""
 
     @property
     def over(self) -> bool:
@@ -242,14 +242,14 @@ class StillHuman:
 
 
 @contextmanager
-def sending(
+def goal_playback(
     played: Played,
     options: RunOptions,
     *,
     speed: float,
     clock: Clock,
     make_bus: MakeBus,
-    tell: Tell,
+    notify: Notify,
     robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
     """A run that sends the goals, ready to start; it parks in the end. options: those of the recording, on another bus.
@@ -273,7 +273,7 @@ def sending(
         return stages[0]
 
     with prepare_for(
-        perform, options, clock=clock, make_bus=make_bus, parks=True, tell=tell, lead=lead, robot=robot
+        perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, lead=lead, robot=robot
     ) as prepared:
         yield replace(prepared, reconstructor=StillHuman(prepared.reconstructor))
 

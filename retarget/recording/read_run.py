@@ -11,7 +11,7 @@ from retarget.errors import InputError
 from retarget.model.body import load_body, load_body_text
 from retarget.model.human import build_human
 from retarget.model.robot import RobotBody
-from retarget.recording.configs import as_then
+from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Done
 from retarget.recording.motion import PHASE_NAMES, Motion, TextArray, Tracks, posture, quaternion_columns
 from retarget.recording.npz import read_npz_human, read_npz_run
@@ -35,7 +35,7 @@ def read_mcap_run(path: Path, *, body: Path | None = None) -> Motion:
     if not found.recording.session.joints:
         return _human(found)
     found.recording.topic(GOALS)
-    with as_then(found.recording, body=body) as configs:
+    with as_recorded(found.recording, body=body) as configs:
         robot = configs.robot
         assert robot is not None, "there are joints"
         model = load_body(robot.profile.body_path, root="free")

@@ -334,6 +334,6 @@ def _take_servos(cycles: Cycles, topic: TopicRows) -> None:
     at, known = _places(cycles, topic)
     rows = topic.rows[known]
     cycles.bus_time[at], cycles.read[at] = rows["bus_time"], rows["answer"]
-    cycles.retries[at], cycles.rough[at] = rows["retries"], rows["rough"]
+    cycles.retries[at], cycles.error_rate[at] = rows["retries"], rows["error_rate"]
     for name, _ in SERVO_FIELDS:
         getattr(cycles, name)[at] = rows[name]

@@ -16,7 +16,7 @@ from retarget.recording.mcap_writer import OPTION, RecordingFile, Ring, WritingT
 from retarget.recording.session import config_files, session_of
 from retarget.recording.taps import Note, TappedBus, TappedClock, TappedSamples
 from retarget.recording.topics import Topic, topics
-from retarget.run.loop import Onlooker, Watch
+from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared
 from retarget.run.run_result import truth_names
@@ -28,7 +28,7 @@ __all__ = ["Recorder"]
 SWITCH_S = 1e-3
 """So long a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5 ms."""
 
-Tell = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 class Recorder:
@@ -44,8 +44,8 @@ class Recorder:
         options: RunOptions,
         *,
         clock: Clock,
-        parks: bool,
-        tell: Tell,
+        goes_to_rest: bool,
+        notify: Notify,
         overwrite: bool = False,
         truth: Callable[[], FloatArray | None] = lambda: None,
     ) -> None:
@@ -58,11 +58,11 @@ class Recorder:
             if not overwrite:
                 refuse_existing(path, option=OPTION)
         self._overwrite = overwrite
-        self._path, self._options, self._parks, self._tell = path, options, parks, tell
+        self._path, self._options, self._goes_to_rest, self._notify = path, options, goes_to_rest, notify
         self._note = Note(truth)
         self._clock = clock
         self._thread: WritingThread | None = None
-        self._keeps = Onlooker(self._note.kept)
+        self._keeps = ObserverCallback(self._note.kept)
         self._told = ""
         self.clock: Clock = clock if path is None else TappedClock(clock, self._note)
         """Of the guard and the robot's side."""
@@ -87,14 +87,14 @@ class Recorder:
 
         return tapped
 
-    def hears(self, tell: Tell) -> Tell:
-        """Who is told what happens, instead of `tell`."""
+    def hears(self, notify: Notify) -> Notify:
+        """Who is told what happens, instead of `notify`."""
 
         def told(text: str) -> None:
             self._note.say("run", text)
-            tell(text)
+            notify(text)
 
-        return tell if self._path is None else told
+        return notify if self._path is None else told
 
     def watch(self, watch: Watch, prepared: Prepared) -> Watch:
         """Who looks on, instead of `watch`."""
@@ -111,14 +111,14 @@ class Recorder:
             note.stop_asked(answer, stop_before=before)
             return answer
 
-        def cut_asked() -> bool:
+        def torque_off_asked() -> bool:
             note.before()
-            answer = watch.cut_asked()
+            answer = watch.torque_off_asked()
             if answer:
-                note.cut_asked()
+                note.torque_off_asked()
             return answer
 
-        return replace(watch, stop_asked=stop_asked, cut_asked=cut_asked, on_row=self._keeps)
+        return replace(watch, stop_asked=stop_asked, torque_off_asked=torque_off_asked, on_row=self._keeps)
 
     def code(self, code: int) -> int:
         """The exit code of a run that ended with `code`: a recording that is not whole is a file not written."""
@@ -132,7 +132,7 @@ class Recorder:
             return
         started = self._clock.now()
         begun_ns = round(MonotonicClock().now() * 1e9) - wall_to_monotonic()
-        session = session_of(prepared, self._options, source=source, parks=self._parks, begun_ns=begun_ns)
+        session = session_of(prepared, self._options, source=source, goes_to_rest=self._goes_to_rest, begun_ns=begun_ns)
         robot = None if prepared.side is None else prepared.side.robot
         if self._overwrite:
             remove(self._path, option=OPTION)
@@ -158,7 +158,7 @@ class Recorder:
             if not self._note.rows:
                 file.discard()  # it was refused, or stopped, before it made a tick
             elif not self.trouble:
-                self._tell(f"recording: {self._path}, {file.size / 1e6:.1f} MB")
+                self._notify(f"recording: {self._path}, {file.size / 1e6:.1f} MB")
             elif self.trouble != self._told:
                 self._tell_of_trouble()
 
@@ -170,7 +170,7 @@ class Recorder:
         """Once while the run goes on; when it has ended, only what is new by then."""
         self._told = self.trouble
         if self._told:
-            self._tell(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._told}")
+            self._notify(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._told}")
 
 
 def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]:

@@ -17,7 +17,7 @@ from retarget.errors import InputError
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.samples import Clip, Performance
 from retarget.model.robot import RobotBody
-from retarget.recording.configs import Configs, as_then
+from retarget.recording.configs import Configs, as_recorded
 from retarget.recording.cycles import Asked, Cursor, Done
 from retarget.recording.reading import Played
 from retarget.recording.session import Session
@@ -107,7 +107,7 @@ class ReplayedBus:
             valid=cycles.valid[row].copy(),
             driven=cycles.driven[row].copy(),
             retries=int(cycles.retries[row]),
-            rough=float(cycles.rough[row]),
+            error_rate=float(cycles.error_rate[row]),
         )
 
     def write(self, goals: ServoGoals) -> None:
@@ -153,7 +153,7 @@ class ReplayedSamples:
         return float(self._cursor.cycles.settled[self._row])
 
     @property
-    def hindrance(self) -> str:
+    def hold_reason(self) -> str:
         """As it was, without words."""
         return "as recorded"
 
@@ -307,7 +307,7 @@ def _time(played: Played, row: int) -> float:
     return float(clock[row, 0] - clock[0, 0])
 
 
-Tell = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,15 +320,15 @@ class Replayed:
 
 
 def replay(
-    played: Played, configs: Configs | None = None, *, watch: Watch | None = None, tell: Tell = lambda text: None
+    played: Played, configs: Configs | None = None, *, watch: Watch | None = None, notify: Notify = lambda text: None
 ) -> Replayed:
     """Run it again. configs: None: those of then. watch: `on_tick` of it is told. tell: as of `prepare_for`.
 
     Raises RetargetError for what cannot be run any more; InputError where robot or performer are others now.
     """
     if configs is None:
-        with as_then(played.recording) as then:
-            return replay(played, then, watch=watch, tell=tell)
+        with as_recorded(played.recording) as then:
+            return replay(played, then, watch=watch, notify=notify)
     session, has_robot = played.recording.session, bool(played.recording.session.joints)
     cursor = Cursor(played.cycles, has_robot=has_robot, dt=session.dt)
     samples, bus, clock = ReplayedSamples(played, cursor), ReplayedBus(played, cursor), ReplayedClock(cursor)
@@ -344,14 +344,20 @@ def replay(
 
     robot = configs.robot
     with prepare_for(
-        perform, configs.options, clock=clock, make_bus=make_bus, parks=session.parks, tell=tell, robot=robot
+        perform,
+        configs.options,
+        clock=clock,
+        make_bus=make_bus,
+        goes_to_rest=session.goes_to_rest,
+        notify=notify,
+        robot=robot,
     ) as prepared:
         result = prepared.run(_watch(played, cursor, prepared, watch or Watch()))
     if robot is None:
         difference = posture_difference(played, result.record.human.q)
     else:
         difference = goal_difference(played, bus, robot)
-    return Replayed(result, difference, (*what_computes(session), *configs.told))
+    return Replayed(result, difference, (*what_computes(session), *configs.notes))
 
 
 def what_computes(session: Session) -> tuple[str, ...]:
@@ -408,15 +414,15 @@ def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> 
                 _stop(guard, texts.get((cursor.cycle, "outside"), ""))
         return cursor.asked(Asked.STOP)
 
-    def cut_asked() -> bool:
+    def torque_off_asked() -> bool:
         cursor.before()
-        return cursor.asked(Asked.CUT)
+        return cursor.asked(Asked.TORQUE_OFF)
 
     def on_row(record: Record, row: int) -> None:
         if guard is None:
             cursor.look()
 
-    return Watch(watch.on_tick, stop_asked, cut_asked, lambda: "stopped, as recorded", on_row, watch.every)
+    return Watch(watch.on_tick, stop_asked, torque_off_asked, lambda: "stopped, as recorded", on_row, watch.every)
 
 
 def _stop(guard: Guard, told: str) -> None:

@@ -69,8 +69,8 @@ class Session(_Strict):
     mount: str | None
     hook: str | None
     seed: int
-    trouble: tuple[str, ...]
-    parks: bool
+    perturbations: tuple[str, ...]
+    goes_to_rest: bool
     ticks: Annotated[int, Field(ge=1)]
     dt: Annotated[float, Field(ge=1e-4, le=1.0)]
     motion_dt: Annotated[float, Field(ge=1e-6, le=10.0)]
@@ -97,7 +97,7 @@ class Session(_Strict):
             gate=self.gate,
             scene=self.scene,
             allow_contact=self.allow_contact,
-            physics=PhysicsOptions(self.mount, self.hook, self.seed, self.trouble),
+            physics=PhysicsOptions(self.mount, self.hook, self.seed, self.perturbations),
         )
 
     @property
@@ -112,7 +112,7 @@ class Session(_Strict):
         return IntakeTimes(*self.intake)
 
 
-def session_of(prepared: Prepared, options: RunOptions, *, source: str, parks: bool, begun_ns: int) -> Session:
+def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_rest: bool, begun_ns: int) -> Session:
     """Of a run that can start. begun_ns: unix time."""
     size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
     robot = None if prepared.side is None else prepared.side.robot
@@ -137,8 +137,8 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, parks: b
         mount=physics.mount,
         hook=physics.hook,
         seed=physics.seed,
-        trouble=physics.trouble,
-        parks=parks,
+        perturbations=physics.perturbations,
+        goes_to_rest=goes_to_rest,
         ticks=samples.ticks,
         dt=samples.dt,
         motion_dt=samples.motion_dt,

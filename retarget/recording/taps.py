@@ -88,9 +88,9 @@ class Note:
                 self.say("outside", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
         self._ask(asked)
 
-    def cut_asked(self) -> None:
+    def torque_off_asked(self) -> None:
         """Somebody asked for torque off at once."""
-        self._ask(Asked.CUT)
+        self._ask(Asked.TORQUE_OFF)
 
     def over(self) -> None:
         """The stream is at its end."""
@@ -139,7 +139,7 @@ class Note:
         rows.landmarks[at, self._landmarks] = robot.landmarks_asked[row]
         own, modes = rows.observer_modes[at], robot.observer_modes[row]
         own[: modes.size] = modes[: own.size]
-        rows.gated[at], rows.unled[at] = robot.gated[row], robot.unled[row]
+        rows.gated[at], rows.no_command[at] = robot.gated[row], robot.no_command[row]
         if rows.truth.shape[1]:
             truth = self._truth()
             rows.truth[at] = np.nan if truth is None else truth
@@ -215,7 +215,7 @@ class TappedBus:
         if ring is not None:
             rows, at = ring.rows, ring.at
             rows.read[at] = Done.WELL
-            rows.bus_time[at], rows.retries[at], rows.rough[at] = states.time, states.retries, states.rough
+            rows.bus_time[at], rows.retries[at], rows.error_rate[at] = states.time, states.retries, states.error_rate
             rows.position[at], rows.velocity[at], rows.current[at] = states.position, states.velocity, states.current
             rows.voltage[at], rows.temperature[at], rows.age[at] = states.voltage, states.temperature, states.age
             rows.error[at], rows.alert[at] = states.error, states.alert
@@ -272,9 +272,9 @@ class TappedSamples:
         return settled
 
     @property
-    def hindrance(self) -> str:
+    def hold_reason(self) -> str:
         """Why nobody is followed."""
-        return self._inner.hindrance
+        return self._inner.hold_reason
 
     def may_approach(self) -> bool:
         """Whether the robot is to go on with its approach."""

@@ -204,13 +204,13 @@ SERVO_FIELDS = (
 def _servos(servos: JointMap) -> Topic:
     names = servos.joints
     builder = CdrBuilder().header("").texts(names).scalar("bus_time", "float64").scalar("answer", "uint8")
-    builder.scalar("retries", "int32").scalar("rough", "float64")
+    builder.scalar("retries", "int32").scalar("error_rate", "float64")
     for field, kind in SERVO_FIELDS:
         builder.sequence(field, kind, len(names))
 
     def fill(rows: Rows, cycles: Cycles) -> None:
         rows["bus_time"], rows["answer"], rows["retries"] = cycles.bus_time, cycles.read, cycles.retries
-        rows["rough"] = cycles.rough
+        rows["error_rate"] = cycles.error_rate
         for field, _ in SERVO_FIELDS:
             rows[field] = getattr(cycles, field)
 
@@ -248,7 +248,7 @@ TICK_FIELDS = (
     *(("cycle", "uint32", "index"), ("tick", "int32", "tick"), ("asked", "uint32", "asked")),
     *(("phase", "int8", "phase"), ("state", "uint8", "state"), ("sampled", "uint8", "sampled")),
     *(("written", "uint8", "written"), ("kept", "bool", "kept"), ("gated", "bool", "gated")),
-    *(("unled", "bool", "unled"), ("readings", "uint8", "readings"), ("settled", "float64", "settled")),
+    *(("no_command", "bool", "no_command"), ("readings", "uint8", "readings"), ("settled", "float64", "settled")),
 )
 """Of every cycle: name, kind, and name in `Cycles`."""
 
@@ -330,7 +330,7 @@ SCHEMAS: dict[str, str] = {
         _TIME,
     ),
     "retarget_msgs/msg/Servos": _definition(
-        "std_msgs/Header header\nstring[] name\nfloat64 bus_time\nuint8 answer\nint32 retries\nfloat64 rough\n"
+        "std_msgs/Header header\nstring[] name\nfloat64 bus_time\nuint8 answer\nint32 retries\nfloat64 error_rate\n"
         "int32[] position\nfloat64[] velocity\nfloat64[] current\nfloat64[] voltage\nfloat64[] temperature\n"
         "float64[] age\nuint8[] error\nuint8[] alert\nbool[] valid\nbool[] driven\n",
         _HEADER,
@@ -339,7 +339,7 @@ SCHEMAS: dict[str, str] = {
     "retarget_msgs/msg/Posture": _definition("std_msgs/Header header\nfloat32[] q\n", _HEADER, _TIME),
     "retarget_msgs/msg/Tick": _definition(
         "std_msgs/Header header\nuint32 cycle\nint32 tick\nuint32 asked\nint8 phase\nuint8 state\nuint8 sampled\n"
-        "uint8 written\nbool kept\nbool gated\nbool unled\nuint8 readings\nfloat64 settled\nfloat64[] clock\n"
+        "uint8 written\nbool kept\nbool gated\nbool no_command\nuint8 readings\nfloat64 settled\nfloat64[] clock\n"
         "int32[] goal\nfloat32[] root\nfloat64[] sensor_weight\nbool weighted\nbool[] sensor_valid\n"
         "bool[] sensor_oriented\nuint8[] observer_modes\nuint8[] human_observer_modes\nfloat32[] cost\n",
         _HEADER,

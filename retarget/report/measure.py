@@ -167,7 +167,7 @@ def measure(run: RunResult) -> Report:
         sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
         servo_tracking_mm=_servo_tracking(run),
         servo_error_deg=_servo_error(run),
-        unled_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.unled)),
+        no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
         reachable_hands_mm=(hands := _hands(run, reached)).errors,
         reachable_share=hands.shares,
         com_margin_mm=_mm(stand.margin),

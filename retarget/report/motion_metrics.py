@@ -236,7 +236,7 @@ class PhysicsReport:
 
     mount: str
     seed: int
-    trouble: tuple[str, ...]
+    perturbations: tuple[str, ...]
     fallen: bool
     fallen_at_s: float | None
     how: str | None
@@ -268,7 +268,7 @@ def physics_report(run: RunResult) -> PhysicsReport | None:
     return PhysicsReport(
         mount=physics.mount,
         seed=physics.seed,
-        trouble=physics.trouble,
+        perturbations=physics.perturbations,
         fallen=fall is not None,
         fallen_at_s=None if fall is None else fall.time,
         how=None if fall is None else fall.how,

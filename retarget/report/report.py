@@ -149,12 +149,11 @@ class Report:
     `metrics.motion.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
-    servo_error_deg: how far each servo stood from the goal of the tick before. unled_frames: ticks in which nobody knew
-    a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of each
-    hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
+    servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks in which nobody
+    knew a goal, so that the gate braked each joint by itself; not among gated_frames. reachable_hands_mm: mean error of
+    each hand, of both, and of the worse, at the ticks at which it was asked where the arm gets from the torso that was
     asked; reachable_share: of the ticks that followed, those. fallen, physics: as the simulation saw it; null without.
-    steps: null of a robot that makes none.
-    live: of the stream, null of a file.
+    steps: null of a robot that makes none. live: of the stream, null of a file.
     """
 
     frames: int
@@ -185,7 +184,7 @@ class Report:
     sensors_mm: dict[str, Spread]
     servo_tracking_mm: dict[str, Spread] | None
     servo_error_deg: dict[str, Spread] | None
-    unled_frames: int | None
+    no_command_frames: int | None
     reachable_hands_mm: dict[str, float] | None
     reachable_share: dict[str, float] | None
     com_margin_mm: float | None

@@ -1,6 +1,6 @@
 """Whether the last part of the way to where a robot is parked is sound: from a stand, arms aside, straight to `rest`.
 
-That part is always the same (see `parking`), so it can be looked at before anything moves.
+That part is always the same (see `rest_trajectory`), so it can be looked at before anything moves.
 """
 
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.observers import placed, robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.report.clearance import shape_rows
-from retarget.robot.follower import landed_angles
+from retarget.robot.follower import stance_angles
 from retarget.safety.clearance import KEPT_SHARE
 
-__all__ = ["ParkingWay", "parking_way"]
+__all__ = ["PathToRest", "path_to_rest"]
 
 ROWS = 41
 """Postures of the way that are looked at."""
@@ -23,7 +23,7 @@ MM = 1e3
 
 
 @dataclass(frozen=True)
-class ParkingWay:
+class PathToRest:
     """margin: least distance, m, of the centre of mass to the edge of the soles, from inside. first, second: observers
     that come nearest to what the gate keeps; distance: between them, m; kept: by the gate, m."""
 
@@ -47,7 +47,7 @@ class ParkingWay:
         return f"not straight, as {'limbs meet' if self.margin > 0.0 else 'it would tip'}: {text}"
 
 
-def parking_way(robot: RobotBody) -> ParkingWay | None:
+def path_to_rest(robot: RobotBody) -> PathToRest | None:
     """Of a robot that stands on soles; None for another, and for one without observers, or frame `neck`."""
     observers = robot_observers(robot)
     if not robot.stands or not len(observers.pairs) or TRUNK not in robot.profile.frames:
@@ -68,12 +68,12 @@ def parking_way(robot: RobotBody) -> ParkingWay | None:
     kept = KEPT_SHARE * np.minimum(margins, observers.pair_margin)
     worst = int((distance - kept).argmin())
     names = observers.names[first[worst]], observers.names[second[worst]]
-    return ParkingWay(margin, *names, float(distance[worst]), float(kept[worst]))
+    return PathToRest(margin, *names, float(distance[worst]), float(kept[worst]))
 
 
 def _way(robot: RobotBody) -> list[dict[str, float]]:
     """Postures, by joint, from where a landing ends to `rest`."""
-    start, rest = landed_angles(robot), robot.profile.postures.rest
+    start, rest = stance_angles(robot), robot.profile.postures.rest
     return [
         {joint: (1.0 - share) * start.get(joint, 0.0) + share * rest.get(joint, 0.0) for joint in start | rest}
         for share in np.linspace(0.0, 1.0, ROWS).tolist()

@@ -30,7 +30,9 @@ def physics_facts(physics: PhysicsReport | None) -> Iterable[tuple[str, str]]:
 
 
 def _standing_line(physics: PhysicsReport) -> str:
-    differs = f" (trouble: {', '.join(physics.trouble)}; seed {physics.seed})" if physics.trouble else ""
+    differs = (
+        f" (perturbations: {', '.join(physics.perturbations)}; seed {physics.seed})" if physics.perturbations else ""
+    )
     if physics.fallen:
         return f"fallen at {physics.fallen_at_s or 0.0:.2f} s: {physics.how}{differs}"
     return {"floor": "did not fall", "stand": "on a stand", "gantry": "hangs on a gantry"}[physics.mount] + differs
@@ -203,7 +205,7 @@ def _servos(report: Report) -> str:
 def _gate(report: Report) -> str:
     if report.gated_frames is None:
         return ""
-    alone = f", braked by itself in {report.unled_frames} ticks without any" if report.unled_frames else ""
+    alone = f", braked by itself in {report.no_command_frames} ticks without any" if report.no_command_frames else ""
     return f"changed {report.gated_frames} of {report.ticks} goals{alone}"
 
 

@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 
 from retarget import rotations
 from retarget._solver import Probe
-from retarget.ik.gravity_torque import CarriedLoad
+from retarget.ik.gravity_torque import GravityTorque
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.tasks import CARRIES
@@ -58,7 +58,7 @@ GRAVITY = 9.81
 BEYOND_M = 0.0003
 """How far (m) beyond an edge the capture point of a robot that follows may be by rounding: the way back is not asked
 for."""
-LANDING = 0.5
+RETURN_SHARE = 0.5
 """Share of the support polygon, about its middle, for a robot on its way to a stand. Who begins it at the edge of the
 room in which it followed comes in from there only by pressing beyond that edge."""
 SPARE = 0.5
@@ -81,14 +81,14 @@ class StandingBalance:
         share = min((task.moving for task in tasks if task.moving is not None), default=None)
         self.looks_at_motion = share is not None
         self._room = _room(self.edges, share, stance)
-        self._wide = _room(self.edges, None if share is None else max(share, LANDING), stance)
+        self._wide = _room(self.edges, None if share is None else max(share, RETURN_SHARE), stance)
 
-    def spaces(self, com: FloatArray, velocity: FloatArray, dt: float, *, lands: bool = False) -> FloatArray:
+    def spaces(self, com: FloatArray, velocity: FloatArray, dt: float, *, to_stance: bool = False) -> FloatArray:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
         m/s. lands: of a robot on its way to a stand."""
         if not self.looks_at_motion:
             return _braked(self._drawn_in, com, dt)
-        return moving_spaces(self._wide if lands else self._room, com, velocity, dt, outer=self._drawn_in)
+        return moving_spaces(self._wide if to_stance else self._room, com, velocity, dt, outer=self._drawn_in)
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
@@ -216,7 +216,7 @@ class StandingStrength:
         self._axis = body.joint_axis[rows]  # (k, 3), of the link
         links = [frame.body for frame in frames]
         self._probe = Probe(body.solver_body(), links, np.array([frame.position for frame in frames]), links)
-        self._load = CarriedLoad(robot, stance)
+        self._load = GravityTorque(robot, stance)
         self.dofs = body.joint_dof[rows]
         """Of the joints (k,) that are watched."""
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (2, 2) [m]
@@ -368,7 +368,7 @@ def one_leg_load(robot: RobotBody) -> PostureLoad:
     loads = []
     for sole in stance.soles:
         alone = Stance(stance.q, stance.points, (sole,))
-        torque = CarriedLoad(robot, alone).torques(_over(robot, keeps.names, stance, alone), np.zeros(3))
+        torque = GravityTorque(robot, alone).torques(_over(robot, keeps.names, stance, alone), np.zeros(3))
         loads.append(_heaviest(keeps, "on one leg", torque[keeps.dofs]))
     return max(loads, key=lambda load: load.share)
 

@@ -2,7 +2,7 @@
 
 A servo with a P gain is a spring between its goal and its shaft: under a torque it stands beside its goal. On soft
 servos a standing robot sways 1.4 times as far as planned, and its soles press elsewhere. The torques that a planned
-posture needs are known (`CarriedLoad`), so each goal is set beside the posture by just what its servo gives way. All
+posture needs are known (`GravityTorque`), so each goal is set beside the posture by just what its servo gives way. All
 that looks at postures - limits of the plan, collisions, the record - looks at where the robot is held; what is sent
 passes the gate, and keeps its limits.
 
@@ -16,14 +16,14 @@ import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.servo import loop_lag
-from retarget.ik.base_pose import EitherSole, plant_root
-from retarget.ik.gravity_torque import CarriedLoad, servo_give
+from retarget.ik.base_pose import SupportFootBase, plant_root
+from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.robot.posture_reader import standing_dofs
 from retarget.safety.gate import Gate, PathCheck
 
-__all__ = ["HeldPath", "UpheldGoals"]
+__all__ = ["CompensatedGoals", "HeldPath"]
 
 MOST_RAD = 0.2
 """Farthest that a goal is beside its posture; a servo that gives way by more is overloaded."""
@@ -58,18 +58,18 @@ class HeldPath:
 
 @dataclass(frozen=True, eq=False)
 class _Thought:
-    """What a posture (n,) is sent as: `goal` (n,), beside it by what holds against the load, `upheld` (n,) rad, and by
-    what it waits for slower joints, `behind` (n,) rad; and centre of mass with velocity, smoothed."""
+    """What a posture (n,) is sent as: `goal` (n,), beside it by what holds against the load, `compensated` (n,) rad,
+    and by what it waits for slower joints, `behind` (n,) rad; and centre of mass with velocity, smoothed."""
 
     posture: FloatArray
     goal: FloatArray
-    upheld: FloatArray
+    compensated: FloatArray
     behind: FloatArray
     com: FloatArray
     velocity: FloatArray
 
 
-class UpheldGoals:
+class CompensatedGoals:
     """A `hardware.guard_state.GoalFilter` in front of the gate: postures (n,) rad go in, goals come out.
 
     `position` is the posture, not the goal. A stop keeps goals as far beside postures as they were.
@@ -90,14 +90,14 @@ class UpheldGoals:
         stand on either sole alone."""
         self._gate, self._robot, self._held, self._dt = gate, robot, held, dt
         self._stance = stance
-        self._load, self._either = CarriedLoad(robot, stance), EitherSole(robot, stance) if steps else None
+        self._load, self._either = GravityTorque(robot, stance), SupportFootBase(robot, stance) if steps else None
         self._body = robot.body.solver_body()
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
-        self._give = servo_give(robot)
+        self._give = joint_compliance(robot)
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
         self._rate = 1.0 / settle
         self._catch_up = dt / (dt + _waits(robot))  # (n,) share of its lead that a joint loses in a tick
-        self._position, self._upheld, self._behind, self._moved = (gate.position for _ in range(4))
+        self._position, self._compensated, self._behind, self._moved = (gate.position for _ in range(4))
         self._com: FloatArray | None = None
         self._velocity = np.zeros(3)
         self._thought: _Thought | None = None
@@ -122,7 +122,7 @@ class UpheldGoals:
     @property
     def beside(self) -> FloatArray:
         """How far goals are beside postures, rad (n,); a copy."""
-        return self._upheld + self._behind
+        return self._compensated + self._behind
 
     def seed(self, position: FloatArray) -> None:
         """Start at rest at `position`, rad (n,), with goals that hold nothing yet. Raises HardwareError if not
@@ -146,8 +146,8 @@ class UpheldGoals:
         if not np.array_equal(sent, thought.goal):
             self._stopped(sent)
             return sent
-        self._moved = thought.upheld - self._upheld
-        self._upheld, self._behind, self._position = thought.upheld, thought.behind, thought.posture
+        self._moved = thought.compensated - self._compensated
+        self._compensated, self._behind, self._position = thought.compensated, thought.behind, thought.posture
         self._com, self._velocity = thought.com, thought.velocity
         self._thought = None
         self._ticks += 1
@@ -160,7 +160,7 @@ class UpheldGoals:
         return sent
 
     def _start(self, position: FloatArray) -> None:
-        self._upheld, self._behind, self._moved = (np.zeros_like(position) for _ in range(3))
+        self._compensated, self._behind, self._moved = (np.zeros_like(position) for _ in range(3))
         self._position = position
         self._ticks = 0
         self._forget()
@@ -181,7 +181,7 @@ class UpheldGoals:
         if thought is None or not np.array_equal(thought.posture, posture):
             self._thought = thought = self._thought_of(np.array(posture, dtype=np.float64))
         if self._held is not None:
-            self._held.expect(self.beside, thought.upheld + thought.behind)
+            self._held.expect(self.beside, thought.compensated + thought.behind)
         return thought
 
     def _thought_of(self, posture: FloatArray) -> _Thought:
@@ -198,29 +198,32 @@ class UpheldGoals:
         acceleration = np.clip((then - velocity) / self._dt, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration, heights=heights)[self._dofs]
         wanted = np.clip(self._give @ torque, -MOST_RAD, MOST_RAD)
-        speed = self._settled(self._upheld, self._moved / self._dt, wanted)
+        speed = self._settled(self._compensated, self._moved / self._dt, wanted)
         most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
-        still = np.maximum(np.abs(moved), np.abs(wanted - self._upheld)) < STILL_RAD
-        upheld = np.where(still, self._upheld, self._upheld + moved)
+        still = np.maximum(np.abs(moved), np.abs(wanted - self._compensated)) < STILL_RAD
+        compensated = np.where(still, self._compensated, self._compensated + moved)
         behind = (1.0 - self._catch_up) * (self._position + self._behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
-        goal, upheld = self._within(posture + behind, upheld)
-        return _Thought(posture, goal, upheld, behind, com + self._dt * then, then)
+        goal, compensated = self._within(posture + behind, compensated)
+        return _Thought(posture, goal, compensated, behind, com + self._dt * then, then)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of what settles at `wanted` without overshoot, implicit in time."""
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
 
-    def _within(self, target: FloatArray, upheld: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The goal that is beside a target (n,) by `upheld` (n,) rad, and by how much it is: within the gate's limits,
-        if it need not be pushed away from the target for that. Else it is for the gate to refuse."""
-        goal = self._gate.nearest(target + upheld)
+    def _within(self, target: FloatArray, compensated: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The goal that is beside a target (n,) by `compensated` (n,) rad, and by how much it is: within the gate's
+        limits, if it need not be pushed away from the target for that. Else it is for the gate to refuse."""
+        goal = self._gate.nearest(target + compensated)
         kept = goal - target
-        lowest, highest = np.minimum(self._upheld, 0.0) - self._most, np.maximum(self._upheld, 0.0) + self._most
+        lowest, highest = (
+            np.minimum(self._compensated, 0.0) - self._most,
+            np.maximum(self._compensated, 0.0) + self._most,
+        )
         if ((kept < lowest) | (kept > highest)).any():
-            return target + upheld, upheld
+            return target + compensated, compensated
         return goal, kept
 
 

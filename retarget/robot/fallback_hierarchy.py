@@ -24,13 +24,13 @@ from retarget.schema.priorities import (
 )
 from retarget.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["SecondThoughts", "parted_first", "soles_first"]
+__all__ = ["FallbackHierarchy", "separated_first", "soles_first"]
 
 Build = Callable[[Priorities, BoolArray], Hierarchy]
 """From priorities and who is locked (nv,) to a hierarchy."""
 
 
-class SecondThoughts:
+class FallbackHierarchy:
     """Three more hierarchies for the targets of a first one. around: obstacles where they are now, as it sees them.
     parts: the next first thought is that of limbs that are to be parted."""
 
@@ -46,7 +46,7 @@ class SecondThoughts:
             return hierarchy, np.concatenate([every[first.target_span(k)] for k in order])
 
         self._planted, self._from = in_order(soles_first(priorities.levels, soles))
-        self._parted, self._parted_from = in_order(parted_first(priorities.levels, soles))
+        self._parted, self._parted_from = in_order(separated_first(priorities.levels, soles))
         self._above = build(priorities, carrying)
         self.around: ObstaclePoses | None = None
         self.parts = False
@@ -86,7 +86,7 @@ def soles_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
     return sorted(range(len(levels)), key=lambda k: not _plants(levels[k], soles))
 
 
-def parted_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
+def separated_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
     """Numbers of the levels, those that keep limbs and obstacles off each other first, then those that plant a sole."""
 
     def rank(k: int) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from retarget.ik.base_pose import plant_root
-from retarget.ik.hierarchy import Hierarchy, Surroundings
+from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import Stopping
 from retarget.model.body import BodyModel, JointLimits
@@ -19,11 +19,11 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.balance import StandingBalance, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import measure_envelope
-from retarget.robot.fallback_hierarchy import SecondThoughts
+from retarget.robot.fallback_hierarchy import FallbackHierarchy
 from retarget.robot.following_limits import following_limits
 from retarget.robot.landmarks import AskedLandmarks, LandmarkMap
 from retarget.robot.posture_reader import RobotReader, robot_frames, robot_postures, standing_dofs, standing_targets
-from retarget.robot.reference_governor import Chase
+from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
 from retarget.schema.priorities import Priorities
@@ -32,7 +32,16 @@ from retarget.types import BoolArray, FloatArray, RobotPosture
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
-__all__ = ["ARRIVAL_S", "LED_SPEED", "RESTING_SPEED", "Follower", "Landing", "SlowTime", "landed_angles", "landing_of"]
+__all__ = [
+    "LED_SPEED",
+    "RESTING_SPEED",
+    "SETTLING_S",
+    "Follower",
+    "ReturnToStance",
+    "TimeScaling",
+    "return_to_stance_of",
+    "stance_angles",
+]
 
 
 # A robot that goes slower: time goes by slower for it, so that speeds fall and all that can be stopped still can.
@@ -44,7 +53,7 @@ STILL = 1e-4
 """[rad^2/s^2] A joint that is no faster than the root of this stands."""
 
 
-class SlowTime:
+class TimeScaling:
     """How fast time goes by for one robot. pace: s of its own in a second, (0, 1]."""
 
     def __init__(self, body: BodyModel, limits: JointLimits) -> None:
@@ -74,18 +83,18 @@ class SlowTime:
 
 # The way of a robot from its stance to where somebody stands still, before it follows.
 
-ARRIVAL_S = 5.0
+SETTLING_S = 5.0
 """Longest way (s)."""
 RESTING_SPEED = 0.1
 """A robot none of whose coordinates is faster (rad/s, m/s) rests, after RESTING_TICKS of it."""
 RESTING_TICKS = 5
 
 
-def arrival(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list[RobotPosture]:
+def settling(step: Callable[[], RobotPosture], q: FloatArray, dt: float) -> list[RobotPosture]:
     """Postures, `dt` s apart, from q (nq,) until the robot rests. step: the next one."""
     way: list[RobotPosture] = []
     resting = 0
-    while resting < RESTING_TICKS and len(way) * dt < ARRIVAL_S:
+    while resting < RESTING_TICKS and len(way) * dt < SETTLING_S:
         before = q
         way.append(step())
         q = way[-1].q
@@ -112,7 +121,7 @@ LED_SPEED, LED_SETTLE = 1.0, 0.1
 """rad/s of the joint that is led the longest way, and s by which the robot follows, of its own time."""
 
 
-class Landing:
+class ReturnToStance:
     """A way to a stand."""
 
     def __init__(self, robot: RobotBody, stance: Stance, standing: AskedLandmarks) -> None:
@@ -122,7 +131,7 @@ class Landing:
         """What is asked besides the joints."""
         single, address = robot.body.scalar_joints()
         self._joints = address[single]
-        self._end = robot.posture(landed_angles(robot))[self._joints]
+        self._end = robot.posture(stance_angles(robot))[self._joints]
         self._posture = stance.q.copy()
         self.arrived = False
         """Whether joints are led no further."""
@@ -149,7 +158,7 @@ class Landing:
         return self._posture
 
 
-def landed_angles(robot: RobotBody) -> dict[str, float]:
+def stance_angles(robot: RobotBody) -> dict[str, float]:
     """Where a landing ends, rad by joint, 0 elsewhere: legs and trunk as in `stand`, the others as in `attractor`."""
     postures, carrying = robot.profile.postures, standing_dofs(robot, TRUNK)
     return {
@@ -158,13 +167,13 @@ def landed_angles(robot: RobotBody) -> dict[str, float]:
     }
 
 
-def landing_of(
+def return_to_stance_of(
     robot: RobotBody, stance: Stance, standing: AskedLandmarks, balance: StandingBalance | None
-) -> Landing | None:
+) -> ReturnToStance | None:
     """Of a robot; None without a pelvis, and where priorities look at no mass in motion."""
     if balance is None or not balance.looks_at_motion or "pelvis" not in robot.profile.landmarks:
         return None
-    return Landing(robot, stance, standing)
+    return ReturnToStance(robot, stance, standing)
 
 
 Parts = Literal["whole", "upper"]
@@ -194,7 +203,7 @@ class Follower:
         """
         self._robot, self._body = robot, robot.body.solver_body()
         self.stance = plant(robot, robot.profile.postures.stand)
-        self._limits = following_limits(robot, self.stance, priorities.uphold)
+        self._limits = following_limits(robot, self.stance, priorities.deflection_compensation)
         stance, legs_move = self.stance, parts == "whole" and bool(self.stance.soles)
         steps = legs_move and priorities.steps == "shift"
         if steps:
@@ -206,25 +215,29 @@ class Follower:
         envelope = None if edges is None else measure_envelope(robot, self._limits, stance, edges=edges)
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
-        self.surroundings = Surroundings(scene)
+        self.scene_obstacles = SceneObstacles(scene)
         self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
         build = partial(self._hierarchy_of, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
         still = frozenset(sole.frame.name for sole in stance.soles)
-        second = partial(SecondThoughts, build, priorities, self.hierarchy)
+        second = partial(FallbackHierarchy, build, priorities, self.hierarchy)
         self._second = second(soles=still, carrying=carrying) if legs_move else None
         stopping = partial(Stopping, robot.body, self._limits, carrying=carrying)
         self._planted = stopping(stance) if legs_move else None
         self.steps = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None
         self._reader = RobotReader(robot, stance)
         upright = self._reader.trunk_at_stance
-        self._chase = Chase(robot, self.hierarchy, still=still, trunk_at_stance=upright, ahead=priorities.ahead)
-        self._landing = landing_of(robot, stance, self.landmark_map.standing, self._balance if legs_move else None)
+        self._governor = ReferenceGovernor(
+            robot, self.hierarchy, still=still, trunk_at_stance=upright, lead_time=priorities.lead_time
+        )
+        self._return_to_stance = return_to_stance_of(
+            robot, stance, self.landmark_map.standing, self._balance if legs_move else None
+        )
         self._approach = robot.profile.safety.speed_caps.approach
         self._servos = robot.servo_columns
         self._q = stance.q
-        self._time = SlowTime(robot.body, self._limits)
+        self._time = TimeScaling(robot.body, self._limits)
 
     @property
     def _stopping(self) -> Stopping | None:
@@ -243,15 +256,15 @@ class Follower:
             locked=locked,
             iterations=iterations,
             observers=self.observers,
-            scene=self.surroundings.shapes,
+            scene=self.scene_obstacles.shapes,
         )
 
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The way to the performer's posture is gone tick by tick, slowly at first."""
         self.landmark_map.restart()
-        self._chase.restart()
+        self._governor.restart()
         self._since_start, self._time.pace = 0.0, 1.0
-        self.surroundings.restart()
+        self.scene_obstacles.restart()
         self._q = self.stance.q
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self._q)
@@ -265,60 +278,60 @@ class Follower:
 
     def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
         """After `start`: the way to where the performer stands still, tick by tick, until the robot rests there (see
-        `arrival`). A hand that is asked high up is raised in good time, not chased from below."""
+        `settling`). A hand that is asked high up is raised in good time, not chased from below."""
         if self.steps is not None:
             self.steps.waits = True
-        way = arrival(partial(self.step, human, dt), self._q, dt)
+        way = settling(partial(self.step, human, dt), self._q, dt)
         if self.steps is not None:
             self.steps.waits = False
-        self.surroundings.begin()
+        self.scene_obstacles.begin()
         return way
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
         self._since_start += dt
         self._asked = self.landmark_map.ask(human, dt)
-        haste = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
-        self._advance(self._asked, dt, haste=haste)
+        speed_override = self._approach + (1.0 - self._approach) * min(self._since_start / APPROACH_S, 1.0)
+        self._advance(self._asked, dt, speed_override=speed_override)
         return self._posture(self._asked)
 
-    def _advance(self, asked: AskedLandmarks, dt: float, *, haste: float, lands: bool = False) -> None:
+    def _advance(self, asked: AskedLandmarks, dt: float, *, speed_override: float, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. lands: on the way to a stand."""
         targets, hierarchy, pace = self._targets, self.hierarchy, self._time.pace
-        self.surroundings.tick(hierarchy, dt, pace=pace)
+        self.scene_obstacles.tick(hierarchy, dt, pace=pace)
         if self._second is not None:
-            self._second.around = self.surroundings.now
+            self._second.around = self.scene_obstacles.now
         dt *= pace  # from here on the robot's own time
         if self.steps is not None:
             asked = self.steps.aim(targets, self._q, hierarchy.solver.velocity, dt, asked=asked, at=self._reached)
         elif self._balance is not None:
-            hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, lands=lands))
+            hierarchy.set_support(targets, self._balance.spaces(*self._mass(), dt, to_stance=to_stance))
         if self._strength is not None:
             keeps = self.steps is None or not self.steps.onto_one
             self._strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
-        self._chase.aim(targets, asked, self._reached, dt, haste=haste)
-        hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if lands else inf)
+        self._governor.aim(targets, asked, self._reached, dt, speed_override=speed_override)
+        hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
         first = self._second.first(targets, self._q, dt) if self._second else hierarchy.solver.frame(targets, dt)
         self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
 
-    def land(self, dt: float) -> FloatArray | None:
-        """The next posture (nq,) on a way to a stand (see `landing`); None: the robot stands, or needs none."""
+    def return_to_stance(self, dt: float) -> FloatArray | None:
+        """The next posture (nq,) on a way to a stand (see `to_stance`); None: the robot stands, or needs none."""
         stands = self.steps is None or self.steps.wait()
-        landing, hierarchy = self._landing, self.hierarchy
-        if landing is None or not landing.goes_on(hierarchy.solver.velocity, dt, stands=stands):
+        to_stance, hierarchy = self._return_to_stance, self.hierarchy
+        if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
-        hierarchy.set_posture(self._targets, landing.lead(dt))
-        self._advance(landing.asked, dt, haste=1.0, lands=True)
+        hierarchy.set_posture(self._targets, to_stance.lead(dt))
+        self._advance(to_stance.asked, dt, speed_override=1.0, to_stance=True)
         return self._q
 
-    def begin_landing(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray) -> None:
         """Land from posture q (nq,), in which the robot stands, whether it has followed or not."""
         self.reseed(q, np.zeros(self._robot.body.nv))
-        if self._landing is not None:
-            self._landing.begin(q)
+        if self._return_to_stance is not None:
+            self._return_to_stance.begin(q)
 
-    def keep_pace(self, pace: float) -> None:
+    def set_speed_override(self, pace: float) -> None:
         """Follow at a share (0, 1] of all speeds, from the next tick on."""
         if pace == self._time.pace:
             return
@@ -326,30 +339,30 @@ class Follower:
         change = self._time.turn(pace, self._q, solver.velocity)
         solver.reset(self._q, solver.velocity / change)
         if self._stopping is not None:
-            self._stopping.keep_pace(change)
+            self._stopping.set_speed_override(change)
 
     def halt(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) on the way to a stop on the soles; None: none is known, or no soles carry it."""
-        self.surroundings.tick(None, dt)
+        self.scene_obstacles.tick(None, dt)
         step = None if self._stopping is None else self._stopping.follow(dt * self._time.pace)
         if step is None:
             return None
-        self.part_limbs()
+        self.separate_limbs()
         self._q, velocity = step
         self.hierarchy.solver.reset(self._q, velocity)
         self._reached = self._reader.read(self._q)
         return self._q
 
-    def part_limbs(self) -> None:
+    def separate_limbs(self) -> None:
         """If the robot stands, since a goal was refused, let its next thought be of parting limbs."""
         if self._second is not None and self._stopping is not None:
             self._second.parts = self._stopping.stands
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which somebody else leads the robot."""
-        self.surroundings.tick(None, dt)
+        self.scene_obstacles.tick(None, dt)
 
-    def feel(self, soles: BoolArray | None) -> None:
+    def set_contact_state(self, soles: BoolArray | None) -> None:
         """Which soles (k,) press on the floor from now on; None: nobody knows. Who steps waits for it."""
         if self.steps is not None:
             self.steps.felt = soles

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from hardware.servo import loop_lag
-from retarget.ik.gravity_torque import CarriedLoad
+from retarget.ik.gravity_torque import GravityTorque
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
 from retarget.robot.posture_reader import standing_dofs
-from retarget.schema.priorities import UpholdSettings
+from retarget.schema.priorities import DeflectionCompensationSettings
 from retarget.types import FloatArray
 
-__all__ = ["followed_speed", "following_limits", "loaded_speed", "off_stops"]
+__all__ = ["followed_speed", "following_limits", "loaded_speed", "soft_limits"]
 
 
 # How fast joints may be planned that their servos are not taken for stuck: a servo lags behind a goal that moves.
@@ -27,20 +27,20 @@ SHARE = 0.95
 """Of the error that the guard lets last, what a plan uses."""
 
 
-def followed_speed(robot: RobotBody, limits: JointLimits, *, late: float) -> JointLimits:
-    """Limits (nv,) with speeds at which every servo stays within the `following_error_lasting` of its profile, on a bus
-    that takes a cycle, and is `late` s beyond that. A profile that has none keeps its limits."""
+def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: float) -> JointLimits:
+    """Limits (nv,) with speeds at which every servo stays within the `following_error_sustained` of its profile, on a
+    bus that takes a cycle, and is `tracking_delay` s beyond that. A profile that has none keeps its limits."""
     safety = robot.profile.safety
-    if safety.following_error_lasting is None:
+    if safety.following_error_sustained is None:
         return limits
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     speed = limits.max_velocity.copy()
     for servo in robot.joint_map.servos:
         if servo.coupling is not None:  # its lag is not that of one joint
             continue
-        behind = loop_lag(servo, protocol=protocols[servo.bus]) + 1.0 / safety.rate_hz + late
+        behind = loop_lag(servo, protocol=protocols[servo.bus]) + 1.0 / safety.rate_hz + tracking_delay
         dof = robot.body.dof_index(servo.joint)
-        speed[dof] = min(speed[dof], SHARE * safety.following_error_lasting / behind)
+        speed[dof] = min(speed[dof], SHARE * safety.following_error_sustained / behind)
     return replace(limits, max_velocity=speed)
 
 
@@ -50,7 +50,7 @@ SLOWEST = 0.25
 """Share of its speed that a joint keeps, however heavy its load."""
 
 
-def loaded_speed(robot: RobotBody, limits: JointLimits, *, reserve: float) -> JointLimits:
+def loaded_speed(robot: RobotBody, limits: JointLimits, *, speed_margin: float) -> JointLimits:
     """Limits (nv,) with the speeds at which servos hold the robot up in its lowest posture, on both soles.
 
     A DC motor's speed falls in proportion to its torque, from the no-load speed to none at stall. reserve: share by
@@ -62,8 +62,8 @@ def loaded_speed(robot: RobotBody, limits: JointLimits, *, reserve: float) -> Jo
     loads = []
     for angles in (postures.stand, postures.rest):
         stance = plant(robot, angles)
-        loads.append(np.abs(CarriedLoad(robot, stance).torques(stance.q, np.zeros(3))))
-    load = (1.0 + reserve) * np.max(loads, axis=0)  # (nv,) [N m]
+        loads.append(np.abs(GravityTorque(robot, stance).torques(stance.q, np.zeros(3))))
+    load = (1.0 + speed_margin) * np.max(loads, axis=0)  # (nv,) [N m]
     speed = limits.max_velocity.copy()
     for servo in robot.joint_map.servos:
         if servo.coupling is not None:  # two servos share its load
@@ -81,7 +81,7 @@ MOST_SHARE = 0.25
 """Of a joint's range that it may lose at an end."""
 
 
-def off_stops(robot: RobotBody, limits: JointLimits, *, margin: float) -> JointLimits:
+def soft_limits(robot: RobotBody, limits: JointLimits, *, margin: float) -> JointLimits:
     """Limits (nv,) with the joints between root and soles kept `margin` rad off both ends of the range of their servos,
     MOST_SHARE of it at most, and as far as `stand` allows. A robot that does not stand keeps its limits."""
     if not robot.stands or margin == 0.0:
@@ -111,7 +111,9 @@ SAMPLES = 181
 """Angles at which a joint is tried."""
 
 
-def following_limits(robot: RobotBody, stance: Stance, uphold: UpholdSettings | None = None) -> JointLimits:
+def following_limits(
+    robot: RobotBody, stance: Stance, deflection_compensation: DeflectionCompensationSettings | None = None
+) -> JointLimits:
     """Limits of every DoF (nv,). A free root has none; speeds are capped by the profile's share for following. uphold:
     of a robot with mass, which keeps off its stops, and to speeds of loaded servos."""
     servos, body = robot.limits, robot.body
@@ -131,13 +133,15 @@ def following_limits(robot: RobotBody, stance: Stance, uphold: UpholdSettings | 
         for side in ("l", "r"):
             _keep_bent(robot, stance, [f"{side}_{part}" for part in (ends[0], middle, ends[1])], lower, upper)
     limits = JointLimits(lower, upper, max_velocity, max_acceleration)
-    return limits if uphold is None else _upheld(robot, limits, uphold)
+    return limits if deflection_compensation is None else _compensated(robot, limits, deflection_compensation)
 
 
-def _upheld(robot: RobotBody, limits: JointLimits, uphold: UpholdSettings) -> JointLimits:
-    limits = loaded_speed(robot, limits, reserve=uphold.reserve)
-    limits = followed_speed(robot, limits, late=uphold.late)
-    return off_stops(robot, limits, margin=uphold.off_stops)
+def _compensated(
+    robot: RobotBody, limits: JointLimits, deflection_compensation: DeflectionCompensationSettings
+) -> JointLimits:
+    limits = loaded_speed(robot, limits, speed_margin=deflection_compensation.speed_margin)
+    limits = followed_speed(robot, limits, tracking_delay=deflection_compensation.tracking_delay)
+    return soft_limits(robot, limits, margin=deflection_compensation.soft_limits)
 
 
 def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:

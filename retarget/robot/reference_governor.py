@@ -1,6 +1,6 @@
 """The reference governor: what is asked, turned into goals that the robot can reach and brake before.
 
-See `pursuit`. The pace of a limb follows from the acceleration of its own servos, the weakest of them, and from its
+See `trajectory`. The pace of a limb follows from the acceleration of its own servos, the weakest of them, and from its
 length, so a new robot needs no tuning.
 """
 
@@ -18,7 +18,7 @@ from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotat
 from retarget.schema.profile_parts import Landmark
 from retarget.types import FloatArray
 
-__all__ = ["Chase", "Glide", "Pace", "Pursuit", "Reached", "braking_displacement"]
+__all__ = ["Glide", "OnlineTrajectory", "Pace", "Reached", "ReferenceGovernor", "braking_displacement"]
 
 
 # How fast to go after what is asked, so that whatever happens the robot arrives without overshoot.
@@ -47,12 +47,12 @@ class Pace:
     speed: float
 
 
-class Pursuit:
+class OnlineTrajectory:
     """Steps of one channel, a vector of three: a point, or a rotation as rotation vectors."""
 
-    def __init__(self, pace: Pace, *, ahead: float = 0.0) -> None:
-        """ahead: s; it aims at where the motion will be then, if it keeps its own velocity."""
-        self._pace, self._ahead = pace, ahead
+    def __init__(self, pace: Pace, *, lead_time: float = 0.0) -> None:
+        """lead_time: s; it aims at where the motion will be then, if it keeps its own velocity."""
+        self._pace, self._lead_time = pace, lead_time
         self._own: Vector = (0.0, 0.0, 0.0)
         self._before = 0.0
 
@@ -61,7 +61,7 @@ class Pursuit:
         self._own = (0.0, 0.0, 0.0)
         self._before = 0.0
 
-    def step(self, moved: Vector, error: Vector, dt: float, *, haste: float = 1.0) -> Vector:
+    def step(self, moved: Vector, error: Vector, dt: float, *, speed_override: float = 1.0) -> Vector:
         """Displacement to ask for in this tick of `dt` s.
 
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
@@ -74,14 +74,14 @@ class Pursuit:
         scale = min(1.0, pace.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
         ox, oy, oz = self._own = (ox + scale * cx, oy + scale * cy, oz + scale * cz)
 
-        a = self._ahead
+        a = self._lead_time
         ex, ey, ez = error[0] + a * ox, error[1] + a * oy, error[2] + a * oz
         ox, oy, oz = ox * dt, oy * dt, oz * dt
         rx, ry, rz = ex - ox, ey - oy, ez - oz
         gap = sqrt(rx * rx + ry * ry + rz * rz)
-        change = pace.catch_up * haste * dt * dt
+        change = pace.catch_up * speed_override * dt * dt
         ahead = min(braking_displacement(gap, change), self._before + change)
-        self._before = ahead = min(ahead, pace.speed * haste * dt, gap * min(1.0, RATE * dt))
+        self._before = ahead = min(ahead, pace.speed * speed_override * dt, gap * min(1.0, RATE * dt))
         share = ahead / max(gap, STILL)
         return ox + share * rx, oy + share * ry, oz + share * rz
 
@@ -118,7 +118,7 @@ class Reached:
     centre_of_mass: FloatArray
 
 
-class Chase:
+class ReferenceGovernor:
     """Goals of the hands, the pelvis and other landmarks, of the trunk and of the eyes."""
 
     def __init__(
@@ -128,17 +128,20 @@ class Chase:
         *,
         still: frozenset[str],
         trunk_at_stance: Quat,
-        ahead: float = 0.0,
+        lead_time: float = 0.0,
     ) -> None:
         """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
-        ahead: s, see `Pursuit`."""
+        lead_time: s, see `OnlineTrajectory`."""
         names = tuple(robot.profile.landmarks)
         moving = [name for name in names if name not in still and hierarchy.uses(SlotKind.POSITION, name)]
         soles = [foot.frame for foot in robot.profile.feet.values()]
         self._rows = [names.index(name) for name in moving]
-        self._points = [Pursuit(_landmark_pace(robot, robot.profile.landmarks[name]), ahead=ahead) for name in moving]
-        self._trunk = Pursuit(_pace(robot, TRUNK, soles), ahead=ahead)
-        self._gaze = Pursuit(_pace(robot, HEAD, [TRUNK]), ahead=ahead)
+        self._points = [
+            OnlineTrajectory(_landmark_pace(robot, robot.profile.landmarks[name]), lead_time=lead_time)
+            for name in moving
+        ]
+        self._trunk = OnlineTrajectory(_pace(robot, TRUNK, soles), lead_time=lead_time)
+        self._gaze = OnlineTrajectory(_pace(robot, HEAD, [TRUNK]), lead_time=lead_time)
         self._source, self._slots = hierarchy.position_slots(moving)
         self._hierarchy = hierarchy
         self._trunk_at_stance = trunk_at_stance
@@ -147,28 +150,30 @@ class Chase:
     def restart(self) -> None:
         """Start at rest."""
         self._before = None
-        for pursuit in (*self._points, self._trunk, self._gaze):
-            pursuit.restart()
+        for trajectory in (*self._points, self._trunk, self._gaze):
+            trajectory.restart()
 
-    def aim(self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, haste: float) -> None:
-        """Write the goals of a tick of `dt` s into the target vector. haste: see `Pursuit`."""
+    def aim(
+        self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, speed_override: float
+    ) -> None:
+        """Write the goals of a tick of `dt` s into the target vector. haste: see `OnlineTrajectory`."""
         before = asked if self._before is None else self._before
         self._before = asked
         goals = []
-        for row, pursuit in zip(self._rows, self._points, strict=True):
+        for row, trajectory in zip(self._rows, self._points, strict=True):
             here, there, last = reached.landmarks[row], asked.landmarks[row], before.landmarks[row]
-            x, y, z = pursuit.step(minus(there, last), minus(there, here), dt, haste=haste)
+            x, y, z = trajectory.step(minus(there, last), minus(there, here), dt, speed_override=speed_override)
             weight = 0.0 if row in asked.open else 1.0
             goals.append((weight, here[0] + x, here[1] + y, here[2] + z))
         targets[self._slots] = np.array(goals)[self._source]
 
         moved = rotation_vector(product(asked.trunk, inverse(before.trunk)))
         error = rotation_vector(product(asked.trunk, inverse(reached.trunk)))
-        trunk = product(turn(self._trunk.step(moved, error, dt, haste=haste)), reached.trunk)
+        trunk = product(turn(self._trunk.step(moved, error, dt, speed_override=speed_override)), reached.trunk)
         self._hierarchy.set_orientation(targets, TRUNK, np.array(product(trunk, self._trunk_at_stance)))
 
         moved, error = rotation_vector(arc(before.gaze, asked.gaze)), rotation_vector(arc(reached.gaze, asked.gaze))
-        x, y, z = rotated(turn(self._gaze.step(moved, error, dt, haste=haste)), reached.gaze)
+        x, y, z = rotated(turn(self._gaze.step(moved, error, dt, speed_override=speed_override)), reached.gaze)
         self._hierarchy.set_look_at(targets, HEAD, np.array((FAR * x, FAR * y, FAR * z)))
 
 
@@ -201,9 +206,9 @@ class Glide:
         self.at = [float(value) for value in at]
         self.moved = [0.0] * len(self.at) if moved is None else [float(value) for value in moved]
 
-    def step(self, goal: Sequence[float], dt: float, *, haste: float = 1.0) -> list[float]:
+    def step(self, goal: Sequence[float], dt: float, *, speed_override: float = 1.0) -> list[float]:
         """Where it is `dt` s later, on its way to a goal. haste: share of its speed."""
-        change, most = self._acceleration * dt * dt, haste * self._speed * dt
+        change, most = self._acceleration * dt * dt, speed_override * self._speed * dt
         for axis, (at, moved) in enumerate(zip(self.at, self.moved, strict=True)):
             gap = goal[axis] - at
             wanted = copysign(min(braking_displacement(abs(gap), change), most), gap)

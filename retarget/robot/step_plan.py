@@ -338,15 +338,15 @@ def _refuse_unplanted(priorities: Priorities, soles: tuple[str, ...]) -> None:
                 where=f"priorities {priorities.name}",
                 found=f"no task of type {called} for {', '.join(missing)}",
                 allowed="tasks of type position and orientation for every sole",
-                next_step="Choose --steps planted, or --priorities steady",
+                next_step="Choose --steps planted, or --priorities balanced",
             )
     if balance_in_motion(priorities) is None:
         raise ConfigError(
             "steps of a robot whose balance does not look at motion",
             where=f"priorities {priorities.name}",
             found="no task of type centre_of_mass with moving",
-            allowed="a centre_of_mass task of mode support with moving, as steady has it",
-            next_step="Choose --steps planted, or --priorities steady",
+            allowed="a centre_of_mass task of mode support with moving, as balanced has it",
+            next_step="Choose --steps planted, or --priorities balanced",
         )
 
 

@@ -71,7 +71,7 @@ class SwingFoot:
         x, y, z = self._place
         off = max(abs(self.at[0] - x), abs(self.at[1] - y))
         height = z if off < ABOVE_M else z + self._low
-        return self._glide.step((x, y, height), dt, haste=DOWNWARD if off < ABOVE_M else 1.0)
+        return self._glide.step((x, y, height), dt, speed_override=DOWNWARD if off < ABOVE_M else 1.0)
 
 
 # The way of a centre of mass from over one place to over another, no faster than what carries can push it.

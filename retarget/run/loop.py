@@ -17,13 +17,13 @@ from retarget.run.robot_side import RobotSide
 from retarget.run.stages import ReconstructingStage
 from retarget.types import FloatArray
 
-__all__ = ["Ending", "Onlooker", "Pipeline", "Unfailing", "Watch"]
+__all__ = ["Ending", "ExceptionSafe", "ObserverCallback", "Pipeline", "Watch"]
 
 
 # What must not fail while a robot moves: a question, and whoever looks on.
 
 
-class Onlooker:
+class ObserverCallback:
     """Shows every row of a record to `look`; from its first exception on to nobody. failure: that one, in words."""
 
     def __init__(self, look: Callable[[Record, int], object]) -> None:
@@ -39,7 +39,7 @@ class Onlooker:
                 self.failure = f"{type(error).__name__}: {error}"
 
 
-class Unfailing:
+class ExceptionSafe:
     """Asks `question`. From its first exception on the answer is no, and nobody is asked any more; `settle` raises it,
     when the robot stands."""
 
@@ -63,7 +63,7 @@ class Unfailing:
 
 
 INTERRUPTED = "interrupted by the user"
-NOBODY = "nobody could be followed ({})"
+NOT_FOLLOWABLE = "nobody could be followed ({})"
 HELD_UP_S = 10.0
 """So much longer than it is laid out an approach may take and be recorded whole; of a longer one the end is."""
 
@@ -71,12 +71,12 @@ HELD_UP_S = 10.0
 @dataclass(frozen=True)
 class Watch:
     """Who looks on. on_tick: told the number of ticks done, now and then; stop_asked: looked at when a tick is due,
-    before anything is sent in it; cut_asked: before every tick of braking, whether torque is to go off at once. why:
-    who asked for the stop. on_row: told the record, and its row that was just filled."""
+    before anything is sent in it; torque_off_asked: before every tick of braking, whether torque is to go off at once.
+    why: who asked for the stop. on_row: told the record, and its row that was just filled."""
 
     on_tick: Callable[[int], object] = lambda done: None
     stop_asked: Callable[[], bool] = lambda: False
-    cut_asked: Callable[[], bool] = lambda: False
+    torque_off_asked: Callable[[], bool] = lambda: False
     why: Callable[[], str] = lambda: INTERRUPTED
     on_row: Callable[[Record, int], object] = lambda record, row: None
     every: int = 50
@@ -113,8 +113,8 @@ class Pipeline:
         BusError if the robot cannot be armed, TorqueError if a run fails and torque could not be switched off.
         """
         watch = Watch() if watch is None else watch
-        cut_asked = Unfailing(watch.cut_asked)  # whatever it fails with, the robot brakes with torque
-        watch, self._on_row = replace(watch, cut_asked=cut_asked), watch.on_row
+        torque_off_asked = ExceptionSafe(watch.torque_off_asked)  # whatever it fails with, the robot brakes with torque
+        watch, self._on_row = replace(watch, torque_off_asked=torque_off_asked), watch.on_row
         first = self._clip.sample(0)
         assert first is not None, "nobody is followed from the start"
         self._human, self._said = self._reconstructor.start(first), first
@@ -127,9 +127,9 @@ class Pipeline:
         except BaseException as error:
             # What goes wrong outside of a tick of the guard stops the robot too, before it is raised.
             if self._robot is not None:
-                self._robot.give_up(error, watch.cut_asked)
+                self._robot.give_up(error, watch.torque_off_asked)
             raise
-        cut_asked.settle()
+        torque_off_asked.settle()
         record = self._rows.of(self._record)
         followed = record.following
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
@@ -192,7 +192,7 @@ class Pipeline:
         if interrupted is not None:
             robot.stop(interrupted)
         robot.guard.rest()
-        while robot.braking and not robot.cut_short(watch.cut_asked):
+        while robot.braking and not robot.cut_short(watch.torque_off_asked):
             self._one_tick(_nothing)
 
     def _one_tick(self, think: Think) -> None:
@@ -220,7 +220,7 @@ class Pipeline:
         assert self._robot is not None
         if self._clip.may_approach():
             return self._robot.approach()
-        self._robot.guard.lack = NOBODY.format(self._clip.hindrance)
+        self._robot.guard.hold_reason = NOT_FOLLOWABLE.format(self._clip.hold_reason)
         return None
 
     def _think(self, states: ServoStates) -> FloatArray | None:
@@ -228,11 +228,11 @@ class Pipeline:
         assert self._robot is not None
         begun = self._reconstruct()
         if begun is None:
-            self._robot.guard.lack = NOBODY.format(self._clip.hindrance)
+            self._robot.guard.hold_reason = NOT_FOLLOWABLE.format(self._clip.hold_reason)
             return None
         goal = self._robot.follow(self._human, settled=self._clip.settled)
         if goal is None:
-            self._robot.guard.lack = "no posture found"
+            self._robot.guard.hold_reason = "no posture found"
         self._record.timing.retarget[self._row] = thread_cpu() - begun
         return goal
 

@@ -15,9 +15,9 @@ __all__ = [
     "BUSES",
     "HUMAN_PRIORITIES",
     "MOUNTS",
+    "PERTURBATIONS",
     "PHYSICS",
     "SIMULATED",
-    "TROUBLES",
     "PhysicsOptions",
     "RunOptions",
     "name_with_mass",
@@ -25,11 +25,11 @@ __all__ = [
 ]
 
 
-# What a run with physics is asked to be: what the robot stands on, the seed, and trouble on purpose.
+# What a run with physics is asked to be: what the robot stands on, the seed, and what is perturbed on purpose.
 
 MOUNTS: dict[str, Root] = {"floor": "free", "stand": "fixed", "gantry": "suspended"}
 """What the robot is on, and the root with which it then follows."""
-TROUBLES = ("mass", "centre_of_mass", "friction", "latency", "push")
+PERTURBATIONS = ("mass", "centre_of_mass", "friction", "latency", "push")
 MAX_SEED = 2**32 - 1
 
 
@@ -38,24 +38,24 @@ class PhysicsOptions:
     """Options of `--bus physics`, named as on the command line. Raises UsageError for a value that cannot be meant.
 
     mount: of MOUNTS; None: as the profile's root says. hook: frame of the profile from which a gantry holds the robot;
-    None: its frame `hook`. seed: of friction, of where in its tick each servo begins, and of what `trouble` draws.
-    trouble: of TROUBLES, each at most once.
+    None: its frame `hook`. seed: of friction, of where in its tick each servo begins, and of what `perturbations`
+    draws. perturbations: of PERTURBATIONS, each at most once.
     """
 
     mount: str | None = None
     hook: str | None = None
     seed: int = 0
-    trouble: tuple[str, ...] = ()
+    perturbations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.mount is not None and self.mount not in MOUNTS:
             _refuse("unknown mount", "--mount", self.mount, tuple(MOUNTS))
-        for trouble in self.trouble:
-            if trouble not in TROUBLES:
-                _refuse("unknown kind of trouble", "--trouble", trouble, TROUBLES)
-        if len(set(self.trouble)) < len(self.trouble):
-            found = ", ".join(self.trouble)
-            raise UsageError("one kind of trouble twice", where="--trouble", found=found, next_step="Name each once")
+        for kind in self.perturbations:
+            if kind not in PERTURBATIONS:
+                _refuse("unknown perturbation", "--perturb", kind, PERTURBATIONS)
+        if len(set(self.perturbations)) < len(self.perturbations):
+            found = ", ".join(self.perturbations)
+            raise UsageError("one perturbation twice", where="--perturb", found=found, next_step="Name each once")
         if not 0 <= self.seed <= MAX_SEED:
             raise UsageError("impossible seed", where="--seed", found=self.seed, allowed=f"0 to {MAX_SEED}")
         if self.hook is not None and self.mount in ("floor", "stand"):
@@ -123,7 +123,7 @@ class RunOptions:
         if self.physics != PhysicsOptions() and not self.has_physics:
             raise UsageError(
                 "only a robot with mass has these",
-                where="--mount, --hook, --seed, --trouble",
+                where="--mount, --hook, --seed, --perturb",
                 found=f"--bus {self.bus}",
                 allowed=" or ".join(f"--bus {bus}" for bus in PHYSICS),
             )
@@ -192,7 +192,7 @@ def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: 
 HUMAN_PRIORITIES = "human"
 WITHOUT_MASS = "servo"
 """Looks at no motion. With mass another takes its place:"""
-STANDING_WITH_MASS, HELD_WITH_MASS = "steady", "held"
+STANDING_WITH_MASS, FIXED_WITH_MASS = "balanced", "fixed_base"
 """of a robot on its own soles, and of one that hangs or is bolted down, whose servos lag behind."""
 
 
@@ -211,4 +211,4 @@ def name_with_mass(robot: RobotBody) -> str:
         return profile.standing
     if profile.retarget != WITHOUT_MASS:
         return profile.retarget
-    return STANDING_WITH_MASS if robot.stands else HELD_WITH_MASS
+    return STANDING_WITH_MASS if robot.stands else FIXED_WITH_MASS

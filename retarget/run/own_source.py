@@ -80,7 +80,7 @@ def performing(
     options: LiveOptions,
     *,
     clock: Clock,
-    tell: Callable[[str], object] = lambda text: None,
+    notify: Callable[[str], object] = lambda text: None,
     tap: RawTap | None = None,
     where: str = "own source",
 ) -> Perform:
@@ -94,7 +94,7 @@ def performing(
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         source = OwnSource(read)
         stream = stream_of(source, performer, tap=tap, smoothing=options.smoothing, latest=options.latest)
-        return begin_live(stream, options, clock=clock, rate_hz=live_rate_hz(robot), where=where, tell=tell)
+        return begin_live(stream, options, clock=clock, rate_hz=live_rate_hz(robot), where=where, notify=notify)
 
     return perform
 

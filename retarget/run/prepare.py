@@ -18,34 +18,34 @@ from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import Performance, Samples, lay_on_ticks
 from retarget.human.sensor_intake import IntakeTimes
-from retarget.ik.hierarchy import Surroundings
+from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.human import Human, build_human, human_limits
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
-from retarget.robot.deflection_compensation import HeldPath, UpheldGoals
+from retarget.robot.deflection_compensation import CompensatedGoals, HeldPath
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Pipeline, Watch
 from retarget.run.options import RunOptions, priority_names
-from retarget.run.rest_trajectory import LONGEST_HOME_S, not_parked
+from retarget.run.rest_trajectory import LONGEST_TO_REST_S, not_at_rest
 from retarget.run.robot_side import RobotSide
 from retarget.run.run_result import RunResult
 from retarget.run.stages import FollowingStage, ReconstructingStage
 from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
-from retarget.safety.gate import Gate, OpenGate, PathCheck
+from retarget.safety.gate import Gate, PassThroughGate, PathCheck
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
 from retarget.schema.scene import load_scene, on_floor
 
-__all__ = ["MakeBus", "Perform", "Prepared", "last_word", "prepare", "prepare_for"]
+__all__ = ["MakeBus", "Perform", "Prepared", "make_gate", "prepare", "prepare_for"]
 
 
 # What a robot's goals pass last: the gate, with what it asks about collision, or none; and what holds the robot up.
 
 
 @dataclass(frozen=True, eq=False)
-class LastWord:
+class MadeGate:
     """goals: what the guard sends everything through. passes: whether it would hold the robot in a posture, None
     without a gate. clearance: its look at collision, None without a gate or without observers."""
 
@@ -54,25 +54,27 @@ class LastWord:
     clearance: PathClearance | None
 
 
-def last_word(robot: RobotBody, follower: Follower, priorities: Priorities, *, gate: bool, dt: float) -> LastWord:
+def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, gate: bool, dt: float) -> MadeGate:
     """Of one robot, in ticks of `dt` s. gate: whether there is one; without it goals are postures."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
     if not gate:
-        return LastWord(OpenGate(servos.max_acceleration, dt=dt), None, None)
+        return MadeGate(PassThroughGate(servos.max_acceleration, dt=dt), None, None)
     observers, speed = follower.hierarchy.observers, max(caps.follow, caps.approach)
-    clearance = None if observers is None else PathClearance(robot, observers, follower.surroundings, dt=dt)
+    clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
 
     def gate_with(path_is_clear: PathCheck | None) -> Gate:
         return Gate.for_servos(servos, dt=dt, speed=speed, path_is_clear=path_is_clear)
 
-    uphold = priorities.uphold
-    if uphold is None or not follower.stance.soles:
+    deflection_compensation = priorities.deflection_compensation
+    if deflection_compensation is None or not follower.stance.soles:
         plain = gate_with(clearance)
-        return LastWord(plain, plain.passes, clearance)
+        return MadeGate(plain, plain.passes, clearance)
     held = None if clearance is None else HeldPath(clearance)
     steps = follower.steps is not None
-    upheld = UpheldGoals(gate_with(held), robot, follower.stance, dt=dt, settle=uphold.settle, held=held, steps=steps)
-    return LastWord(upheld, upheld.passes, clearance)
+    compensated = CompensatedGoals(
+        gate_with(held), robot, follower.stance, dt=dt, settle=deflection_compensation.settle, held=held, steps=steps
+    )
+    return MadeGate(compensated, compensated.passes, clearance)
 
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
@@ -84,7 +86,7 @@ Perform = Callable[[Performer, RobotBody | None], Performance]
 Lead = Callable[[FollowingStage], FollowingStage]
 """From the robot's own follower to who leads it."""
 
-Tell = Callable[[str], object]
+Notify = Callable[[str], object]
 """Hears a sentence."""
 
 LONGEST_HOLD_S = 4.8
@@ -115,9 +117,9 @@ class Prepared:
     scene: SceneState | None = None
     observers: Observers | None = None
     intake: IntakeTimes = field(default_factory=IntakeTimes)
-    surroundings: Surroundings | None = None
+    scene_obstacles: SceneObstacles | None = None
     steps: StepTally | None = None
-    parks: bool = False
+    goes_to_rest: bool = False
 
     def run(self, watch: Watch | None = None) -> RunResult:
         """Play it. Raises GuardError or BusError when the robot cannot be armed."""
@@ -144,10 +146,10 @@ class Prepared:
     def _left(self) -> tuple[str, ...]:
         """What is to be told of where the robot was left."""
         states = None if self.side is None else self.side.guard.states
-        if self.side is None or states is None or not self.parks:
+        if self.side is None or states is None or not self.goes_to_rest:
             return ()
         robot = self.side.robot
-        return not_parked(robot, robot.joint_map.to_radians(states.position), self.side.guard.stop_reason)
+        return not_at_rest(robot, robot.joint_map.to_radians(states.position), self.side.guard.stop_reason)
 
 
 @contextmanager
@@ -157,8 +159,8 @@ def prepare(
     *,
     clock: Clock,
     make_bus: MakeBus,
-    parks: bool = False,
-    tell: Tell = _to_nobody,
+    goes_to_rest: bool = False,
+    notify: Notify = _to_nobody,
 ) -> Iterator[Prepared]:
     """A run of a recorded performance, see `prepare_for`."""
 
@@ -168,7 +170,9 @@ def prepare(
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
         return Performance(clip, calibrate(frames.mirror() if playback.mirror else frames), frames.notes)
 
-    with prepare_for(perform, options, clock=clock, make_bus=make_bus, parks=parks, tell=tell) as prepared:
+    with prepare_for(
+        perform, options, clock=clock, make_bus=make_bus, goes_to_rest=goes_to_rest, notify=notify
+    ) as prepared:
         yield prepared
 
 
@@ -179,8 +183,8 @@ def prepare_for(
     *,
     clock: Clock,
     make_bus: MakeBus,
-    parks: bool = False,
-    tell: Tell = _to_nobody,
+    goes_to_rest: bool = False,
+    notify: Notify = _to_nobody,
     lead: Lead = _by_itself,
     robot: RobotBody | None = None,
 ) -> Iterator[Prepared]:
@@ -209,7 +213,7 @@ def prepare_for(
     notes = (*performance.notes, *(() if robot is None else robot.body.notes), *on_steps)
     stages = tuple(file for file in (for_human, for_robot) if file is not None)
     if robot is None or for_robot is None:
-        worn, around = (reconstructor.observers, performance.intake), reconstructor.surroundings
+        worn, around = (reconstructor.observers, performance.intake), reconstructor.scene_obstacles
         yield Prepared(samples, human, performer, reconstructor, None, stages, False, notes, scene, *worn, around)
         return
     bus = make_bus(robot, clock)
@@ -219,14 +223,16 @@ def prepare_for(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    last = last_word(robot, follower, for_robot, gate=options.gate, dt=samples.dt)
-    side = _robot_side(robot, follower, last, lead=lead, bus=bus, clock=clock, dt=samples.dt, parks=parks, tell=tell)
+    last = make_gate(robot, follower, for_robot, gate=options.gate, dt=samples.dt)
+    side = _robot_side(
+        robot, follower, last, lead=lead, bus=bus, clock=clock, dt=samples.dt, goes_to_rest=goes_to_rest, notify=notify
+    )
     bus.open()
     failed = True
     try:
         has_bus = options.bus != "none"
-        around, steps = follower.surroundings, None if follower.steps is None else follower.steps.plan.tally
-        known = (has_bus, notes, scene, follower.observers, performance.intake, around, steps, parks)
+        around, steps = follower.scene_obstacles, None if follower.steps is None else follower.steps.plan.tally
+        known = (has_bus, notes, scene, follower.observers, performance.intake, around, steps, goes_to_rest)
         yield Prepared(samples, human, performer, reconstructor, side, stages, *known)
         failed = side.guard.stop_reason is not None
     finally:
@@ -289,21 +295,21 @@ def _follower(
 def _robot_side(
     robot: RobotBody,
     follower: Follower,
-    last: LastWord,
+    last: MadeGate,
     *,
     lead: Lead,
     bus: ServoBus,
     clock: Clock,
     dt: float,
-    parks: bool,
-    tell: Tell,
+    goes_to_rest: bool,
+    notify: Notify,
 ) -> RobotSide:
     servos = robot.joint_map
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in servos.servos)
     limits = replace(robot.profile.guard_limits(), lag=lag)
-    if parks:
-        limits = replace(limits, max_hold=LONGEST_HOLD_S, max_home_ticks=round(LONGEST_HOME_S / dt), period=dt)
+    if goes_to_rest:
+        limits = replace(limits, max_hold=LONGEST_HOLD_S, max_rest_ticks=round(LONGEST_TO_REST_S / dt), period=dt)
     guard = Guard(bus=bus, joint_map=servos, goal_filter=last.goals, clock=clock, limits=limits)
     return RobotSide(
         robot=robot,
@@ -314,6 +320,6 @@ def _robot_side(
         dt=dt,
         clearance=last.clearance,
         passes=last.passes,
-        parks=parks,
-        tell=tell,
+        goes_to_rest=goes_to_rest,
+        notify=notify,
     )

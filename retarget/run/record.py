@@ -79,7 +79,7 @@ class RobotRecord:
     goal_ticks: IntArray
     present: FloatArray
     gated: BoolArray
-    unled: BoolArray
+    no_command: BoolArray
     bus_time: FloatArray
     faults: IntArray
     temperature: FloatArray
@@ -102,7 +102,7 @@ class RobotRecord:
             goal_ticks=np.empty((ticks, servos), dtype=np.int64),
             present=np.empty((ticks, servos)),
             gated=np.zeros(ticks, dtype=np.bool_),
-            unled=np.zeros(ticks, dtype=np.bool_),
+            no_command=np.zeros(ticks, dtype=np.bool_),
             bus_time=np.empty(ticks),
             faults=np.zeros(ticks, dtype=np.int64),
             temperature=np.empty((ticks, servos)),

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from hardware.guard import GOING_HOME
+from hardware.guard import GOING_TO_REST
 from hardware.guard_state import Stop
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
@@ -16,24 +16,33 @@ from retarget.run.stages import FollowingStage
 from retarget.run.trajectory import approach
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["ALONE_RAD", "HOME_S", "LONGEST_HOME_S", "NEAR_REST", "Parking", "Way", "not_parked", "ways_home"]
+__all__ = [
+    "ALONE_RAD",
+    "LONGEST_TO_REST_S",
+    "NEAR_REST",
+    "REST_WITHIN_S",
+    "RestTrajectory",
+    "Way",
+    "not_at_rest",
+    "rest_trajectories",
+]
 
 
 # The ways of a robot that stands to where it is parked: straight, and around what is in the way.
 
 Way = Iterator[FloatArray]
 """Goals (n,) rad, a tick from one to the next."""
-HOME_S = 2.5
+REST_WITHIN_S = 2.5
 """So long the straight way takes at most, and each part of one around something; it goes as fast as that asks."""
 ALONE_RAD = 0.3
 """So far a joint goes aside alone, before all the arm does."""
-LONGEST_HOME_S = 45.0
+LONGEST_TO_REST_S = 45.0
 """So long all of it takes at most, s; then its torque goes off where it is."""
 NEAR_REST = 0.2
 """A robot is parked when no joint is farther than this from posture `rest`, rad."""
 
 
-def ways_home(robot: RobotBody, *, dt: float) -> Iterator[Callable[[FloatArray], Way]]:
+def rest_trajectories(robot: RobotBody, *, dt: float) -> Iterator[Callable[[FloatArray], Way]]:
     """Ways to the profile's rest posture, one after the other, each from where the robot stands then, (n,) rad.
 
     First straight there. Then the arms aside, legs still; the whole robot to `stand`, and straight down from there.
@@ -50,7 +59,7 @@ def ways_home(robot: RobotBody, *, dt: float) -> Iterator[Callable[[FloatArray],
     carrying = standing_dofs(robot)[joints]
 
     def through(here: FloatArray, places: Iterable[FloatArray]) -> Way:
-        speed, within = robot.profile.safety.speed_caps.approach, HOME_S - dt
+        speed, within = robot.profile.safety.speed_caps.approach, REST_WITHIN_S - dt
         for place in places:
             yield from approach(here, place, robot.joint_map, speed=speed, dt=dt, within=within)
             here = place
@@ -68,10 +77,10 @@ def ways_home(robot: RobotBody, *, dt: float) -> Iterator[Callable[[FloatArray],
         yield partial(by, attractor, joint)
 
 
-def not_parked(robot: RobotBody, joints: FloatArray, stop: Stop | None) -> tuple[str, ...]:
+def not_at_rest(robot: RobotBody, joints: FloatArray, stop: Stop | None) -> tuple[str, ...]:
     """What is to be told of a robot on its soles whose torque went off with `joints` (n,) rad, servo order, though it
     was to be parked and nothing else stopped it."""
-    if not robot.stands or (stop is not None and (stop.cause not in GOING_HOME or stop.then is not None)):
+    if not robot.stands or (stop is not None and (stop.cause not in GOING_TO_REST or stop.then is not None)):
         return ()
     off = np.abs(joints - robot.posture(robot.profile.postures.rest)[robot.servo_columns])
     worst = int(off.argmax())
@@ -91,7 +100,7 @@ def _outermost(robot: RobotBody, carrying: BoolArray) -> list[int]:
 PACE = 0.5
 """Share of all speeds at which the follower brings the robot to a stand: nobody waits for it, and what its mass does to
 the soles goes with the square."""
-LONGEST_LANDING_S = 15.0
+LONGEST_RETURN_S = 15.0
 """After so long (s) on its way to a stand it stops, and goes home from where it is."""
 SETTLE_S = 0.2
 """So long (s) it stands after a refusal: servos are behind their goals, and the gate looks at both."""
@@ -105,12 +114,12 @@ class _Part(Enum):
     GOES = 2
 
 
-class Parking:
+class RestTrajectory:
     """One way to posture `rest`, tick by tick of `dt` s.
 
     First the follower brings the robot to a stand (see `landing`), then it goes straight home. Where something is in
-    the way, it goes to a stand once more from there. After that come the other ways of `ways_home`, and after the last
-    it stays.
+    the way, it goes to a stand once more from there. After that come the other ways of `rest_trajectories`, and after
+    the last it stays.
     """
 
     def __init__(
@@ -119,14 +128,14 @@ class Parking:
         follower: FollowingStage,
         *,
         dt: float,
-        tell: Callable[[str], object] = lambda text: None,
+        notify: Callable[[str], object] = lambda text: None,
     ) -> None:
         """tell: hears of what fails on the way."""
-        self._robot, self._follower, self._dt, self._tell = robot, follower, dt, tell
-        self._ways = ways_home(robot, dt=dt)
+        self._robot, self._follower, self._dt, self._notify = robot, follower, dt, notify
+        self._ways = rest_trajectories(robot, dt=dt)
         self._way: Way | None = None
         self._part = _Part.GOES
-        self._landings = 0
+        self._returns = 0
         """That may still begin."""
         self._lasted = 0.0
         """s of the landing at hand."""
@@ -139,12 +148,12 @@ class Parking:
         self._arrived = False
 
     @property
-    def lands(self) -> bool:
+    def returns_to_stance(self) -> bool:
         """Whether it is the follower that leads."""
         return self._part is not _Part.GOES
 
     def next(
-        self, q: FloatArray, *, passed: bool, stands: bool, lands: bool = True, slow: float = 1.0
+        self, q: FloatArray, *, passed: bool, stands: bool, returns_to_stance: bool = True, slow: float = 1.0
     ) -> FloatArray | None:
         """The next posture (nq,); None: it is there, cannot go on, or has to come to a stand first.
 
@@ -154,7 +163,7 @@ class Parking:
         """
         if not self.begun:
             self.begun, passed = True, True  # nothing was asked for yet
-            self._landings = 2 if lands else 0
+            self._returns = 2 if returns_to_stance else 0
             self._land(q)
         if self._waits > 0:
             self._waits -= 1
@@ -170,10 +179,10 @@ class Parking:
     def _land(self, q: FloatArray) -> None:
         """Begin a landing from where it stands (nq,), if one is left."""
         self._refused, self._lasted = False, 0.0
-        self._part = _Part.LANDS if self._landings > 0 else _Part.GOES
-        if self._landings > 0:
-            self._landings -= 1
-            self._tried(lambda: self._follower.begin_landing(q.copy()))
+        self._part = _Part.LANDS if self._returns > 0 else _Part.GOES
+        if self._returns > 0:
+            self._returns -= 1
+            self._tried(lambda: self._follower.begin_return_to_stance(q.copy()))
 
     def _wait(self, q: FloatArray) -> FloatArray:
         """Where it stands (nq,), from here on."""
@@ -198,19 +207,19 @@ class Parking:
             if self._refused:
                 return self._blocked(q)
             self._refused = True
-            self._tried(self._follower.part_limbs)
+            self._tried(self._follower.separate_limbs)
             return self._wait(q)
         self._refused &= stands
         self._lasted += self._dt
-        if self._lasted >= LONGEST_LANDING_S:
-            self._give_up(f"not there after {LONGEST_LANDING_S:g} s")
+        if self._lasted >= LONGEST_RETURN_S:
+            self._give_up(f"not there after {LONGEST_RETURN_S:g} s")
             return None
 
-        def land() -> FloatArray | None:
-            self._follower.keep_pace(min(PACE, slow))
-            return self._follower.land(self._dt)
+        def return_to_stance() -> FloatArray | None:
+            self._follower.set_speed_override(min(PACE, slow))
+            return self._follower.return_to_stance(self._dt)
 
-        there = self._tried(land)
+        there = self._tried(return_to_stance)
         if there is None and self._part is _Part.LANDS:
             self._part = _Part.GOES
         return there
@@ -225,9 +234,9 @@ class Parking:
 
     def _give_up(self, reason: str) -> None:
         """Land no more: stop, and go home from there."""
-        self._landings, self._part = 0, _Part.STOPS
+        self._returns, self._part = 0, _Part.STOPS
         with suppress(OSError):  # who hears nothing any more does not hinder it
-            self._tell(f"on its way to a stand: {reason}; it goes home from where it is")
+            self._notify(f"on its way to a stand: {reason}; it goes home from where it is")
 
     def _gone(self, q: FloatArray, *, passed: bool, stands: bool) -> FloatArray | None:
         """The next posture (nq,) of a way home; None: it is there, there are no more ways, or something is in it."""

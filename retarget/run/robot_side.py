@@ -13,15 +13,21 @@ from hardware.guard_state import GoalFilter, GuardState, StopCause
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.run.record import Phase, RobotRecord
-from retarget.run.rest_trajectory import Parking
+from retarget.run.rest_trajectory import RestTrajectory
 from retarget.run.stages import FollowingStage
-from retarget.run.trajectory import PacedWay, SpeedShare, require_finite, slower_in_line, way_there
+from retarget.run.trajectory import (
+    SpeedOverrideTrajectory,
+    SpeedShare,
+    approach_trajectory,
+    require_finite,
+    slower_in_line,
+)
 from retarget.safety.clearance import PathClearance
 from retarget.types import FloatArray, HumanPosture, ModeArray, RobotPosture
 
 __all__ = ["GATED_RAD", "RobotSide"]
 
-INSISTED = "torque off before the robot stood, as the user insisted"
+FORCED_STOP = "torque off before the robot stood, as the user insisted"
 GATED_RAD = 1e-8
 """A goal that is sent differs from the one asked by more than this, rad, where the filter changed it."""
 
@@ -46,8 +52,8 @@ class RobotSide:
         dt: float,
         clearance: PathClearance | None = None,
         passes: Callable[[FloatArray], bool] | None = None,
-        parks: bool = False,
-        tell: Callable[[str], object] = lambda text: None,
+        goes_to_rest: bool = False,
+        notify: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.robot, self.guard = robot, guard
         self.phase = Phase.APPROACH
@@ -64,21 +70,25 @@ class RobotSide:
         self._velocity = np.zeros(robot.body.nv)  # with which it got there
         self._start = self._sent = self._moved = np.zeros(0)
         self._first: RobotPosture
-        self._way: PacedWay
+        self._way: SpeedOverrideTrajectory
         self._started = False
         # Of the tick that runs: what is asked, whether its root is known, and whether just that was sent.
         self._goal: FloatArray | None = None
         self._asked: FloatArray | None = None
         self._modes: ModeArray = np.zeros(0, dtype=np.uint8)
         self._rooted = self._passed = False
-        self._lost, self._parks, self._tell = 0, parks, tell  # lost: ticks in which no posture was found
-        self._parking = Parking(robot, follower, dt=dt, tell=tell)
+        self._lost, self._goes_to_rest, self._notify = (
+            0,
+            goes_to_rest,
+            notify,
+        )  # lost: ticks in which no posture was found
+        self._rest_trajectory = RestTrajectory(robot, follower, dt=dt, notify=notify)
 
     @property
     def stopping_ticks(self) -> int:
         """Most ticks from the beginning of a stop to its end."""
         limits = self.guard.limits
-        return limits.max_brake_ticks + (limits.max_brake_ticks + limits.max_home_ticks if self._parks else 0)
+        return limits.max_brake_ticks + (limits.max_brake_ticks + limits.max_rest_ticks if self._goes_to_rest else 0)
 
     @property
     def following(self) -> bool:
@@ -115,7 +125,9 @@ class RobotSide:
         if self._clearance is not None:
             self._clearance.begin(self._before, present)
         self._deadline = self._clock.now()
-        self._way = way_there(self.robot, present, [one.joint_positions for one in (posture, *arrival)], dt=self._dt)
+        self._way = approach_trajectory(
+            self.robot, present, [one.joint_positions for one in (posture, *arrival)], dt=self._dt
+        )
         return self._way.ticks
 
     def new_record(self, rows: int) -> RobotRecord:
@@ -128,7 +140,7 @@ class RobotSide:
     def follow(self, human: HumanPosture, *, settled: float = 1.0) -> FloatArray | None:
         """Think: the goal, rad (n,), for the human's posture; at first, for the posture from which to follow. settled:
         how much of its speed it may use beyond that of the approach, 0 to 1."""
-        self._follower.keep_pace(min(self.guard.health.slow, self._share.pace(settled)))
+        self._follower.set_speed_override(min(self.guard.health.slow, self._share.pace(settled)))
         posture = self._follower.step(human, self._dt) if self._started else self._first
         self.phase = Phase.FOLLOW
         self._lost = 0 if np.isfinite(posture.q).all() else self._lost + 1
@@ -181,7 +193,7 @@ class RobotSide:
         self.guard.tick(measured, self._halt)
         with suppress(OSError):  # who hears nothing any more does not hinder a stop
             for text in self.guard.health.warnings.take_news():
-                self._tell(text)
+                self._notify(text)
         sent = self.guard.sent is not before
         if sent:
             self._went()
@@ -193,29 +205,29 @@ class RobotSide:
 
     def cut_short(self, asked: Callable[[], bool]) -> bool:
         """Switch torque off without braking if that is `asked`. Returns whether it was."""
-        insisted = asked()
-        if insisted:
-            self.guard.cut(INSISTED)
-        return insisted
+        forced_stop = asked()
+        if forced_stop:
+            self.guard.cut(FORCED_STOP)
+        return forced_stop
 
-    def finish(self, cut_asked: Callable[[], bool] = lambda: False) -> None:
+    def finish(self, torque_off_asked: Callable[[], bool] = lambda: False) -> None:
         """Come to a stand and switch torque off, whatever fails or interrupts; the guard has latched what did."""
         try:
             self.guard.rest()
-            while self.braking and not self.cut_short(cut_asked):
+            while self.braking and not self.cut_short(torque_off_asked):
                 self.act(lambda states: None)
         finally:
             with suppress(Exception):
                 self.guard.release()
 
-    def give_up(self, error: BaseException, cut_asked: Callable[[], bool]) -> None:
+    def give_up(self, error: BaseException, torque_off_asked: Callable[[], bool]) -> None:
         """Come to a stand, torque off, because of an `error` outside of a tick, which the caller goes on raising.
 
         Raises TorqueError from it where torque could not be switched off.
         """
         if self.guard.state is not GuardState.IDLE:
             self.stop(str(error) or type(error).__name__)
-            self.finish(cut_asked)
+            self.finish(torque_off_asked)
         stop = self.guard.stop_reason
         if stop is not None and stop.powered:
             raise TorqueError(stop.reason) from error
@@ -228,7 +240,7 @@ class RobotSide:
         if followed:
             record.observer_modes[row] = self._modes
         record.gated[row] = self._goal is not None and not self._passed
-        record.unled[row] = self._goal is None
+        record.no_command[row] = self._goal is None
         states = self.guard.states
         assert self.guard.sent is not None and states is not None, "only what was sent is kept"
         record.goals[row], record.goal_ticks[row] = self._goals.sent, self.guard.sent
@@ -242,7 +254,7 @@ class RobotSide:
         self._q[self.robot.servo_columns] = sent
         if not (self._passed and self._rooted):
             plant_root(self.robot, self._before, self._q)
-        if (self._started or self._parking.lands) and not self._passed:
+        if (self._started or self._rest_trajectory.returns_to_stance) and not self._passed:
             moved = self._kinematics.difference(self._before, self._q)  # (nv,)
             self._follower.reseed(self._q.copy(), moved / self._dt)
         if self.phase is not Phase.APPROACH:  # until then, `_before` is where the robot will stand
@@ -254,7 +266,7 @@ class RobotSide:
     def _measure(self) -> None:
         """Let the gate hear where the servos are, and the follower what the soles feel."""
         states = self.guard.states
-        self._follower.feel(None if states is None else states.soles)
+        self._follower.set_contact_state(None if states is None else states.soles)
         if self._clearance is not None and states is not None:
             self._clearance.measure(self.robot.joint_map.to_radians(states.position))
 
@@ -263,14 +275,14 @@ class RobotSide:
         the way to where the robot is parked."""
         self.phase = Phase.BRAKE
         self._measure()
-        if self._goals.at_rest or self._parking.begun:
-            if self._parks and self.guard.state is GuardState.STOPPING and self.guard.may_go_home:
+        if self._goals.at_rest or self._rest_trajectory.begun:
+            if self._goes_to_rest and self.guard.state is GuardState.STOPPING and self.guard.may_go_to_rest:
                 return self._homeward()
-            if self._goals.at_rest or not self._parking.lands:
+            if self._goals.at_rest or not self._rest_trajectory.returns_to_stance:
                 return None
         if self._goal is not None:  # thought of in this tick and not sent: it lies on a way as well
             return self._goal
-        if not (self._started or self._parking.lands):
+        if not (self._started or self._rest_trajectory.returns_to_stance):
             self._way.leave()
             self._goal = self._sent + slower_in_line(self._moved, self._change)
             return self._goal
@@ -279,9 +291,11 @@ class RobotSide:
 
     def _homeward(self) -> FloatArray | None:
         """The next goal on the way to where the robot is parked; None: it is there, or cannot go on."""
-        lands = self._started or not self._way.straight  # from there it goes back as it came
+        returns_to_stance = self._started or not self._way.straight  # from there it goes back as it came
         stands, slow = self._goals.at_rest, self.guard.health.slow
-        q = self._parking.next(self._q, passed=self._passed, stands=stands, lands=lands, slow=slow)
+        q = self._rest_trajectory.next(
+            self._q, passed=self._passed, stands=stands, returns_to_stance=returns_to_stance, slow=slow
+        )
         return None if q is None else self._take(q)
 
     def _take(self, q: FloatArray) -> FloatArray:

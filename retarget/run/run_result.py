@@ -20,7 +20,7 @@ from retarget.schema.performer import Performer
 from retarget.schema.priorities import Priorities
 from retarget.types import FloatArray
 
-__all__ = ["Beside", "Fallen", "PhysicsRun", "RunResult", "Truth", "in_truth", "truth_names"]
+__all__ = ["Extras", "Fallen", "PhysicsRun", "RunResult", "Truth", "in_truth", "truth_names"]
 
 
 # What a simulation knows of a run that a robot cannot know of itself: falls, pressure, slip, torque, heat.
@@ -38,7 +38,7 @@ class Fallen:
 class PhysicsRun:
     """A run of n servos and k soles, looked at T times from the first torque on.
 
-    mount: what the robot was on. seed, trouble: of what was different on purpose. fall: the first, None while it
+    mount: what the robot was on. seed, perturbations: of what was different on purpose. fall: the first, None while it
     stands; toppled: what a parked robot did when its torque went off, if it did not stay sitting. time (T,) s, on the
     run's time. com (T, 3), pressure (T, 2): centre of mass and centre of pressure of the soles, m, world, the latter
     NaN where none carried; margin (T,): of it inside the hull of the soles that carried, m. slip (k,) m: horizontal
@@ -48,7 +48,7 @@ class PhysicsRun:
 
     mount: str
     seed: int
-    trouble: tuple[str, ...]
+    perturbations: tuple[str, ...]
     fall: Fallen | None
     toppled: Fallen | None
     time: FloatArray
@@ -206,7 +206,7 @@ def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[Fl
 
 
 @dataclass(frozen=True)
-class Beside:
+class Extras:
     """words: what the robot does now, and why. current: what its servos draw, (s,) A. around: where obstacles are.
     truth: where a simulated body really is. None: nobody knows, or there is none."""
 

@@ -38,12 +38,12 @@ class FollowingStage(Protocol):
         """The next posture."""
         ...
 
-    def keep_pace(self, pace: float) -> None:
+    def set_speed_override(self, pace: float) -> None:
         """From the next tick on, follow or land at a share (0, 1] of all speeds, called before every `step` and
-        `land`: the robot lags behind what is too fast for that, and catches up smoothly."""
+        `return_to_stance`: the robot lags behind what is too fast for that, and catches up smoothly."""
         ...
 
-    def feel(self, soles: BoolArray | None) -> None:
+    def set_contact_state(self, soles: BoolArray | None) -> None:
         """Which soles (k,) of the robot press on the floor from now on; None: nobody knows."""
         ...
 
@@ -51,16 +51,16 @@ class FollowingStage(Protocol):
         """The next posture (nq,) on a way to a stop; None: none is known."""
         ...
 
-    def begin_landing(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray) -> None:
         """Land from posture q (nq,), in which the robot stands, whether it has followed or not."""
         ...
 
-    def land(self, dt: float) -> FloatArray | None:
+    def return_to_stance(self, dt: float) -> FloatArray | None:
         """The next posture (nq,) of a robot on its way to a stand, a foot put down first; None: it stands there, or
         needs none."""
         ...
 
-    def part_limbs(self) -> None:
+    def separate_limbs(self) -> None:
         """If the robot stands, since a goal was refused, let the next thought be of parting limbs."""
         ...
 

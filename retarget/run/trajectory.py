@@ -11,14 +11,14 @@ from retarget.types import FloatArray, RobotPosture
 
 __all__ = [
     "REJOINING_S",
-    "PacedWay",
+    "SpeedOverrideTrajectory",
     "SpeedShare",
     "approach",
-    "laid_within",
+    "approach_trajectory",
     "require_finite",
+    "retimed",
     "slower_in_line",
     "taken_of",
-    "way_there",
 ]
 
 
@@ -81,7 +81,7 @@ REJOINING_S = 0.75
 """s in which somebody who stood beside the way is back on it, and at full pace."""
 
 
-class PacedWay:
+class SpeedOverrideTrajectory:
     """Postures (m, n) rad, a tick of `dt` s from row to row, the first where the robot is."""
 
     def __init__(self, rows: FloatArray, *, dt: float, straight: int = 0) -> None:
@@ -154,7 +154,7 @@ ROUND_OFF = 1e-9
 """Share of a limit: less beyond it is rounding."""
 
 
-def laid_within(rows: FloatArray, *, most: FloatArray, change: FloatArray) -> FloatArray:
+def retimed(rows: FloatArray, *, most: FloatArray, change: FloatArray) -> FloatArray:
     """The same way as rows (m, n) rad, a tick from row to row, in more ticks (k, n), from its first row to its last.
 
     most (n,): rad, the longest step of a joint; change (n,): rad, what a step may differ from the one before, where
@@ -170,11 +170,11 @@ def laid_within(rows: FloatArray, *, most: FloatArray, change: FloatArray) -> Fl
     sharpest = np.maximum(change, np.abs(np.diff(rows, n=2, axis=0)).max(axis=0, initial=0.0)) * (1.0 + ROUND_OFF)
     width = SMOOTHING
     while width < len(rows):
-        laid = _laid(rows, _smooth(pace, width))
+        laid = _resampled(rows, _smooth(pace, width))
         if (np.abs(np.diff(laid, n=2, axis=0)) <= sharpest).all():
             return laid
         width *= 2
-    return _laid(rows, np.full(len(pace), pace.min()))
+    return _resampled(rows, np.full(len(pace), pace.min()))
 
 
 def _smooth(pace: FloatArray, width: int) -> FloatArray:
@@ -183,7 +183,7 @@ def _smooth(pace: FloatArray, width: int) -> FloatArray:
     return np.convolve(least, np.full(2 * width + 1, 1.0 / (2 * width + 1)), mode="valid")
 
 
-def _laid(rows: FloatArray, pace: FloatArray) -> FloatArray:
+def _resampled(rows: FloatArray, pace: FloatArray) -> FloatArray:
     """The way at a pace (m - 1,) in rows per tick, of each step."""
     at = np.concatenate([[0.0], np.cumsum(1.0 / pace)])  # [ticks] when each row is reached
     ticks = np.minimum(np.arange(int(np.ceil(at[-1] - ROUND_OFF)) + 1), at[-1])
@@ -208,15 +208,17 @@ def require_finite(*postures: RobotPosture) -> None:
         )
 
 
-def way_there(robot: RobotBody, present: FloatArray, arrival: Sequence[FloatArray], *, dt: float) -> PacedWay:
+def approach_trajectory(
+    robot: RobotBody, present: FloatArray, arrival: Sequence[FloatArray], *, dt: float
+) -> SpeedOverrideTrajectory:
     """From `present` (n,) rad to the first posture (n,) of an arrival, and on along it, tick by tick of `dt` s.
 
     The arrival is laid out in more ticks where a joint would exceed its share of speed, `speed_caps.approach`.
     """
     speed, joints = robot.profile.safety.speed_caps.approach, robot.joint_map
     there = [*approach(present, arrival[0], joints, speed=speed, dt=dt)]
-    rows = laid_within(np.array(arrival), most=speed * joints.max_velocity * dt, change=joints.max_acceleration * dt**2)
-    return PacedWay(np.array([present, *there, *rows[1:]]), dt=dt, straight=len(there))
+    rows = retimed(np.array(arrival), most=speed * joints.max_velocity * dt, change=joints.max_acceleration * dt**2)
+    return SpeedOverrideTrajectory(np.array([present, *there, *rows[1:]]), dt=dt, straight=len(there))
 
 
 # How much of a step a robot takes that is not to be faster than a share of what its servos can.

@@ -6,7 +6,7 @@ import numpy as np
 
 from retarget import _solver
 from retarget.errors import Problem, UsageError
-from retarget.ik.hierarchy import Surroundings
+from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.body import BodyModel
 from retarget.model.observers import Observers, placed
 from retarget.model.robot import RobotBody
@@ -83,9 +83,9 @@ class PathClearance:
     """
 
     def __init__(
-        self, robot: RobotBody, observers: _solver.Observers, surroundings: Surroundings, *, dt: float
+        self, robot: RobotBody, observers: _solver.Observers, scene_obstacles: SceneObstacles, *, dt: float
     ) -> None:
-        """observers: of the robot's stage, with the obstacles of `surroundings`. dt: s per tick."""
+        """observers: of the robot's stage, with the obstacles of `scene_obstacles`. dt: s per tick."""
         feet = [robot.frame(foot.frame) for foot in robot.profile.feet.values()] if robot.stands else []
         self._checker = _solver.PathChecker(
             robot.body.solver_body(),
@@ -94,7 +94,7 @@ class PathClearance:
             sole_links=[foot.body for foot in feet],
             sole_points=np.array([foot.position for foot in feet]).reshape(-1, 3),
         )
-        self._around = surroundings
+        self._around = scene_obstacles
         self._dt = dt
         self._columns = robot.servo_columns
         self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)

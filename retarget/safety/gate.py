@@ -11,7 +11,7 @@ from hardware.errors import HardwareError, describe
 from hardware.joint_map import JointMap
 from retarget._solver import Braking
 
-__all__ = ["Gate", "OpenGate", "PathCheck"]
+__all__ = ["Gate", "PassThroughGate", "PathCheck"]
 
 
 PathCheck = Callable[[FloatArray, FloatArray], bool]
@@ -164,7 +164,7 @@ class Gate:
 # No gate: every finite goal passes. For servos that do not exist, to see what the gate would have held back.
 
 
-class OpenGate:
+class PassThroughGate:
     """A `hardware.guard_state.GoalFilter` without limits. It still brakes within `max_acceleration` (n,) rad/s^2."""
 
     def __init__(self, max_acceleration: FloatArray, *, dt: float) -> None:

@@ -11,14 +11,14 @@ from retarget.schema.catalogue import Kind, find
 from retarget.schema.strict_models import Name, Schema, Switch, Text, read_model, unknown_name
 from retarget.schema.strict_yaml import Document
 
-__all__ = ["HELD", "Performer", "WornSensor", "load_performer"]
+__all__ = ["HELD", "Performer", "PerformerSensor", "load_performer"]
 
 
 HELD = ("head", "l_wrist", "r_wrist")
 """Sensors that may sit beside their joints: a cap or headset, and controllers, which turn with head and hands."""
 
 
-class WornSensor(Schema):
+class PerformerSensor(Schema):
     """A sensor and the joint of the human that it sits on."""
 
     joint: Name
@@ -43,7 +43,7 @@ class Performer(Schema):
     """Convention of a live sender's names (docs/live.md), where the kind of stream does not say so."""
     partial: Switch = False
     """What a live stream lacks takes no part, instead of being waited for."""
-    sensors: Annotated[dict[Name, WornSensor], Field(min_length=1, max_length=64)]
+    sensors: Annotated[dict[Name, PerformerSensor], Field(min_length=1, max_length=64)]
     """Sensors that are worn, by canonical name."""
 
     @property

@@ -38,6 +38,7 @@ __all__ = [
     "FOR_HUMANS",
     "AxisTask",
     "CentreOfMassTask",
+    "DeflectionCompensationSettings",
     "HeadingSettings",
     "HeadingTask",
     "Level",
@@ -52,7 +53,6 @@ __all__ = [
     "Steps",
     "StrengthTask",
     "Task",
-    "UpholdSettings",
     "check_for_human",
     "load_priorities",
     "naming_file",
@@ -299,18 +299,18 @@ class ObserverSettings(Schema):
     """[m] Of all obstacles; absent: each its own."""
 
 
-class UpholdSettings(Schema):
+class DeflectionCompensationSettings(Schema):
     """Goals that hold a robot on its soles up where its servos give way (see
     `retarget.robot.deflection_compensation`)."""
 
     settle: Annotated[Positive, Field(le=1.0)] = 0.02
     """[s] Time constant with which goals follow the load."""
-    reserve: NotNegative = 0.25
+    speed_margin: NotNegative = 0.25
     """Share by which the load of a crouch is exceeded in motion; what carries it is planned no faster than its motors
     turn under that."""
-    off_stops: Annotated[NotNegative, Field(le=0.5)] = 0.05
+    soft_limits: Annotated[NotNegative, Field(le=0.5)] = 0.05
     """[rad] What carries the robot keeps so far off the ends of its range, for what its servos overshoot."""
-    late: Annotated[NotNegative, Field(le=1.0)] = 0.03
+    tracking_delay: Annotated[NotNegative, Field(le=1.0)] = 0.03
     """[s] So late its bus may be before a servo at the speed of the plan is so far behind that the guard stops it."""
 
 
@@ -339,12 +339,12 @@ class Priorities(Schema):
     """Which they are, and what they keep."""
     heading: HeadingSettings = HeadingSettings()
     """How the heading of a performer is told from the sensors."""
-    uphold: UpholdSettings | None = None
+    deflection_compensation: DeflectionCompensationSettings | None = None
     """Goals that hold up a robot with mass on its own soles; absent: goals are postures."""
     steps: Steps | None = None
     """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
     of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
-    ahead: Annotated[NotNegative, Field(le=0.2)] = 0.0
+    lead_time: Annotated[NotNegative, Field(le=0.2)] = 0.0
     """[s] So far ahead of what is asked a robot aims, by the asked motion's own velocity: its servos are behind it."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one."""

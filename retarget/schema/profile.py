@@ -190,8 +190,8 @@ class RobotProfile(Schema):
     retarget: Name
     """Priority file of the second stage: human posture to robot posture."""
     standing: Name | None = None
-    """The same for a robot on its own soles that can tip: a real one, in physics, where it steps. None: `steady`, where
-    `retarget` is `servo`, which looks at no motion; else `retarget`."""
+    """The same for a robot on its own soles that can tip: a real one, in physics, where it steps. None: `balanced`,
+    where `retarget` is `servo`, which looks at no motion; else `retarget`."""
 
     _path: Path = PrivateAttr(default=Path())
 

@@ -21,8 +21,8 @@ WARN_BEFORE_C = 5.0
 WITHIN = (
     ("freshness_warn", "freshness", "s"),
     ("temperature_warn_c", "temperature_c", "degrees Celsius"),
-    ("following_error_lasting", "following_error", "rad"),
-    ("following_error_warn", "following_error_lasting", "rad"),
+    ("following_error_sustained", "following_error", "rad"),
+    ("following_error_warn", "following_error_sustained", "rad"),
     ("following_error_warn", "following_error", "rad"),
     ("current_warn_a", "current_a", "A"),
 )
@@ -62,7 +62,7 @@ class Safety(Schema):
     """[V] Outside it is told."""
     following_error: Positive
     """[rad] Largest distance between goal and present position; beyond it: stop."""
-    following_error_lasting: Positive | None = None
+    following_error_sustained: Positive | None = None
     """[rad] A smaller one that stops only if it lasts."""
     following_error_s: Annotated[Positive, Field(le=10)] = 0.2
     """[s] So long."""
@@ -83,8 +83,8 @@ def guard_limits(safety: Safety) -> GuardLimits:
         max_temperature=safety.temperature_c,
         voltage=safety.voltage,
         following_error=safety.following_error,
-        lasting_error=_or_any(safety.following_error_lasting),
-        lasting_time=safety.following_error_s,
+        sustained_error=_or_any(safety.following_error_sustained),
+        sustained_time=safety.following_error_s,
         max_current=_or_any(safety.current_a),
         current_time=safety.current_s,
         warn_age=_or_any(safety.freshness_warn),
@@ -128,8 +128,8 @@ def safety_facts(safety: Safety) -> dict[str, str]:
     stops = [f"{safety.temperature_c:g} degrees Celsius", f"outside {low:g} to {high:g} V"]
     stops += [] if safety.current_a is None else [f"{safety.current_a:g} A for {safety.current_s:g} s"]
     stops += [f"{safety.following_error:g} rad from the goal"]
-    if safety.following_error_lasting is not None:
-        stops += [f"{safety.following_error_lasting:g} rad for {safety.following_error_s:g} s"]
+    if safety.following_error_sustained is not None:
+        stops += [f"{safety.following_error_sustained:g} rad for {safety.following_error_s:g} s"]
     stops += [f"silent for {safety.freshness:g} s"]
     told = [] if safety.voltage_warn is None else ["outside {:g} to {:g} V".format(*safety.voltage_warn)]
     if safety.following_error_warn is not None:

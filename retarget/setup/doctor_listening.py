@@ -9,7 +9,7 @@ import numpy as np
 from hardware.clock import Clock
 from retarget.live.admission import Datagram, Source
 from retarget.live.datagram_kinds import Recognised, recognise
-from retarget.live.sensor_validity import TrustState
+from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import LiveStream
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 from retarget.types import FloatArray
@@ -46,7 +46,7 @@ class Listening:
 
     stream: with the counts that it keeps itself. began, ended: s of its clock. sources: datagrams by sender. kinds: of
     some datagrams, what they look like. largest: bytes of the longest datagram of each
-    address. looks: poses (7,) at regular times by the sender's names, position and wxyz. states (n, k): a TrustState
+    address. looks: poses (7,) at regular times by the sender's names, position and wxyz. states (n, k): a ValidityState
     each. told: the last pose of each name.
     """
 
@@ -73,7 +73,7 @@ class Listening:
         first = next((row for row, look in enumerate(self.looks) if look), len(self.looks))
         return first + round(SETTLING_S / LOOK_S)
 
-    def share(self, sensor: str, state: TrustState) -> float:
+    def share(self, sensor: str, state: ValidityState) -> float:
         """Of the time, in which a sensor was in a state, 0 to 1. The beginning does not count: trackers settle, and
         who comes into the middle of a motion has nothing to compare with."""
         column = self.stream.roles.sensors.index(sensor)
@@ -177,7 +177,7 @@ def _completed(pose: FloatArray, before: FloatArray | None) -> FloatArray:
 
 
 def _look(listening: Listening, now: float) -> None:
-    states = listening.stream.trust.judge(now)
+    states = listening.stream.validity.judge(now)
     if len(listening.states) < MOST_LOOKS:
         listening.states.append(states.tolist())
         listening.looks.append(dict(listening.told))

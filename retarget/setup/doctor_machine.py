@@ -30,10 +30,10 @@ __all__ = [
     "Finding",
     "Level",
     "firewall_findings",
+    "fix",
     "frame_findings",
     "lateness_finding",
     "machine_findings",
-    "mend",
     "mend_all",
     "note",
     "ok",
@@ -52,7 +52,7 @@ class Level(StrEnum):
 
     OK = "ok"
     NOTE = "note"
-    MEND = "mend"
+    FIX = "mend"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +81,14 @@ def note(subject: str, what: str, then: str = "") -> Finding:
     return Finding(Level.NOTE, subject, what, then)
 
 
-def mend(subject: str, what: str, then: str) -> Finding:
+def fix(subject: str, what: str, then: str) -> Finding:
     """Wrong, and what to do."""
-    return Finding(Level.MEND, subject, what, then)
+    return Finding(Level.FIX, subject, what, then)
 
 
 def mend_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
     """The problems of a refusal, each as one that is to be mended."""
-    return [Finding(Level.MEND, subject, problem.render()) for problem in problems]
+    return [Finding(Level.FIX, subject, problem.render()) for problem in problems]
 
 
 ROOT = Path("/")
@@ -124,7 +124,7 @@ def lateness_finding(clock: Clock) -> Finding:
     told = f"wakes up {1e3 * p50:.2f} ms late (p99 {1e3 * p99:.2f} ms) at 100 Hz"
     if p99 > LATE_S:
         step = "End what else runs, set the governor to performance, use --realtime and --core"
-        return mend("ticks", told, step)
+        return fix("ticks", told, step)
     return ok("ticks", told)
 
 
@@ -138,7 +138,7 @@ def _cores(root: Path) -> Finding:
     load = float((_text(root / "proc/loadavg").split() or ["0"])[0])
     told += f"; load {load:.1f}"
     if usable < 2:
-        return mend("cores", told, "Give it a core of its own beside one for everything else")
+        return fix("cores", told, "Give it a core of its own beside one for everything else")
     if load > usable:
         return note("cores", told, "More wants to run than there are cores: end what else runs")
     return ok("cores", told)
@@ -185,7 +185,7 @@ def _receive_buffer(root: Path) -> Finding:
     most, step = int(text), f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}"
     told = f"net.core.rmem_max {most} bytes"
     if most < USUAL_BUFFER:
-        return mend("UDP buffer", f"{told}: bursts are lost", step)
+        return fix("UDP buffer", f"{told}: bursts are lost", step)
     if most < RECEIVE_BUFFER:
         return note("UDP buffer", f"{told}, and {RECEIVE_BUFFER} are asked for", f"To have them: {step}")
     return ok("UDP buffer", told)
@@ -198,7 +198,7 @@ def _disk(folder: Path) -> Finding:
         return note("disk", f"{folder}: {error.strerror or error}", "Record to another folder")
     hours = free / PER_HOUR
     told = f"{free / 1e9:.0f} GB free here, {hours:.0f} h of --record-raw of SlimeVR's VMC"
-    return ok("disk", told) if hours > 1.0 else mend("disk", told, "Make room, or record to another disk")
+    return ok("disk", told) if hours > 1.0 else fix("disk", told, "Make room, or record to another disk")
 
 
 def _text(path: Path) -> str:
@@ -222,7 +222,7 @@ def serial_findings(ports: Iterable[str] | None = None) -> list[Finding]:
         groups = sorted({group for path in refused if (group := _group(path))})
         told = f"{', '.join(refused)} not for this user (group {', '.join(groups) or 'none'})"
         step = f'Run "sudo usermod -aG {groups[0] if groups else GROUP} $USER", then log out and in again'
-        found.append(mend("serial", told, step))
+        found.append(fix("serial", told, step))
     usable = [path for path in paths if path not in refused]
     if usable:
         found.append(ok("serial", f"{', '.join(usable)} for this user"))
@@ -268,14 +268,14 @@ def python_findings(version: tuple[int, ...] = sys.version_info[:3]) -> list[Fin
     told = f"{'.'.join(map(str, version))} ({platform.python_implementation()}, {platform.machine()})"
     found = []
     if version < OLDEST:
-        found.append(mend("Python", told, "Install Python 3.11 or newer, and retarget into it"))
+        found.append(fix("Python", told, "Install Python 3.11 or newer, and retarget into it"))
     else:
         found.append(ok("Python", told))
     try:
         importlib.import_module("retarget._solver")
     except ImportError as error:
         step = "Install the wheel for this machine, or build it: make install (needs cargo)"
-        return [*found, mend("wheel", f"the compiled solver cannot be imported ({error})", step)]
+        return [*found, fix("wheel", f"the compiled solver cannot be imported ({error})", step)]
     return [*found, ok("wheel", f"retarget {retarget.__version__}, compiled solver there")]
 
 
@@ -288,7 +288,7 @@ def frame_findings(measure: "Callable[[], float] | None" = None) -> list[Finding
     told = f"{1e3 * cost:.2f} ms of CPU per frame, performer to OP3"
     if cost > TOO_SLOW_S:
         return [
-            mend("solver", f"{told}, of a tick of 10 ms", "Use a faster computer, or a lower rate_hz in the profile")
+            fix("solver", f"{told}, of a tick of 10 ms", "Use a faster computer, or a lower rate_hz in the profile")
         ]
     if cost > SLOW_S:
         return [note("solver", told, "Little room is left in a tick of 10 ms: end what else runs")]
@@ -337,7 +337,7 @@ def seconds_per_frame(frames: int = FRAMES) -> float:
 # Nothing is opened: opening moves the lines of some adapters, and a byte might reach the servos.
 
 SUBJECT = "port"
-NOBODY = "another process"
+UNKNOWN_HOLDER = "another process"
 """What is said of holders when none can be seen."""
 
 
@@ -357,7 +357,7 @@ def port_findings(
     elif timer > serial_port.WANTED_MS:
         told = f"the adapter keeps bytes for up to {timer} ms, and {serial_port.WANTED_MS} ms is needed"
         step = f"Type: {serial_port.timer_command(path, devices)}"
-        found.append(mend(path, told, step + " (docs/wiring.md has a rule that makes it stay)"))
+        found.append(fix(path, told, step + " (docs/wiring.md has a rule that makes it stay)"))
     else:
         found.append(ok(path, f"latency timer {timer} ms"))
     if baud is not None:
@@ -373,14 +373,14 @@ def _trouble(path: str, baud: int) -> Finding | None:
     except (OSError, ValueError):
         there = is_device = False
     if not there:
-        return Finding(Level.MEND, SUBJECT, str(serial_port.no_such_port(path)))
+        return Finding(Level.FIX, SUBJECT, str(serial_port.no_such_port(path)))
     if not is_device:
         cause = OSError(errno.ENOTTY, os.strerror(errno.ENOTTY))
     elif not os.access(path, os.R_OK | os.W_OK):
         cause = OSError(errno.EACCES, os.strerror(errno.EACCES))
     else:
         return None
-    return Finding(Level.MEND, SUBJECT, str(serial_port.why_not_open(path, baud, cause)))
+    return Finding(Level.FIX, SUBJECT, str(serial_port.why_not_open(path, baud, cause)))
 
 
 def _holders(path: str, processes: Path) -> list[Finding]:
@@ -388,8 +388,8 @@ def _holders(path: str, processes: Path) -> list[Finding]:
     told = serial_port.holders(path, processes)
     holder, _, behind = told.partition("; ")
     found = [note(path, behind)] if behind else []
-    if holder != NOBODY:
-        return [mend(path, f"in use by {holder}", "Stop it, or wait"), *found]
+    if holder != UNKNOWN_HOLDER:
+        return [fix(path, f"in use by {holder}", "Stop it, or wait"), *found]
     return [*found, ok(path, "nobody that can be seen has it open")]
 
 

@@ -9,11 +9,11 @@ from retarget.live.clock_map import JumpKind
 from retarget.live.performer import SILENCE_S
 from retarget.live.playout import DELAY_CAP_S
 from retarget.live.roles import CONVENTIONS, Place
-from retarget.live.sensor_validity import TrustState
+from retarget.live.sensor_validity import ValidityState
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.setup.doctor_listening import FrameNote, Listening
-from retarget.setup.doctor_machine import Finding, mend, note, ok
+from retarget.setup.doctor_machine import Finding, fix, note, ok
 from retarget.types import FloatArray
 
 __all__ = ["UNNAMED", "invented_findings", "rate_findings", "role_findings"]
@@ -33,21 +33,21 @@ FROZEN_SHARE = 0.1
 UNHEARD_SHARE = 0.2
 
 _DOUBTS = {
-    TrustState.JUMPED: (
+    ValidityState.JUMPED: (
         "jumps farther than a human can",
         "Look for its tracker's view, drift or magnetic fields, and for two senders at once",
     ),
-    TrustState.SWAPPED: ("left and right change places", "Exchange the two trackers' roles at the sender"),
-    TrustState.OUT_OF_RANGE: (
+    ValidityState.SWAPPED: ("left and right change places", "Exchange the two trackers' roles at the sender"),
+    ValidityState.OUT_OF_RANGE: (
         "told to be outside the room (10 m)",
         "Set the sender's origin, its axes and its unit (metres)",
     ),
-    TrustState.FROZEN: (
+    ValidityState.FROZEN: (
         "repeats one value to the bit while others move",
         "See that its tracker is on and in view; leave out what is not worn (another --performer)",
     ),
 }
-_LEAST = {TrustState.FROZEN: FROZEN_SHARE}
+_LEAST = {ValidityState.FROZEN: FROZEN_SHARE}
 
 
 def role_findings(performer: Performer, convention: str, listening: Listening) -> list[Finding]:
@@ -86,7 +86,7 @@ def _missing(performer: Performer, convention: str, missing: list[tuple[str, Pla
         step = "Switch on, wear and assign what is missing"
     if others:
         step += f", or use --performer {' or '.join(others)}"
-    return mend("sensors", f"the stream tells no {names}; it tells {shown}", step)
+    return fix("sensors", f"the stream tells no {names}; it tells {shown}", step)
 
 
 def _fitting(listening: Listening, convention: str) -> list[str]:
@@ -112,18 +112,18 @@ def _doubts(told: dict[str, Place], listening: Listening) -> list[Finding]:
         shares = {sensor: share for sensor, share in shares.items() if share > _LEAST.get(state, SOME)}
         if shares:
             worst = f"{100 * max(shares.values()):.0f} % of the time"
-            found.append(mend(", ".join(shares), f"{what}, {worst}", step))
+            found.append(fix(", ".join(shares), f"{what}, {worst}", step))
     return found
 
 
 def _unusable(told: dict[str, Place], listening: Listening) -> list[Finding]:
     """Sensors that are told, and of which nothing can be used: each alone, or all of them."""
     unheard = {sensor: _unheard(sensor, place, listening) for sensor, place in told.items()}
-    reasons = ", ".join(reason for reason, _ in listening.stream.trust.refused.reasons.most_common(2))
+    reasons = ", ".join(reason for reason, _ in listening.stream.validity.refused.reasons.most_common(2))
     why = f" ({reasons})" if reasons else ""
     least = min(unheard.values(), default=0.0)
     found = [
-        mend(
+        fix(
             sensor,
             f"is told, and cannot be used {100 * share:.0f} % of the time{why}",
             "See that its tracker is seen by the system, and fixed well",
@@ -133,7 +133,7 @@ def _unusable(told: dict[str, Place], listening: Listening) -> list[Finding]:
     ]
     if least > UNHEARD_SHARE and reasons:
         step = "See that the system tracks, and that its unit is metres"
-        found.append(mend("sensors", f"none can be used {100 * least:.0f} % of the time{why}", step))
+        found.append(fix("sensors", f"none can be used {100 * least:.0f} % of the time{why}", step))
     return found
 
 
@@ -142,7 +142,7 @@ def _unheard(sensor: str, place: Place, listening: Listening) -> float:
     column = listening.stream.roles.sensors.index(sensor)
     rows = zip(listening.states, listening.looks, strict=True)
     states = [row[column] for row, look in rows if place.position in look]
-    return sum(state in (TrustState.STALE, TrustState.NOT_WORN) for state in states) / max(len(states), 1)
+    return sum(state in (ValidityState.STALE, ValidityState.NOT_IN_USE) for state in states) / max(len(states), 1)
 
 
 # How often and how evenly frames come, what is lost by their numbers, and what the sender's clock does.
@@ -159,7 +159,7 @@ SKEW_S = 3.0
 """So long must have been listened for that."""
 COARSE_S = 0.002
 
-_LEAPS = {
+_JUMPS = {
     JumpKind.RESTARTED: "it was restarted",
     JumpKind.FORWARD: "it leapt forward",
     JumpKind.BACK: "it leapt back, or the network's delay grew",
@@ -170,7 +170,7 @@ def rate_findings(kind: str, listening: Listening) -> list[Finding]:
     """Of the frames that tell the performer's sensors, where any does; else of all."""
     frames = _of_one_sensor(listening)
     if len(frames) < FEW:
-        return [] if not frames else [mend("rate", f"only {len(frames)} frames came", "Let the sender go on sending")]
+        return [] if not frames else [fix("rate", f"only {len(frames)} frames came", "Let the sender go on sending")]
     arrivals = np.array([frame.arrival for frame in frames])
     gaps = np.diff(arrivals)
     found = [_rate(arrivals), _jitter(gaps), *_silences(gaps, listening)]
@@ -189,7 +189,7 @@ def _rate(arrivals: FloatArray) -> Finding:
     told = f"{rate:.0f} frames/s"
     if rate < SLOWEST_HZ:
         step = "Raise the sender's rate to 60 or more; look at Wi-Fi and at the trackers' own rate"
-        return mend("rate", f"{told}, fewer than the {SLOWEST_HZ:.0f} that are needed", step)
+        return fix("rate", f"{told}, fewer than the {SLOWEST_HZ:.0f} that are needed", step)
     if rate < GOOD_HZ:
         return note("rate", f"{told}: enough; from {GOOD_HZ:.0f} on, motion is delayed less")
     return ok("rate", told)
@@ -201,7 +201,7 @@ def _jitter(gaps: FloatArray) -> Finding:
     told = f"p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms, longest gap {1e3 * gaps.max():.0f} ms"
     if p99 > DELAY_CAP_S:
         step = "Use a cable, or a Wi-Fi of its own near the performer; end what else loads the sender"
-        return mend("jitter", f"{told}: more than the {1e3 * DELAY_CAP_S:.0f} ms that are evened out", step)
+        return fix("jitter", f"{told}: more than the {1e3 * DELAY_CAP_S:.0f} ms that are evened out", step)
     return ok("jitter", told)
 
 
@@ -212,10 +212,10 @@ def _silences(gaps: FloatArray, listening: Listening) -> list[Finding]:
     if count:
         step = "Look at Wi-Fi, at power saving of the trackers, and at what else the sender's computer does"
         told = f"{count} gaps longer than {SILENCE_S:g} s, the longest {gaps.max():.2f} s: a robot holds in each"
-        found.append(mend("gaps", told, step))
+        found.append(fix("gaps", told, step))
     quiet = listening.ended - listening.frames[-1].arrival
     if quiet > max(SILENCE_S, 3.0 * float(np.median(gaps))) and not getattr(listening.stream.receiver, "finished", 0):
-        found.append(mend("gaps", f"silent for the last {quiet:.1f} s", "See whether the sender stopped"))
+        found.append(fix("gaps", f"silent for the last {quiet:.1f} s", "See whether the sender stopped"))
     return found
 
 
@@ -231,7 +231,7 @@ def _loss(kind: str, frames: list[FrameNote]) -> list[Finding]:
         step = "Several in a row come of two senders or of Wi-Fi; what is overtaken is sorted in or dropped"
         found.append(note("order", f"{back} frames came after a later one", step))
     if not np.count_nonzero(steps > 0):
-        return [*found, mend("order", "the frame number stands still", "Let the sender count its frames, or tell none")]
+        return [*found, fix("order", "the frame number stands still", "Let the sender count its frames, or tell none")]
     usual = float(np.median(steps[steps > 0]))
     missing = float(np.sum(np.maximum(np.round(steps / usual) - 1.0, 0.0)))
     share = missing / (missing + len(numbers))
@@ -239,7 +239,7 @@ def _loss(kind: str, frames: list[FrameNote]) -> list[Finding]:
     if kind == "mvn":
         found.append(ok("loss", told + ", some of which MVN leaves out itself"))
     elif share > LOST_SHARE:
-        found.append(mend("loss", told, "Use a cable, not Wi-Fi; see that nothing else fills the network"))
+        found.append(fix("loss", told, "Use a cable, not Wi-Fi; see that nothing else fills the network"))
     else:
         found.append(ok("loss", told))
     return found
@@ -254,25 +254,25 @@ def _clock(kind: str, frames: list[FrameNote], arrivals: FloatArray, listening: 
     stamps, at = (np.array(column) for column in zip(*told, strict=True))
     if len(np.unique(stamps)) == 1:
         step = "Let the sender stamp each frame, or tell no time at all"
-        return [mend("clock", "the sender's time stands still", step)]
+        return [fix("clock", "the sender's time stands still", step)]
     speed = _speed(stamps, at)
     if at[-1] - at[0] > SKEW_S and abs(speed - 1.0) > SKEW:
         step = "Let it send seconds of a steady clock; a recording must be played at its own speed"
-        return [mend("clock", f"the sender's second lasts {1.0 / max(speed, 1e-9):.2f} of ours", step)]
+        return [fix("clock", f"the sender's second lasts {1.0 / max(speed, 1e-9):.2f} of ours", step)]
     if clock.jumps and clock.last_jump is not None:
         step = "Let only one sender run; switch off what sets its clock, or let it send a steady one"
-        how = _LEAPS[clock.last_jump.kind]
+        how = _JUMPS[clock.last_jump.kind]
         shift = abs(clock.last_jump.shift)
         often = "once" if clock.jumps == 1 else f"{clock.jumps} times, the last time"
-        return [mend("clock", f"the sender's clock leapt {often} by {shift:.3f} s: {how}", step)]
+        return [fix("clock", f"the sender's clock leapt {often} by {shift:.3f} s: {how}", step)]
     coarse = float(np.spacing(np.float32(stamps[-1]))) if kind == "vmc" else 0.0
     if coarse > COARSE_S:
         step = "Restart the sender: it tells seconds in single precision, which grow coarse in hours"
-        return [mend("clock", f"the sender's time goes in steps of {1e3 * coarse:.0f} ms", step)]
+        return [fix("clock", f"the sender's time goes in steps of {1e3 * coarse:.0f} ms", step)]
     late = sum(clock.dropped.reasons[reason] for reason in ("late", "stamped ahead", "out of order"))
     if late > LOST_SHARE * len(frames):
         reasons = ", ".join(f"{reason} ({count})" for reason, count in clock.dropped.reasons.most_common(3))
-        return [mend("clock", f"frames that come too late to be used: {reasons}", "Use a cable, not Wi-Fi")]
+        return [fix("clock", f"frames that come too late to be used: {reasons}", "Use a cable, not Wi-Fi")]
     return [ok("clock", f"no leap in {arrivals[-1] - arrivals[0]:.1f} s")]
 
 
@@ -315,7 +315,7 @@ def invented_findings(convention: str, listening: Listening) -> list[Finding]:
             if sensor[2:] in limbs and _hangs(place, known[carrier], listening):
                 what = f"hangs from the {carrier} as if nobody tracked it: the sender makes it up ({place.position})"
                 step = f"Wear and assign a tracker there, or leave {sensor} out (another --performer)"
-                found.append(mend(sensor, what, step))
+                found.append(fix(sensor, what, step))
     return found
 
 

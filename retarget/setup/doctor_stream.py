@@ -19,9 +19,9 @@ from retarget.live.receivers import NatnetReceiver
 from retarget.live.roles import roles_of
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver, port_holder
-from retarget.schema.performer import Performer, WornSensor
+from retarget.schema.performer import Performer, PerformerSensor
 from retarget.setup.doctor_listening import Listening, listen_to
-from retarget.setup.doctor_machine import Finding, firewall_findings, mend, mend_all, note, ok
+from retarget.setup.doctor_machine import Finding, firewall_findings, fix, mend_all, note, ok
 from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
 from retarget.sources.json_pose import DEFAULT_PORT
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -111,7 +111,7 @@ def silence_findings(
     """Why an address hears nothing, the surest cause first. answered: what is wrong was told in another way."""
     found = []
     if not answered:
-        found.append(mend("stream", f"nothing arrives in {seconds:.1f} s at {_place(address)}", _start(address)))
+        found.append(fix("stream", f"nothing arrives in {seconds:.1f} s at {_place(address)}", _start(address)))
     found += [stray_finding(address, stray) for stray in strays]
     if strays or address.kind == "replay":
         return found
@@ -149,18 +149,18 @@ def stray_finding(address: StreamAddress, stray: Stray) -> Finding:
     what = f"{stray.host} sends {stray.got.text} to port {stray.port}"
     if stray.port == address.port:
         what += f" of {stray.interface}, and {address.bind} is listened on"
-        return mend("network", what, f"Use {address.kind}://0.0.0.0:{address.port}?allow={stray.host}")
+        return fix("network", what, f"Use {address.kind}://0.0.0.0:{address.port}?allow={stray.host}")
     if not stray.got.kind:
         return note("network", what, "It is not read here")
     if stray.got.kind == "natnet":
-        return mend("network", what, f"Use natnet://{stray.host}, with ?multicast=GROUP where Motive streams multicast")
+        return fix("network", what, f"Use natnet://{stray.host}, with ?multicast=GROUP where Motive streams multicast")
     local = IPv4Address(stray.host).is_loopback
     use = (
         f"{stray.got.kind}://:{stray.port}" if local else f"{stray.got.kind}://0.0.0.0:{stray.port}?allow={stray.host}"
     )
     if stray.got.kind != address.kind:
         return note("network", what, f"To use that: {use}")
-    return mend("network", what, f"Use {use}, or let it send to port {address.port}")
+    return fix("network", what, f"Use {use}, or let it send to port {address.port}")
 
 
 def _protocol(address: StreamAddress) -> str:
@@ -196,7 +196,7 @@ def sender_findings(address: StreamAddress, kind: str, listening: Listening) -> 
     elif not found:
         reasons = "; ".join(reason for reason, _ in listening.stream.decoder.dropped.reasons.most_common(3))
         what = f"{listening.arrived} datagrams arrive, and none holds a pose" + (f" ({reasons})" if reasons else "")
-        found.append(mend("stream", what, f"Look at the settings of {SENDERS[kind]}"))
+        found.append(fix("stream", what, f"Look at the settings of {SENDERS[kind]}"))
     if listening.frames:
         found += _dropped(listening)
     return found + _lost(listening) + _large(listening) + _states(listening)
@@ -208,19 +208,19 @@ def _refused(address: StreamAddress, listening: Listening) -> list[Finding]:
     for (host, port), reason in listening.stream.admission.news():
         if reason == NOT_ALLOWED:
             step = f"Add {host} to ?allow= of the address if it is the sender, else stop it"
-            found.append(mend("sender", f"{host}, port {port}, sends, and is not on the allow-list", step))
+            found.append(fix("sender", f"{host}, port {port}, sends, and is not on the allow-list", step))
         elif reason == SECOND_SOURCE:
             owner = listening.stream.admission.owner
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
             step = "Let only one send here: stop the other, or give it another port"
-            found.append(mend("sender", f"{host}, port {port}, is a second source{first}", step))
+            found.append(fix("sender", f"{host}, port {port}, is a second source{first}", step))
     too_many = listening.stream.admission.refused.reasons["more datagrams than the rate allows"]
     if too_many:
         step = "Lower the sender's rate, or see whether a second copy of it runs"
-        found.append(mend("sender", f"{too_many} datagrams beyond the rate that is taken", step))
+        found.append(fix("sender", f"{too_many} datagrams beyond the rate that is taken", step))
     others = listening.stream.receiver.dropped.reasons
     found += [
-        mend("sender", f"{reason} ({count} times)", f"Stop that one, or correct {address.text}")
+        fix("sender", f"{reason} ({count} times)", f"Stop that one, or correct {address.text}")
         for reason, count in others.items()
     ]
     return found
@@ -243,7 +243,7 @@ def _foreign(kind: str, listening: Listening, address: StreamAddress) -> list[Fi
         if listening.frames and not got.kind:
             found.append(note("protocol", f"also: {told}", advice))
         else:
-            found.append(mend("protocol", told, advice))
+            found.append(fix("protocol", told, advice))
     return found
 
 
@@ -255,7 +255,7 @@ def _dropped(listening: Listening) -> list[Finding]:
         if any(part in reason for part in _HARMLESS):
             found.append(ok("decoder", told))
         elif count > DAMAGED_SHARE * listening.arrived:
-            found.append(mend("decoder", told, "Look at the sender's settings and version"))
+            found.append(fix("decoder", told, "Look at the sender's settings and version"))
         else:
             found.append(note("decoder", told))
     return found
@@ -266,7 +266,7 @@ def _lost(listening: Listening) -> list[Finding]:
     if not overflowed:
         return []
     step = "End what else runs, and raise the buffer: sudo sysctl -w net.core.rmem_max=1048576"
-    return [mend("buffer", f"the kernel lost {overflowed} datagrams that were not fetched in time", step)]
+    return [fix("buffer", f"the kernel lost {overflowed} datagrams that were not fetched in time", step)]
 
 
 def _large(listening: Listening) -> list[Finding]:
@@ -292,12 +292,12 @@ def _states(listening: Listening) -> list[Finding]:
     decoder = listening.stream.decoder
     if isinstance(decoder, VmcDecoder):
         if decoder.loaded is False:
-            return [mend("sender", "it says that no avatar is loaded: no pose counts", "Load one in the sender")]
+            return [fix("sender", "it says that no avatar is loaded: no pose counts", "Load one in the sender")]
         if decoder.tracking is False:
-            return [mend("sender", "it says that its tracking is bad: no pose counts", "Look at its trackers")]
+            return [fix("sender", "it says that its tracking is bad: no pose counts", "Look at its trackers")]
     if isinstance(decoder, NatnetDecoder) and decoder.names_missing:
         step = "See that nothing drops large UDP datagrams from port 1510, and that the bodies are streamed"
-        return [mend("sender", "bodies have numbers and no names", step)]
+        return [fix("sender", "bodies have numbers and no names", step)]
     return []
 
 
@@ -340,7 +340,7 @@ def judge(
 def named_for(performer: Performer, convention: str) -> Performer:
     """The performer, with a role that nobody tells for each sensor that this convention does not name: it is then
     found missing, beside what the sender tells instead."""
-    sensors = dict[str, WornSensor]()
+    sensors = dict[str, PerformerSensor]()
     for name, sensor in performer.sensors.items():
         alone = performer.model_copy(update={"sensors": {name: sensor}})
         try:
@@ -357,7 +357,7 @@ def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Find
         return []
     found = mend_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
     if receiver.trouble:
-        found.append(mend("multicast", receiver.trouble, "Add interface=ADDRESS of the card that faces Motive"))
+        found.append(fix("multicast", receiver.trouble, "Add interface=ADDRESS of the card that faces Motive"))
     return found
 
 

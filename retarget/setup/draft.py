@@ -286,7 +286,7 @@ def _safety(draft: Draft) -> str:
             f"  temperature_c: 65  {DRAFT} below where the servos switch themselves off",
             f"  voltage: [{low}, {high}]  {DRAFT} V, of the supply",
             "  following_error: 0.45  # rad, at once: the lag at full speed, and some",
-            "  following_error_lasting: 0.3",
+            "  following_error_sustained: 0.3",
             "  following_error_s: 0.2",
             "",
         ]

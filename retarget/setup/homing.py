@@ -68,7 +68,7 @@ def home(
     joint_map: JointMap,
     posture: FloatArray,
     ask: Callable[[str, bool], bool],
-    tell: Callable[[str], object],
+    notify: Callable[[str], object],
     *,
     clock: Clock,
     chosen: BoolArray,
@@ -84,7 +84,7 @@ def home(
     if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
         return None
     bus.torque(False)
-    tell("Torque is off.")
+    notify("Torque is off.")
     for _ in range(TRIES):
         if not ask(f"Place the robot in the posture {name!r} and keep it still. Read now?", True):
             return None
@@ -94,7 +94,7 @@ def home(
         if not restless.any():
             return _homing(joint_map, np.rint(np.median(read, axis=0)).astype(np.int64), posture, chosen)
         joints = _named(joint_map, restless)
-        tell(f"It moved: {joints} by up to {moved[restless].max():.3f} rad; {STILL:g} is still enough.")
+        notify(f"It moved: {joints} by up to {moved[restless].max():.3f} rad; {STILL:g} is still enough.")
     raise HardwareError(
         describe(what="the robot is never still", where="homing", found=joints, then="Support it, and try again")
     )

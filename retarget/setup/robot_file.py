@@ -371,13 +371,13 @@ def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
     found = _Meshes()
     missing: dict[str, None] = {}
     for link in root.findall("link"):
-        unread, usable = [], 0
+        undecoded, usable = [], 0
         for shape in [shape for kind in ("collision", "visual") for shape in link.findall(kind)]:
             mesh = shape.find("geometry/mesh")
             name = "" if mesh is None else mesh.get("filename", "")
             file = None if mesh is None else find_mesh(name, path)
             if mesh is not None and file is None:
-                unread.append((shape, name))
+                undecoded.append((shape, name))
                 continue
             usable += 1
             if mesh is not None and file is not None:
@@ -386,7 +386,7 @@ def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
                 mesh.set("filename", key)
                 if file.twin and file.path.name not in found.twins:
                     found.twins.append(file.path.name)
-        for shape, name in unread:
+        for shape, name in undecoded:
             if not usable:
                 missing[name] = None
                 continue

@@ -9,7 +9,7 @@ import numpy as np
 
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
-from retarget.viewer.snapshot import Moment
+from retarget.viewer.snapshot import Snapshot
 
 if TYPE_CHECKING:
     import viser
@@ -164,9 +164,9 @@ class LimbColours:
         """Of the colours that are shown."""
         return self._scales.get(self.by)
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Where the numbers are known."""
-        values = {TEMPERATURE: moment.temperature, LOAD: moment.current}.get(self.by)
+        values = {TEMPERATURE: snapshot.temperature, LOAD: snapshot.current}.get(self.by)
         scale, shades = self.scale, np.zeros_like(self._shades)
         if scale is not None and values is not None and len(values) == len(shades):
             shades = np.round(scale.shares(values) * SHADES).astype(int)

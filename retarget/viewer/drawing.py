@@ -9,9 +9,9 @@ import numpy as np
 from retarget.rotations import rotate
 from retarget.types import FloatArray
 from retarget.viewer.colours import ASKED, GOAL, HUMAN, REACHED, ROBOT, SENSOR, Colour, LimbColours, Scale
-from retarget.viewer.figures import HERE, Around, Figure, Movable, Observing, Place
+from retarget.viewer.figures import HERE, Figure, Movable, Observing, Place, SceneFigures
 from retarget.viewer.ground import Balance, Pressure, Soles
-from retarget.viewer.snapshot import Actor, Cast, Moment
+from retarget.viewer.snapshot import Actor, Cast, Snapshot
 
 if TYPE_CHECKING:
     import viser
@@ -32,7 +32,7 @@ BALL, SENSOR_BALL = 0.018, 0.026
 class _Part(Protocol):
     """What can be shown and hidden."""
 
-    def show(self, moment: Moment) -> None: ...
+    def show(self, snapshot: Snapshot) -> None: ...
 
     def see(self, *, visible: bool) -> None: ...
 
@@ -43,7 +43,7 @@ class Drawing:
     def __init__(self, server: "viser.ViserServer", cast: Cast) -> None:
         self._scene, self._server, self._cast = server.scene, server, cast
         self._lock = threading.Lock()
-        self._last: Moment | None = None
+        self._last: Snapshot | None = None
         height = cast.human.height if cast.robot is None else cast.robot.height
         self._height = height
         self._furnish(height)
@@ -52,7 +52,7 @@ class Drawing:
         if cast.robot is not None:
             self._robot = Figure(self._scene, "robot", cast.robot, colour=ROBOT)
             self._goal = Figure(self._scene, "goal", cast.robot, colour=GOAL, opacity=GOAL_OPACITY, shrunk=GOAL_SIZE)
-            if cast.profile is not None and cast.servos_told:
+            if cast.profile is not None and cast.servos_commanded:
                 self._limbs = LimbColours(cast.profile, self._robot.meshes)
         scale = height / cast.human.height
         self._human = Figure(self._scene, "performer", cast.human, colour=HUMAN, opacity=HUMAN_OPACITY, scale=scale)
@@ -113,25 +113,25 @@ class Drawing:
                 self._balls[part].see(visible=visible)
         self._again()
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Move everything to where it is."""
         with self._lock, self._server.atomic():
-            self._last = moment
+            self._last = snapshot
             if self._place is None:
-                self._begin(moment)
+                self._begin(snapshot)
             assert self._place is not None
             if self._robot is not None and self._goal is not None:
-                self._robot.place(moment.robot)
-                self._goal.place(moment.goal)
-            self._human.place(moment.human, self._place)
-            self._balls["asked"].show(moment.asked)
-            self._balls["reached"].show(moment.reached)
-            if moment.sensors is not None:
-                self._balls["sensors"].show(moment.sensors)
+                self._robot.place(snapshot.robot)
+                self._goal.place(snapshot.goal)
+            self._human.place(snapshot.human, self._place)
+            self._balls["asked"].show(snapshot.asked)
+            self._balls["reached"].show(snapshot.reached)
+            if snapshot.sensors is not None:
+                self._balls["sensors"].show(snapshot.sensors)
             if self._limbs is not None:
-                self._limbs.show(moment)
+                self._limbs.show(snapshot)
             for overlay in self._overlays.values():
-                overlay.show(moment)
+                overlay.show(snapshot)
 
     def _again(self) -> None:
         """Show the last moment again: something else of it is to be seen."""
@@ -164,10 +164,10 @@ class Drawing:
         if robot is not None:
             overlays["observers"] = Observing(scene, robot)
         if cast.around:
-            overlays["around"] = Around(scene, cast.around)
+            overlays["around"] = SceneFigures(scene, cast.around)
         return overlays
 
-    def _begin(self, first: Moment) -> None:
+    def _begin(self, first: Snapshot) -> None:
         """The performer stands to the left of the robot, or, alone, where one looks; facing as the robot does."""
         human, alone = self._cast.human, self._robot is None
         left = 0.0 if alone else _left(self._cast, first)
@@ -219,7 +219,7 @@ class _Balls:
             handle.visible = visible
 
 
-def _left(cast: Cast, first: Moment) -> float:
+def _left(cast: Cast, first: Snapshot) -> float:
     """How far to the left of the robot there is room for the performer, in heights of the robot."""
     if cast.robot is None or first.around is None:
         return BESIDE
@@ -231,7 +231,7 @@ def _left(cast: Cast, first: Moment) -> float:
     return left
 
 
-def _ahead(human: Actor, first: Moment) -> FloatArray:
+def _ahead(human: Actor, first: Snapshot) -> FloatArray:
     """The turn about the vertical, wxyz (4,), after which the performer looks along x in the beginning."""
     _, turns = human.body.solver_body().forward(np.ascontiguousarray(first.human))
     x, y, _ = rotate(turns[1], np.array([1.0, 0.0, 0.0])).tolist()

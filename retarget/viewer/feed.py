@@ -18,7 +18,7 @@ import numpy as np
 
 from retarget.errors import ConfigError
 from retarget.run.record import Record
-from retarget.run.run_result import Beside
+from retarget.run.run_result import Extras
 from retarget.types import FloatArray, ModeArray
 from retarget.viewer.snapshot import placed
 
@@ -162,7 +162,7 @@ class ViewFeed:
         self, link: socket.socket, process: "subprocess.Popen[bytes]", *, address: str, rate_hz: float
     ) -> None:
         self.address = address
-        self.beside = Beside()
+        self.extras = Extras()
         """Who knows what is not in the record."""
         self._link, self._process, self._rate_hz = link, process, rate_hz
         self._every = max(round(rate_hz / SHOWN_HZ), 1)
@@ -185,7 +185,7 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where nobody takes it at once."""
-        shown = _row(record, row, self.beside, time=self._ticks / self._rate_hz)
+        shown = _row(record, row, self.extras, time=self._ticks / self._rate_hz)
         if not self._announced:
             self._link.send(json.dumps(asdict(_announced(record, shown))).encode())
             self._announced = True
@@ -255,14 +255,14 @@ def _announced(record: Record, first: LiveRow) -> Announced:
     return Announced(names, len(first.modes), len(first.around), len(first.truth))
 
 
-def _row(record: Record, row: int, beside: Beside, *, time: float) -> LiveRow:
-    (state, why), around, robot = beside.words(), beside.around(), record.robot
+def _row(record: Record, row: int, extras: Extras, *, time: float) -> LiveRow:
+    (state, why), around, robot = extras.words(), extras.around(), record.robot
     none, poses = np.zeros(0), np.zeros((0, 7)) if around is None else placed(around)
     if robot is None:
         points, modes = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
         human, sensors = record.human.q[row], record.human.sensors[row]
         return LiveRow(time, state, why, none, human, none, none, none, points, modes, poses, none, sensors)
-    current, truth = beside.current(), beside.truth()
+    current, truth = extras.current(), extras.truth()
     return LiveRow(
         time=float(robot.bus_time[row]),
         state=state,

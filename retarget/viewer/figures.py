@@ -11,14 +11,14 @@ from retarget.rotations import conjugate, multiply, rotate
 from retarget.types import FloatArray
 from retarget.viewer.colours import MODES, OBSTACLE, Colour
 from retarget.viewer.meshes import shape_mesh
-from retarget.viewer.snapshot import Actor, Moment, Obstacle
+from retarget.viewer.snapshot import Actor, Obstacle, Snapshot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import viser
 
-__all__ = ["HERE", "Around", "Figure", "Movable", "Observing", "Place"]
+__all__ = ["HERE", "Figure", "Movable", "Observing", "Place", "SceneFigures"]
 
 
 STEP_M, STEP_RAD = 2e-5, 1e-4
@@ -153,17 +153,17 @@ class Observing:
                 )
         self._nodes = [(Movable(shape), Movable(zone)) for shape, zone in zip(self._shapes, self._zones, strict=True)]
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Move them with the robot; colour them where it is known what they do."""
         if not self._shapes or not self._shapes[0].visible:
             return
-        positions, turns = self._body.forward(np.ascontiguousarray(moment.goal))
+        positions, turns = self._body.forward(np.ascontiguousarray(snapshot.goal))
         at = positions[self._links] + rotate(turns[self._links], self._at)
         turn = multiply(turns[self._links], self._turn)
         for index, pair in enumerate(self._nodes):
             for node in pair:
                 node.move(at[index], turn[index])
-        modes = moment.modes
+        modes = snapshot.modes
         if modes is None or len(modes) != len(self._modes):
             return
         for index in np.flatnonzero(modes != self._modes).tolist():
@@ -176,7 +176,7 @@ class Observing:
             handle.visible = visible
 
 
-class Around:
+class SceneFigures:
     """What stands and moves around the robot."""
 
     def __init__(self, scene: "viser.SceneApi", obstacles: "Sequence[Obstacle]") -> None:
@@ -192,10 +192,10 @@ class Around:
         ]
         self._nodes = [Movable(handle) for handle in self._handles]
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Move them to where they are, where that is known."""
-        if moment.around is not None and len(moment.around) == len(self._nodes):
-            for node, pose in zip(self._nodes, moment.around, strict=True):
+        if snapshot.around is not None and len(snapshot.around) == len(self._nodes):
+            for node, pose in zip(self._nodes, snapshot.around, strict=True):
                 node.move(pose[:3], pose[3:])
 
     def see(self, *, visible: bool) -> None:

@@ -10,7 +10,7 @@ from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 from retarget.viewer.colours import BALANCE, OUTSIDE, PRESSURE, SOLES, ZMP
 from retarget.viewer.figures import HERE, Movable
-from retarget.viewer.snapshot import Moment
+from retarget.viewer.snapshot import Snapshot
 
 if TYPE_CHECKING:
     import viser
@@ -40,9 +40,9 @@ class Soles:
             "/soles", np.zeros((1, 2, 3), dtype=np.float32), np.array(SOLES, dtype=np.uint8), thickness=LINE_M
         )
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Draw it anew where it has changed."""
-        points = self._body.points(np.ascontiguousarray(moment.goal)[None], self._links, self._corners)[0]
+        points = self._body.points(np.ascontiguousarray(snapshot.goal)[None], self._links, self._corners)[0]
         hull = convex_hull(points[:, :2])
         if hull.shape == self._hull.shape and np.abs(hull - self._hull).max() < 1e-4:
             return
@@ -67,12 +67,12 @@ class Balance:
         self.at = HERE
         """Where the world of the body is in the scene."""
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Move it."""
-        self._centre.move(self.at.of(moment.com))
-        x, y, _ = self.at.of(moment.com).tolist()
+        self._centre.move(self.at.of(snapshot.com))
+        x, y, _ = self.at.of(snapshot.com).tolist()
         self._below.move(np.array([x, y, 0.001]))
-        zmp = moment.zmp
+        zmp = snapshot.zmp
         known = zmp is not None and bool(np.isfinite(zmp).all())
         if self._zmp.visible != (known and self._shown):
             self._zmp.visible = known and self._shown
@@ -100,9 +100,9 @@ class Pressure:
         self._disc = scene.add_cylinder("/pressure", 0.6 * POINT * height, 0.006, color=PRESSURE, visible=False)
         self._there, self._shown = Movable(self._disc), True
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Move it; hide it where no sole carries."""
-        pressure = moment.pressure
+        pressure = snapshot.pressure
         known = pressure is not None and bool(np.isfinite(pressure).all())
         if self._disc.visible != (known and self._shown):
             self._disc.visible = known and self._shown

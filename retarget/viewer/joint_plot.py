@@ -38,7 +38,7 @@ class JointPlot:
         self._joints, self._track = cast.joints, track
         with server.gui.add_folder("plot"):
             self._joint = server.gui.add_dropdown("joint", cast.joints)
-            self._quantity = server.gui.add_dropdown("shows", QUANTITIES if cast.servos_told else OF_ANGLES)
+            self._quantity = server.gui.add_dropdown("shows", QUANTITIES if cast.servos_commanded else OF_ANGLES)
             self._plot = server.gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),
                 (

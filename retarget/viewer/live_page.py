@@ -29,7 +29,7 @@ from retarget.viewer.ground import MassMotion
 from retarget.viewer.joint_plot import JointPlot
 from retarget.viewer.page import WAITING, add_parts, headline
 from retarget.viewer.server import open_server
-from retarget.viewer.snapshot import Cast, Moment, Obstacle, Tracks, actor, obstacles
+from retarget.viewer.snapshot import Cast, Obstacle, Snapshot, Tracks, actor, obstacles
 
 if TYPE_CHECKING:
     import viser
@@ -64,7 +64,7 @@ class LivePage:
         self._begun: float | None = None
         self._shown = 0
         self._said = ("", "")
-        self._last: Moment | None = None
+        self._last: Snapshot | None = None
 
     def name_landmarks(self, names: Sequence[str]) -> None:
         """Of which landmarks rows tell."""
@@ -87,11 +87,13 @@ class LivePage:
 
     def _draw(self, row: LiveRow) -> None:
         assert self._begun is not None
-        self._last = moment = moment_of(row, self._cast, landmarks=self._landmarks, begun=self._begun, mass=self._mass)
-        self._drawing.show(moment)
-        said = (moment.state, moment.why)
+        self._last = snapshot = moment_of(
+            row, self._cast, landmarks=self._landmarks, begun=self._begun, mass=self._mass
+        )
+        self._drawing.show(snapshot)
+        said = (snapshot.state, snapshot.why)
         if said != self._said or self._shown % TOLD_EVERY == 0:
-            self._said, self._state.content = said, headline(moment)
+            self._said, self._state.content = said, headline(snapshot)
         if self._plot is not None and self._shown % PLOTTED_EVERY == 0:
             self._plot.draw()
 
@@ -115,7 +117,7 @@ class LivePage:
         return Tracks(np.array(time), *(np.array([one[joint] for one in other]) for other in others))
 
 
-def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: float, mass: MassMotion) -> Moment:
+def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: float, mass: MassMotion) -> Snapshot:
     """What a row shows. begun: its time of the first, s. mass: of the rows before it."""
     robot, none, time = cast.profile, np.zeros(0), row.time - begun
     if robot is None:
@@ -123,14 +125,14 @@ def moment_of(row: LiveRow, cast: Cast, *, landmarks: tuple[str, ...], begun: fl
         nothing, zmp, said = np.full((len(landmarks), 3), np.nan), mass.look(row.time, com), row.sensors
         around = row.around if row.around.size else None
         alone = (none, none, row.human, none, none, nothing, nothing)
-        return Moment(time, row.state, *alone, com, row.why, zmp, sensors=said, around=around)
+        return Snapshot(time, row.state, *alone, com, row.why, zmp, sensors=said, around=around)
     columns, goal = robot.servo_columns, row.robot
     there, pressure = goal.copy(), None
     there[columns] = np.where(np.isfinite(row.present), row.present, goal[columns])
     if row.truth.size and np.isfinite(row.truth[:-2]).all():
         there, pressure = in_truth(robot.body, goal, row.truth)
     com = robot.body.solver_body().centre_of_mass(goal[None])[0]
-    return Moment(
+    return Snapshot(
         time=time,
         state=row.state,
         robot=there,

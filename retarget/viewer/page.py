@@ -10,7 +10,7 @@ from retarget.types import FloatArray
 from retarget.viewer.colours import LEGEND, legend
 from retarget.viewer.drawing import Drawing
 from retarget.viewer.joint_plot import JointPlot
-from retarget.viewer.snapshot import Moment, Viewed
+from retarget.viewer.snapshot import Snapshot, Viewed
 
 if TYPE_CHECKING:
     import viser
@@ -27,16 +27,16 @@ BOX = "padding:0.3em 0.8em"
 WAITING = f'<div style="{BOX}"><div style="{LARGE};color:{OTHERWISE}">WAITING</div>nothing has moved yet</div>'
 
 
-def headline(moment: Moment, note: str = "") -> str:
+def headline(snapshot: Snapshot, note: str = "") -> str:
     """What the robot does, in letters that are read from across a room. note: a line below."""
-    colour = COLOURS.get(moment.state, OTHERWISE)
-    lines = [f'<span style="font-variant-numeric:tabular-nums">{moment.time:.2f} s</span>']
-    if not np.isnan(moment.off):
-        lines.append(f"servos at most {np.degrees(moment.off):.1f} degrees off their goals")
+    colour = COLOURS.get(snapshot.state, OTHERWISE)
+    lines = [f'<span style="font-variant-numeric:tabular-nums">{snapshot.time:.2f} s</span>']
+    if not np.isnan(snapshot.off):
+        lines.append(f"servos at most {np.degrees(snapshot.off):.1f} degrees off their goals")
     lines += [escape(note)] if note else []
     return (
-        f'<div style="{BOX}"><div style="{LARGE};color:{colour}">{escape(moment.state.upper())}</div>'
-        f"<div>{escape(moment.why)}</div>"
+        f'<div style="{BOX}"><div style="{LARGE};color:{colour}">{escape(snapshot.state.upper())}</div>'
+        f"<div>{escape(snapshot.why)}</div>"
         + "".join(f'<div style="opacity:0.75">{line}</div>' for line in lines)
         + "</div>"
     )
@@ -144,7 +144,7 @@ class RecordedPage:
         self._timeline = Timeline(viewed.times)
         self._shown = -1
         gui, last = server.gui, len(viewed.times) - 1
-        self._state = gui.add_html(headline(viewed.moment(0)))
+        self._state = gui.add_html(headline(viewed.snapshot(0)))
         self._slider = gui.add_slider("tick", 0, max(last, 1), 1, 0, disabled=last == 0)
         self._slider.on_update(self._slid)
         buttons = gui.add_button_group("", (PLAY, "-1", "+1"))
@@ -168,9 +168,9 @@ class RecordedPage:
 
     def _show(self, row: int) -> None:
         self._shown = row
-        moment = self._viewed.moment(row)
-        self._drawing.show(moment)
-        self._state.content = headline(moment)
+        snapshot = self._viewed.snapshot(row)
+        self._drawing.show(snapshot)
+        self._state.content = headline(snapshot)
         if self._slider.value != row:
             self._slider.value = row  # type: ignore[misc]  # viser's own examples set it
 

@@ -14,7 +14,7 @@ from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import build_human
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
-from retarget.recording.configs import as_then, scene_as_then
+from retarget.recording.configs import as_recorded, recorded_scene
 from retarget.recording.cycles import Cycles, Done
 from retarget.recording.npz import read_arrays
 from retarget.recording.reading import MAGIC, Recording, TopicRows, lacking, played, postures_sent, read_recording
@@ -28,8 +28,8 @@ from retarget.viewer.ground import around_row, zero_moment_point
 from retarget.viewer.snapshot import (
     PHASE_WORDS,
     Cast,
-    Moment,
     Obstacle,
+    Snapshot,
     Tracks,
     Viewed,
     actor,
@@ -38,7 +38,7 @@ from retarget.viewer.snapshot import (
     placed,
 )
 
-__all__ = ["RecordedCycles", "RecordedRun", "SceneThen", "open_recorded", "open_viewed"]
+__all__ = ["RecordedCycles", "RecordedRun", "RecordedScene", "open_recorded", "open_viewed"]
 
 
 KEYS: dict[str, tuple[str, tuple[str | int | None, ...]]] = {
@@ -109,17 +109,17 @@ class RecordedRun:
             followed if has_robot or not sensors else (),
             _profile(Path(str(arrays["body"]))) if has_robot else None,
             sensors=sensors,
-            servos_told=False,
+            servos_commanded=False,
         )
 
-    def moment(self, row: int) -> Moment:
+    def snapshot(self, row: int) -> Snapshot:
         """The tick of a row."""
         arrays = self._arrays
         sent, present = arrays["joint_positions"][row], self._present[row]
         goal = self._posture(row, sent)
         rows = list(around_row(self.times, row))
         com = self._solver.centre_of_mass(np.array([self._posture(at, arrays["joint_positions"][at]) for at in rows]))
-        return Moment(
+        return Snapshot(
             time=float(self.times[row]),
             state=STATES.get(str(arrays["phase"][row]), str(arrays["phase"][row])),
             robot=self._posture(row, np.where(np.isfinite(present), present, sent)),
@@ -197,7 +197,7 @@ def _profile(body: Path) -> RobotBody | None:
 # The scene of a recorded run: where its obstacles were at every tick.
 
 
-class SceneThen:
+class RecordedScene:
     """kept: the cycles that are shown, a row each. notes: why it is not shown, or that its file is another one now.
 
     A recording has its scene attached. Obstacles that were told of live are shown where the scene file has them.
@@ -209,7 +209,7 @@ class SceneThen:
         self._state: SceneState | None = None
         self._times = recording.session.dt * _ticks(kept)
         try:
-            with scene_as_then(recording) as (scene, self.notes):
+            with recorded_scene(recording) as (scene, self.notes):
                 if scene is None:
                     return
                 self._state = SceneState(load_scene(scene))
@@ -229,7 +229,7 @@ class SceneThen:
 
 def _ticks(kept: Cycles) -> NDArray[np.int64]:
     """For how many ticks the obstacles had moved at each row: from the first that followed on, whenever one was led."""
-    moves = (kept.phase != Phase.APPROACH) & ~kept.unled
+    moves = (kept.phase != Phase.APPROACH) & ~kept.no_command
     return np.asarray(np.cumsum(moves) - moves)
 
 
@@ -263,13 +263,13 @@ class RecordedCycles:
         self._points: FloatArray | None = None
         self._truth: FloatArray | None = None
         title = recording.path.name
-        self._scene = SceneThen(recording, self._cycles.taken(self._rows))
+        self._scene = RecordedScene(recording, self._cycles.taken(self._rows))
         self.notes += self._scene.notes
         if not session.joints:
             self.cast = Cast(title, None, human, (), (), around=self._scene.obstacles, sensors=session.sensors)
             return
-        with as_then(recording) as configs:
-            robot, self.notes = configs.robot, tuple(dict.fromkeys((*self.notes, *configs.told)))
+        with as_recorded(recording) as configs:
+            robot, self.notes = configs.robot, tuple(dict.fromkeys((*self.notes, *configs.notes)))
             assert robot is not None, "there are joints"
             shown = actor(compile_body(robot.profile.body_path, root=robot.profile.root))
         asked = recording.topics.get(LANDMARKS)
@@ -286,7 +286,7 @@ class RecordedCycles:
         self._modes = _spread(recording.topic(TICK), self._cycles.index, "observer_modes")
         self._present = robot.joint_map.to_radians(self._cycles.position)
 
-    def moment(self, row: int) -> Moment:
+    def snapshot(self, row: int) -> Snapshot:
         """The tick of a row."""
         at, robot, time = int(self._rows[row]), self.cast.profile, float(self.times[row])
         human, around = self._human[at], self._scene.at(row)
@@ -297,7 +297,7 @@ class RecordedCycles:
             com = self.cast.human.body.solver_body().centre_of_mass(self._human[self._rows[rows]])
             alone = (none, none, human, none, none, points, points)
             zmp = zero_moment_point(self.times[rows], com)
-            return Moment(time, state, *alone, com[1], zmp=zmp, sensors=self._sensors[at], around=around)
+            return Snapshot(time, state, *alone, com[1], zmp=zmp, sensors=self._sensors[at], around=around)
         goals = postures_sent(self._whole, robot, self._rows[rows])
         goal, present = goals[1], self._present[at]
         there, pressure = goal.copy(), None
@@ -305,7 +305,7 @@ class RecordedCycles:
         if self._truth is not None and np.isfinite(self._truth[at, :-2]).all():
             there, pressure = in_truth(robot.body, goal, self._truth[at])
         com, names = robot.body.solver_body().centre_of_mass(goals), self.cast.landmarks
-        return Moment(
+        return Snapshot(
             time=time,
             state=state,
             robot=there,

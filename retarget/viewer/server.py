@@ -1,4 +1,4 @@
-"""A viser server that only this machine reaches, and of it only whoever has the key (see `Door`)."""
+"""A viser server that only this machine reaches, and of it only whoever has the key (see `AccessToken`)."""
 
 import hmac
 import secrets
@@ -15,7 +15,7 @@ from retarget.errors import ConfigError, UsageError
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["PORT", "Door", "Refused", "close_server", "open_server"]
+__all__ = ["PORT", "AccessToken", "Refused", "close_server", "open_server"]
 
 
 # Who may use the page: whoever has its address, from the page itself; nobody else, whatever they know.
@@ -44,7 +44,7 @@ class Refused:
     why: str
 
 
-class Door:
+class AccessToken:
     """Guards one page. port: where it is served; key: None draws one."""
 
     def __init__(self, port: int, *, key: str | None = None) -> None:
@@ -89,16 +89,16 @@ def open_server(port: int, *, title: str, option: str = "--port") -> tuple["vise
         raise ConfigError(
             "the viewer needs viser", found=str(error), next_step="Install it: pip install 'retarget[view]'"
         ) from error
-    door = Door(_free(port, option))
-    with _guarded(door), redirect_stdout(StringIO()):  # viser prints an address that nobody may open
-        server = viser.ViserServer(LOOPBACK, door.port, label=title, verbose=False)
-    if server.get_port() != door.port:  # taken meanwhile: viser has the next one, of which the door knows nothing
+    access = AccessToken(_free(port, option))
+    with _guarded(access), redirect_stdout(StringIO()):  # viser prints an address that nobody may open
+        server = viser.ViserServer(LOOPBACK, access.port, label=title, verbose=False)
+    if server.get_port() != access.port:  # taken meanwhile: viser has the next one, of which the door knows nothing
         server.stop()
-        raise _taken(door.port, option)
+        raise _taken(access.port, option)
     server.request_share_url = _shares_nothing  # type: ignore[method-assign]
     server.gui.main_panel.dock_right()
     server.gui.configure_theme(show_logo=False, show_share_button=False)
-    return server, door.address
+    return server, access.address
 
 
 def close_server(server: "viser.ViserServer") -> None:
@@ -133,7 +133,7 @@ def _taken(port: int, option: str) -> UsageError:
 
 
 @contextmanager
-def _guarded(door: Door) -> Iterator[None]:
+def _guarded(access: AccessToken) -> Iterator[None]:
     """What viser serves meanwhile is asked through the door; it has no setting for that."""
     from websockets.asyncio import server as sockets
     from websockets.datastructures import Headers
@@ -143,7 +143,7 @@ def _guarded(door: Door) -> Iterator[None]:
 
     def guarded(*given: Any, process_request: Any, **named: Any) -> Any:
         def ask(connection: sockets.ServerConnection, request: Request) -> Response | None:
-            judged = door.judge(request.path, lambda name: _only(request.headers.get_all(name)))
+            judged = access.judge(request.path, lambda name: _only(request.headers.get_all(name)))
             if isinstance(judged, Refused):
                 body = f"{judged.why}\n".encode()
                 kind = {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))}

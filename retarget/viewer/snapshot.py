@@ -19,8 +19,8 @@ __all__ = [
     "PHASE_WORDS",
     "Actor",
     "Cast",
-    "Moment",
     "Obstacle",
+    "Snapshot",
     "Tracks",
     "Viewed",
     "actor",
@@ -58,8 +58,8 @@ class Cast:
     and sensors (s) of the performer: names.
 
     profile: of the robot, where it is known: its soles, observers and servos. around: obstacles in its world.
-    simulated: it has mass, and its moments know where it really is. servos_told: its moments know how warm servos are
-    and what they draw.
+    simulated: it has mass, and its moments know where it really is. servos_commanded: its moments know how warm servos
+    are and what they draw.
     """
 
     title: str
@@ -71,11 +71,11 @@ class Cast:
     around: tuple[Obstacle, ...] = ()
     simulated: bool = False
     sensors: tuple[str, ...] = ()
-    servos_told: bool = True
+    servos_commanded: bool = True
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class Snapshot:
     """One tick. time: s of following. state: what the robot does, a word; why: of a stop, or "".
 
     robot, goal (nq,): posture of the robot as its servos say, or as its physics has it, and as it was told; human
@@ -157,7 +157,7 @@ class Viewed(Protocol):
     notes: tuple[str, ...]
     """What is missing of it."""
 
-    def moment(self, row: int) -> Moment:
+    def snapshot(self, row: int) -> Snapshot:
         """One of them."""
 
     def track(self, joint: int) -> Tracks:

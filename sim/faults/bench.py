@@ -20,7 +20,7 @@ from retarget.live.clock_map import ClockMap
 from retarget.live.performer import LivePerformer
 from retarget.live.playout import Playout, PlayoutDelay
 from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import Trust
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.smoothing import LIGHT, pose_filter
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
@@ -222,7 +222,12 @@ class Bench:
         options = RunOptions(robot=ROBOT, bus="emulator", performer=self._performer, gate=self._gate)
         try:
             with prepare_for(
-                self._perform, options, clock=self.clock, make_bus=self._bus, parks=True, tell=self.trace.said.append
+                self._perform,
+                options,
+                clock=self.clock,
+                make_bus=self._bus,
+                goes_to_rest=True,
+                notify=self.trace.said.append,
             ) as prepared:
                 self._watch(prepared)
         except Killed:
@@ -323,14 +328,14 @@ class Bench:
             roles,
             admission=Admission(allow=(LISTED,)),
             clock_map=ClockMap(),
-            trust=Trust(roles.sensors),
+            validity=SensorValidity(roles.sensors),
             playout=Playout(count, delay=PlayoutDelay()),
             smooth=pose_filter(LIGHT, count),
         )
         live = LiveOptions(countdown=0.3, duration=self._duration)
         rate = robot.profile.safety.rate_hz
         return begin_live(
-            self.stream, live, clock=self.clock, rate_hz=rate, where="json://bench", tell=self.trace.said.append
+            self.stream, live, clock=self.clock, rate_hz=rate, where="json://bench", notify=self.trace.said.append
         )
 
     def _bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
@@ -351,7 +356,7 @@ class Bench:
             self.ports[bus.name] = made
             return made
 
-        made = DynamixelBus(robot.joint_map, buses, port, tell=self.trace.said.append)
+        made = DynamixelBus(robot.joint_map, buses, port, notify=self.trace.said.append)
         self._act_until(BEFORE_OPENING)
         return made
 

@@ -63,7 +63,9 @@ def judged_file(file: Malformed) -> tuple[str, ...]:
     with tempfile.TemporaryDirectory() as folder:
         path = file.write(find(Kind.ROBOT, ROBOT), Path(folder))
         try:
-            with prepare_for(perform, RunOptions(robot=str(path)), clock=VirtualClock(), make_bus=bus, parks=True):
+            with prepare_for(
+                perform, RunOptions(robot=str(path)), clock=VirtualClock(), make_bus=bus, goes_to_rest=True
+            ):
                 return (BEGUN,)
         except _BegunError:
             return (BEGUN,)
@@ -189,7 +191,7 @@ def not_used(bench: Bench) -> Counter[str]:
     """What came and was not used, by reason."""
     stream = bench.stream
     parts = (stream.admission.refused, stream.decoder.dropped, stream.clock_map.dropped, stream.playout.dropped)
-    return sum((part.reasons for part in (*parts, stream.trust.refused)), Counter[str]())
+    return sum((part.reasons for part in (*parts, stream.validity.refused)), Counter[str]())
 
 
 def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
@@ -213,7 +215,7 @@ def _stopping(row: Row, trace: Trace) -> list[str]:
         return Seen.let_go(trace, onset, row)
     if trace.first(GuardState.STOPPED, trace.latched) is None:
         return ["the stop did not come to its end"]
-    if row.reaction is Reaction.CUT:
+    if row.reaction is Reaction.TORQUE_OFF:
         return late("torque off", Seen.cut(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
     return []
 
@@ -246,7 +248,7 @@ STRENGTH = {
     Reaction.REBASE: 3,
     Reaction.HOLD: 4,
     Reaction.STOP: 5,
-    Reaction.CUT: 6,
+    Reaction.TORQUE_OFF: 6,
     Reaction.GONE: 7,
 }
 """Who does the stronger thing has done the weaker."""
@@ -256,7 +258,7 @@ WORDS = {
     Reaction.REBASE: "understood",
     Reaction.HOLD: "held",
     Reaction.STOP: "stopped",
-    Reaction.CUT: "torque off",
+    Reaction.TORQUE_OFF: "torque off",
     Reaction.GONE: "stood by watchdogs",
 }
 HIDDEN = {("servo too hot", "servo warm"): "servo too hot"}
@@ -306,7 +308,7 @@ def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
     if strength == 0 or (trace.gone is not None and trace.gone <= last and need.reaction is not Reaction.GONE):
         return True
     cut = Seen.cut(trace, first)
-    if strength >= STRENGTH[Reaction.CUT]:
+    if strength >= STRENGTH[Reaction.TORQUE_OFF]:
         stopped = any(tick.state is GuardState.STOPPED for tick in ticks)
         off = stopped or (cut is not None and cut <= last)
         return off or (need.reaction is Reaction.GONE and not _driving(trace, last))

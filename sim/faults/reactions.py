@@ -49,7 +49,7 @@ class Reaction(Enum):
     STAND = "brakes and stands, torque on"
     SLOW = "goes on at half its speed"
     STOP = "stops: brakes, is parked, torque off, latched"
-    CUT = "torque off at once, latched"
+    TORQUE_OFF = "torque off at once, latched"
     GONE = "the servos stop by themselves"
     GATED = "what is asked is not sent"
 
@@ -105,7 +105,7 @@ STILL_WITHIN_S = 0.3
 SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
 UNHURT = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
 """Stops of a robot with which nothing is wrong: it is parked before its torque goes."""
-PARKED_RAD = 0.01
+AT_REST_RAD = 0.01
 """Goals this near to the rest posture are there, rad."""
 
 
@@ -119,7 +119,7 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
     wrong = beyond_limits(ways, dt) + collisions(robot, ways)
     for first, last in trace.holds:
         wrong += [f"in a hold {text}" for text in restless(ways, first + REST_S, last - dt)]
-    wrong += _haste(bench, trace, ways, dt) + _stop_violations(bench, trace, ways, writes, dt)
+    wrong += _speed_override(bench, trace, ways, dt) + _stop_violations(bench, trace, ways, writes, dt)
     if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
         wrong.append("nothing was done, and nobody was told why")
     if trace.endless:
@@ -127,7 +127,7 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
     return wrong + _torque(bench, trace)
 
 
-def _haste(bench: Bench, trace: Trace, ways: list[Track], dt: float) -> list[str]:
+def _speed_override(bench: Bench, trace: Trace, ways: list[Track], dt: float) -> list[str]:
     """Who hurries on the way to where following begins, or when somebody is followed again."""
     if trace.armed is None:
         return []
@@ -174,7 +174,7 @@ def _astray(bench: Bench, ways: list[Track]) -> list[str]:
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
     parked = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
     off = {track.servo.label: float(track.angle[-1]) - parked[track.servo.joint] for track in ways}
-    return [f"{label} is not parked, {by:.3f} rad off" for label, by in off.items() if abs(by) > PARKED_RAD]
+    return [f"{label} is not parked, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
 
 
 def _torque(bench: Bench, trace: Trace) -> list[str]:
@@ -285,9 +285,9 @@ def _hold(row: Row, seen: Seen) -> Judged:
     on = None if hold is None else seen.trace.first(GuardState.MOVING, hold)
     if row.back is not None and on is not None and on - seen.onset < row.back + HEALTHY_S:
         wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
-    leap = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
-    if leap > STEP_M:
-        wrong.append(f"it went on by a leap: {leap:.3f} m of a sensor in a tick")
+    jump = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
+    if jump > STEP_M:
+        wrong.append(f"it went on by a leap: {jump:.3f} m of a sensor in a tick")
     if row.reaction is Reaction.HOLD:
         return hold, wrong
     return on, wrong + late("on its way again", on, seen.onset, row.limit)
@@ -363,6 +363,6 @@ _JUDGES = {
     Reaction.GATED: _gated,
     Reaction.SLOW: _slow,
     Reaction.STOP: _stop,
-    Reaction.CUT: _cut,
+    Reaction.TORQUE_OFF: _cut,
     Reaction.GONE: _gone,
 }

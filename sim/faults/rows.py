@@ -57,11 +57,11 @@ def _garbage_in_place(time: float, datagram: bytes) -> list[bytes]:
 
 
 def _leaping(by: float) -> Callable[[Bench, float], object]:
-    def leap(bench: Bench) -> None:
+    def jump(bench: Bench) -> None:
         before = bench.sender.stamp
         bench.sender.stamp = lambda time: before(time) + by
 
-    return later(leap)
+    return later(jump)
 
 
 def _reordered(bench: Bench) -> None:
@@ -207,10 +207,10 @@ BUS_ROWS: tuple[Row, ...] = (
         on_line(Fault(FaultKind.CRC_STORM, rate=0.3, direction=Direction.TO_HOST)),
         Idle.ANY,
     ),
-    Row("garbage on the bus", Reaction.CUT, 0.050, _garbage(), Idle.ONLY_READS, watchdog=0.100),
+    Row("garbage on the bus", Reaction.TORQUE_OFF, 0.050, _garbage(), Idle.ONLY_READS, watchdog=0.100),
     Row(
         "every answer damaged",
-        Reaction.CUT,
+        Reaction.TORQUE_OFF,
         0.050,
         on_line(Fault(FaultKind.CRC_STORM, direction=Direction.TO_HOST)),
         Idle.ONLY_READS,
@@ -253,7 +253,14 @@ BUS_ROWS: tuple[Row, ...] = (
         "overload shutdown", Reaction.STOP, 0.100, later(lambda b: b.servo(ELBOW).overload(b.clock.now())), Idle.REFUSES
     ),
     Row("following error for 0.2 s", Reaction.STOP, 0.250, later(_slip), Idle.ANY),
-    Row("adapter unplugged", Reaction.CUT, 0.050, on_line(Fault(FaultKind.UNPLUG)), Idle.ONLY_READS, watchdog=0.100),
+    Row(
+        "adapter unplugged",
+        Reaction.TORQUE_OFF,
+        0.050,
+        on_line(Fault(FaultKind.UNPLUG)),
+        Idle.ONLY_READS,
+        watchdog=0.100,
+    ),
 )
 
 
@@ -269,7 +276,7 @@ INWARDS = "l_hip_yaw", -1.2, 1.5
 def _wall_clock(by: float) -> Callable[[Bench, float], object]:
     """Somebody sets the wall clock."""
 
-    def leap(bench: Bench) -> None:
+    def jump(bench: Bench) -> None:
         for patched in (
             patch("time.time", lambda: datetime.now(UTC).timestamp() + by),
             patch("time.time_ns", lambda: int(1e9 * (datetime.now(UTC).timestamp() + by))),
@@ -277,7 +284,7 @@ def _wall_clock(by: float) -> Callable[[Bench, float], object]:
             patched.start()
             bench.undo.append(patched.stop)
 
-    return later(leap)
+    return later(jump)
 
 
 def _raising(bench: Bench) -> None:

@@ -188,11 +188,11 @@ class FallWatch:
         height = root[2] + _raised(root, self._pelvis)
         if height < self.lowest:
             return f"the pelvis is {1e3 * height:.0f} mm high, allowed {1e3 * self.lowest:.0f}"
-        if state.touching and not self.parks(state.q):
+        if state.touching and not self.goes_to_rest(state.q):
             return "more than soles and hands touches the floor"
         return None
 
-    def parks(self, q: FloatArray) -> bool:
+    def goes_to_rest(self, q: FloatArray) -> bool:
         """Whether a posture (nq,) is the one in which the robot is parked."""
         return parked(q[self._robot.servo_columns], self._rest)
 

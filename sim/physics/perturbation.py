@@ -1,4 +1,5 @@
-"""What is different about a robot, its floor or its day: data, so that a run can be repeated under trouble."""
+"""What is different about a robot, its floor or its day: data, so that a run can be repeated under the same
+perturbations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -7,7 +8,7 @@ from math import cos, pi, sin
 
 import numpy as np
 
-__all__ = ["FRICTION", "NOMINAL", "Perturbation", "Push", "Trouble", "combined", "drawn", "trouble_of"]
+__all__ = ["FRICTION", "NOMINAL", "Perturbation", "PerturbationKind", "Push", "combined", "drawn", "perturbation_kind"]
 
 FRICTION = 0.8
 """Of rubber soles on a hard floor, where nothing else is said."""
@@ -46,7 +47,7 @@ NOMINAL = Perturbation()
 """Nothing is different."""
 
 
-class Trouble(StrEnum):
+class PerturbationKind(StrEnum):
     """Kinds of perturbation of the robustness runs."""
 
     MASS = "mass"
@@ -59,9 +60,9 @@ class Trouble(StrEnum):
 _FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
 
 
-def trouble_of(name: str) -> Trouble:
+def perturbation_kind(name: str) -> PerturbationKind:
     """The kind of that name."""
-    return Trouble(name)
+    return PerturbationKind(name)
 
 
 def combined(parts: Sequence[Perturbation]) -> Perturbation:
@@ -75,21 +76,21 @@ def combined(parts: Sequence[Perturbation]) -> Perturbation:
     return replace(NOMINAL, **values)
 
 
-def drawn(trouble: Trouble, seed: int, *, within: tuple[float, float], frame: str | None = None) -> Perturbation:
-    """One of the cases of a kind of trouble: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, a push of
-    3 N for 0.2 s. The same seed draws the same.
+def drawn(kind: PerturbationKind, seed: int, *, within: tuple[float, float], frame: str | None = None) -> Perturbation:
+    """One of the cases of a kind of perturbation: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, a
+    push of 3 N for 0.2 s. The same seed draws the same.
 
     within: times between which a push begins, s. frame: what is pushed, from the front, the back and the side in turn.
     """
     chance = np.random.default_rng(seed)
-    if trouble is Trouble.MASS:
+    if kind is PerturbationKind.MASS:
         return Perturbation(mass_scale=float(chance.uniform(0.9, 1.1)))
-    if trouble is Trouble.CENTRE_OF_MASS:
+    if kind is PerturbationKind.CENTRE_OF_MASS:
         turn = float(chance.uniform(0.0, 2.0 * pi))
         return Perturbation(com_offset=(0.01 * cos(turn), 0.01 * sin(turn), 0.0))
-    if trouble is Trouble.FRICTION:
+    if kind is PerturbationKind.FRICTION:
         return Perturbation(friction=float(chance.uniform(0.5, 1.0)))
-    if trouble is Trouble.LATENCY:
+    if kind is PerturbationKind.LATENCY:
         return Perturbation(latency_s=0.03)
     directions: Sequence[tuple[float, float]] = (_FRONT, _BACK, _SIDE)
     x, y = directions[seed % len(directions)]

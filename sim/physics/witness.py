@@ -79,7 +79,7 @@ class Witness:
     def switched(self, on: bool) -> None:
         """Torque has been switched."""
         if self._powered and not on and self._watch is not None:
-            self.parked = self._watch.parks(self._reader.read().q)
+            self.parked = self._watch.goes_to_rest(self._reader.read().q)
         self._powered = on
 
     def see_it_out(self) -> None:
@@ -199,7 +199,9 @@ def zmp_margins(robot: RobotBody, log: PhysicsLog, *, least_load: float) -> Floa
 # From who watched a simulated robot to what a report takes from it.
 
 
-def physics_run(witness: Witness, *, begun: float = 0.0, seed: int = 0, trouble: tuple[str, ...] = ()) -> PhysicsRun:
+def physics_run(
+    witness: Witness, *, begun: float = 0.0, seed: int = 0, perturbations: tuple[str, ...] = ()
+) -> PhysicsRun:
     """What was seen up to now. begun: the run's time, s, at the first look after torque went on."""
     log, world = witness.log, witness.simulation.world
     time = log.column("time")
@@ -207,7 +209,7 @@ def physics_run(witness: Witness, *, begun: float = 0.0, seed: int = 0, trouble:
     return PhysicsRun(
         mount=world.mount.support.value,
         seed=seed,
-        trouble=trouble,
+        perturbations=perturbations,
         fall=_fallen(witness.fall, later),
         toppled=_fallen(witness.toppled, later),
         time=time + later,

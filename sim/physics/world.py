@@ -82,7 +82,7 @@ def build_world(
     mount: Mount,
     perturbation: Perturbation,
     scene: Scene | None = None,
-    tell: Callable[[str], object] = lambda note: None,
+    notify: Callable[[str], object] = lambda note: None,
 ) -> World:
     """The world in which a robot begins with servo joints at `angles` (n,) rad, its soles on the floor at the origin.
 
@@ -106,7 +106,7 @@ def build_world(
     add_soles(spec, robot)
     if scene is not None:
         for name in add_fixtures(spec, scene, HERE if mount.support is Support.FLOOR else place):
-            tell(f"{name} moves: it is not part of the physics")
+            notify(f"{name} moves: it is not part of the physics")
     links = robot.body.body_names
     soles = tuple(robot.frame(foot.frame) for foot in robot.profile.feet.values())
     sort_shapes(spec, [links[sole.body] for sole in soles])

@@ -32,7 +32,7 @@ from retarget.report.outputs import Outputs
 from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import prepare
-from retarget.run.rest_trajectory import Parking
+from retarget.run.rest_trajectory import RestTrajectory
 from retarget.run.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
 from sim.mock_bus import MockBus, NoBus
@@ -94,7 +94,7 @@ def test_one_port_for_several_buses_is_refused(divided: RobotBody) -> None:
 def test_what_is_worth_a_note_goes_to_stderr(robot: RobotBody, capsys: pytest.CaptureFixture[str]) -> None:
     bus = make_bus("profile", robot, VirtualClock())
     assert isinstance(bus, DynamixelBus)
-    bus._tell("something")
+    bus._notify("something")
     assert capsys.readouterr() == ("", "note: something\n")
 
 
@@ -107,7 +107,7 @@ def play(asked: RunOptions, push: Push | None = None) -> RunResult:
     """As `follow_clip` plays it, with a push of our own."""
     bench = PhysicsBench(asked, lambda text: None)
     with prepare(
-        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=asked.has_physics
+        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=asked.has_physics
     ) as prepared:
         if push is not None:
             assert bench._bus is not None
@@ -128,7 +128,7 @@ def test_a_run_stands_reports_and_ends_parked(tmp_path: Path, capsys: pytest.Cap
     assert data["physics"]["mount"] == "floor" and data["physics"]["foot_slip_mm"]["total"] < 5.0
     shows_lines(capsys.readouterr().out, re.compile(r"^physics\b"))
     recorded = read_recording(recording)
-    assert recorded.session.parks and np.isfinite(recorded.topic(TRUTH).rows["q"]).any()
+    assert recorded.session.goes_to_rest and np.isfinite(recorded.topic(TRUTH).rows["q"]).any()
 
 
 def test_a_fall_ends_the_run_a_second_later_and_says_how() -> None:
@@ -155,13 +155,15 @@ def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
             assert not watching() and side.following is goes_on
         stop = side.guard.stop_reason
         assert stop is not None and stop.reason == "the robot has fallen: it lies"
-        assert stop.cause is StopCause.FALLEN and not side.guard.may_go_home
+        assert stop.cause is StopCause.FALLEN and not side.guard.may_go_to_rest
 
 
 def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
     asked = options(seconds=0.3)
     bench = PhysicsBench(asked, lambda text: None)
-    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=False) as prepared:
+    with prepare(
+        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=False
+    ) as prepared:
         run = prepared.run()
     run = bench.seen(run)  # torque went off while it stood, bent
     assert run.reason is None and run.physics is not None and run.physics.fall is not None
@@ -171,7 +173,7 @@ def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
 
 def test_a_robot_that_finds_no_way_to_where_it_is_parked_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     shows(play(options(seconds=0.1)).notes)
-    monkeypatch.setattr(Parking, "next", lambda self, q, **known: None)
+    monkeypatch.setattr(RestTrajectory, "next", lambda self, q, **known: None)
     run = play(options(seconds=0.1))
     shows(run.notes)
 
@@ -223,9 +225,9 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
     def walk() -> SensorFrames:
         return read_amc(shared / "mocap" / "cmu_asfamc" / "02_01.amc")
 
-    with prepare(walk, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
+    with prepare(walk, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True) as prepared:
         run = bench.seen(prepared.run())
-    assert [priorities.name for priorities in run.priorities] == ["human", "held"]
+    assert [priorities.name for priorities in run.priorities] == ["human", "fixed_base"]
     report = measure(run)
     assert report.servo_tracking_mm is not None and report.fallen is False
     for tracks in (report.tracking_mm, report.servo_tracking_mm):
@@ -233,16 +235,18 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
 
 
 def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> None:
-    asked = options(seconds=0.4, trouble=("mass", "friction", "push"), seed=5)
+    asked = options(seconds=0.4, perturbations=("mass", "friction", "push"), seed=5)
     bench = PhysicsBench(asked, lambda text: None)
-    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
+    with prepare(
+        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True
+    ) as prepared:
         assert bench._bus is not None
         simulation = bench._bus.witness.simulation
         assert simulation.perturbation.mass_scale != 1.0 and simulation.perturbation.friction != 0.8
         assert simulation._pushes == []
         run = bench.seen(prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared))))
     assert len(simulation._pushes) == 1
-    assert run.physics is not None and run.physics.trouble == ("mass", "friction", "push")
+    assert run.physics is not None and run.physics.perturbations == ("mass", "friction", "push")
     following = run.record.time[run.record.following]
     begun = simulation._pushes[0][0] * simulation.world.step + run.physics.time[0]
     assert following[0] < begun < following[-1] + 0.1
@@ -333,7 +337,7 @@ def test_a_live_run_is_watched_too(shared: Path, capsys: pytest.CaptureFixture[s
     [
         (("--bus", "physics", "--mount", "gantry"), "no hook point"),
         (("--bus", "physics", "--mount", "wall"), "unknown mount"),
-        (("--bus", "mock", "--trouble", "push"), "only a robot with mass"),
+        (("--bus", "mock", "--perturb", "push"), "only a robot with mass"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(

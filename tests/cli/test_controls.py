@@ -102,14 +102,14 @@ def played(
         assert isinstance(performer, LivePerformer) and prepared.side is not None
         guard = prepared.side.guard
         guard.limits = replace(guard.limits, max_hold=LONGEST_HOLD_S)
-        clutch = Clutch(performer, clock=rig.clock, tell=rig.said.append, guard=guard, dead_man=FakePedal(held))
-        controls = LiveControls(NoKeys(), stop, performer, clutch, tell=rig.said.append, guard=guard)
+        clutch = Clutch(performer, clock=rig.clock, notify=rig.said.append, guard=guard, dead_man=FakePedal(held))
+        controls = LiveControls(NoKeys(), stop, performer, clutch, notify=rig.said.append, guard=guard)
 
         def look() -> bool:
             states.append(guard.state.value)
             return controls.look() or len(states) * DT > most
 
-        return rig, prepared.run(Watch(stop_asked=look, cut_asked=controls.insisted)), states
+        return rig, prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop)), states
 
 
 def goals_of(result: RunResult) -> FloatArray:
@@ -178,7 +178,7 @@ def test_a_pedal_that_is_gone_is_let_go_and_said_once() -> None:
         assert isinstance(prepared.samples, LivePerformer) and prepared.side is not None
         pedal = FakePedal(lambda time: not pedal.lost)
         guard = prepared.side.guard
-        clutch = Clutch(prepared.samples, clock=rig.clock, tell=rig.said.append, guard=guard, dead_man=pedal)
+        clutch = Clutch(prepared.samples, clock=rig.clock, notify=rig.said.append, guard=guard, dead_man=pedal)
         seen = [(guard.paused, clutch.engaged)]
         for reason in ("", *3 * ("event7: No such device",)):
             pedal.lost = reason
@@ -192,7 +192,7 @@ def test_let_go_for_too_long_it_is_to_stop() -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
     with rig.prepared() as prepared:
         assert isinstance(prepared.samples, LivePerformer)
-        clutch = Clutch(prepared.samples, clock=rig.clock, tell=rig.said.append)
+        clutch = Clutch(prepared.samples, clock=rig.clock, notify=rig.said.append)
         seen = [clutch.expired]
         for seconds, act in (
             (0.0, clutch.pause),
@@ -211,7 +211,9 @@ def test_a_pause_counts_whatever_is_held(held: bool) -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
     with rig.prepared() as prepared:
         assert isinstance(prepared.samples, LivePerformer)
-        clutch = Clutch(prepared.samples, clock=rig.clock, tell=rig.said.append, dead_man=FakePedal(lambda time: held))
+        clutch = Clutch(
+            prepared.samples, clock=rig.clock, notify=rig.said.append, dead_man=FakePedal(lambda time: held)
+        )
         clutch.look("")
         seen = []
         for act in (clutch.pause, clutch.unpause):
@@ -390,14 +392,14 @@ def _run(
 ) -> RunResult:
     stop, performer = StopRequest(), prepared.samples
     assert isinstance(performer, LivePerformer) and prepared.side is not None
-    guard, tell = prepared.side.guard, rig.said.append
-    clutch = Clutch(performer, clock=rig.clock, tell=tell, guard=guard)
+    guard, notify = prepared.side.guard, rig.said.append
+    clutch = Clutch(performer, clock=rig.clock, notify=notify, guard=guard)
     controls = LiveControls(
         Typed(keys),
         stop,
         performer,
         clutch,
-        tell=tell,
+        notify=notify,
         clock=rig.clock,
         guard=guard,
         stop_file=stop_file,
@@ -411,7 +413,7 @@ def _run(
         each(looks)
         return controls.look()
 
-    return prepared.run(Watch(stop_asked=look, cut_asked=controls.insisted, why=controls.why))
+    return prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop, why=controls.why))
 
 
 def test_the_space_bar_stops_and_the_robot_is_parked() -> None:
@@ -478,8 +480,8 @@ def test_where_the_file_is_there_at_the_first_look_nothing_gets_torque(tmp_path:
     rig, stop = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0)), StopRequest()
     with rig.prepared() as prepared:
         assert isinstance(prepared.samples, LivePerformer)
-        clutch = Clutch(prepared.samples, clock=rig.clock, tell=rig.said.append)
-        controls = LiveControls(Typed({}), stop, prepared.samples, clutch, tell=rig.said.append, stop_file=file)
+        clutch = Clutch(prepared.samples, clock=rig.clock, notify=rig.said.append)
+        controls = LiveControls(Typed({}), stop, prepared.samples, clutch, notify=rig.said.append, stop_file=file)
         assert controls.look() and stop.why() == f"{file} is there"
 
 
@@ -491,12 +493,12 @@ def test_why_the_robot_stops_is_told_while_it_does() -> None:
         stop, performer, side = StopRequest(), prepared.samples, prepared.side
         assert isinstance(performer, LivePerformer) and side is not None
 
-        def tell(text: str) -> None:
+        def notify(text: str) -> None:
             rig.said.append(text)
             told.append(rig.bus.torque_on)
 
-        clutch = Clutch(performer, clock=rig.clock, tell=tell, guard=side.guard)
-        controls = LiveControls(Typed({}), stop, performer, clutch, tell=tell, clock=rig.clock, guard=side.guard)
+        clutch = Clutch(performer, clock=rig.clock, notify=notify, guard=side.guard)
+        controls = LiveControls(Typed({}), stop, performer, clutch, notify=notify, clock=rig.clock, guard=side.guard)
         looks = 0
 
         def look() -> bool:
@@ -507,7 +509,7 @@ def test_why_the_robot_stops_is_told_while_it_does() -> None:
             return controls.look()
 
         rig.said.clear()
-        prepared.run(Watch(stop_asked=look, cut_asked=controls.insisted, why=controls.why))
+        prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop, why=controls.why))
     line = "stopping: servo reports overload: l_knee (id 11)"
     assert rig.said.count(line) == 1 and told[-1] and not rig.bus.torque_on
     assert not any("stopping: " in text for text in live_controls_played({400: " "})[0].said)
@@ -550,8 +552,8 @@ def test_a_file_in_a_place_that_cannot_be_reached_stops_the_robot(tmp_path: Path
         rig, stop = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0)), StopRequest()
         with rig.prepared() as prepared:
             assert isinstance(prepared.samples, LivePerformer)
-            clutch = Clutch(prepared.samples, clock=rig.clock, tell=rig.said.append)
-            controls = LiveControls(Typed({}), stop, prepared.samples, clutch, tell=rig.said.append, stop_file=file)
+            clutch = Clutch(prepared.samples, clock=rig.clock, notify=rig.said.append)
+            controls = LiveControls(Typed({}), stop, prepared.samples, clutch, notify=rig.said.append, stop_file=file)
             for _ in range(5):
                 controls.look()
         assert stop() and stop.why() == f"{file} cannot be looked for ({reason})"
@@ -565,11 +567,11 @@ def test_a_stop_is_asked_before_it_is_told() -> None:
 
     with rig.prepared() as prepared:
         assert isinstance(prepared.samples, LivePerformer)
-        stop, clutch = StopRequest(), Clutch(prepared.samples, clock=rig.clock, tell=gone)
-        controls = LiveControls(Typed({1: " "}), stop, prepared.samples, clutch, tell=gone, clock=rig.clock)
+        stop, clutch = StopRequest(), Clutch(prepared.samples, clock=rig.clock, notify=gone)
+        controls = LiveControls(Typed({1: " "}), stop, prepared.samples, clutch, notify=gone, clock=rig.clock)
         with pytest.raises(BrokenPipeError):
             controls.look()
-        assert stop() and not stop.insisted()
+        assert stop() and not stop.forced_stop()
 
 
 def test_a_socket_holds_stops_and_tells_and_gives_no_motion(tmp_path: Path) -> None:
@@ -601,9 +603,9 @@ def test_a_pause_says_only_what_lets_it_go_on(tmp_path: Path) -> None:
         with rig.prepared() as prepared, ControlSocket(tmp_path / "control") as socket:
             performer = prepared.samples
             assert isinstance(performer, LivePerformer)
-            clutch = Clutch(performer, clock=rig.clock, tell=rig.said.append, dead_man=HeldKey("b"))
+            clutch = Clutch(performer, clock=rig.clock, notify=rig.said.append, dead_man=HeldKey("b"))
             keys = Typed({2: "p"}, terminal=terminal)
-            controls = LiveControls(keys, stop, performer, clutch, tell=rig.said.append, socket=socket)
+            controls = LiveControls(keys, stop, performer, clutch, notify=rig.said.append, socket=socket)
             with connect_to(socket.path) as client:
                 client.sendall(b"hold\n")
                 controls.look()

@@ -29,8 +29,8 @@ from retarget.cli.exit import (
     SIGNALS,
     STOPPED,
     Detached,
+    ForcedStopKey,
     Screen,
-    SecondPress,
     all_as_ctrl_c,
     careful_stdout,
     detached_screens,
@@ -216,7 +216,7 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
     with stop_on_signals() as asked:
         assert not asked()
         signal.raise_signal(number)
-        assert asked() and not asked.insisted()
+        assert asked() and not asked.forced_stop()
         assert asked.why() == REASONS[number.name] and number.name in asked.why().replace("Ctrl-C", "SIGINT")
         signal.raise_signal(signal.SIGINT)
         assert asked.why() == REASONS[number.name], "the first one stays"
@@ -227,10 +227,10 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
 def test_ctrl_c_after_another_signal_insists_and_does_not_raise(first: signal.Signals) -> None:
     with stop_on_signals() as asked:
         signal.raise_signal(first)
-        assert asked() and not asked.insisted()
+        assert asked() and not asked.forced_stop()
         for _ in range(3):
             signal.raise_signal(signal.SIGINT)
-            assert asked() and asked.insisted()
+            assert asked() and asked.forced_stop()
 
 
 def test_ctrl_c_that_is_held_asks_and_pressed_again_it_insists() -> None:
@@ -239,10 +239,10 @@ def test_ctrl_c_that_is_held_asks_and_pressed_again_it_insists() -> None:
         for _ in range(60):  # as a keyboard repeats it
             signal.raise_signal(signal.SIGINT)
             clock.advance(0.03)
-            assert asked() and not asked.insisted()
+            assert asked() and not asked.forced_stop()
         clock.advance(0.3)
         signal.raise_signal(signal.SIGINT)
-        assert asked.insisted()
+        assert asked.forced_stop()
 
 
 def test_ctrl_z_suspends_no_robot_that_moves() -> None:
@@ -252,7 +252,7 @@ def test_ctrl_z_suspends_no_robot_that_moves() -> None:
         assert signal.getsignal(signal.SIGTSTP) is before, "where nothing moves, it suspends"
     with stop_on_signals(moves=True) as asked:
         signal.raise_signal(signal.SIGTSTP)
-        assert asked() and not asked.insisted()
+        assert asked() and not asked.forced_stop()
         shows(asked.why())
     assert signal.getsignal(signal.SIGTSTP) is before
 
@@ -261,7 +261,7 @@ def test_a_service_that_is_told_twice_still_brakes() -> None:
     with stop_on_signals() as asked:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
             signal.raise_signal(number)
-        assert asked() and not asked.insisted()
+        assert asked() and not asked.forced_stop()
 
 
 def test_what_is_ignored_stays_ignored() -> None:
@@ -370,7 +370,7 @@ def test_any_command_whose_reader_has_left_is_quiet(words: list[str]) -> None:
 
 
 def presses(*times: float) -> list[bool]:
-    key = SecondPress()
+    key = ForcedStopKey()
     return [key.pressed(1, time) for time in times]
 
 
@@ -393,7 +393,7 @@ def test_twice_in_haste_is_once_until_it_is_pressed_again() -> None:
 def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) -> None:
     """For 4 s, looked at in every tick."""
     repeats = [phase, *(phase + delay + period * count for count in range(int(3.0 / period)))]
-    key, seen = SecondPress(), 0
+    key, seen = ForcedStopKey(), 0
     for look in range(int(5.0 / tick)):
         now = look * tick
         come = sum(time <= now for time in repeats)
@@ -403,7 +403,7 @@ def test_held_it_is_not(delay: float, period: float, tick: float, phase: float) 
 
 @pytest.mark.parametrize("stall", [0.25, 1.0])
 def test_held_and_read_late_it_is_not(stall: float) -> None:
-    key = SecondPress()
+    key = ForcedStopKey()
     key.pressed(1, 0.0)
     now = 0.5
     while now < 3.0:

@@ -117,8 +117,8 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
     with rig.prepared() as prepared:
         stop, performer = StopRequest(), prepared.samples
         assert isinstance(performer, LivePerformer)
-        clutch = Clutch(performer, clock=rig.clock, tell=rig.said.append)
-        controls = LiveControls(Keys(), stop, performer, clutch, tell=rig.said.append)
+        clutch = Clutch(performer, clock=rig.clock, notify=rig.said.append)
+        controls = LiveControls(Keys(), stop, performer, clutch, notify=rig.said.append)
         _wait_until_wanted(clutch, controls.look, performer, rig.clock)
         clutch.pause()
         begun = rig.clock.now()

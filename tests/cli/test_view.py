@@ -52,7 +52,7 @@ def test_the_button_is_a_stop_that_is_told_once() -> None:
     asked = page.heard(stop, stop)
     assert not asked() and not told
     feed.pressed = True
-    assert asked() and asked() and stop.why() == ON_THE_PAGE and not stop.insisted()
+    assert asked() and asked() and stop.why() == ON_THE_PAGE and not stop.forced_stop()
     assert told == [f"{ON_THE_PAGE}: stopping"]
 
 

@@ -9,7 +9,7 @@ from hardware.bus import ServoAlert
 from hardware.errors import TorqueError
 from hardware.guard_state import GuardState, StopCause
 from retarget.run.loop import Watch
-from retarget.run.rest_trajectory import SETTLE_S, ways_home
+from retarget.run.rest_trajectory import SETTLE_S, rest_trajectories
 from retarget.types import FloatArray
 from rig import Rig, play
 from sim.mock_bus import FaultKind, MockFault
@@ -18,7 +18,7 @@ from sim.mock_bus import FaultKind, MockFault
 def test_a_stop_ends_where_the_robot_is_parked() -> None:
     script = np.zeros((60, 20))
     script[:, 0] = 0.1 * np.sin(np.arange(60) / 10.0)
-    rig = Rig(script, parks=True)
+    rig = Rig(script, goes_to_rest=True)
     parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
     play(rig, Watch())
     np.testing.assert_allclose(rig.gate.position, parked, atol=1e-9)
@@ -26,7 +26,7 @@ def test_a_stop_ends_where_the_robot_is_parked() -> None:
 
 
 def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(np.zeros((40, 20)), parks=True)
+    rig = Rig(np.zeros((40, 20)), goes_to_rest=True)
     admit, homeward = rig.gate.admit, 0
 
     def walled(goal: FloatArray) -> FloatArray:
@@ -39,7 +39,7 @@ def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeyp
 
     monkeypatch.setattr(rig.gate, "admit", walled)
     play(rig, Watch())
-    tries = len(list(ways_home(rig.robot, dt=rig.dt)))
+    tries = len(list(rest_trajectories(rig.robot, dt=rig.dt)))
     assert 50 < homeward < 60 + tries * (round(SETTLE_S / rig.dt) + 2)  # it waits before each
     assert rig.guard.state is GuardState.IDLE and not rig.bus.torque_on
 
@@ -49,7 +49,7 @@ def test_a_robot_that_cannot_go_where_it_is_parked_stays_where_it_stands(monkeyp
 def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind, first: int) -> None:
     """Before the end of the clip, or on the way home: it brakes and stands."""
     fault = MockFault(kind, first, 10**6, servo=12, alert=ServoAlert.OVERLOAD)
-    rig = Rig(np.zeros((200, 20)), faults=(fault,), parks=True)
+    rig = Rig(np.zeros((200, 20)), faults=(fault,), goes_to_rest=True)
     with suppress(TorqueError):
         play(rig)
     parked = rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
@@ -59,7 +59,7 @@ def test_a_robot_with_which_something_is_wrong_does_not_go_home(kind: FaultKind,
 
 
 def test_a_warm_robot_lands_no_faster_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(np.zeros((40, 20)), parks=True)
+    rig = Rig(np.zeros((40, 20)), goes_to_rest=True)
     monkeypatch.setattr(type(rig.guard.health), "slow", property(lambda self: 0.25))
     landed = iter([rig.follower.stance.q] * 5)
     monkeypatch.setattr(rig.follower, "land", lambda dt: next(landed, None))
@@ -71,7 +71,7 @@ def test_a_warm_robot_lands_no_faster_than_it_may(monkeypatch: pytest.MonkeyPatc
 def test_a_fault_in_the_midst_of_a_landing_brakes_on_the_soles(monkeypatch: pytest.MonkeyPatch, followed: bool) -> None:
     """The follower knows a way to a stop there; each joint on its own would tip the robot."""
     fault = MockFault(FaultKind.ALERT, 120, 10**6, servo=12, alert=ServoAlert.OVERLOAD)
-    rig = Rig(np.zeros((40, 20)), faults=(fault,), parks=True)
+    rig = Rig(np.zeros((40, 20)), faults=(fault,), goes_to_rest=True)
     halts: list[int] = []
 
     def land(dt: float) -> FloatArray | None:
@@ -92,4 +92,4 @@ def test_a_fault_in_the_midst_of_a_landing_brakes_on_the_soles(monkeypatch: pyte
     play(rig)
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_ALERT
     assert 2 <= len(halts) < 50 and rig.gate.at_rest
-    assert not rig.side._parking._arrived
+    assert not rig.side._rest_trajectory._arrived

@@ -11,7 +11,7 @@ from guard_rig import MAP, START, Rig
 from hardware.arrays import FloatArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import BusError, GuardError
-from hardware.guard import CUT_POWER, GOING_HOME, LED_S, TORQUE_OFF, Halt, StopLatch, Think, Unled
+from hardware.guard import CUT_POWER, GOING_TO_REST, LED_S, TORQUE_OFF, Halt, NoCommand, StopLatch, Think
 from hardware.guard_state import GuardLimits, GuardState, StopCause
 from messages import refuses, shows
 from retarget.run.trajectory import approach
@@ -175,7 +175,7 @@ def test_a_stop_may_lead_on_to_where_the_robot_is_parked() -> None:
 
 @pytest.mark.parametrize("goal", ["where it stands", "not finite"])
 def test_a_robot_that_may_go_home_may_stand_and_think_on_its_way_but_not_for_ever(goal: str) -> None:
-    rig = Rig(limits=GuardLimits(max_home_ticks=50))
+    rig = Rig(limits=GuardLimits(max_rest_ticks=50))
     rig.guard.arm()
     rig.run(20)
     rig.guard.stop("space bar")
@@ -399,7 +399,7 @@ def test_a_stop_goes_along_the_callers_way() -> None:
 
 @pytest.mark.parametrize("way", ["faster than the filter lets", "not finite", "none", "fails"])
 def test_where_there_is_no_good_way_the_filter_brakes(way: str) -> None:
-    rig = Rig(limits=GuardLimits(max_home_ticks=0))
+    rig = Rig(limits=GuardLimits(max_rest_ticks=0))
     rig.guard.arm()
     rig.run(20)
     rig.guard.stop("space bar")
@@ -494,22 +494,22 @@ def test_the_first_reason_stays_and_a_second_is_added_once() -> None:
 @pytest.mark.parametrize("cause", list(StopCause))
 def test_only_what_is_no_fault_of_the_robot_leads_home(cause: StopCause) -> None:
     latch = StopLatch(GuardLimits())
-    assert latch.may_go_home
+    assert latch.may_go_to_rest
     latch.latch(cause, "x", 0.0)
-    assert latch.may_go_home == (cause in GOING_HOME)
+    assert latch.may_go_to_rest == (cause in GOING_TO_REST)
     latch.add(StopCause.FOLLOWING_ERROR, "stuck")
-    assert not latch.may_go_home or cause is StopCause.FOLLOWING_ERROR
+    assert not latch.may_go_to_rest or cause is StopCause.FOLLOWING_ERROR
 
 
 def test_the_way_home_does_not_spend_the_ticks_of_braking_and_ends_by_itself() -> None:
-    latch = StopLatch(GuardLimits(max_brake_ticks=5, max_home_ticks=100))
+    latch = StopLatch(GuardLimits(max_brake_ticks=5, max_rest_ticks=100))
     latch.begin()
     for _ in range(3):
         assert latch.spend(stood=False) is None
     for tick in range(100):
-        assert latch.may_go_home, tick
+        assert latch.may_go_to_rest, tick
         assert latch.spend(stood=tick == 0) is None
-    assert not latch.may_go_home
+    assert not latch.may_go_to_rest
     assert [latch.spend(stood=False) for _ in range(3)] == [None, None, 5]
 
 
@@ -525,7 +525,7 @@ def test_torque_that_is_off_after_all_needs_no_hand() -> None:
 DT = 0.008
 
 
-def led(watch: Unled, start: float, seconds: float) -> float:
+def led(watch: NoCommand, start: float, seconds: float) -> float:
     """Goals in every tick, from `start` on; the time after them, s."""
     ticks = round(seconds / DT)
     for tick in range(ticks):
@@ -534,7 +534,7 @@ def led(watch: Unled, start: float, seconds: float) -> float:
 
 
 def test_time_without_a_goal_counts_from_its_first_tick() -> None:
-    watch = Unled()
+    watch = NoCommand()
     watch.led(0.0)
     assert watch.lasted(1.0, on_purpose=False) == 0.0
     assert watch.lasted(1.5, on_purpose=False) == 0.5
@@ -542,14 +542,14 @@ def test_time_without_a_goal_counts_from_its_first_tick() -> None:
 
 @pytest.mark.parametrize(("seconds", "forgotten"), [(LED_S - 4 * DT, False), (LED_S + 4 * DT, True)])
 def test_only_half_a_second_of_goals_forgets_earlier_holds(seconds: float, forgotten: bool) -> None:
-    watch = Unled()
+    watch = NoCommand()
     assert watch.lasted(0.0, on_purpose=False) == 0.0
     now = led(watch, 1.0, seconds)
     assert watch.lasted(now, on_purpose=False) == (0.0 if forgotten else pytest.approx(now))
 
 
 def test_a_goal_now_and_then_leads_nowhere() -> None:
-    watch, lasted = Unled(), 0.0
+    watch, lasted = NoCommand(), 0.0
     for tick in range(1000):
         if tick % 2:
             watch.led(tick * DT)
@@ -559,7 +559,7 @@ def test_a_goal_now_and_then_leads_nowhere() -> None:
 
 
 def test_who_holds_it_on_purpose_leads_it() -> None:
-    watch = Unled()
+    watch = NoCommand()
     watch.lasted(0.0, on_purpose=False)
     assert watch.lasted(5.0, on_purpose=True) == 0.0
     assert watch.lasted(6.0, on_purpose=False) == 1.0

@@ -20,8 +20,8 @@ from hardware.servo_health import (
     CALM_S,
     DEAF_CYCLES,
     DEAF_S,
+    HIGHEST_ERROR_RATE,
     MOST_NEWS,
-    MOST_ROUGH,
     RAMP_S,
     LineHealth,
     Row,
@@ -77,8 +77,8 @@ def test_what_was_never_heard_is_not_lost(states: ServoStates) -> None:
 
 def test_a_rough_line_is_told(states: ServoStates) -> None:
     health = LineHealth(MAP)
-    assert health.rough(replace(states, rough=MOST_ROUGH - 0.01)) is None
-    shows(health.rough(replace(states, rough=0.75)))
+    assert health.error_rate(replace(states, error_rate=HIGHEST_ERROR_RATE - 0.01)) is None
+    shows(health.error_rate(replace(states, error_rate=0.75)))
 
 
 def test_the_guard_cuts_when_a_bus_is_deaf() -> None:
@@ -97,7 +97,7 @@ def test_the_guard_brakes_on_a_rough_line() -> None:
     rig.guard.arm()
     rig.run(30)
     read = rig.bus.read
-    rig.bus.read = lambda: replace(read(), rough=0.9)  # type: ignore[method-assign]
+    rig.bus.read = lambda: replace(read(), error_rate=0.9)  # type: ignore[method-assign]
     rig.clock.advance(DT)
     rig.guard.tick(rig.faster)
     assert rig.state() is GuardState.STOPPING
@@ -162,7 +162,7 @@ def test_a_silent_servo_is_lost_and_not_far_from_its_goal() -> None:
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_LOST
 
 
-LASTING = GuardLimits(max_age=0.1, following_error=0.5, lasting_error=0.2, lasting_time=0.2)
+LASTING = GuardLimits(max_age=0.1, following_error=0.5, sustained_error=0.2, sustained_time=0.2)
 
 
 def displaced(rig: Rig, by: float, ticks: int) -> None:
@@ -537,7 +537,7 @@ def test_every_row_stands_where_its_name_says() -> None:
 
 def test_levels_are_those_of_the_limits() -> None:
     limits = GuardLimits(
-        max_temperature=65.0, warn_temperature=60.0, lasting_error=0.2, lasting_time=0.3, max_current=2.0
+        max_temperature=65.0, warn_temperature=60.0, sustained_error=0.2, sustained_time=0.3, max_current=2.0
     )
     rows = watched(limits)
     assert rows[Row.TEMPERATURE].stop == (-inf, 65.0) and rows[Row.TEMPERATURE].warn == (-inf, 60.0)
@@ -549,21 +549,21 @@ def test_levels_are_those_of_the_limits() -> None:
 
 def test_servos_are_named_with_their_values() -> None:
     rows, values = watched(GuardLimits()), np.array([61.4, 0.0, np.nan, 70.0])
-    names = name_servos(four_servos(), np.array([True, False, True, False]), rows[Row.TEMPERATURE].tell, values)
+    names = name_servos(four_servos(), np.array([True, False, True, False]), rows[Row.TEMPERATURE].in_words, values)
     assert names == "shoulder (id 1) 61, waist (id 3) not known"
     alerts = np.array([0x24, 0.0, 0x02, 0.0])
-    named = name_servos(four_servos(), alerts > 0, rows[Row.ALERT].tell, alerts)
+    named = name_servos(four_servos(), alerts > 0, rows[Row.ALERT].in_words, alerts)
     assert named == "shoulder (id 1) OVERHEATING+OVERLOAD, waist (id 3) 0x02"
 
 
 def test_all_servos_are_named_as_such() -> None:
     rows, every = watched(GuardLimits()), np.ones(4, dtype=bool)
-    volts, degrees = rows[Row.VOLTAGE].tell, rows[Row.TEMPERATURE].tell
+    volts, degrees = rows[Row.VOLTAGE].in_words, rows[Row.TEMPERATURE].in_words
     assert name_servos(four_servos(), every, volts, np.full(4, 10.2)) == "all 4 servos 10.2 V"
     assert (
         name_servos(four_servos(), every, volts, np.array([10.2, 10.1, 10.2, 10.1])) == "all 4 servos 10.1 V and 10.2 V"
     )
     assert name_servos(four_servos(), every, degrees, np.array([63.0, 60.0, 61.0, 62.0])) == "all 4 servos 60 to 63"
-    assert name_servos(four_servos(), every, rows[Row.AGE].tell, np.ones(4)) == "all 4 servos"
+    assert name_servos(four_servos(), every, rows[Row.AGE].in_words, np.ones(4)) == "all 4 servos"
     few = four_servos()[:3]
     assert name_servos(few, np.ones(3, dtype=bool), volts, np.full(3, 10.2)).count("(id") == 3

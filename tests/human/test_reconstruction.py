@@ -11,10 +11,10 @@ import people
 from reconstructions import Run, reconstruct, thinned, turned
 from retarget import rotations
 from retarget.frames import SensorFrames, SensorSample
-from retarget.human.reconstruction import WornSensors
+from retarget.human.reconstruction import SensorLayout
 from retarget.model.human import build_human, human_limits
 from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS, proportional_dimensions
-from retarget.schema.performer import Performer, WornSensor
+from retarget.schema.performer import Performer, PerformerSensor
 from retarget.types import Carrying
 from sim.performer import synthetic_performer
 
@@ -176,9 +176,9 @@ PERFORMER = Performer(
     name="p",
     description="p",
     sensors={
-        "head": WornSensor(joint="head", orientation=True),
-        "l_wrist": WornSensor(joint="l_wrist", orientation=True),
-        "pelvis": WornSensor(joint="pelvis"),
+        "head": PerformerSensor(joint="head", orientation=True),
+        "l_wrist": PerformerSensor(joint="l_wrist", orientation=True),
+        "pelvis": PerformerSensor(joint="pelvis"),
     },
 )
 TURN = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.array(0.5))
@@ -191,7 +191,7 @@ def sample() -> SensorSample:
 
 
 def test_rows_are_the_performers_whatever_the_source_has() -> None:
-    worn = WornSensors(PERFORMER, HUMAN, None)
+    worn = SensorLayout(PERFORMER, HUMAN, None)
     position, valid = worn.read(sample())
     assert worn.names == ("head", "l_wrist", "pelvis") and [POINTS[i] for i in worn.joints] == list(worn.names)
     assert position[:2] == pytest.approx(np.array([[3.0, 4.0, 5.0], [0.0, 1.0, 2.0]]))
@@ -201,7 +201,7 @@ def test_rows_are_the_performers_whatever_the_source_has() -> None:
 def test_positions_that_are_no_numbers_are_not_valid() -> None:
     broken = sample()
     broken.position[1, 2] = np.nan
-    _, valid = WornSensors(PERFORMER, HUMAN, None).read(broken)
+    _, valid = SensorLayout(PERFORMER, HUMAN, None).read(broken)
     assert list(valid) == [False, True, False]
 
 
@@ -210,7 +210,7 @@ def test_orientations_are_those_of_the_links() -> None:
     rest = np.tile(rotations.IDENTITY, (len(HUMAN_JOINTS), 1))
     t_pose = rotations.from_axis_angle(np.array([1.0, 0.0, 0.0]), np.array(np.pi / 2))
     rest[[joint.name for joint in HUMAN_JOINTS].index("l_wrist")] = t_pose
-    worn = WornSensors(PERFORMER, HUMAN, rest)
+    worn = SensorLayout(PERFORMER, HUMAN, rest)
     worn.read(sample())
     head, hand = worn.orientations(sample())
     assert (head.sensor, hand.sensor) == ("head", "l_wrist")
@@ -221,6 +221,6 @@ def test_orientations_are_those_of_the_links() -> None:
 def test_unknown_orientations_are_left_out() -> None:
     unknown = sample()
     unknown.orientation[0] = np.nan
-    worn = WornSensors(PERFORMER, HUMAN, None)
+    worn = SensorLayout(PERFORMER, HUMAN, None)
     worn.read(unknown)
     assert [turn.sensor for turn in worn.orientations(unknown)] == ["head"]

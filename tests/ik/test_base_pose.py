@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from followers import op3
-from retarget.ik.base_pose import EitherSole, plant_root, plant_roots
-from retarget.ik.gravity_torque import CARRIES_BELOW_M, CarriedLoad
+from retarget.ik.base_pose import SupportFootBase, plant_root, plant_roots
+from retarget.ik.gravity_torque import CARRIES_BELOW_M, GravityTorque
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import load_robot
 from retarget.rotations import normalise
@@ -29,7 +29,7 @@ def bent(side: str, knee: float) -> FloatArray:
 @pytest.mark.parametrize(("side", "other"), [("l", "r_sole"), ("r", "l_sole")])
 def test_the_sole_of_the_straighter_leg_is_where_it_was_planted(side: str, other: str) -> None:
     q = bent(side, 0.3)
-    heights = EitherSole(op3(), STANCE).plant(q)
+    heights = SupportFootBase(op3(), STANCE).plant(q)
     place = next(sole.position for sole in STANCE.soles if sole.frame.name == other)
     assert np.abs(op3().points(q[None], (other,))[0, 0] - place).max() < 1e-9
     assert sorted(heights)[0] == pytest.approx(0.0, abs=1e-12) and sorted(heights)[1] > 0.005
@@ -37,13 +37,13 @@ def test_the_sole_of_the_straighter_leg_is_where_it_was_planted(side: str, other
 
 def test_on_both_it_is_as_with_planted_soles() -> None:
     q, same = bent("l", 0.0), bent("l", 0.0)
-    EitherSole(op3(), STANCE).plant(q)
+    SupportFootBase(op3(), STANCE).plant(q)
     plant_root(op3(), STANCE.q, same)
     assert np.abs(q - same).max() < 1e-6
 
 
 def test_a_sole_in_the_air_carries_nothing_and_none_leaps() -> None:
-    load, still = CarriedLoad(op3(), STANCE), np.zeros(3)
+    load, still = GravityTorque(op3(), STANCE), np.zeros(3)
     both = load.torques(STANCE.q, still)
     assert (load.torques(STANCE.q, still, heights=np.zeros(2)) == both).all()
     alone = load.torques(STANCE.q, still, heights=np.array([0.0, 1.0]))

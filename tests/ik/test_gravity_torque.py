@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from followers import op3
 from hardware.servo import full_drive_error, loop_stiffness
 from retarget.ik.base_pose import plant_root
-from retarget.ik.gravity_torque import CarriedLoad, servo_give
+from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.robot import load_robot
 from retarget.types import FloatArray
@@ -58,7 +58,7 @@ def by_inverse_dynamics(q: FloatArray, pressed: FloatArray) -> FloatArray:
 def test_at_rest_it_is_what_statics_say(arms: float, crouch: float) -> None:
     q = posture(arms, crouch)
     com = op3().body.solver_body().centre_of_mass(q[None])[0]
-    torque = CarriedLoad(op3(), standing()).torques(q, np.zeros(3))
+    torque = GravityTorque(op3(), standing()).torques(q, np.zeros(3))
     np.testing.assert_allclose(torque, by_inverse_dynamics(q, com[:2]), atol=1e-6)
     assert np.abs(torque[:6]).max() < 1e-9 and np.abs(torque[6:]).max() > 0.2
 
@@ -67,7 +67,7 @@ def test_at_rest_it_is_what_statics_say(arms: float, crouch: float) -> None:
 def test_the_root_of_a_robot_that_stands_asks_for_nothing(name: str) -> None:
     robot = load_robot(name)
     stance = plant(robot, robot.profile.postures.stand)
-    load = CarriedLoad(robot, stance)
+    load = GravityTorque(robot, stance)
     for push in ([0.0, 0.0, 0.0], [0.3, -0.2, 0.0], [0.0, 0.4, -2.0]):
         torque = load.torques(stance.q, np.array(push))
         # What is not balanced: the soles' middles are not quite at one height in a posture that is taken as flat.
@@ -76,7 +76,7 @@ def test_the_root_of_a_robot_that_stands_asks_for_nothing(name: str) -> None:
 
 def test_who_falls_freely_carries_nothing() -> None:
     q = posture(0.1, 0.2)
-    torque = CarriedLoad(op3(), standing()).torques(q, np.array([0.0, 0.0, -9.81 * (1.0 - 1e-9)]))
+    torque = GravityTorque(op3(), standing()).torques(q, np.array([0.0, 0.0, -9.81 * (1.0 - 1e-9)]))
     assert np.abs(torque).max() < 1e-6
 
 
@@ -84,7 +84,7 @@ def test_who_leans_to_one_side_carries_it_with_that_leg() -> None:
     stance = standing()
     left = op3().body.dof_index("l_knee")
     right = op3().body.dof_index("r_knee")
-    load = CarriedLoad(op3(), stance)
+    load = GravityTorque(op3(), stance)
     # To the right, so that the soles press on the left.
     torque = load.torques(stance.q, np.array([0.0, -1.5, 0.0]))
     assert abs(torque[left]) > 2.0 * abs(torque[right]) > 0.0
@@ -98,7 +98,7 @@ def test_a_servo_at_full_drive_is_as_far_off_as_it_gives_way_under_its_stall_tor
     robot = load_robot("op3")
     servo = robot.joint_map.servos[0]
     assert servo.gains.position_p is not None
-    give = servo_give(robot)
+    give = joint_compliance(robot)
     stalled = full_drive_error(servo.model, float(servo.gains.position_p))
     assert give[0, 0] * servo.model.stall_torque == pytest.approx(stalled)
     assert 1.0 / give[0, 0] == pytest.approx(18.9, abs=0.1)  # N m/rad, as docs/physics.md says
@@ -110,7 +110,7 @@ def test_a_gear_makes_a_joint_stiffer_by_its_square() -> None:
     servos = robot.joint_map.servos
     row = next(row for row, servo in enumerate(servos) if servo.gear != 1.0 and servo.coupling is None)
     shaft = 1.0 / loop_stiffness(servos[row], protocol=2)
-    assert servo_give(robot)[row, row] == pytest.approx(shaft / servos[row].gear ** 2)
+    assert joint_compliance(robot)[row, row] == pytest.approx(shaft / servos[row].gear ** 2)
 
 
 def test_coupled_joints_strain_the_shafts_by_what_they_are_strained_by() -> None:
@@ -123,5 +123,5 @@ def test_coupled_joints_strain_the_shafts_by_what_they_are_strained_by() -> None
     stiffness = np.array([loop_stiffness(servos[row], protocol=2) for row in pair])
     joints = np.array([0.3, -0.7])  # [N m]
     shafts = np.array(coupling.matrix).T @ joints  # of equal power
-    energy = joints @ servo_give(robot)[np.ix_(pair, pair)] @ joints
+    energy = joints @ joint_compliance(robot)[np.ix_(pair, pair)] @ joints
     assert energy == pytest.approx(float((shafts**2 / stiffness).sum()))

@@ -8,7 +8,7 @@ import pytest
 
 from messages import refuses
 from retarget.errors import ConfigError
-from retarget.ik.hierarchy import Hierarchy, Surroundings, body_frames
+from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.support_polygon import half_spaces
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import Human, build_human, human_limits
@@ -176,14 +176,14 @@ class Listener:
     def set_obstacles(self, poses: ObstaclePoses) -> None:
         self.told.append(poses)
 
-    def tick(self, around: Surroundings, dt: float = 0.5) -> tuple[float, float]:
+    def tick(self, around: SceneObstacles, dt: float = 0.5) -> tuple[float, float]:
         """Place and speed along x that one tick tells."""
         around.tick(cast(Hierarchy, self), dt)
         return float(self.told[-1].position[0, 0]), float(self.told[-1].linear_velocity[0, 0])
 
 
-def ball() -> Surroundings:
-    return Surroundings(SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": {"b": BALL}})))
+def ball() -> SceneObstacles:
+    return SceneObstacles(SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": {"b": BALL}})))
 
 
 def test_time_goes_by_as_ever_for_obstacles_and_they_seem_faster_to_a_slow_robot() -> None:
@@ -226,7 +226,7 @@ def test_a_restart_is_a_rest_at_the_beginning() -> None:
 
 
 def test_without_a_scene_nobody_is_told_anything() -> None:
-    around, listener = Surroundings(None), Listener()
+    around, listener = SceneObstacles(None), Listener()
     around.begin()
     around.tick(cast(Hierarchy, listener), 1.0)
     assert not listener.told and around.shapes is NO_SCENE

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from retarget.errors import UsageError
-from retarget.live.address import ANYBODY, KINDS, StreamAddress, interface_towards, local_interfaces, parse_address
+from retarget.live.address import ANY_ADDRESS, KINDS, StreamAddress, interface_towards, local_interfaces, parse_address
 
 HOST = (IPv4Network("192.168.1.5"),)
 
@@ -161,7 +161,7 @@ def test_whatever_is_written_nothing_listens_to_others_unasked(text: str) -> Non
         return
     assert 0 <= address.port <= 65_535 and address.kind in KINDS
     if not address.bind.startswith("127."):
-        assert "allow=" in text or address.allow != (ANYBODY,)
+        assert "allow=" in text or address.allow != (ANY_ADDRESS,)
 
 
 def test_loopback_is_listed_and_every_address_is_one() -> None:

@@ -71,7 +71,7 @@ def begun(*faults: SenderFault, within: float = 1.5) -> list[str]:
     sender.faults = list(faults)
     stream = live_stream(sender, five())
     options = LiveOptions(countdown=0.5, check_sides=True)
-    begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=said.append)
+    begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=said.append)
     assert clock.now() < BEGINS_S + within
     return said
 
@@ -114,7 +114,7 @@ def test_a_stream_that_falls_silent_meanwhile_is_told_at_once_and_is_the_reason(
             clock=clock,
             rate_hz=100.0,
             where=WHERE,
-            tell=said.append,
+            notify=said.append,
         )
     assert said[-1].startswith("nothing has arrived for 1.0 s") and "--no-check-sides" not in str(refusal.value)
 
@@ -158,7 +158,7 @@ def test_whoever_was_measured_keeps_the_stream_though_silent() -> None:
     stream = live_stream(sender, five())
     options = LiveOptions(countdown=0.5, check_sides=True)
     with refuses(InputError):
-        begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, tell=lambda text: None)
+        begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, notify=lambda text: None)
     assert stream.admission.owner == sender.source and stream.admission.refused.reasons[SECOND_SOURCE] > 900
 
 

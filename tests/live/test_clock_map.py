@@ -156,7 +156,7 @@ def test_one_late_datagram_changes_nothing(late: float) -> None:
     assert clock.dropped.count == (late > 0.1)
 
 
-LEAPS: dict[str, tuple[Callable[[float], float], JumpKind]] = {
+JUMPS: dict[str, tuple[Callable[[float], float], JumpKind]] = {
     "restart": (lambda t: t - 1003.0, JumpKind.RESTARTED),
     "an hour back": (lambda t: t - 3600.0 + 1e5, JumpKind.BACK),
     "an hour on": (lambda t: t + 3600.0 + 1e5, JumpKind.FORWARD),
@@ -166,10 +166,10 @@ LEAPS: dict[str, tuple[Callable[[float], float], JumpKind]] = {
 }
 
 
-@pytest.mark.parametrize("leap", LEAPS)
+@pytest.mark.parametrize("leap", JUMPS)
 @pytest.mark.parametrize("rate", [30.0, 232.0])
-def test_a_clock_that_leaps_is_followed_within_a_second_and_time_goes_on(leap: str, rate: float) -> None:
-    after, kind = LEAPS[leap]
+def test_a_clock_that_leaps_is_followed_within_a_second_and_time_goes_on(jump: str, rate: float) -> None:
+    after, kind = JUMPS[jump]
     capture = frames(6.0, rate)
     clock = ClockMap()
     mapped = feed(clock, capture, delays(len(capture), 5), lambda t: t + 1e5 if t < 1003.0 else after(t))
@@ -180,7 +180,7 @@ def test_a_clock_that_leaps_is_followed_within_a_second_and_time_goes_on(leap: s
     assert np.abs(mapped - capture)[settled].max() < 0.0015
     kept = ~np.isnan(mapped)
     assert kept[settled].all()
-    if leap != "80 ms back":
+    if jump != "80 ms back":
         assert (np.diff(mapped[kept]) > 0.0).all()
     assert (mapped[kept] <= (capture + 0.006)[kept]).all()
 

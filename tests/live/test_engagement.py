@@ -10,15 +10,15 @@ from retarget.frames import SensorSample
 from retarget.live.engagement import (
     LONGEST_STEP,
     PEAK,
+    Debounce,
     Engaged,
     Engagement,
     EngagementTimes,
-    Lasting,
-    Rejoin,
-    RejoinTimes,
-    TurningBack,
+    ReacquisitionBlend,
+    ReacquisitionTimes,
+    ReacquisitionTurn,
 )
-from retarget.live.sensor_validity import TrustState
+from retarget.live.sensor_validity import ValidityState
 from retarget.rotations import from_axis_angle
 from retarget.types import FloatArray
 
@@ -121,34 +121,34 @@ def test_the_robot_has_all_of_its_speed_when_the_way_back_is_over_and_never_in_a
 
 
 def test_what_was_bad_must_be_good_for_so_long_without_a_gap() -> None:
-    lasting = Lasting(0.5)
-    assert [lasting.step(t, good=True) for t in (0.0, 0.3, 0.5, 0.6)] == [False, False, True, True]
-    assert [lasting.step(t, good=good) for t, good in ((0.7, False), (0.8, True), (1.2, False), (1.6, True))] == [
+    sustained = Debounce(0.5)
+    assert [sustained.step(t, good=True) for t in (0.0, 0.3, 0.5, 0.6)] == [False, False, True, True]
+    assert [sustained.step(t, good=good) for t, good in ((0.7, False), (0.8, True), (1.2, False), (1.6, True))] == [
         False
     ] * 4
-    assert lasting.step(2.1, good=True)
-    lasting.restart()
-    assert not lasting.step(2.2, good=True)
+    assert sustained.step(2.1, good=True)
+    sustained.restart()
+    assert not sustained.step(2.2, good=True)
 
 
 def test_what_was_good_until_now_needs_no_time() -> None:
-    lasting = Lasting(0.5, good=True)
-    assert lasting.step(0.0, good=True) and not lasting.step(0.1, good=False) and not lasting.step(0.2, good=True)
+    sustained = Debounce(0.5, good=True)
+    assert sustained.step(0.0, good=True) and not sustained.step(0.1, good=False) and not sustained.step(0.2, good=True)
 
 
-FRESH = np.array([TrustState.FRESH], dtype=np.uint8)
-LOST = np.array([TrustState.STALE], dtype=np.uint8)
+FRESH = np.array([ValidityState.FRESH], dtype=np.uint8)
+LOST = np.array([ValidityState.STALE], dtype=np.uint8)
 
 
 def weights(states: list[np.ndarray], *, full: bool = True) -> np.ndarray:
-    rejoin = Rejoin(1)
+    reacquisition = ReacquisitionBlend(1)
     if full:
-        rejoin.start(FRESH)
-    return np.array([rejoin.step(state, DT)[0] for state in states])
+        reacquisition.start(FRESH)
+    return np.array([reacquisition.step(state, DT)[0] for state in states])
 
 
-@pytest.mark.parametrize("state", [state for state in TrustState if state is not TrustState.FRESH])
-def test_who_is_not_believed_is_out_within_a_tenth_of_a_second(state: TrustState) -> None:
+@pytest.mark.parametrize("state", [state for state in ValidityState if state is not ValidityState.FRESH])
+def test_who_is_not_believed_is_out_within_a_tenth_of_a_second(state: ValidityState) -> None:
     way = weights([np.array([state], dtype=np.uint8)] * 20)
     assert (way[9:] == 0.0).all() and way[0] > 0.9 and (np.diff(way) <= 0.0).all()
 
@@ -173,9 +173,9 @@ def test_who_flickers_once_goes_all_the_way_out_first() -> None:
 def test_nobody_takes_part_at_first_and_whoever_is_believed_after_a_start() -> None:
     assert weights([FRESH], full=False)[0] == 0.0
     assert weights([FRESH])[0] == 1.0
-    rejoin = Rejoin(2)
-    rejoin.start(np.array([TrustState.FRESH, TrustState.NOT_WORN], dtype=np.uint8))
-    assert rejoin.weights.tolist() == [1.0, 0.0]
+    reacquisition = ReacquisitionBlend(2)
+    reacquisition.start(np.array([ValidityState.FRESH, ValidityState.NOT_IN_USE], dtype=np.uint8))
+    assert reacquisition.weights.tolist() == [1.0, 0.0]
 
 
 @settings(max_examples=40)
@@ -187,11 +187,11 @@ def test_nobody_takes_part_at_first_and_whoever_is_believed_after_a_start() -> N
     )
 )
 def test_weights_never_jump(ticks: list[tuple[int, float]]) -> None:
-    rejoin = Rejoin(1)
-    rejoin.start(FRESH)
-    before, steepest = 1.0, 1.5 / RejoinTimes().leave
+    reacquisition = ReacquisitionBlend(1)
+    reacquisition.start(FRESH)
+    before, steepest = 1.0, 1.5 / ReacquisitionTimes().leave
     for state, dt in ticks:
-        after = float(rejoin.step(np.array([state], dtype=np.uint8), dt)[0])
+        after = float(reacquisition.step(np.array([state], dtype=np.uint8), dt)[0])
         assert 0.0 <= after <= 1.0
         assert abs(after - before) <= steepest * min(max(dt, 0.0), LONGEST_STEP) + 1e-12
         before = after
@@ -200,10 +200,10 @@ def test_weights_never_jump(ticks: list[tuple[int, float]]) -> None:
 @pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
 def test_times_are_checked(wrong: float) -> None:
     with pytest.raises(UsageError):
-        RejoinTimes(blend=wrong)
+        ReacquisitionTimes(blend=wrong)
 
 
-def turning_back_sample(angle: float, weight: float | None, *, valid: bool = True) -> SensorSample:
+def reacquisition_sample(angle: float, weight: float | None, *, valid: bool = True) -> SensorSample:
     turn = from_axis_angle([0.0, 0.0, 1.0], angle)[None]
     share: FloatArray | None = None if weight is None else np.array([weight])
     return SensorSample(("head",), np.zeros((1, 3)), turn, np.array([valid]), share)
@@ -214,14 +214,14 @@ def angle(shown: SensorSample) -> float:
 
 
 def test_it_is_turned_by_its_weight_from_where_it_was_last() -> None:
-    turning = TurningBack(1)
-    assert angle(turning.step(turning_back_sample(0.3, 1.0))) == pytest.approx(0.3)
-    turning.step(turning_back_sample(2.0, 0.0, valid=False))
-    got = [angle(turning.step(turning_back_sample(1.3, weight))) for weight in (0.0, 0.25, 0.5, 1.0)]
+    turning = ReacquisitionTurn(1)
+    assert angle(turning.step(reacquisition_sample(0.3, 1.0))) == pytest.approx(0.3)
+    turning.step(reacquisition_sample(2.0, 0.0, valid=False))
+    got = [angle(turning.step(reacquisition_sample(1.3, weight))) for weight in (0.0, 0.25, 0.5, 1.0)]
     assert got == pytest.approx([0.3, 0.55, 0.8, 1.3])
 
 
 def test_who_was_never_known_or_takes_part_in_full_is_as_it_is() -> None:
-    turning = TurningBack(1)
-    assert angle(turning.step(turning_back_sample(1.0, 0.1))) == pytest.approx(1.0)
-    assert angle(turning.step(turning_back_sample(0.7, None))) == pytest.approx(0.7)
+    turning = ReacquisitionTurn(1)
+    assert angle(turning.step(reacquisition_sample(1.0, 0.1))) == pytest.approx(1.0)
+    assert angle(turning.step(reacquisition_sample(0.7, None))) == pytest.approx(0.7)

@@ -47,7 +47,7 @@ def begun(
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=list(faults)), performer or five())
     options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S, person=person, recalibrate=recalibrate)
-    found = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=said.append)
+    found = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=said.append)
     return found, said, clock.now()
 
 
@@ -110,7 +110,7 @@ def test_a_file_that_is_unsound_is_refused_before_the_stream_is_waited_for() -> 
             clock=clock,
             rate_hz=100.0,
             where=WHERE,
-            tell=lambda text: None,
+            notify=lambda text: None,
         )
     assert clock.now() == 0.0
 
@@ -129,7 +129,7 @@ def test_a_known_size_is_told_as_such() -> None:
     clock, stream = VirtualClock(), live_stream(FakeSender(), five())
     size = proportional_dimensions(1.72)
     options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S)
-    found = measure(stream, options, size, clock=clock, where=WHERE, tell=said.append)
+    found = measure(stream, options, size, clock=clock, where=WHERE, notify=said.append)
     assert found.dimensions is size
     assert said[-1] == f"known: 1.72 m tall ({size.origin})"
 
@@ -142,7 +142,7 @@ def test_a_stream_that_falls_silent_is_told_as_the_reason_and_no_tracker_is_blam
     clock.advance(0.4)
     options = LiveOptions(patience=2.0, countdown=COUNTDOWN_S)
     with refuses(InputError):
-        measure(stream, options, None, clock=clock, where=WHERE, tell=said.append)
+        measure(stream, options, None, clock=clock, where=WHERE, notify=said.append)
     assert sum("nothing has arrived for 1.0 s" in text for text in said) == 1
 
 
@@ -158,7 +158,7 @@ def test_what_was_in_the_way_for_longest_is_told_and_not_what_came_last() -> Non
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=[hidden_and_moved]), five())
     options = LiveOptions(patience=3.5, countdown=COUNTDOWN_S)
     with refuses(InputError, found="head"):
-        measure(stream, options, None, clock=clock, where=WHERE, tell=lambda text: None)
+        measure(stream, options, None, clock=clock, where=WHERE, notify=lambda text: None)
     assert clock.now() > 4.5
 
 
@@ -175,7 +175,7 @@ def test_a_busy_machine_is_not_taken_for_a_silent_stream() -> None:
     clock, stream = SlowClock(), live_stream(FakeSender(rate_hz=120.0), five())
     with suppress(InputError):  # with so few looks nobody can be measured
         options = LiveOptions(patience=6.0, countdown=0.0)
-        measure(stream, options, None, clock=clock, where=WHERE, tell=said.append)
+        measure(stream, options, None, clock=clock, where=WHERE, notify=said.append)
     assert stream.arrived > 600
     shows(said)
 

@@ -16,7 +16,7 @@ from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
 from retarget.live.receivers import NatnetReceiver, session_for
 from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import Trust
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import load_performer
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -62,7 +62,7 @@ class Lab:
             roles,
             admission=admission_for(address),
             clock_map=ClockMap(),
-            trust=Trust(roles.sensors),
+            validity=SensorValidity(roles.sensors),
             playout=Playout(len(roles.sensors), delay=None),
         )
         self._server, self._receiver, self._transport = server, receiver, transport

@@ -26,7 +26,7 @@ FIVE = only("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 def begun(performer: Performer, *faults: SenderFault) -> LivePerformer:
     stream, clock = live_stream(FakeSender(faults=list(faults)), performer), VirtualClock()
     options = LiveOptions(patience=1.0, countdown=0.2)
-    found = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=lambda text: None)
+    found = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=lambda text: None)
     assert isinstance(found.samples, LivePerformer)
     return found.samples
 

@@ -18,7 +18,7 @@ from retarget.live.admission import MOST_PER_POLL, Datagram
 from retarget.live.receivers import (
     NOT_THE_SENDER,
     NOT_THE_SERVER,
-    REJOIN_S,
+    REACQUISITION_S,
     SECOND_CONNECTION,
     SILENT_S,
     NatnetReceiver,
@@ -114,7 +114,7 @@ def test_a_group_that_cannot_be_joined_is_told_and_tried_again() -> None:
             assert receiver._frames is before
         receiver.poll(CLOCK.now())
         assert receiver.trouble, "not before its time"
-        receiver.poll(CLOCK.now() + REJOIN_S)
+        receiver.poll(CLOCK.now() + REACQUISITION_S)
         assert receiver.trouble == "" and receiver._frames is not None and receiver._frames.port == port
 
 

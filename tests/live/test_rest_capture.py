@@ -22,7 +22,7 @@ from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
 from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align, told_skeleton
 from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import Trust
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.model.human_dimensions import POINTS, HumanDimensions, proportional_dimensions
 from retarget.schema.performer import load_performer
@@ -229,11 +229,11 @@ def begun(sender: MvnSender, *, mirror: bool = False) -> tuple[Performance, list
         roles,
         admission=Admission(),
         clock_map=ClockMap(resolution=1e-3),
-        trust=Trust(roles.sensors),
+        validity=SensorValidity(roles.sensors),
         playout=Playout(len(roles.sensors), delay=None),
     )
     options = LiveOptions(countdown=0.2, mirror=mirror)
-    found = begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where="mvn://:9763", tell=said.append)
+    found = begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where="mvn://:9763", notify=said.append)
     return found, said
 
 

@@ -21,7 +21,7 @@ from retarget.live.roles import (
     roles_of,
 )
 from retarget.rotations import from_axis_angle, multiply, rotate
-from retarget.schema.performer import Performer, WornSensor, load_performer
+from retarget.schema.performer import Performer, PerformerSensor, load_performer
 from retarget.sources.stream_frame import StreamFrame
 from retarget.sources.vmc import BONES
 
@@ -73,7 +73,9 @@ def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_told() ->
 
 
 def test_what_a_datagram_does_not_tell_stays_untold() -> None:
-    performer = Performer(name="p", description="d", sensors={"l_knee": WornSensor(joint="l_knee", orientation=True)})
+    performer = Performer(
+        name="p", description="d", sensors={"l_knee": PerformerSensor(joint="l_knee", orientation=True)}
+    )
     roles = roles_of(performer, "mvn", where="p.yaml")
     only_turn = roles.take(frame({"LeftLowerLeg": (None, [0.0, 1.0, 0.0, 0.0])}))
     assert only_turn is not None and np.isnan(only_turn.position).all()
@@ -87,7 +89,9 @@ def test_what_a_datagram_does_not_tell_stays_untold() -> None:
 
 def test_a_point_and_its_segment_may_be_two_poses() -> None:
     """SlimeVR's KNEE turns with the thigh: nothing tells the shank of a knee sensor."""
-    performer = Performer(name="p", description="d", sensors={"l_knee": WornSensor(joint="l_knee", orientation=True)})
+    performer = Performer(
+        name="p", description="d", sensors={"l_knee": PerformerSensor(joint="l_knee", orientation=True)}
+    )
     roles = roles_of(performer, "slimevr", where="p.yaml")
     poses = roles.take(frame({"human://LEFT_KNEE": ([0.0, 0.1, 0.5], [1.0, 0.0, 0.0, 0.0])}))
     assert poses is not None and np.isfinite(poses.position).all() and np.isnan(poses.orientation).all()
@@ -97,7 +101,10 @@ def test_names_of_the_file_come_first() -> None:
     performer = Performer(
         name="p",
         description="d",
-        sensors={"l_wrist": WornSensor(joint="l_wrist", role="rigid://left hand"), "head": WornSensor(joint="head")},
+        sensors={
+            "l_wrist": PerformerSensor(joint="l_wrist", role="rigid://left hand"),
+            "head": PerformerSensor(joint="head"),
+        },
     )
     with refuses(UsageError, "natnet", "head"):
         roles_of(performer, "natnet", where="p.yaml")

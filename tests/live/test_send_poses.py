@@ -71,7 +71,7 @@ def test_a_run_begins_with_it_whenever_it_is_started(root: Path, second: float) 
     stream, said = live_stream(FakeSender(), five()), list[str]()
     stream.receiver = _Sender(sender["message"], round(60.0 * second))
     options = LiveOptions(check_sides=True)
-    begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, tell=said.append)
+    begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, notify=said.append)
     assert said[-1].startswith("left is left, up is up")
 
 

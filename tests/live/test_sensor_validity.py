@@ -8,28 +8,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from retarget.live.engagement import Rejoin
+from retarget.live.engagement import ReacquisitionBlend
 from retarget.live.sensor_validity import (
-    LEAPT,
     MAX_CHANGES,
     NO_TIME,
     NOT_A_ROTATION,
     NOT_FINITE,
     OUT_OF_RANGE,
     REASONS,
+    UNREACHABLE,
     UNTRACKED,
-    Leaps,
-    Trust,
-    TrustLimits,
-    TrustState,
-    exchanged,
+    JumpDetection,
+    SensorValidity,
+    ValidityLimits,
+    ValidityState,
+    sides_swapped,
     watched_sensors,
 )
 from retarget.live.sensor_validity import taken_over as exchange_taken_over
 from retarget.types import FloatArray
-from trust_rig import HOME, LAG, Stream, judge, walk
-from trust_rig import NAMES as TRUST_HOSTILE_NAMES
-from trust_rig import NAMES as TRUST_NAMES
+from validity_rig import HOME, LAG, Stream, judge, walk
+from validity_rig import NAMES as VALIDITY_HOSTILE_NAMES
+from validity_rig import NAMES as VALIDITY_NAMES
 
 DT, LEAST = 0.01, 0.08
 LEFT, RIGHT = [0.0, 0.12, 0.1], [0.0, -0.12, 0.1]
@@ -38,20 +38,20 @@ _Point = list[float]
 
 def test_those_who_stand_where_the_other_stood_have() -> None:
     was = (LEFT, RIGHT)
-    assert exchanged(was, was, (RIGHT, LEFT), DT, LEAST)
-    assert not exchanged(was, was, was, DT, LEAST)
+    assert sides_swapped(was, was, (RIGHT, LEFT), DT, LEAST)
+    assert not sides_swapped(was, was, was, DT, LEAST)
 
 
 def test_both_must_have() -> None:
     was = (LEFT, RIGHT)
-    assert not exchanged(was, was, (RIGHT, RIGHT), DT, LEAST)
-    assert not exchanged(was, was, (LEFT, LEFT), DT, LEAST)
-    assert not exchanged(was, was, (RIGHT, [0.5, 0.12, 0.1]), DT, LEAST)
+    assert not sides_swapped(was, was, (RIGHT, RIGHT), DT, LEAST)
+    assert not sides_swapped(was, was, (LEFT, LEFT), DT, LEAST)
+    assert not sides_swapped(was, was, (RIGHT, [0.5, 0.12, 0.1]), DT, LEAST)
 
 
 def test_those_who_are_too_near_are_not_told_apart() -> None:
     was = ([0.0, 0.03, 1.0], [0.0, -0.03, 1.0])
-    assert not exchanged(was, was, (was[1], was[0]), DT, LEAST)
+    assert not sides_swapped(was, was, (was[1], was[0]), DT, LEAST)
 
 
 def test_hands_that_clap_and_rebound_have_not() -> None:
@@ -60,15 +60,15 @@ def test_hands_that_clap_and_rebound_have_not() -> None:
     due = ([0.0, -0.063, 1.0], [0.0, 0.063, 1.0])
     for back in (0.0, 0.02, 0.05, 0.08):
         now = ([0.0, 0.02 + back, 1.0], [0.0, -0.02 - back, 1.0])
-        assert not exchanged(was, due, now, 1.0 / 60.0, LEAST)
+        assert not sides_swapped(was, due, now, 1.0 / 60.0, LEAST)
 
 
 def test_after_a_gap_more_is_allowed() -> None:
     was = ([0.0, 0.1, 1.0], [0.0, -0.1, 1.0])
-    assert exchanged(was, was, (was[1], was[0]), 0.01, LEAST)
-    assert not exchanged(was, was, (was[1], was[0]), 0.1, LEAST)
+    assert sides_swapped(was, was, (was[1], was[0]), 0.01, LEAST)
+    assert not sides_swapped(was, was, (was[1], was[0]), 0.1, LEAST)
     far = ([0.0, 0.3, 1.0], [0.0, -0.3, 1.0])
-    assert exchanged(far, far, (far[1], far[0]), 1.0, LEAST)
+    assert sides_swapped(far, far, (far[1], far[0]), 1.0, LEAST)
 
 
 def test_it_does_not_matter_where_in_the_room() -> None:
@@ -76,7 +76,7 @@ def test_it_does_not_matter_where_in_the_room() -> None:
     for _ in range(50):
         turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
         one, other = (list(turn @ point + 3.0) for point in (np.array(LEFT), np.array(RIGHT)))
-        assert exchanged((one, other), (one, other), (other, one), DT, LEAST)
+        assert sides_swapped((one, other), (one, other), (other, one), DT, LEAST)
 
 
 def test_one_that_goes_on_where_the_other_was_took_its_place() -> None:
@@ -101,14 +101,14 @@ class Line:
     """Leaps with the last poses that they are judged against."""
 
     def __init__(self) -> None:
-        self.last = watched_sensors(3, TrustLimits())
-        self.leaps = Leaps(NAMES, self.last, TrustLimits())
-        self.tell(0.0, {row: PLACES[row] for row in range(3)})
+        self.last = watched_sensors(3, ValidityLimits())
+        self.jumps = JumpDetection(NAMES, self.last, ValidityLimits())
+        self.notify(0.0, {row: PLACES[row] for row in range(3)})
 
-    def tell(self, time: float, places: dict[int, np.ndarray]) -> list[bool]:
+    def notify(self, time: float, places: dict[int, np.ndarray]) -> list[bool]:
         rows = np.array(list(places))
         position = np.array(list(places.values()))
-        usable, stored = self.leaps.take(rows, time, position)
+        usable, stored = self.jumps.take(rows, time, position)
         assert not (stored & ~usable).any()
         pose = np.column_stack([position, np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))])
         self.last.put(rows[stored], time, pose[stored])
@@ -117,211 +117,211 @@ class Line:
 
 def test_a_late_pose_may_be_used_but_is_not_gone_on_from() -> None:
     line = Line()
-    line.tell(0.1, {0: PLACES[0] + 0.1})
-    assert line.tell(0.05, {0: PLACES[0] + 0.05}) == [True]
+    line.notify(0.1, {0: PLACES[0] + 0.1})
+    assert line.notify(0.05, {0: PLACES[0] + 0.05}) == [True]
     assert line.last.at[0] == 0.1 and np.allclose(line.last.pose[0, :3], PLACES[0] + 0.1)
-    assert line.tell(0.1, {0: PLACES[0] + 1.0}) == [False] and not line.leaps.any_doubted
+    assert line.notify(0.1, {0: PLACES[0] + 1.0}) == [False] and not line.jumps.any_doubted
 
 
 def test_as_fast_as_a_human_and_faster() -> None:
     for metres, usable in ((0.7, True), (0.8, False)):
-        assert Line().tell(0.05, {0: PLACES[0] + [metres, 0.0, 0.0]}) == [usable]
+        assert Line().notify(0.05, {0: PLACES[0] + [metres, 0.0, 0.0]}) == [usable]
 
 
 def test_jitter_of_stamps_is_no_leap() -> None:
-    assert Line().tell(0.0001, {0: PLACES[0] + [0.2, 0.0, 0.0]}) == [True]
+    assert Line().notify(0.0001, {0: PLACES[0] + [0.2, 0.0, 0.0]}) == [True]
 
 
 def test_a_leap_back_is_believed_and_a_leap_on_waits_anew() -> None:
     line = Line()
-    assert line.tell(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
-    assert line.leaps.state[0] == TrustState.FRESH
-    assert line.tell(0.02, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
-    assert line.leaps.state[0] == TrustState.JUMPED
-    assert line.tell(0.03, {0: PLACES[0]}) == [True] and not line.leaps.any_doubted
-    assert line.leaps.state[0] == TrustState.FRESH
+    assert line.notify(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+    assert line.jumps.state[0] == ValidityState.FRESH
+    assert line.notify(0.02, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+    assert line.jumps.state[0] == ValidityState.JUMPED
+    assert line.notify(0.03, {0: PLACES[0]}) == [True] and not line.jumps.any_doubted
+    assert line.jumps.state[0] == ValidityState.FRESH
     for i in range(4, 30):
-        assert line.tell(0.01 * i, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+        assert line.notify(0.01 * i, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
     for i in range(30, 78):
-        assert line.tell(0.01 * i, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [False]
-    line.tell(0.79, {0: PLACES[0] + [5.0, 0.0, 0.0]})
-    assert line.tell(0.81, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [True] and line.leaps.resettled[0]
+        assert line.notify(0.01 * i, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [False]
+    line.notify(0.79, {0: PLACES[0] + [5.0, 0.0, 0.0]})
+    assert line.notify(0.81, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [True] and line.jumps.resettled[0]
 
 
 def test_a_leap_that_falls_silent_waits_anew() -> None:
     line = Line()
     for time in (0.01, 0.02, 0.03, 0.6):
-        assert line.tell(time, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]
+        assert line.notify(time, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]
 
 
 def test_an_exchange_in_two_datagrams() -> None:
     line = Line()
-    assert line.tell(0.01, {0: PLACES[1]}) == [False] and line.tell(0.02, {1: PLACES[0]}) == [False]
-    assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
+    assert line.notify(0.01, {0: PLACES[1]}) == [False] and line.notify(0.02, {1: PLACES[0]}) == [False]
+    assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
 
 
 def test_two_leaps_to_elsewhere_are_no_exchange() -> None:
     line = Line()
     for time in (0.01, 0.02):
-        line.tell(time, {0: PLACES[1], 1: PLACES[1] + [1.0, 0.0, 0.0]})
-    assert line.leaps.state.tolist() == [TrustState.JUMPED, TrustState.JUMPED, TrustState.FRESH]
+        line.notify(time, {0: PLACES[1], 1: PLACES[1] + [1.0, 0.0, 0.0]})
+    assert line.jumps.state.tolist() == [ValidityState.JUMPED, ValidityState.JUMPED, ValidityState.FRESH]
 
 
 def test_a_clock_that_was_set_back_starts_anew() -> None:
     line = Line()
-    assert line.tell(-3.0, {0: PLACES[0] + 2.0}) == [True] and line.last.at[0] == -3.0
+    assert line.notify(-3.0, {0: PLACES[0] + 2.0}) == [True] and line.last.at[0] == -3.0
 
 
 def test_a_leap_to_a_third_place_is_no_way_back() -> None:
     for third in ([-1.3, 0.0, 0.0], [1.2, 0.0, 0.0]):
         line = Line()
-        line.tell(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]})
-        assert line.tell(0.09, {0: PLACES[0] + third}) == [False]
+        line.notify(0.01, {0: PLACES[0] + [2.0, 0.0, 0.0]})
+        assert line.notify(0.09, {0: PLACES[0] + third}) == [False]
     line = Line()
     for i in range(1, 40):
-        line.tell(0.01 * i, {0: PLACES[0] + [9.0, 0.0, 0.0]})
-    assert line.tell(0.4, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
+        line.notify(0.01 * i, {0: PLACES[0] + [9.0, 0.0, 0.0]})
+    assert line.notify(0.4, {0: PLACES[0] + [2.0, 0.0, 0.0]}) == [False]
 
 
 def test_to_walk_through_the_old_place_is_no_way_back() -> None:
     line = Line()
     for i in range(1, 30):
-        assert line.tell(0.01 * i, {0: PLACES[0] + [0.3 - 0.02 * (i - 1), 0.0, 0.0]}) == [False]
+        assert line.notify(0.01 * i, {0: PLACES[0] + [0.3 - 0.02 * (i - 1), 0.0, 0.0]}) == [False]
 
 
 def test_an_exchange_in_one_datagram() -> None:
     line = Line()
-    assert line.tell(0.01, {0: PLACES[1], 1: PLACES[0], 2: PLACES[2]}) == [False, False, True]
-    assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
-    assert line.tell(0.02, {0: PLACES[0], 1: PLACES[1]}) == [True, True] and not line.leaps.any_doubted
+    assert line.notify(0.01, {0: PLACES[1], 1: PLACES[0], 2: PLACES[2]}) == [False, False, True]
+    assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
+    assert line.notify(0.02, {0: PLACES[0], 1: PLACES[1]}) == [True, True] and not line.jumps.any_doubted
 
 
 def swapped_at(line: Line, time: float, to: float) -> None:
     """Both wrists are told at each other's places, wherever they go: the hands rise by `to`, m."""
     up = np.array([0.0, 0.0, to])
-    assert line.tell(time, {0: PLACES[1] + up, 1: PLACES[0] + up}) == [False, False]
-    assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
+    assert line.notify(time, {0: PLACES[1] + up, 1: PLACES[0] + up}) == [False, False]
+    assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
 
 
 def test_where_sides_are_known_a_swap_ends_only_by_swapping_back() -> None:
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     for i in range(1, 1000):
         swapped_at(line, 0.01 * i, 0.001 * min(i, 500))
     up = np.array([0.0, 0.0, 0.5])
-    assert line.tell(10.0, {0: PLACES[0] + up, 1: PLACES[1] + up}) == [True, True] and not line.leaps.any_doubted
-    assert not line.leaps.resettled.any() and np.allclose(line.last.pose[0, :3], PLACES[0] + up)
+    assert line.notify(10.0, {0: PLACES[0] + up, 1: PLACES[1] + up}) == [True, True] and not line.jumps.any_doubted
+    assert not line.jumps.resettled.any() and np.allclose(line.last.pose[0, :3], PLACES[0] + up)
 
 
 def test_silence_does_not_make_a_swap_right() -> None:
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     for time in (0.01, 0.02, 3.0, 3.01, 9.0, 9.6):
         swapped_at(line, time, 0.0)
-    assert line.tell(20.0, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
+    assert line.notify(20.0, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
 
 
 def test_swapping_back_may_be_told_in_two_datagrams_and_one_side_alone_is_not_enough() -> None:
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     swapped_at(line, 0.01, 0.0)
     swapped_at(line, 0.02, 0.0)
-    assert line.tell(0.03, {0: PLACES[0], 1: PLACES[0]}) == [False, False]
+    assert line.notify(0.03, {0: PLACES[0], 1: PLACES[0]}) == [False, False]
     swapped_at(line, 0.04, 0.0)
-    assert line.tell(0.05, {0: PLACES[0]}) == [True] and line.tell(0.051, {1: PLACES[1]}) == [True]
-    assert not line.leaps.any_doubted
+    assert line.notify(0.05, {0: PLACES[0]}) == [True] and line.notify(0.051, {1: PLACES[1]}) == [True]
+    assert not line.jumps.any_doubted
 
 
 def test_a_swap_before_sides_are_known_is_a_leap_that_settles() -> None:
     line = Line()
     swapped_at(line, 0.01, 0.0)
-    line.leaps.keep_sides()
-    told = [line.tell(0.01 * i, {0: PLACES[1], 1: PLACES[0]}) for i in range(2, 60)]
+    line.jumps.keep_sides()
+    told = [line.notify(0.01 * i, {0: PLACES[1], 1: PLACES[0]}) for i in range(2, 60)]
     assert told[0] == [False, False] and told[-1] == [True, True]
 
 
 def taken_over(line: Line, first: float) -> None:
     """The left wrist is told where the right one was, which is not told; twice."""
     for time in (first, first + 0.01):
-        assert line.tell(time, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
-    assert line.leaps.state.tolist() == [TrustState.SWAPPED, TrustState.SWAPPED, TrustState.FRESH]
+        assert line.notify(time, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
+    assert line.jumps.state.tolist() == [ValidityState.SWAPPED, ValidityState.SWAPPED, ValidityState.FRESH]
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.05, 0.1, 0.5, 2.0])
 def test_one_that_takes_the_place_of_the_other_has_changed_places(lost: float) -> None:
     """Lost for a while, and told at the place of the other side from when that one is not told."""
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     told = [0.01 * i for i in range(1, round(100.0 * lost) + 1)]
     for time in told:
-        assert line.tell(time, {1: PLACES[1], 2: PLACES[2]}) == [True, True]
+        assert line.notify(time, {1: PLACES[1], 2: PLACES[2]}) == [True, True]
     taken_over(line, lost + 0.01)
     for i in range(3, 300):  # no time makes it right
-        assert line.tell(lost + 0.01 * i, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
-    assert line.tell(lost + 3.0, {0: PLACES[0], 1: PLACES[1], 2: PLACES[2]}) == [True] * 3
-    assert not line.leaps.any_doubted
+        assert line.notify(lost + 0.01 * i, {0: PLACES[1], 2: PLACES[2]}) == [False, True]
+    assert line.notify(lost + 3.0, {0: PLACES[0], 1: PLACES[1], 2: PLACES[2]}) == [True] * 3
+    assert not line.jumps.any_doubted
 
 
 def test_it_ends_when_the_other_is_told_at_its_own_place() -> None:
     """However far the one that was not seen has gone: then each is itself."""
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     taken_over(line, 0.01)
     far = PLACES[0] + [0.3, 0.3, 0.5]
-    assert line.tell(0.1, {0: far, 1: PLACES[1]}) == [True, True] and not line.leaps.any_doubted
+    assert line.notify(0.1, {0: far, 1: PLACES[1]}) == [True, True] and not line.jumps.any_doubted
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     taken_over(line, 0.01)
-    assert line.tell(0.1, {1: PLACES[1]}) == [True]  # one after the other
-    assert line.tell(0.105, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]  # no human goes so far
-    assert line.leaps.state[0] == TrustState.JUMPED
+    assert line.notify(0.1, {1: PLACES[1]}) == [True]  # one after the other
+    assert line.notify(0.105, {0: PLACES[0] + [9.0, 0.0, 0.0]}) == [False]  # no human goes so far
+    assert line.jumps.state[0] == ValidityState.JUMPED
 
 
 def test_both_told_at_each_others_places_go_on_as_a_swap() -> None:
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     taken_over(line, 0.01)
     for i in range(3, 100):
         swapped_at(line, 0.01 * i, 0.0)
-    assert line.tell(1.1, {0: PLACES[0], 1: PLACES[0]}) == [False, False]  # one side alone is not enough
+    assert line.notify(1.1, {0: PLACES[0], 1: PLACES[0]}) == [False, False]  # one side alone is not enough
     swapped_at(line, 1.11, 0.0)
-    assert line.tell(1.12, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
+    assert line.notify(1.12, {0: PLACES[0], 1: PLACES[1]}) == [True, True]
 
 
 def test_hands_that_meet_one_told_after_the_other_have_not_changed_places() -> None:
     """Each sensor in a datagram of its own: the left one comes back beside the right one, which is told next."""
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     for i in range(1, 20):
-        line.tell(0.01 * i, {1: PLACES[1]})
+        line.notify(0.01 * i, {1: PLACES[1]})
     beside = PLACES[1] + [0.05, 0.0, 0.0]
-    line.tell(0.2, {0: beside})
-    assert line.tell(0.202, {1: PLACES[1]}) == [True]
-    assert line.tell(0.21, {0: beside}) == [True]
-    assert not line.leaps.any_doubted and (line.leaps.state == TrustState.FRESH).all()
+    line.notify(0.2, {0: beside})
+    assert line.notify(0.202, {1: PLACES[1]}) == [True]
+    assert line.notify(0.21, {0: beside}) == [True]
+    assert not line.jumps.any_doubted and (line.jumps.state == ValidityState.FRESH).all()
 
 
 @pytest.mark.parametrize("row", [0, 1])
 def test_a_swap_of_one_that_was_lost_for_long_is_seen_whichever_it_was(row: int) -> None:
     line = Line()
-    line.leaps.keep_sides()
+    line.jumps.keep_sides()
     for i in range(1, 150):
-        line.tell(0.01 * i, {1 - row: PLACES[1 - row]})
+        line.notify(0.01 * i, {1 - row: PLACES[1 - row]})
     for i in range(150, 300):
         swapped_at(line, 0.01 * i, 0.0)
 
 
 def test_one_that_was_never_heard_takes_nobodys_place() -> None:
-    last = watched_sensors(3, TrustLimits())
-    leaps = Leaps(NAMES, last, TrustLimits())
+    last = watched_sensors(3, ValidityLimits())
+    jumps = JumpDetection(NAMES, last, ValidityLimits())
     rows, pose = np.array([1]), np.array([[*PLACES[1], 1.0, 0.0, 0.0, 0.0]])
     last.put(rows, 0.0, pose)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        usable, _ = leaps.take(np.array([0]), 0.01, PLACES[1:2])
+        usable, _ = jumps.take(np.array([0]), 0.01, PLACES[1:2])
         assert usable.tolist() == [True]
-        usable, _ = leaps.take(np.array([0, 1]), 0.01, PLACES[[1, 0]])
-        assert usable.tolist() == [True, False] and leaps.state[0] == TrustState.FRESH
+        usable, _ = jumps.take(np.array([0, 1]), 0.01, PLACES[[1, 0]])
+        assert usable.tolist() == [True, False] and jumps.state[0] == ValidityState.FRESH
 
 
 NAN, INF = float("nan"), float("inf")
@@ -336,7 +336,7 @@ def pose(*numbers: float) -> FloatArray:
 def reasons(numbers: FloatArray, tracked: list[bool]) -> list[str]:
     """Why each pose is refused, "" where it is not."""
     count = len(numbers)
-    watched = watched_sensors(count, TrustLimits())
+    watched = watched_sensors(count, ValidityLimits())
     position, orientation = numbers[:, :3].copy(), numbers[:, 3:].copy()
     found = watched.take(np.arange(count), 1.0, position, orientation, np.array(tracked, dtype=bool), False)
     return [""] * count if found is None else [REASONS.get(verdict, "") for verdict in found[0].tolist()]
@@ -384,7 +384,7 @@ def test_what_the_sender_does_not_vouch_for_is_refused() -> None:
 def test_each_is_judged_by_itself_and_as_said(rows: list[tuple[list[float], bool]]) -> None:
     numbers = np.array([row for row, _ in rows], dtype=float).reshape(len(rows), 7)
     tracked = [vouched for _, vouched in rows]
-    limits, found = TrustLimits(), reasons(numbers, tracked)
+    limits, found = ValidityLimits(), reasons(numbers, tracked)
     for pose_, vouched, why in zip(numbers, tracked, found, strict=True):
         assert why == reason(pose_[None], vouched)
         place, turn = pose_[:3], pose_[3:]
@@ -398,7 +398,11 @@ def test_each_is_judged_by_itself_and_as_said(rows: list[tuple[list[float], bool
 
 
 RATES = (50.0, 120.0)
-L_WRIST, R_WRIST, L_ANKLE = TRUST_NAMES.index("l_wrist"), TRUST_NAMES.index("r_wrist"), TRUST_NAMES.index("l_ankle")
+L_WRIST, R_WRIST, L_ANKLE = (
+    VALIDITY_NAMES.index("l_wrist"),
+    VALIDITY_NAMES.index("r_wrist"),
+    VALIDITY_NAMES.index("l_ankle"),
+)
 
 
 def onset(stream: Stream, seconds: float = 1.0) -> int:
@@ -414,10 +418,10 @@ def seconds_until(stream: Stream, begin: int, wrong: np.ndarray) -> float:
 
 def out_after(stream: Stream, begin: int, states: np.ndarray, row: int) -> float:
     """s from `begin` until a sensor takes no part any more, in ticks of the stream."""
-    rejoin = Rejoin(states.shape[1])
-    rejoin.start(states[begin - 1])
+    reacquisition = ReacquisitionBlend(states.shape[1])
+    reacquisition.start(states[begin - 1])
     for i in range(begin, len(states)):
-        if rejoin.step(states[i], float(stream.time[i] - stream.time[i - 1]))[row] == 0.0:
+        if reacquisition.step(states[i], float(stream.time[i] - stream.time[i - 1]))[row] == 0.0:
             return float(stream.time[i] + LAG - stream.time[begin])
     return np.inf
 
@@ -427,7 +431,7 @@ def out_after(stream: Stream, begin: int, states: np.ndarray, row: int) -> float
 def test_who_walks_or_stands_is_believed(rate: float, swing: float) -> None:
     judged = judge(walk(rate=rate, swing=swing))
     assert not judged.alarms() and judged.usable.all()
-    assert not judged.messages and not judged.trust.refused.count
+    assert not judged.messages and not judged.validity.refused.count
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -440,10 +444,10 @@ def test_a_frozen_tracker_is_out_in_300_ms(row: int, carried: bool, rate: float)
     if not carried:
         stream.position[begin:, row] = stream.position[begin - 1, row]
     judged = judge(stream)
-    assert judged.alarms() == {TrustState.FROZEN}
+    assert judged.alarms() == {ValidityState.FROZEN}
     assert not np.delete(judged.states, row, axis=1).any()
     assert out_after(stream, begin, judged.states, row) <= 0.3
-    assert [text for _, text in judged.messages] == [f"{TRUST_NAMES[row]}: frozen since 0.2 s (tracker lost?)"]
+    assert [text for _, text in judged.messages] == [f"{VALIDITY_NAMES[row]}: frozen since 0.2 s (tracker lost?)"]
 
 
 def test_a_frozen_position_is_found_where_there_is_no_orientation() -> None:
@@ -452,7 +456,7 @@ def test_a_frozen_position_is_found_where_there_is_no_orientation() -> None:
     begin = onset(stream)
     stream.position[begin:, L_ANKLE] = stream.position[begin - 1, L_ANKLE]
     judged = judge(stream)
-    assert judged.usable.all() and judged.alarms() == {TrustState.FROZEN}
+    assert judged.usable.all() and judged.alarms() == {ValidityState.FROZEN}
     assert seconds_until(stream, begin, judged.states[:, L_ANKLE] > 0) < 0.23
 
 
@@ -460,7 +464,7 @@ def test_a_tracker_that_thaws_is_believed_at_once() -> None:
     stream = walk()
     stream.orientation[100:150, L_ANKLE] = stream.orientation[99, L_ANKLE]
     judged = judge(stream)
-    assert (judged.states[125:150, L_ANKLE] == TrustState.FROZEN).all() and not judged.states[150:].any()
+    assert (judged.states[125:150, L_ANKLE] == ValidityState.FROZEN).all() and not judged.states[150:].any()
     assert judged.messages[-1] == (150, "l_ankle: back")
 
 
@@ -486,19 +490,19 @@ def test_repeats_of_a_slower_tracker_are_no_evidence() -> None:
 
 def test_one_capture_told_again_and_again_is_old_and_not_frozen() -> None:
     stream = walk()
-    trust = judge(stream).trust
+    validity = judge(stream).validity
     seen = set()
     for i in range(100):
         time = float(stream.time[-1])
-        trust.take(
+        validity.take(
             np.arange(6),
             time,
             position=stream.position[-1],
             orientation=stream.orientation[-1],
             tracked=np.ones(6, bool),
         )
-        seen |= set(trust.judge(time + 0.01 * i).tolist())
-    assert seen == {TrustState.FRESH, TrustState.STALE}
+        seen |= set(validity.judge(time + 0.01 * i).tolist())
+    assert seen == {ValidityState.FRESH, ValidityState.STALE}
 
 
 @pytest.mark.parametrize("how", ["unheard", "untracked", "nan"])
@@ -512,7 +516,7 @@ def test_a_lost_tracker_is_out_in_300_ms(rate: float, how: str) -> None:
         stream.position[begin:, L_ANKLE] = np.nan
     judged = judge(stream)
     assert not judged.usable[begin:, L_ANKLE].any() and judged.usable[:begin].all()
-    assert judged.alarms() == {TrustState.STALE}
+    assert judged.alarms() == {ValidityState.STALE}
     assert out_after(stream, begin, judged.states, L_ANKLE) <= 0.3
     assert [text for _, text in judged.messages] == ["l_ankle: nothing that can be used for 0.1 s"]
 
@@ -531,9 +535,9 @@ def test_a_swap_is_seen_in_the_capture_in_which_it_happens(rate: float, at: floa
     begin = onset(stream, at)
     judged = judge(swapped(stream, begin))
     pair = judged.states[:, [L_WRIST, R_WRIST]]
-    assert seconds_until(stream, begin, (pair == TrustState.SWAPPED).all(axis=1)) <= 0.1
+    assert seconds_until(stream, begin, (pair == ValidityState.SWAPPED).all(axis=1)) <= 0.1
     assert not judged.usable[begin : begin + int(0.49 * rate), [L_WRIST, R_WRIST]].any()
-    assert judged.alarms() == {TrustState.SWAPPED} and not np.delete(judged.states, [L_WRIST, R_WRIST], axis=1).any()
+    assert judged.alarms() == {ValidityState.SWAPPED} and not np.delete(judged.states, [L_WRIST, R_WRIST], axis=1).any()
     assert [text for _, text in judged.messages] == [
         "l_wrist and r_wrist have changed places: the robot holds until they change back",
         "l_wrist, r_wrist: believed again where it is now",
@@ -543,7 +547,7 @@ def test_a_swap_is_seen_in_the_capture_in_which_it_happens(rate: float, at: floa
 
 def test_a_pair_that_swaps_back_is_believed_at_once() -> None:
     judged = judge(swapped(walk(), 100, 120))
-    assert (judged.states[100:120, L_WRIST] == TrustState.SWAPPED).all() and not judged.states[120:].any()
+    assert (judged.states[100:120, L_WRIST] == ValidityState.SWAPPED).all() and not judged.states[120:].any()
     assert judged.messages[-1] == (120, "l_wrist, r_wrist: back")
 
 
@@ -556,7 +560,7 @@ def test_a_teleport_is_refused_at_once_and_believed_when_it_stays(rate: float, f
     judged = judge(stream)
     wait = int(np.ceil(0.5 * rate))
     assert not judged.usable[begin : begin + wait - 1, L_WRIST].any() and judged.usable[begin + wait + 1 :].all()
-    assert judged.alarms() == {TrustState.JUMPED}
+    assert judged.alarms() == {ValidityState.JUMPED}
     assert [text for _, text in judged.messages] == [
         "l_wrist: jumped farther than a human can",
         "l_wrist: believed again where it is now",
@@ -568,7 +572,7 @@ def test_one_outlier_is_dropped_and_no_more() -> None:
     stream.position[100, L_WRIST, 0] += 2.0
     judged = judge(stream)
     assert np.argwhere(~judged.usable).tolist() == [[100, L_WRIST]] and not judged.alarms()
-    assert judged.trust.refused.reasons == {LEAPT: 1}
+    assert judged.validity.refused.reasons == {UNREACHABLE: 1}
 
 
 def test_a_sensor_that_flies_about_is_never_believed() -> None:
@@ -576,14 +580,14 @@ def test_a_sensor_that_flies_about_is_never_believed() -> None:
     stream.position[100:, L_WRIST, 0] += np.random.default_rng(0).uniform(-5.0, 5.0, len(stream.time) - 100)
     judged = judge(stream)
     assert judged.usable[100:, L_WRIST].mean() < 0.05
-    assert (judged.states[102:, L_WRIST] != TrustState.FRESH).mean() > 0.95
+    assert (judged.states[102:, L_WRIST] != ValidityState.FRESH).mean() > 0.95
 
 
 def test_outside_the_room_is_said() -> None:
     stream = walk()
     stream.position[100:, L_WRIST, 2] = 3.5
     judged = judge(stream)
-    assert not judged.usable[100:, L_WRIST].any() and judged.alarms() == {TrustState.OUT_OF_RANGE}
+    assert not judged.usable[100:, L_WRIST].any() and judged.alarms() == {ValidityState.OUT_OF_RANGE}
     assert [text for _, text in judged.messages] == ["l_wrist: told to be outside the room"]
 
 
@@ -591,7 +595,7 @@ def test_a_sensor_that_is_not_worn_is_said_once_and_may_be_put_on() -> None:
     stream = walk(6.0)
     stream.tracked[:500, L_WRIST] = False
     judged = judge(stream)
-    assert (judged.states[301:500, L_WRIST] == TrustState.NOT_WORN).all() and not judged.states[500:].any()
+    assert (judged.states[301:500, L_WRIST] == ValidityState.NOT_IN_USE).all() and not judged.states[500:].any()
     assert [text for _, text in judged.messages] == [
         "l_wrist: not heard since the start (not worn?)",
         "l_wrist: heard now",
@@ -615,14 +619,14 @@ def test_silence_outweighs_what_was_wrong_before() -> None:
             stream.position[60:, L_ANKLE, 0] += 2.0
         stream.tracked[100:, L_ANKLE] = False
         judged = judge(stream)
-        assert judged.states[99, L_ANKLE] in (TrustState.FROZEN, TrustState.JUMPED)
-        assert (judged.states[117:, L_ANKLE] == TrustState.STALE).all()
+        assert judged.states[99, L_ANKLE] in (ValidityState.FROZEN, ValidityState.JUMPED)
+        assert (judged.states[117:, L_ANKLE] == ValidityState.STALE).all()
 
 
 def test_a_capture_that_is_yet_to_come_is_not_fresh() -> None:
-    trust = judge(walk()).trust
-    assert (trust.judge(walk().time[-1]) == TrustState.FRESH).all()
-    assert (trust.judge(walk().time[-1] - 0.2) == TrustState.STALE).all()
+    validity = judge(walk()).validity
+    assert (validity.judge(walk().time[-1]) == ValidityState.FRESH).all()
+    assert (validity.judge(walk().time[-1] - 0.2) == ValidityState.STALE).all()
 
 
 @pytest.mark.parametrize("shift", [-3600.0, -1.0, 3600.0])
@@ -630,48 +634,48 @@ def test_a_clock_that_is_set_is_followed(shift: float) -> None:
     stream = walk()
     stream.time[100:] += shift
     judged = judge(stream)
-    assert judged.usable.all() and not judged.alarms() - {TrustState.FRESH, TrustState.STALE}
+    assert judged.usable.all() and not judged.alarms() - {ValidityState.FRESH, ValidityState.STALE}
     assert not judged.states[101:].any()
 
 
 def test_parts_in_many_datagrams_are_judged_alike() -> None:
     stream = swapped(walk(), 100)
-    trust, states = Trust(TRUST_NAMES), []
+    validity, states = SensorValidity(VALIDITY_NAMES), []
     for i, time in enumerate(stream.time.tolist()):
         for row in (3, 1, 0, 2, 5, 4):
             one = slice(row, row + 1)
-            trust.take(
+            validity.take(
                 np.array([row]),
                 time,
                 position=stream.position[i, one],
                 orientation=stream.orientation[i, one],
                 tracked=stream.tracked[i, one],
             )
-        states.append(trust.judge(time + LAG))
-    assert set(np.unique(states[100:149])) == {TrustState.FRESH, TrustState.SWAPPED}
-    assert (np.array(states)[100:149, [L_WRIST, R_WRIST]] == TrustState.SWAPPED).all()
+        states.append(validity.judge(time + LAG))
+    assert set(np.unique(states[100:149])) == {ValidityState.FRESH, ValidityState.SWAPPED}
+    assert (np.array(states)[100:149, [L_WRIST, R_WRIST]] == ValidityState.SWAPPED).all()
 
 
 def test_what_has_mended_before_anybody_moved_is_not_told() -> None:
-    trust, sensors = Trust(("head", "l_wrist")), np.arange(2)
+    validity, sensors = SensorValidity(("head", "l_wrist")), np.arange(2)
     chance = np.random.default_rng(2)
 
-    def tell(rows: np.ndarray, begin: float) -> None:
+    def notify(rows: np.ndarray, begin: float) -> None:
         for time in np.arange(begin, begin + 1.0, 0.01):
             place = HOME[rows] + chance.normal(0.0, 0.001, (len(rows), 3))
             facing = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
-            trust.take(rows, time, position=place, orientation=facing, tracked=np.ones(len(rows), dtype=bool))
-            trust.judge(time)
+            validity.take(rows, time, position=place, orientation=facing, tracked=np.ones(len(rows), dtype=bool))
+            validity.judge(time)
 
-    tell(sensors, 1.0)
-    trust.messages()
-    trust.judge(4.0)  # nobody was heard
-    tell(sensors[:1], 4.0)
-    trust.forget_mended()
-    (text,) = trust.messages()
+    notify(sensors, 1.0)
+    validity.messages()
+    validity.judge(4.0)  # nobody was heard
+    notify(sensors[:1], 4.0)
+    validity.forget_recovered()
+    (text,) = validity.messages()
     assert text.startswith("l_wrist: nothing that can be used")
-    tell(sensors, 5.0)
-    assert trust.messages() == ["l_wrist: back"]
+    notify(sensors, 5.0)
+    assert validity.messages() == ["l_wrist: back"]
 
 
 VALUE = st.floats(width=64) | st.sampled_from([0.0, 1.0, 0.1, np.nan, np.inf, -1e300])
@@ -680,7 +684,7 @@ VALUE = st.floats(width=64) | st.sampled_from([0.0, 1.0, 0.1, np.nan, np.inf, -1
 @settings(max_examples=25)
 @given(st.data())
 def test_anything_may_come(data: st.DataObject) -> None:
-    trust = Trust(TRUST_HOSTILE_NAMES)
+    validity = SensorValidity(VALIDITY_HOSTILE_NAMES)
     draw = data.draw
     for _ in range(draw(st.integers(1, 6))):
         rows = np.array(draw(st.lists(st.integers(0, 5), unique=True)), dtype=np.intp)
@@ -689,29 +693,29 @@ def test_anything_may_come(data: st.DataObject) -> None:
         if draw(st.booleans()):
             numbers[:, 3:] = (1.0, 0.0, 0.0, 0.0)
         tracked = np.array(draw(st.lists(st.booleans(), min_size=count, max_size=count)), dtype=bool)
-        usable = trust.take(rows, draw(VALUE), position=numbers[:, :3], orientation=numbers[:, 3:], tracked=tracked)
+        usable = validity.take(rows, draw(VALUE), position=numbers[:, :3], orientation=numbers[:, 3:], tracked=tracked)
         assert not (usable & ~tracked).any() and np.isfinite(numbers[usable, :3]).all()
-        states = trust.judge(draw(VALUE))
-        assert states.max() <= TrustState.OUT_OF_RANGE
-    assert len(trust.messages()) <= MAX_CHANGES
+        states = validity.judge(draw(VALUE))
+        assert states.max() <= ValidityState.OUT_OF_RANGE
+    assert len(validity.messages()) <= MAX_CHANGES
 
 
 def test_memory_is_bounded_where_nobody_listens() -> None:
     stream = walk(1.0)
-    trust = Trust(TRUST_HOSTILE_NAMES)
+    validity = SensorValidity(VALIDITY_HOSTILE_NAMES)
     for i in range(400):
         time = 0.2 * i
-        trust.take(
+        validity.take(
             np.arange(6), time, position=stream.position[0], orientation=stream.orientation[0], tracked=np.ones(6, bool)
         )
-        trust.judge(time)
-        trust.judge(time + 0.19)
-    assert 1 <= len(trust.messages()) <= MAX_CHANGES and trust.messages() == []
+        validity.judge(time)
+        validity.judge(time + 0.19)
+    assert 1 <= len(validity.messages()) <= MAX_CHANGES and validity.messages() == []
 
 
 def test_a_time_that_is_none_is_refused() -> None:
-    stream, trust = walk(1.0), Trust(TRUST_HOSTILE_NAMES)
-    assert not trust.take(
+    stream, validity = walk(1.0), SensorValidity(VALIDITY_HOSTILE_NAMES)
+    assert not validity.take(
         np.arange(6), np.nan, position=stream.position[0], orientation=stream.orientation[0], tracked=np.ones(6, bool)
     ).any()
-    assert trust.refused.reasons == {NO_TIME: 6} and (trust.judge(np.nan) == TrustState.STALE).all()
+    assert validity.refused.reasons == {NO_TIME: 6} and (validity.judge(np.nan) == ValidityState.STALE).all()

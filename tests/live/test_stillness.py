@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from retarget.live.sensor_validity import TrustLimits, TrustState, watched_sensors
+from retarget.live.sensor_validity import ValidityLimits, ValidityState, watched_sensors
 
 COUNT = 5
 ROWS = np.arange(COUNT)
@@ -20,7 +20,7 @@ def found(
 ) -> np.ndarray:
     """Who is frozen, (k,), where all move for 0.2 s, then only some do, by `metres` a capture at 100 Hz; `back`
     moves again from 1 s on."""
-    watched = watched_sensors(COUNT, TrustLimits())
+    watched = watched_sensors(COUNT, ValidityLimits())
     pose = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (COUNT, 1))
     who = np.zeros(COUNT, dtype=bool)
     for i in range(int(100 * (0.2 + seconds))):
@@ -31,7 +31,7 @@ def found(
         pose[moving, 4] = metres * (i % 10) if turns else 0.0
         pose[:, 3] = np.sqrt(1.0 - pose[:, 4] ** 2)
         watched.put(ROWS, 0.01 * i, pose.copy())
-        who = watched.judge(0.01 * i + 0.005) == TrustState.FROZEN
+        who = watched.judge(0.01 * i + 0.005) == ValidityState.FROZEN
     return who
 
 

@@ -20,17 +20,17 @@ from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.performer import LivePerformer
 from retarget.live.raw_recording import RawTap
 from retarget.live.receivers import NatnetReceiver, session_for
-from retarget.live.sensor_validity import TrustState
+from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import LiveStream
 from retarget.live.stream_report import (
     WORDS,
-    Hindered,
+    HoldEvidence,
     Holds,
     LiveReport,
     StreamNews,
-    StreamTrouble,
+    StreamProblems,
     Tally,
-    hindrance_of,
+    hold_reason_of,
     refuse_version,
     unusable,
 )
@@ -45,14 +45,14 @@ from sim.fake_motive import FakeMotive, MotiveSettings
 from sim.faults.sender import FakeSender, SenderFault, lost, silent
 from sim.performer import synthetic_performer
 
-FRESH, STALE, NOT_WORN = TrustState.FRESH, TrustState.STALE, TrustState.NOT_WORN
+FRESH, STALE, NOT_IN_USE = ValidityState.FRESH, ValidityState.STALE, ValidityState.NOT_IN_USE
 
 
 def test_ticks_are_counted() -> None:
     tally = Tally(("head", "l_wrist", "pelvis"), 0.01)
     for ticks, followed, wrist in ((1, False, FRESH), (2, True, STALE), (2, False, FRESH), (1, True, FRESH)):
         for _ in range(ticks):
-            tally.count(np.array([FRESH, wrist, NOT_WORN], dtype=np.uint8), followed=followed)
+            tally.count(np.array([FRESH, wrist, NOT_IN_USE], dtype=np.uint8), followed=followed)
     assert tally.holds == Holds(1, 0.02)
     assert tally.lost_s == {"l_wrist": 0.02}
 
@@ -101,15 +101,15 @@ def now_and_then(first: float, last: float) -> SenderFault:
 
 
 def told(
-    *, late: bool = False, trouble: str = "", leapt: str = "", came_back: bool = False, **states: TrustState
+    *, late: bool = False, trouble: str = "", unreachable: str = "", came_back: bool = False, **states: ValidityState
 ) -> str:
-    now = np.array([states.get(name, TrustState.FRESH) for name in NAMES], dtype=np.uint8)
-    jumped = np.array([name == leapt for name in NAMES])
-    return hindrance_of(NAMES, Hindered(now, jumped, (3, 4), late, trouble, came_back))
+    now = np.array([states.get(name, ValidityState.FRESH) for name in NAMES], dtype=np.uint8)
+    jumped = np.array([name == unreachable for name in NAMES])
+    return hold_reason_of(NAMES, HoldEvidence(now, jumped, (3, 4), late, trouble, came_back))
 
 
 def test_the_first_that_applies_is_told() -> None:
-    stale = TrustState.STALE
+    stale = ValidityState.STALE
     assert told(trouble="nothing arrived", late=True, l_ankle=stale) == "nothing arrived"
     assert told(late=True, l_ankle=stale) == "l_ankle: lost"
     assert told(late=True) == "ticks came late"
@@ -123,16 +123,16 @@ def test_what_is_in_the_way_only_now_is_not_told_as_if_it_had_been_all_the_time(
 
 
 def test_only_sensors_that_hinder_are_named() -> None:
-    jumped = TrustState.JUMPED
+    jumped = ValidityState.JUMPED
     assert told(l_wrist=jumped, late=True) == "ticks came late"
-    assert told(l_wrist=jumped, leapt="l_wrist") == "l_wrist: jumped"
-    assert told(l_ankle=TrustState.FROZEN, r_ankle=TrustState.STALE) == "l_ankle: frozen, r_ankle: lost"
-    assert set(WORDS) == set(TrustState) - {TrustState.FRESH}
+    assert told(l_wrist=jumped, unreachable="l_wrist") == "l_wrist: jumped"
+    assert told(l_ankle=ValidityState.FROZEN, r_ankle=ValidityState.STALE) == "l_ankle: frozen, r_ankle: lost"
+    assert set(WORDS) == set(ValidityState) - {ValidityState.FRESH}
 
 
 def test_a_stream_that_is_heard_is_no_trouble() -> None:
     stream = live_stream(FakeSender(), five_sensors())
-    trouble = StreamTrouble(stream)
+    trouble = StreamProblems(stream)
     stream.last = 1.0
     assert not trouble.briefly(1.1, 0.14)
     assert trouble.briefly(1.2, 0.14) == "nothing arrived"
@@ -145,7 +145,7 @@ def test_a_stream_that_is_heard_is_no_trouble() -> None:
 
 def test_what_arrives_instead_is_told_of_a_short_silence_too() -> None:
     stream = live_stream(FakeSender(), five_sensors())
-    trouble = StreamTrouble(stream)
+    trouble = StreamProblems(stream)
     for now in (1.0, 3.0):  # the second time what came in the first does not count
         stream.last = now
         assert not trouble.look(now) and not trouble.look(now + 0.06)
@@ -263,7 +263,7 @@ def test_a_recording_that_breaks_off_is_told_in_the_run_and_at_its_end(trouble: 
     said, ended = list[str](), list[str]()
     writer = RawWriter(tmp_path / "a.raw", url="json://")
     stream = live_stream(FakeSender(), five())
-    with RawTap(writer, tell=ended.append) as tap:
+    with RawTap(writer, notify=ended.append) as tap:
         stream.tap = tap
         news = StreamNews(stream, said.append)
         news.look()
@@ -279,7 +279,7 @@ def test_a_recording_that_breaks_off_is_told_in_the_run_and_at_its_end(trouble: 
 
 def test_a_whole_recording_is_no_news(tmp_path: Path) -> None:
     said: list[str] = []
-    with RawTap(RawWriter(tmp_path / "a.raw", url="json://"), tell=said.append) as tap:
+    with RawTap(RawWriter(tmp_path / "a.raw", url="json://"), notify=said.append) as tap:
         tap.take(Datagram(1.0, ("127.0.0.1", 5), b"x"))
         assert tap.news() == ""
     assert said == []
@@ -302,7 +302,7 @@ def refused(sender: FakeSender, *, decoder: MvnDecoder | None = None, where: str
             clock=clock,
             rate_hz=100.0,
             where=where,
-            tell=lambda text: None,
+            notify=lambda text: None,
         )
     return str(refusal.value)
 
@@ -383,7 +383,7 @@ def test_a_recording_of_another_kind_than_was_said_is_named() -> None:
 
 def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:
     """What is told, and when, from one time to the next."""
-    trouble, told = StreamTrouble(stream), []
+    trouble, told = StreamProblems(stream), []
     for tick in range(round(first / DT), round(last / DT)):
         stream.listen(DT * tick, moving=True)
         text = trouble.look(DT * tick)
@@ -435,7 +435,7 @@ def test_a_wrong_version_is_refused_and_told_once() -> None:
         with refuses(InputError, "NatNet", found="2.9"):
             refuse_version(motive.stream, 0.1)
         assert "2.9" in str(unusable(motive.stream, [], 10.0, where=HERE, now=10.0))
-        trouble = StreamTrouble(motive.stream)
+        trouble = StreamProblems(motive.stream)
         assert "2.9" in trouble.look(0.1) and trouble.foreign
         assert trouble.look(0.2) == "" and trouble.foreign
     finally:
@@ -447,7 +447,7 @@ def test_a_version_that_can_be_read_is_none_of_that_and_a_group_that_is_not_join
     try:
         refuse_version(motive.stream, 0.1)
         motive.stream.last = 0.0
-        trouble = StreamTrouble(motive.stream)
+        trouble = StreamProblems(motive.stream)
         assert trouble.look(0.1) == "" and not trouble.foreign
         assert isinstance(motive.stream.receiver, NatnetReceiver)
         motive.stream.receiver.trouble = "the group 239.1.2.3 cannot be joined"
@@ -478,7 +478,7 @@ def test_datagrams_of_others_are_told_as_the_reason() -> None:
 def test_a_sender_that_sends_more_than_can_be_read_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.faults.sender.MOST_WAITING", 10_000)  # of a socket with a large buffer
     stream = live_stream(FakeSender(rate_hz=1900.0), five())
-    trouble, told, brief = StreamTrouble(stream), list[str](), ""
+    trouble, told, brief = StreamProblems(stream), list[str](), ""
     for tick in range(1500):
         stream.listen(DT * tick, moving=True)
         told += [text] if (text := trouble.look(DT * tick)) else []

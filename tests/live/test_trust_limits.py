@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from retarget.errors import UsageError
-from retarget.live.engagement import RejoinTimes
-from retarget.live.sensor_validity import TrustLimits
+from retarget.live.engagement import ReacquisitionTimes
+from retarget.live.sensor_validity import ValidityLimits
 
 
 @pytest.mark.parametrize("name", ["fastest", "settled_after", "stale_after", "frozen_after", "reach"])
@@ -14,16 +14,16 @@ from retarget.live.sensor_validity import TrustLimits
 def test_what_makes_no_sense_is_refused(name: str, wrong: float) -> None:
     limits: dict[str, Any] = {name: wrong}
     with pytest.raises(UsageError):
-        TrustLimits(**limits)
+        ValidityLimits(**limits)
 
 
 def test_the_room_has_a_height() -> None:
     with pytest.raises(UsageError):
-        TrustLimits(low=1.0, high=1.0)
+        ValidityLimits(low=1.0, high=1.0)
 
 
 def test_who_is_lost_or_frozen_is_out_in_300_ms() -> None:
     """One capture and one tick at 100 Hz between what happens and what is done."""
-    limits, times = TrustLimits(), RejoinTimes()
+    limits, times = ValidityLimits(), ReacquisitionTimes()
     for limit in (limits.stale_after, limits.frozen_after):
         assert limit + times.leave + 0.02 <= 0.3

@@ -5,7 +5,7 @@ import pytest
 
 from messages import refuses
 from retarget._solver import WatchedSensors
-from retarget.live.sensor_validity import TrustLimits, TrustState, watched_sensors
+from retarget.live.sensor_validity import ValidityLimits, ValidityState, watched_sensors
 from retarget.types import FloatArray
 
 ROWS = np.array([2, 0])
@@ -13,7 +13,7 @@ POSE = np.array([[0.0, 0.1, 1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.1, 1.0, 0.6, 0.8, 
 
 
 def told() -> WatchedSensors:
-    watched = watched_sensors(3, TrustLimits())
+    watched = watched_sensors(3, ValidityLimits())
     watched.put(ROWS, 1.0, POSE)
     return watched
 
@@ -60,7 +60,7 @@ def test_what_is_far_or_late_or_doubted_needs_a_second_look() -> None:
         watched = told()
         assert take(watched, time, pose, look_again) is taken
         assert (watched.pose[2] == (near if taken else POSE)[0]).all()
-    assert not take(watched_sensors(3, TrustLimits()), 1.0, POSE)  # nobody knows where they were
+    assert not take(watched_sensors(3, ValidityLimits()), 1.0, POSE)  # nobody knows where they were
 
 
 def test_without_an_orientation_its_changes_are_forgotten() -> None:
@@ -90,18 +90,18 @@ def test_nobody_is_told_of() -> None:
 
 
 def test_what_was_not_heard_is_not_worn_and_what_is_outside_is_out_of_range() -> None:
-    limits = TrustLimits()
+    limits = ValidityLimits()
     watched, outside = watched_sensors(2, limits), np.array([[50.0, 0.0, 1.0]])
     turn, yes = POSE[:1, 3:].copy(), np.ones(1, dtype=bool)
-    assert watched.judge(0.0).tolist() == [TrustState.STALE] * 2
+    assert watched.judge(0.0).tolist() == [ValidityState.STALE] * 2
     late = limits.not_worn_after
-    assert watched.judge(late - 0.01).tolist() == [TrustState.STALE] * 2
+    assert watched.judge(late - 0.01).tolist() == [ValidityState.STALE] * 2
     watched.take(np.array([1]), late, outside, turn, yes, False)
-    assert watched.judge(late).tolist() == [TrustState.NOT_WORN, TrustState.OUT_OF_RANGE]
-    assert watched.judge(late + limits.stale_after + 0.01).tolist() == [TrustState.NOT_WORN] * 2
+    assert watched.judge(late).tolist() == [ValidityState.NOT_IN_USE, ValidityState.OUT_OF_RANGE]
+    assert watched.judge(late + limits.stale_after + 0.01).tolist() == [ValidityState.NOT_IN_USE] * 2
     watched.put(np.array([1]), late, np.hstack([outside / 50.0, turn]))
-    assert watched.judge(late + 0.01).tolist() == [TrustState.NOT_WORN, TrustState.FRESH]
-    assert watched.judge(np.nan).tolist() == [TrustState.NOT_WORN, TrustState.STALE]
+    assert watched.judge(late + 0.01).tolist() == [ValidityState.NOT_IN_USE, ValidityState.FRESH]
+    assert watched.judge(np.nan).tolist() == [ValidityState.NOT_IN_USE, ValidityState.STALE]
 
 
 def test_bad_arrays_are_refused() -> None:

@@ -12,7 +12,7 @@ from followers import DT, dimensions, op3, performer, postures
 from messages import refuses
 from retarget import _solver
 from retarget.errors import ConfigError
-from retarget.model.body import BodyModel, JointLimits, JointType, joint_weights, light_dofs, load_body_text
+from retarget.model.body import BodyModel, JointLimits, JointType, joint_weights, load_body_text, low_inertia_joints
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.robot import load_robot
@@ -155,7 +155,7 @@ def test_heads_are_light_and_legs_and_trunks_are_not(
     robot: str, light: tuple[str, ...], heavy: tuple[str, ...]
 ) -> None:
     body = load_robot(robot).body
-    names = {body.dof_names[dof] for dof in light_dofs(body, robot_frames(load_robot(robot)))}
+    names = {body.dof_names[dof] for dof in low_inertia_joints(body, robot_frames(load_robot(robot)))}
     assert names >= set(light) and not names & set(heavy)
 
 
@@ -164,7 +164,7 @@ def test_a_heavy_head_is_not_light() -> None:
     mass = body.mass.copy()
     mass[body.joint_body[body.joint_index("head_tilt")]] *= 20.0
     heavy = replace(body, mass=mass)
-    assert light_dofs(heavy, robot_frames(op3())) == []
+    assert low_inertia_joints(heavy, robot_frames(op3())) == []
 
 
 @pytest.mark.parametrize("without", [[], [0], [3, 1]])
@@ -196,7 +196,7 @@ def test_a_support_is_kept_by_the_others_alone(without: list[int]) -> None:
 
 def test_a_head_is_not_swung_for_balance() -> None:
     """OP3's, whose performer hardly turns theirs; it went from stop to stop."""
-    robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    robot = Follower(op3(), load_priorities("balanced"), dimensions(performer()))
     motion = postures(performer())
     robot.start(motion[0])
     robot.arrive(motion[0], DT)

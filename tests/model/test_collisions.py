@@ -14,7 +14,7 @@ from benchmarks.collision_placement import (
     apart,
     height_scale,
     place,
-    surroundings,
+    scene_obstacles,
     write_scene,
 )
 from benchmarks.collision_runs import Motion, play, unobserving
@@ -51,7 +51,7 @@ def test_observers_are_taken_out_and_nothing_else(tmp_path: Path) -> None:
 
 
 def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Motion, scene: SceneState) -> None:
-    around, scale = surroundings(free), height_scale(free)
+    around, scale = scene_obstacles(free), height_scale(free)
     assert 0.9 < scale < 1.1
     np.testing.assert_allclose(scene.shapes.influence, INFLUENCE * scale, rtol=1e-3)
     assert len(around.start.rows) == free.first + 1

@@ -10,7 +10,7 @@ import pytest
 from messages import refuses, shows
 from recordings import Recorded, record
 from retarget.errors import InputError, UsageError
-from retarget.recording.configs import PROFILE, as_now, as_then
+from retarget.recording.configs import PROFILE, as_now, as_recorded
 from retarget.recording.mcap_writer import RecordingFile
 from retarget.recording.reading import Played, read_recording
 from retarget.recording.replay import replay
@@ -52,8 +52,8 @@ def found(run: Recorded) -> Played:
 
 
 def test_files_that_are_as_they_were_are_used_where_they_are(found: Played, run: Recorded) -> None:
-    with as_then(found.recording) as configs:
-        assert configs.told == () and not configs.attached and configs.options == found.recording.session.options
+    with as_recorded(found.recording) as configs:
+        assert configs.notes == () and not configs.attached and configs.options == found.recording.session.options
         assert configs.robot is not None and run.result.robot is not None
         assert configs.robot.profile.body_path == run.result.robot.profile.body_path
 
@@ -70,7 +70,7 @@ def test_a_robot_that_is_gone_is_in_the_recording(found: Played, home: Path) -> 
 def test_a_robot_that_moved_is_named_and_then_all_is_as_it_is_now(found: Played, home: Path) -> None:
     shutil.move(home / "own" / "op3", home / "elsewhere")
     with as_now(found.recording, found.recording.session.options, robot=str(home / "elsewhere")) as configs:
-        assert configs.told == () and not configs.attached
+        assert configs.notes == () and not configs.attached
         assert replay(found, configs).difference.none
     shutil.rmtree(home / "elsewhere")
 
@@ -93,7 +93,7 @@ def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Played, ho
 def test_the_body_stays_where_its_meshes_are_while_only_the_profile_changed(found: Played, home: Path) -> None:
     path = home / "own" / "op3" / "robot.yaml"
     path.write_text(path.read_text() + "# a remark\n")
-    with as_then(found.recording) as configs:
+    with as_recorded(found.recording) as configs:
         assert configs.attached == {PROFILE} and not configs.body_attached
         assert configs.robot is not None
         assert configs.robot.profile.body_path == (home / "own" / "op3" / "body.xml").resolve()
@@ -108,7 +108,7 @@ def test_priorities_of_both_stages_come_back(found: Played, home: Path) -> None:
     session = found.recording.session.model_copy(update={"files": elsewhere})
     recording = replace(found.recording, session=session)
     (home / "own" / "servo.yaml").unlink()
-    with as_then(recording) as configs:
+    with as_recorded(recording) as configs:
         assert configs.attached == {PRIORITIES}
         assert configs.options.priorities is not None
         assert Path(configs.options.priorities).read_bytes() == recording.attachments[PRIORITIES]
@@ -129,11 +129,11 @@ def test_a_calibration_of_now_is_not_used_for_then(
 def test_what_is_nowhere_is_said_with_the_way_on(found: Played, home: Path) -> None:
     shutil.rmtree(home / "own")
     bare = replace(found.recording, attachments={})
-    with refuses(InputError, "robot.yaml", "--robot", "NAME|FILE"), as_then(bare):
+    with refuses(InputError, "robot.yaml", "--robot", "NAME|FILE"), as_recorded(bare):
         pass
     without = {name: data for name, data in found.recording.attachments.items() if name != "performer.yaml"}
     bare = replace(found.recording, attachments=without)
-    with refuses(InputError, "performer.yaml"), as_then(bare):
+    with refuses(InputError, "performer.yaml"), as_recorded(bare):
         pass
 
 
@@ -141,7 +141,7 @@ def test_files_of_another_version_are_refused_in_the_name_of_the_recording(found
     (home / "own" / "op3" / "robot.yaml").unlink()
     strange = {**found.recording.attachments, PROFILE: b"name: op3\nlegs: 3\n"}
     strange_one = replace(found.recording, attachments=strange)
-    with refuses(InputError, "body", 13, "--robot", where="run.mcap", found="robot.yaml:1"), as_then(strange_one):
+    with refuses(InputError, "body", 13, "--robot", where="run.mcap", found="robot.yaml:1"), as_recorded(strange_one):
         pass
 
 
@@ -162,8 +162,8 @@ def test_an_attachment_that_is_not_what_was_said_is_none(found: Played, tmp_path
 def test_a_human_has_no_robot(tmp_path: Path) -> None:
     alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
     recording = alone.played().recording
-    with as_then(recording) as configs:
-        assert configs.robot is None and configs.told == ()
+    with as_recorded(recording) as configs:
+        assert configs.robot is None and configs.notes == ()
     with as_now(recording, recording.session.options) as configs:
         assert configs.robot is None
     with (
@@ -175,7 +175,7 @@ def test_a_human_has_no_robot(tmp_path: Path) -> None:
 
 def test_nothing_stays_behind(found: Played, home: Path) -> None:
     shutil.rmtree(home / "own")
-    with as_then(found.recording) as configs:
+    with as_recorded(found.recording) as configs:
         assert configs.robot is not None
         body = configs.robot.profile.body_path
         assert body.is_file() and configs.body_attached

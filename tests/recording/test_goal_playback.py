@@ -12,7 +12,7 @@ from hardware.guard_state import StopCause
 from messages import refuses, shows
 from recordings import Recorded, mock_bus, record
 from retarget.errors import InputError
-from retarget.recording.goal_playback import sending
+from retarget.recording.goal_playback import goal_playback
 from retarget.recording.reading import Played
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.loop import Watch
@@ -25,15 +25,15 @@ from retarget.types import HumanPosture, RobotPosture
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("sending") / "run.mcap", seconds=1.6)
+    return record(tmp_path_factory.mktemp("goal_playback") / "run.mcap", seconds=1.6)
 
 
 def send(
     found: Played, *, speed: float = 1.0, watch: Callable[[Prepared], Watch] = lambda prepared: Watch()
 ) -> RunResult:
     options = replace(found.recording.session.options, bus="mock")
-    with sending(
-        found, options, speed=speed, clock=VirtualClock(), make_bus=mock_bus, tell=lambda text: None
+    with goal_playback(
+        found, options, speed=speed, clock=VirtualClock(), make_bus=mock_bus, notify=lambda text: None
     ) as prepared:
         return prepared.run(watch(prepared))
 
@@ -103,11 +103,11 @@ def test_after_a_hold_it_comes_back_onto_its_way_slowly(plain: Recorded) -> None
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None and result.reason is None
     check_motion(result)
-    unled = np.flatnonzero(sent.unled & (result.record.phase == Phase.FOLLOW))
-    assert len(unled) >= 15 and not sent.gated[unled[-1] + 40 :].any()
+    no_command = np.flatnonzero(sent.no_command & (result.record.phase == Phase.FOLLOW))
+    assert len(no_command) >= 15 and not sent.gated[no_command[-1] + 40 :].any()
     straight = send(plain.played()).record
     assert straight.robot is not None
-    assert result.ticks_followed > np.count_nonzero(straight.phase == Phase.FOLLOW) + len(unled)
+    assert result.ticks_followed > np.count_nonzero(straight.phase == Phase.FOLLOW) + len(no_command)
     last = straight.robot.goal_ticks[straight.following][-1]
     assert np.abs(sent.goal_ticks[result.record.following][-1] - last).max() <= 1
 

@@ -200,6 +200,6 @@ def test_without_a_path_nothing_is_between_the_run_and_its_bus() -> None:
     from hardware.clock import VirtualClock
 
     clock = VirtualClock()
-    recorder = Recorder(None, RunOptions(robot="op3"), clock=clock, parks=False, tell=str)
+    recorder = Recorder(None, RunOptions(robot="op3"), clock=clock, goes_to_rest=False, notify=str)
     assert recorder.clock is clock and recorder.make_bus(mock_bus) is mock_bus
     assert performer()().duration_s > 0.0

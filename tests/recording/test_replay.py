@@ -183,7 +183,7 @@ class Held:
     def __init__(self, clip: Samples) -> None:
         self._clip = clip
         self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
-        self.over, self.hindrance, self._tick, self._approach = False, "nobody there", 0, 0
+        self.over, self.hold_reason, self._tick, self._approach = False, "nobody there", 0, 0
 
     @property
     def settled(self) -> float:
@@ -216,14 +216,16 @@ def test_who_was_held_is_held_again(tmp_path: Path) -> None:
     assert (found.cycles.sampled == 2).sum() == 10 and found.cycles.weighted.any()
     assert found.cycles.settled.min() < 0.3
     same(replay(found), run.result)
-    assert run.result.record.robot is not None and run.result.record.robot.unled.sum() >= 10
+    assert run.result.record.robot is not None and run.result.record.robot.no_command.sum() >= 10
 
 
 @pytest.mark.long
 def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
     """Sensors are those that were followed: what the stream, its clocks and the trust made of it is done with."""
     rig = LiveRig(FakeSender(faults=[silent(4.6, 5.0)]), options=LiveOptions(countdown=0.5, duration=2.5))
-    recorder = Recorder(tmp_path / "run.mcap", rig.run_options, clock=rig.clock, parks=True, tell=rig.said.append)
+    recorder = Recorder(
+        tmp_path / "run.mcap", rig.run_options, clock=rig.clock, goes_to_rest=True, notify=rig.said.append
+    )
     with rig.prepared(recorder) as prepared, recorder.recording(prepared, source="json://") as recorded:
         result = recorded.run(recorder.watch(Watch(), prepared))
     found = played(read_recording(tmp_path / "run.mcap"))
@@ -430,4 +432,4 @@ def test_a_sample_that_was_none_is_none_again(found: Played) -> None:
     cycles.sampled[row] = Done.FAILED
     lost = replace(found, cycles=cycles)
     samples = ReplayedSamples(lost, cursor(lost))
-    assert samples.sample(int(cycles.tick[row])) is None and samples.hindrance == "as recorded"
+    assert samples.sample(int(cycles.tick[row])) is None and samples.hold_reason == "as recorded"

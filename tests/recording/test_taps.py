@@ -74,10 +74,10 @@ def test_what_was_asked_is_of_its_cycle(note: Note, guard: Guarded) -> None:
     guard.paused = True
     note.stop_asked(True, stop_before=None)
     note.look()
-    note.cut_asked()
+    note.torque_off_asked()
     note.over()
     asked = [int(bits) for bits in cycles(note).asked]
-    assert asked == [Asked.APPROACH, Asked.STOP | Asked.PAUSED | Asked.CUT | Asked.OVER]
+    assert asked == [Asked.APPROACH, Asked.STOP | Asked.PAUSED | Asked.TORQUE_OFF | Asked.OVER]
 
 
 def test_a_cycle_ends_once_however_often_is_asked(note: Note) -> None:
@@ -206,7 +206,7 @@ def samples(*said: SensorSample | None) -> Any:
         motion_dt=0.004,
         over=True,
         settled=0.25,
-        hindrance="nobody",
+        hold_reason="nobody",
         may_approach=lambda: True,
         listen=lambda: None,
         sample=lambda tick: said[tick],
@@ -220,7 +220,7 @@ def test_what_was_followed_is_kept_as_it_was_said(taps_note: Note) -> None:
     tapped = TappedSamples(samples(None, said), taps_note)
     assert tapped.sample(0) is None and row(taps_note).sampled[0] == Done.FAILED
     assert tapped.sample(1) is said
-    assert tapped.settled == 0.25 and tapped.over and tapped.may_approach() and tapped.hindrance == "nobody"
+    assert tapped.settled == 0.25 and tapped.over and tapped.may_approach() and tapped.hold_reason == "nobody"
     kept = row(taps_note)
     assert (kept.sampled[0], kept.tick[0], kept.settled[0]) == (Done.WELL, 1, 0.25) and kept.weighted[0]
     np.testing.assert_array_equal(kept.sensor_position[0], said.position)

@@ -124,7 +124,7 @@ def test_a_bus_that_dies_while_the_robot_brakes_is_a_fault(monkeypatch: pytest.M
 
 def test_a_person_who_insists_is_no_fault_of_the_bus() -> None:
     asked = iter([False] * 15 + [True] * 1000)
-    found, run = played(Rig(swing()), Watch(stop_asked=lambda: next(asked), cut_asked=lambda: True))
+    found, run = played(Rig(swing()), Watch(stop_asked=lambda: next(asked), torque_off_asked=lambda: True))
     assert run.stop is not None and run.stop.then is StopCause.REQUESTED
     assert found.faults == 0
 
@@ -179,7 +179,7 @@ def test_who_asked_a_run_to_end_waits_for_its_end_only(
 ) -> None:
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: measure_latest(run, 4.0))
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "_tell", lambda report, written: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "_notify", lambda report, written: said.append(report.notes))
     assert follow_clip.finished(run, Outputs()) == STOPPED
     follow_clip.finished(replace(run, stop=None), Outputs())
     assert ["last 4 s" in " ".join(notes) for notes in said] == [True, False]
@@ -187,7 +187,7 @@ def test_who_asked_a_run_to_end_waits_for_its_end_only(
 
 def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "_tell", lambda report, written: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "_notify", lambda report, written: said.append(report.notes))
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
     follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
     assert "last" not in " ".join(said[0])

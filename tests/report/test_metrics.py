@@ -212,7 +212,7 @@ def test_ticks_in_which_the_filter_braked_by_itself_are_counted() -> None:
     moving[:, 0] = 4.0 * (np.arange(51) * DT) ** 2  # at the clip's end; the stand-in knows no way to a stop
     report, run = reported(Rig(moving))
     braking = np.count_nonzero(run.record.phase == Phase.BRAKE)
-    assert report.gated_frames == 0 and report.unled_frames == braking > 1
+    assert report.gated_frames == 0 and report.no_command_frames == braking > 1
     knowing = Rig(moving)
 
     def way(dt: float) -> FloatArray:
@@ -225,7 +225,7 @@ def test_ticks_in_which_the_filter_braked_by_itself_are_counted() -> None:
 
     knowing.follower.halt = way  # type: ignore[method-assign]
     report, run = reported(knowing)
-    assert report.gated_frames == report.unled_frames == 0 and Phase.BRAKE in run.record.phase
+    assert report.gated_frames == report.no_command_frames == 0 and Phase.BRAKE in run.record.phase
 
 
 def test_the_approach_takes_no_part_in_the_jerk() -> None:
@@ -256,7 +256,7 @@ def test_the_report_of_a_human_has_no_robots_values() -> None:
     assert report.robot == "human" and list(report.tracking_mm) == list(clip.frames.names)
     for value in (
         report.gated_frames,
-        report.unled_frames,
+        report.no_command_frames,
         report.com_outside_support_frames,
         report.bus,
         report.retarget_us,

@@ -7,7 +7,7 @@ import pytest
 from messages import shows
 from physics_robots_helpers import ROBOTS
 from retarget.model.robot import RobotBody, load_robot
-from retarget.report.rest_check import ParkingWay, parking_way
+from retarget.report.rest_check import PathToRest, path_to_rest
 
 
 def resting(robot: RobotBody, **changed: float) -> RobotBody:
@@ -20,8 +20,8 @@ def resting(robot: RobotBody, **changed: float) -> RobotBody:
     )
 
 
-def found(robot: RobotBody) -> ParkingWay:
-    way = parking_way(robot)
+def found(robot: RobotBody) -> PathToRest:
+    way = path_to_rest(robot)
     assert way is not None
     return way
 
@@ -51,6 +51,6 @@ def test_a_robot_that_would_fall_over_on_the_way_is_told() -> None:
 def test_a_robot_on_a_stand_is_not_looked_at_nor_one_whose_trunk_is_unknown() -> None:
     robot = load_robot("op3")
     frames = {name: frame for name, frame in robot.profile.frames.items() if name != "neck"}
-    assert parking_way(replace(robot, profile=robot.profile.model_copy(update={"frames": frames}))) is None
+    assert path_to_rest(replace(robot, profile=robot.profile.model_copy(update={"frames": frames}))) is None
     fixed = replace(robot, profile=robot.profile.model_copy(update={"root": "fixed"}))
-    assert parking_way(fixed) is None
+    assert path_to_rest(fixed) is None

@@ -70,7 +70,7 @@ def test_without_servos_nothing_is_said_of_them(report: Report) -> None:
 
 
 def test_ticks_that_the_gate_braked_by_itself_are_told(report: Report) -> None:
-    led = replace(report, unled_frames=0)
+    led = replace(report, no_command_frames=0)
     assert line(shown(led), "gate") == f"gate changed 0 of {report.ticks} goals"
-    alone = line(shown(replace(report, gated_frames=3, unled_frames=7)), "gate")
+    alone = line(shown(replace(report, gated_frames=3, no_command_frames=7)), "gate")
     assert alone == f"gate changed 3 of {report.ticks} goals, braked by itself in 7 ticks without any"

@@ -72,12 +72,12 @@ def test_toddlerbot_alone_is_too_weak_for_one_leg() -> None:
 HEIGHT = 0.25
 
 
-def balance(name: str = "steady") -> StandingBalance:
+def balance(name: str = "balanced") -> StandingBalance:
     return StandingBalance(load_priorities(name), plant(op3(), op3().profile.postures.stand))
 
 
 def shrunk() -> FloatArray:
-    """Edges (e, 3) that `steady` keeps to."""
+    """Edges (e, 3) that `balanced` keeps to."""
     return np.array(balance()._room)
 
 
@@ -117,9 +117,9 @@ def test_at_the_edge_of_its_room_a_robot_that_lands_may_be_pushed_in() -> None:
     inward = (
         com - np.array([nx, ny, 0.0]) * STANDING_BALANCE_GRAVITY / HEIGHT * 0.005 * DT**2
     )  # as from 5 mm farther out
-    follows, lands = keeps.spaces(com, still, DT), keeps.spaces(com, still, DT, lands=True)
+    follows, to_stance = keeps.spaces(com, still, DT), keeps.spaces(com, still, DT, to_stance=True)
     assert (follows[:, :3] @ inward > follows[:, 3]).any()
-    assert (lands[:, :3] @ inward <= lands[:, 3]).all()
+    assert (to_stance[:, :3] @ inward <= to_stance[:, 3]).all()
 
 
 def test_at_rest_inside_it_may_stay_and_outside_it_must_come_back() -> None:
@@ -168,7 +168,7 @@ def test_an_impossible_share_is_refused(share: float) -> None:
 
 
 def zmp_outside(robot: Follower) -> float:
-    """Share of ticks in which a hurried follower's zero-moment point is not where `steady` keeps it."""
+    """Share of ticks in which a hurried follower's zero-moment point is not where `balanced` keeps it."""
     human = postures(performer(), speed=2.5)[:600]
     robot.start(human[0])
     com = np.array([robot.step(posture, DT).centre_of_mass for posture in human])
@@ -178,7 +178,7 @@ def zmp_outside(robot: Follower) -> float:
 
 
 def test_a_robot_that_follows_with_it_keeps_its_zero_moment_point_on_its_soles() -> None:
-    assert zmp_outside(follower(priorities="steady")) < 0.01 < 0.3 < zmp_outside(follower())
+    assert zmp_outside(follower(priorities="balanced")) < 0.01 < 0.3 < zmp_outside(follower())
 
 
 SHARE = 0.3
@@ -256,12 +256,15 @@ def most_used(priorities: str) -> float:
 
 
 def test_legs_carry_no_more_than_they_can_for_long() -> None:
-    assert most_used("steady") > 1.5
-    assert most_used("lasting") < 1.25
+    assert most_used("balanced") > 1.5
+    assert most_used("balanced_sustained") < 1.25
 
 
 def test_whoever_does_not_ask_for_it_keeps_to_balance_alone() -> None:
     stance = plant(robot("op3"), robot("op3").profile.postures.stand)
-    assert standing_strength(robot("op3"), load_priorities("steady"), stance) is None
-    assert standing_strength(robot("op3"), load_priorities("lasting"), stance) is not None
-    assert standing_strength(robot("op3"), load_priorities("lasting"), replace(stance, soles=stance.soles[:1])) is None
+    assert standing_strength(robot("op3"), load_priorities("balanced"), stance) is None
+    assert standing_strength(robot("op3"), load_priorities("balanced_sustained"), stance) is not None
+    assert (
+        standing_strength(robot("op3"), load_priorities("balanced_sustained"), replace(stance, soles=stance.soles[:1]))
+        is None
+    )

@@ -10,10 +10,10 @@ from hardware.bus import ServoGoals
 from hardware.guard_state import GoalFilter
 from hardware.servo import loop_lag
 from physics_rig import PhysicsRig, ticks
-from retarget.ik.gravity_torque import CarriedLoad, servo_give
+from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import load_robot
-from retarget.robot.deflection_compensation import MOST_RAD, STILL_RAD, HeldPath, UpheldGoals
+from retarget.robot.deflection_compensation import MOST_RAD, STILL_RAD, CompensatedGoals, HeldPath
 from retarget.safety.gate import Gate
 
 JOINTS = op3().joint_map
@@ -22,19 +22,19 @@ STAND = STANCE.q[op3().servo_columns]
 TINY = 1e-8
 
 
-def make(held: HeldPath | None = None, *, start: FloatArray = STAND) -> UpheldGoals:
-    upheld = UpheldGoals(
+def make(held: HeldPath | None = None, *, start: FloatArray = STAND) -> CompensatedGoals:
+    compensated = CompensatedGoals(
         Gate.for_servos(JOINTS, dt=DT, path_is_clear=held), op3(), STANCE, dt=DT, settle=0.02, held=held
     )
-    upheld.seed(start)
-    return upheld
+    compensated.seed(start)
+    return compensated
 
 
 def load_of(angles: dict[str, float]) -> FloatArray:
     """How far servos give way (n,) rad in a posture on both soles."""
     stance = plant(op3(), angles)
-    torque = CarriedLoad(op3(), stance).torques(stance.q, np.zeros(3))
-    return np.asarray(servo_give(op3()) @ torque[[op3().body.dof_index(joint) for joint in JOINTS.joints]])
+    torque = GravityTorque(op3(), stance).torques(stance.q, np.zeros(3))
+    return np.asarray(joint_compliance(op3()) @ torque[[op3().body.dof_index(joint) for joint in JOINTS.joints]])
 
 
 def check_motion(goals: FloatArray, start: FloatArray) -> None:
@@ -46,17 +46,17 @@ def check_motion(goals: FloatArray, start: FloatArray) -> None:
 
 
 def test_it_is_a_goal_filter() -> None:
-    upheld: GoalFilter = make()
-    assert upheld.at_rest
-    np.testing.assert_array_equal(upheld.position, STAND)
+    compensated: GoalFilter = make()
+    assert compensated.at_rest
+    np.testing.assert_array_equal(compensated.position, STAND)
 
 
 def test_a_standing_robot_is_held_by_what_its_servos_give_way() -> None:
-    upheld = make()
-    goals = np.array([upheld.admit(STAND) for _ in range(100)])
+    compensated = make()
+    goals = np.array([compensated.admit(STAND) for _ in range(100)])
     np.testing.assert_allclose(goals[-1] - STAND, load_of(op3().profile.postures.stand), atol=STILL_RAD)
-    np.testing.assert_array_equal(upheld.position, STAND)
-    np.testing.assert_array_equal(upheld.sent, goals[-1])
+    np.testing.assert_array_equal(compensated.position, STAND)
+    np.testing.assert_array_equal(compensated.sent, goals[-1])
     check_motion(goals, STAND)
     knee = JOINTS.joints.index("l_knee")
     assert np.all(np.diff(goals[:, knee]) * (goals[-1, knee] - STAND[knee]) >= 0.0), "it comes to it from one side"
@@ -66,7 +66,7 @@ def test_a_standing_robot_is_held_by_what_its_servos_give_way() -> None:
 @given(st.integers(0, 2**31))
 def test_whatever_is_asked_it_keeps_the_limits_and_tells_where_it_holds(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    upheld, sent, asked = make(), [], STAND.copy()
+    compensated, sent, asked = make(), [], STAND.copy()
     for _ in range(120):
         match rng.integers(8):
             case 0:
@@ -74,55 +74,55 @@ def test_whatever_is_asked_it_keeps_the_limits_and_tells_where_it_holds(seed: in
             case 1:
                 goal = np.full(len(JOINTS), rng.choice([np.nan, np.inf]))
             case 2:
-                sent.append(upheld.brake())
-                asked = upheld.position
+                sent.append(compensated.brake())
+                asked = compensated.position
                 continue
             case _:
                 goal = asked + rng.normal(0.0, 0.002, len(JOINTS))
-        passed = upheld.passes(goal)
-        sent.append(upheld.admit(goal))
-        assert passed == bool(np.array_equal(upheld.position, goal))
-        np.testing.assert_allclose(upheld.position + upheld.beside, sent[-1], atol=1e-12)
-        assert np.abs(upheld.beside).max() <= MOST_RAD
-        asked = upheld.position
+        passed = compensated.passes(goal)
+        sent.append(compensated.admit(goal))
+        assert passed == bool(np.array_equal(compensated.position, goal))
+        np.testing.assert_allclose(compensated.position + compensated.beside, sent[-1], atol=1e-12)
+        assert np.abs(compensated.beside).max() <= MOST_RAD
+        asked = compensated.position
     check_motion(np.array(sent), STAND)
 
 
 def test_a_motion_within_the_limits_passes_while_the_load_changes() -> None:
     """From standing down to the rest posture: no goal is refused, and all that is sent keeps the limits."""
     end = op3().posture(op3().profile.postures.rest)[op3().servo_columns]
-    upheld, sent = make(), []
+    compensated, sent = make(), []
     for share in 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 200)):
         goal = STAND + share * (end - STAND)
-        sent.append(upheld.admit(goal))
-        np.testing.assert_array_equal(upheld.position, goal)
+        sent.append(compensated.admit(goal))
+        np.testing.assert_array_equal(compensated.position, goal)
     check_motion(np.array(sent), STAND)
 
 
 def test_a_stop_keeps_goals_beside_postures_and_ends() -> None:
-    upheld, way = make(), []
+    compensated, way = make(), []
     for tick in range(60):
-        upheld.admit(STAND + 0.001 * tick)
-    beside = upheld.beside
+        compensated.admit(STAND + 0.001 * tick)
+    beside = compensated.beside
     for _ in range(60):
-        sent = upheld.brake()
-        np.testing.assert_allclose(sent - upheld.position, beside, atol=1e-12)
+        sent = compensated.brake()
+        np.testing.assert_allclose(sent - compensated.position, beside, atol=1e-12)
         way.append(sent)
-    assert upheld.at_rest and np.array_equal(way[-1], way[-2])
+    assert compensated.at_rest and np.array_equal(way[-1], way[-2])
 
 
 def test_who_asks_for_one_posture_is_soon_at_rest() -> None:
     """The load settles for ever; goals do not: a stop must end."""
-    upheld = make()
+    compensated = make()
     for tick in range(40):
-        upheld.admit(STAND + 0.002 * np.sin(0.1 * tick))
+        compensated.admit(STAND + 0.002 * np.sin(0.1 * tick))
     ticks_moving = 0
     for _ in range(8):  # its own velocity is braked first
-        upheld.brake()
-    posture = upheld.position
+        compensated.brake()
+    posture = compensated.position
     while ticks_moving < 100:
-        upheld.admit(posture)
-        if upheld.at_rest:
+        compensated.admit(posture)
+        if compensated.at_rest:
             break
         ticks_moving += 1
     assert ticks_moving < 40
@@ -133,10 +133,10 @@ def test_at_a_limit_the_goal_stays_within_it() -> None:
     start = STAND.copy()
     knee = JOINTS.joints.index("l_knee")
     start[knee] = upper[knee]  # bent as far as it goes, the load bends it more or holds it back
-    upheld = make(start=start)
-    sent = np.array([upheld.admit(start) for _ in range(50)])
+    compensated = make(start=start)
+    sent = np.array([compensated.admit(start) for _ in range(50)])
     assert (sent <= JOINTS.upper + TINY).all() and (sent >= JOINTS.lower - TINY).all()
-    np.testing.assert_array_equal(upheld.position, start)
+    np.testing.assert_array_equal(compensated.position, start)
 
 
 def test_collisions_are_looked_for_where_the_robot_is_held() -> None:
@@ -146,14 +146,14 @@ def test_collisions_are_looked_for_where_the_robot_is_held() -> None:
         paths.append(path.copy())
         return len(paths) < 150
 
-    upheld = make(HeldPath(look))
+    compensated = make(HeldPath(look))
     for _ in range(149):
-        upheld.admit(STAND)
+        compensated.admit(STAND)
         np.testing.assert_allclose(paths[-1][:2], np.array([STAND, STAND]), atol=1e-12)
-    assert np.abs(upheld.beside).max() > 0.01
-    upheld.admit(STAND + 1e-4)  # refused
+    assert np.abs(compensated.beside).max() > 0.01
+    compensated.admit(STAND + 1e-4)  # refused
     np.testing.assert_allclose(paths[-1][1], STAND + 1e-4, atol=1e-12)
-    np.testing.assert_allclose(upheld.position, STAND, atol=1e-3)
+    np.testing.assert_allclose(compensated.position, STAND, atol=1e-3)
 
 
 def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
@@ -161,9 +161,9 @@ def test_a_squatting_robot_with_mass_stands_in_its_posture() -> None:
     rest = op3().profile.postures.rest
     knees = [JOINTS.joints.index(joint) for joint in ("l_knee", "r_knee")]
     plan = op3().posture(rest)[op3().servo_columns]
-    upheld = make(start=plan)
+    compensated = make(start=plan)
     for _ in range(100):
-        goal = upheld.admit(plan)
+        goal = compensated.admit(plan)
     off = []
     for sent in (plan, goal):
         rig = PhysicsRig(start=ticks(rest))
@@ -181,15 +181,15 @@ def test_legs_wait_for_their_slowest_servo() -> None:
     joints = robot.joint_map
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = {servo.joint: loop_lag(servo, protocol=protocols[servo.bus]) for servo in joints.servos}
-    upheld = UpheldGoals(Gate.for_servos(joints, dt=DT), robot, stance, dt=DT, settle=0.02)
+    compensated = CompensatedGoals(Gate.for_servos(joints, dt=DT), robot, stance, dt=DT, settle=0.02)
     posture, speed = stance.q[robot.servo_columns].copy(), np.zeros(len(joints))
-    upheld.seed(posture)
+    compensated.seed(posture)
     knee, ankle, elbow = (joints.joints.index(name) for name in ("LKnee", "LAnklePitch", "LElbow"))
     for _ in range(40):
         speed[[knee, ankle, elbow]] = np.minimum(speed[[knee, ankle, elbow]] + 20.0 * DT, 0.5)
         posture = posture + speed * DT
-        upheld.admit(posture)
-        np.testing.assert_array_equal(upheld.position, posture)
+        compensated.admit(posture)
+        np.testing.assert_array_equal(compensated.position, posture)
     assert lag["LAnklePitch"] > 2.0 * lag["LKnee"]
-    behind = upheld._behind[[knee, ankle, elbow]]
+    behind = compensated._behind[[knee, ankle, elbow]]
     np.testing.assert_allclose(behind, [-0.5 * (lag["LAnklePitch"] - lag["LKnee"]), 0.0, 0.0], atol=1e-4)

@@ -8,7 +8,7 @@ import pytest
 from followers import DT, follower, performer, postures
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.whole_body_stop import Stopping
-from retarget.robot.fallback_hierarchy import parted_first, soles_first
+from retarget.robot.fallback_hierarchy import separated_first, soles_first
 from retarget.robot.follower import Follower
 from retarget.robot.posture_reader import standing_dofs
 from retarget.schema.priorities import load_priorities
@@ -32,14 +32,14 @@ def test_the_level_of_the_soles_comes_first_and_the_others_keep_their_order() ->
 
 
 def test_where_limbs_are_parted_nothing_comes_before_that() -> None:
-    levels = load_priorities("steady").levels
-    names = [levels[k].name for k in parted_first(levels, SOLES)]
+    levels = load_priorities("balanced").levels
+    names = [levels[k].name for k in separated_first(levels, SOLES)]
     assert names[:4] == ["self collision", "fixtures", "soles", "balance"]
 
 
 def test_who_stands_refused_thinks_once_of_parting_limbs(monkeypatch: pytest.MonkeyPatch) -> None:
     human = postures(performer())[:120]
-    robot = follower(priorities="steady")
+    robot = follower(priorities="balanced")
     robot.start(human[0])
     second = robot._second
     assert second is not None and not second.parts
@@ -53,7 +53,7 @@ def test_who_stands_refused_thinks_once_of_parting_limbs(monkeypatch: pytest.Mon
     assert robot.halt(DT) is not None
     rows = np.array([robot.step(posture, DT).q for posture in human])
     assert asked == [True]
-    assert np.abs(rows - followed(follower(priorities="steady"), 120)).max() < 0.05  # it asks for the same
+    assert np.abs(rows - followed(follower(priorities="balanced"), 120)).max() < 0.05  # it asks for the same
 
 
 def test_a_halt_in_motion_changes_no_thought() -> None:

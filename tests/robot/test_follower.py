@@ -19,15 +19,15 @@ from retarget.report import motion_metrics
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.balance import StandingBalance
 from retarget.robot.follower import (
-    ARRIVAL_S,
     LED_SPEED,
     RESTING_SPEED,
     RESTS_S,
+    SETTLING_S,
     STANCE_RESTING_SPEED,
     Follower,
-    Landing,
-    SlowTime,
-    landing_of,
+    ReturnToStance,
+    TimeScaling,
+    return_to_stance_of,
 )
 from retarget.robot.landmarks import AskedLandmarks
 from retarget.robot.posture_reader import RobotReader, standing_dofs
@@ -36,7 +36,7 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
-from retarget.run.rest_trajectory import LONGEST_LANDING_S, PACE
+from retarget.run.rest_trajectory import LONGEST_RETURN_S, PACE
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
@@ -101,12 +101,12 @@ def test_it_rests_where_it_arrives_and_takes_no_longer_than_it_may() -> None:
     robot.start(human)
     way = robot.arrive(human, DT)
     q = np.array([posture.q for posture in way])
-    assert 10 < len(way) <= ARRIVAL_S / DT
+    assert 10 < len(way) <= SETTLING_S / DT
     assert np.abs(np.diff(q[-5:], axis=0)).max() < RESTING_SPEED * DT
 
 
 PELVIS = list(op3().profile.landmarks).index("pelvis")
-STEADY = {"op3": "steady", "toddlerbot": "lasting", "wolfgang": "steady"}
+STEADY = {"op3": "balanced", "toddlerbot": "balanced_sustained", "wolfgang": "balanced"}
 
 
 def crouched(name: str = "op3", ticks: int = 300) -> Follower:
@@ -119,7 +119,7 @@ def crouched(name: str = "op3", ticks: int = 300) -> Follower:
         robot.step(human, DT)
     for _ in range(100):
         robot.halt(DT)
-    robot.begin_landing(robot._q.copy())
+    robot.begin_return_to_stance(robot._q.copy())
     return robot
 
 
@@ -128,9 +128,9 @@ def test_it_stands_upright_on_its_soles_with_legs_more_alike() -> None:
     reader = RobotReader(op3(), robot.stance)
     start = reader.read(robot._q)
     way: list[FloatArray] = []
-    while (q := robot.land(DT)) is not None:
+    while (q := robot.return_to_stance(DT)) is not None:
         way.append(q.copy())
-        assert len(way) * DT < LONGEST_LANDING_S
+        assert len(way) * DT < LONGEST_RETURN_S
     now = reader.read(way[-1])
     lean = [2.0 * np.arccos(min(abs(there.trunk[0]), 1.0)) for there in (start, now)]
     assert lean[0] > 0.3 and lean[1] < 0.1
@@ -147,7 +147,7 @@ def test_legs_and_trunk_end_as_in_the_stance_and_arms_aside(name: str) -> None:
     straight to `rest` from there."""
     follower = crouched(name)
     robot, start = load_robot(name), follower._q.copy()
-    while (q := follower.land(DT)) is not None:
+    while (q := follower.return_to_stance(DT)) is not None:
         last = q.copy()
     carrying, arms = joints_of(robot)
     stand = follower.stance.q
@@ -173,7 +173,7 @@ def leaning() -> Follower:
     aside = [plus(place, (0.05, 0.05, 0.0)) for place in standing.landmarks]
     turned = (np.cos(0.3), 0.0, 0.0, np.sin(0.3))
     for _ in range(300):
-        robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT, haste=1.0)
+        robot._advance(AskedLandmarks(aside, turned, standing.gaze), DT, speed_override=1.0)
     return robot
 
 
@@ -189,48 +189,48 @@ def test_from_the_edge_of_its_room_it_comes_upright_at_once() -> None:
     assert away() > 0.01
     ticks = 0
     while away() > 2e-3:
-        assert robot.land(DT) is not None
+        assert robot.return_to_stance(DT) is not None
         ticks += 1
     assert ticks * DT < 2.0
 
 
 def test_joints_are_led_straight_from_where_they_are() -> None:
     follower = crouched()
-    landing = landing_of(op3(), follower.stance, follower.landmark_map.standing, follower._balance)
-    assert landing is not None
+    to_stance = return_to_stance_of(op3(), follower.stance, follower.landmark_map.standing, follower._balance)
+    assert to_stance is not None
     start = follower._q.copy()
-    landing.begin(start)
-    way = [landing.lead(DT)[7:].copy()]
-    while not landing.arrived:
-        way.append(landing.lead(DT)[7:].copy())
+    to_stance.begin(start)
+    way = [to_stance.lead(DT)[7:].copy()]
+    while not to_stance.arrived:
+        way.append(to_stance.lead(DT)[7:].copy())
     steps = np.diff(np.array([start[7:], *way]), axis=0)
     assert np.abs(steps).max() <= LED_SPEED * DT + 1e-9
     assert np.linalg.matrix_rank(steps, tol=1e-6) == 1
-    landing.begin(follower.stance.q)
-    assert np.abs(landing.lead(DT) - follower.stance.q)[7:].max() <= LED_SPEED * DT + 1e-9, "and again, from there"
+    to_stance.begin(follower.stance.q)
+    assert np.abs(to_stance.lead(DT) - follower.stance.q)[7:].max() <= LED_SPEED * DT + 1e-9, "and again, from there"
 
 
 def test_one_tick_that_stands_still_is_no_stand() -> None:
     """Where limbs meet, all stand still for a tick."""
-    follower = Follower(op3(), load_priorities("steady"), dimensions(performer()))
-    landing = Landing(op3(), follower.stance, follower.landmark_map.standing)
-    landing.begin(follower.stance.q)
+    follower = Follower(op3(), load_priorities("balanced"), dimensions(performer()))
+    to_stance = ReturnToStance(op3(), follower.stance, follower.landmark_map.standing)
+    to_stance.begin(follower.stance.q)
     moving, still = np.ones(op3().body.nv), np.zeros(op3().body.nv)
-    assert all(landing.goes_on(still, DT, stands=True) for _ in range(100)), "joints are still led"
-    while not landing.arrived:
-        landing.lead(DT)
+    assert all(to_stance.goes_on(still, DT, stands=True) for _ in range(100)), "joints are still led"
+    while not to_stance.arrived:
+        to_stance.lead(DT)
     for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
-        assert landing.goes_on(velocity, DT, stands=True)
-    assert not landing.goes_on(still, DT, stands=True)
-    landing.begin(follower.stance.q)
-    assert landing.goes_on(still, DT, stands=True), "and once more from the beginning"
+        assert to_stance.goes_on(velocity, DT, stands=True)
+    assert not to_stance.goes_on(still, DT, stands=True)
+    to_stance.begin(follower.stance.q)
+    assert to_stance.goes_on(still, DT, stands=True), "and once more from the beginning"
 
 
 def test_it_lands_at_half_of_its_speeds_and_ends_at_rest() -> None:
     robot = crouched()
-    robot.keep_pace(PACE)
+    robot.set_speed_override(PACE)
     way = [robot._q.copy()]
-    while (q := robot.land(DT)) is not None:
+    while (q := robot.return_to_stance(DT)) is not None:
         way.append(q.copy())
     speeds = np.abs(np.diff(np.array(way)[:, op3().servo_columns], axis=0)) / DT
     most = robot._limits.max_velocity[[op3().body.dof_index(joint) for joint in op3().joint_map.joints]]
@@ -249,7 +249,7 @@ def test_hands_that_do_not_get_there_do_not_draw_the_body() -> None:
     drawn = []
     for anywhere in (hands, frozenset[int]()):
         for _ in range(200):
-            robot._advance(AskedLandmarks(away, standing.trunk, standing.gaze, open=anywhere), DT, haste=1.0)
+            robot._advance(AskedLandmarks(away, standing.trunk, standing.gaze, open=anywhere), DT, speed_override=1.0)
         pelvis = robot.landmark_map.names.index("pelvis")
         drawn.append(float(np.linalg.norm(np.subtract(robot._reached.landmarks[pelvis], standing.landmarks[pelvis]))))
     assert drawn[0] < 0.005 < drawn[1]
@@ -259,10 +259,10 @@ def test_priorities_that_look_at_no_motion_know_no_landing() -> None:
     stance = plant(op3(), op3().profile.postures.stand)
     servo = Follower(op3(), load_priorities("servo"), dimensions(performer()))
     servo.start(postures(performer())[0])
-    assert servo.land(DT) is None
+    assert servo.return_to_stance(DT) is None
     standing = servo.landmark_map.standing
-    assert landing_of(op3(), stance, standing, StandingBalance(load_priorities("servo"), stance)) is None
-    assert landing_of(op3(), stance, standing, None) is None
+    assert return_to_stance_of(op3(), stance, standing, StandingBalance(load_priorities("servo"), stance)) is None
+    assert return_to_stance_of(op3(), stance, standing, None) is None
 
 
 TICKS = 900
@@ -295,7 +295,7 @@ def followed(*, warm: bool) -> tuple[FloatArray, FloatArray]:
     behind: list[float] = []
     for tick, posture in enumerate(human()):
         if warm and tick >= WARM.start:
-            robot.keep_pace(asked(tick))
+            robot.set_speed_override(asked(tick))
         reached = robot.step(posture, DT)
         if not rows:
             gate.seed(reached.joint_positions)
@@ -334,7 +334,7 @@ def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
     robot = begun()
     for tick, posture in enumerate(human()[: WARM.start + 120]):
         if tick >= WARM.start:
-            robot.keep_pace(asked(tick))
+            robot.set_speed_override(asked(tick))
         reached = robot.step(posture, DT)
         if tick == WARM.start + 118:
             rows = [reached.joint_positions]
@@ -356,7 +356,7 @@ def test_a_leap_of_the_pace_is_none_of_the_robot() -> None:
     for halts in (False, True):
         robot = begun()
         rows = [robot.step(posture, DT).joint_positions for posture in human()[:200]]
-        robot.keep_pace(0.7)
+        robot.set_speed_override(0.7)
         q = robot.halt(DT) if halts else robot.step(human()[200], DT).q
         assert q is not None
         steps = np.diff([*rows[-2:], q[op3().servo_columns]], axis=0)
@@ -369,7 +369,7 @@ def test_whoever_tells_where_it_is_speaks_of_our_time() -> None:
     robot = begun()
     for posture in human()[:100]:
         before, q = robot.step(posture, DT), robot.step(posture, DT).q
-    robot.keep_pace(0.5)
+    robot.set_speed_override(0.5)
     body = op3().body.solver_body()
     moved = body.difference(before.q, q)
     robot.reseed(q, moved / DT)
@@ -381,17 +381,17 @@ def test_whoever_tells_where_it_is_speaks_of_our_time() -> None:
 
 def test_obstacles_are_told_of_the_pace(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, told = begun(), list[tuple[float, float]]()
-    robot.keep_pace(0.5)
-    monkeypatch.setattr(robot.surroundings, "tick", lambda who, dt, pace=1.0: told.append((dt, pace)))
+    robot.set_speed_override(0.5)
+    monkeypatch.setattr(robot.scene_obstacles, "tick", lambda who, dt, pace=1.0: told.append((dt, pace)))
     robot.step(human()[0], DT)
     robot.halt(DT)
     assert told == [(DT, 0.5), (DT, 1.0)]
 
 
-def hinge() -> tuple[SlowTime, FloatArray, FloatArray]:
+def hinge() -> tuple[TimeScaling, FloatArray, FloatArray]:
     body = op3().body
     limits = JointLimits(*(np.full(body.nv, value) for value in (-1.0, 1.0, 4.0, 10.0)))
-    return SlowTime(body, limits), body.qpos0.copy(), np.zeros(body.nv)
+    return TimeScaling(body, limits), body.qpos0.copy(), np.zeros(body.nv)
 
 
 def test_a_joint_that_brakes_before_its_limit_is_not_asked_to_brake_less() -> None:

@@ -17,7 +17,7 @@ from retarget.robot.following_limits import (
     followed_speed,
     following_limits,
     loaded_speed,
-    off_stops,
+    soft_limits,
 )
 from retarget.robot.posture_reader import standing_dofs
 
@@ -30,8 +30,8 @@ def limits(robot: RobotBody) -> JointLimits:
 def test_a_servo_at_this_speed_stays_within_the_error_that_lasts(late: float) -> None:
     robot, dt = op3(), 1e-4
     safety = robot.profile.safety
-    assert safety.following_error_lasting is not None
-    speeds = followed_speed(robot, limits(robot), late=late).max_velocity
+    assert safety.following_error_sustained is not None
+    speeds = followed_speed(robot, limits(robot), tracking_delay=late).max_velocity
     for servo in robot.joint_map.servos:
         speed = float(speeds[robot.body.dof_index(servo.joint)])
         delay, share = round((1.0 / safety.rate_hz + late) / dt), dt / loop_lag(servo)
@@ -39,14 +39,14 @@ def test_a_servo_at_this_speed_stays_within_the_error_that_lasts(late: float) ->
         for tick in range(round(0.8 / dt)):
             shaft += share * (speed * max(tick - delay, 0) * dt - shaft)
             worst = max(worst, speed * tick * dt - shaft)
-        assert worst == pytest.approx(SHARE * safety.following_error_lasting, rel=0.02)
+        assert worst == pytest.approx(SHARE * safety.following_error_sustained, rel=0.02)
 
 
 def test_no_joint_gets_faster_and_nothing_else_changes() -> None:
     for name in ("op3", "wolfgang", "toddlerbot", "poppy"):
         robot = load_robot(name)
         free = limits(robot)
-        slow, slower = (followed_speed(robot, free, late=late) for late in (0.0, 0.03))
+        slow, slower = (followed_speed(robot, free, tracking_delay=late) for late in (0.0, 0.03))
         assert (slow.max_velocity <= free.max_velocity).all()
         assert (slower.max_velocity <= slow.max_velocity).all() and (slower.max_velocity[6:] > 0.0).all()
         for part in ("lower", "upper", "max_acceleration"):
@@ -55,10 +55,10 @@ def test_no_joint_gets_faster_and_nothing_else_changes() -> None:
 
 def test_a_profile_without_that_bound_keeps_its_speeds() -> None:
     robot = load_robot("op3")
-    safety = robot.profile.safety.model_copy(update={"following_error_lasting": None})
+    safety = robot.profile.safety.model_copy(update={"following_error_sustained": None})
     unwatched = replace(robot, profile=robot.profile.model_copy(update={"safety": safety}))
     free = limits(robot)
-    assert followed_speed(unwatched, free, late=0.03) is free
+    assert followed_speed(unwatched, free, tracking_delay=0.03) is free
 
 
 def test_they_are_those_of_the_servos_but_for_limbs_that_stay_bent() -> None:
@@ -97,7 +97,7 @@ def loaded_speed_limits() -> JointLimits:
 
 
 def test_a_knee_that_carries_is_slower_and_a_head_is_not() -> None:
-    free, loaded = loaded_speed_limits(), loaded_speed(op3(), loaded_speed_limits(), reserve=0.25)
+    free, loaded = loaded_speed_limits(), loaded_speed(op3(), loaded_speed_limits(), speed_margin=0.25)
     for joint, expected in (("l_knee", 3.06), ("r_knee", 3.06), ("head_pan", 4.5), ("l_el", 4.5)):
         assert loaded.max_velocity[BODY.dof_index(joint)] == pytest.approx(expected, abs=0.03)
     assert (loaded.max_velocity <= free.max_velocity).all()
@@ -108,8 +108,8 @@ def test_a_knee_that_carries_is_slower_and_a_head_is_not() -> None:
 def test_more_reserve_is_slower_down_to_a_share() -> None:
     knee = BODY.dof_index("l_knee")
     speeds = [
-        float(loaded_speed(op3(), loaded_speed_limits(), reserve=reserve).max_velocity[knee])
-        for reserve in (0.0, 0.5, 99.0)
+        float(loaded_speed(op3(), loaded_speed_limits(), speed_margin=speed_margin).max_velocity[knee])
+        for speed_margin in (0.0, 0.5, 99.0)
     ]
     servo = next(servo for servo in op3().joint_map.servos if servo.joint == "l_knee")
     assert speeds[0] > speeds[1] > speeds[2] == pytest.approx(SLOWEST * servo.model.no_load_speed)
@@ -118,26 +118,26 @@ def test_more_reserve_is_slower_down_to_a_share() -> None:
 def test_who_does_not_stand_keeps_its_limits() -> None:
     hanging = load_robot("op3", root="fixed")
     free = replace(loaded_speed_limits())
-    assert loaded_speed(hanging, free, reserve=0.25) is free
+    assert loaded_speed(hanging, free, speed_margin=0.25) is free
 
 
 @pytest.mark.parametrize("name", ["wolfgang", "toddlerbot"])
 def test_every_robot_keeps_some_speed(name: str) -> None:
     robot = load_robot(name)
     free = following_limits(robot, plant(robot, robot.profile.postures.stand))
-    loaded = loaded_speed(robot, free, reserve=0.25)
+    loaded = loaded_speed(robot, free, speed_margin=0.25)
     ratio = loaded.max_velocity[6:] / free.max_velocity[6:]
     assert SLOWEST <= ratio.min() < 1.0 or np.isclose(ratio, 1.0).all()
     assert ratio.max() == 1.0
 
 
-def off_stops_limits(robot: RobotBody) -> JointLimits:
+def soft_limits_of(robot: RobotBody) -> JointLimits:
     return following_limits(robot, plant(robot, robot.profile.postures.stand))
 
 
 def test_legs_keep_off_and_arms_do_not() -> None:
-    free = off_stops_limits(op3())
-    kept = off_stops(op3(), free, margin=0.05)
+    free = soft_limits_of(op3())
+    kept = soft_limits(op3(), free, margin=0.05)
     body = op3().body
     for joint, low, high in (("l_hip_pitch", -2.306194, 0.438692), ("l_ank_roll", -1.346263, 1.346263)):
         dof = body.dof_index(joint)
@@ -155,8 +155,8 @@ def test_legs_keep_off_and_arms_do_not() -> None:
 @pytest.mark.parametrize("margin", [0.02, 0.05, 0.5])
 def test_no_robot_loses_how_it_stands(name: str, margin: float) -> None:
     robot = load_robot(name)
-    free = off_stops_limits(robot)
-    kept = off_stops(robot, free, margin=margin)
+    free = soft_limits_of(robot)
+    kept = soft_limits(robot, free, margin=margin)
     assert (kept.lower >= free.lower).all() and (kept.upper <= free.upper).all()
     assert (kept.lower < kept.upper)[6:].all()
     dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
@@ -169,7 +169,7 @@ def test_no_robot_loses_how_it_stands(name: str, margin: float) -> None:
 
 
 def test_nothing_to_keep_off_is_nothing() -> None:
-    free = off_stops_limits(op3())
-    assert off_stops(op3(), free, margin=0.0) is free
+    free = soft_limits_of(op3())
+    assert soft_limits(op3(), free, margin=0.0) is free
     hanging = load_robot("op3", root="fixed")
-    assert off_stops(hanging, free, margin=0.05) is free
+    assert soft_limits(hanging, free, margin=0.05) is free

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from followers import DT as CHASE_DT
+from followers import DT as GOVERNOR_DT
 from followers import follower, op3, performer, postures
 from hardware.joint_map import JointMap
 from retarget.ik.hierarchy import Hierarchy
@@ -16,7 +16,15 @@ from retarget.ik.tasks import SlotKind
 from retarget.model.robot import load_robot
 from retarget.robot.landmarks import AskedLandmarks
 from retarget.robot.posture_reader import RobotReader
-from retarget.robot.reference_governor import HELD, STANDING, Chase, Glide, Pace, Pursuit, braking_displacement
+from retarget.robot.reference_governor import (
+    HELD,
+    STANDING,
+    Glide,
+    OnlineTrajectory,
+    Pace,
+    ReferenceGovernor,
+    braking_displacement,
+)
 from retarget.rotations import Vector
 from retarget.types import FloatArray
 
@@ -35,7 +43,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     stance = plant(op3(), op3().profile.postures.stand)
     reader = RobotReader(op3(), stance)
     reached = reader.read(stance.q)
-    chase = Chase(op3(), hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+    governor = ReferenceGovernor(op3(), hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
     hand = list(op3().profile.landmarks).index("l_hand")
     landmarks: list[Vector] = list(reached.landmarks)
     x, y, z = landmarks[hand]
@@ -44,7 +52,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     targets = hierarchy.blank()
     steps = []
     for _ in range(5):
-        chase.aim(targets, asked, reached, CHASE_DT, haste=1.0)
+        governor.aim(targets, asked, reached, GOVERNOR_DT, speed_override=1.0)
         weight, *place = goal(hierarchy, targets, "l_hand")
         steps.append(np.array(place) - np.array((x, y, z)))
         assert weight == 1.0
@@ -55,11 +63,17 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
 
 def test_planted_landmarks_are_not_chased() -> None:
     robot = follower()
-    chase = Chase(op3(), robot.hierarchy, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
+    governor = ReferenceGovernor(op3(), robot.hierarchy, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
     targets = robot.hierarchy.blank()
     stance = plant(op3(), op3().profile.postures.stand)
     reached = RobotReader(op3(), stance).read(stance.q)
-    chase.aim(targets, AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze), reached, CHASE_DT, haste=1.0)
+    governor.aim(
+        targets,
+        AskedLandmarks(reached.landmarks, reached.trunk, reached.gaze),
+        reached,
+        GOVERNOR_DT,
+        speed_override=1.0,
+    )
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
 
@@ -75,10 +89,12 @@ def test_the_pace_of_a_limb_is_that_of_its_own_joints() -> None:
         stance = plant(robot, robot.profile.postures.stand)
         reader = RobotReader(robot, stance)
         reached = reader.read(stance.q)
-        chase = Chase(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         targets = hierarchy.blank()
-        chase.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, CHASE_DT, haste=1.0)
+        governor.aim(
+            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, speed_override=1.0
+        )
         for name in ("l_hand", "r_hand", "pelvis"):
             row = list(robot.profile.landmarks).index(name)
             steps[weak, name] = float(goal(hierarchy, targets, name)[1]) - reached.landmarks[row][0]
@@ -95,9 +111,11 @@ def test_who_is_held_goes_after_what_is_asked_with_more_of_its_servos() -> None:
         stance = plant(robot, robot.profile.postures.stand)
         reader, hierarchy = RobotReader(robot, stance), follower().hierarchy
         reached = reader.read(stance.q)
-        chase = Chase(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        governor = ReferenceGovernor(robot, hierarchy, still=STILL, trunk_at_stance=reader.trunk_at_stance)
         targets, there = hierarchy.blank(), [(x + 0.1, y, z) for x, y, z in reached.landmarks]
-        chase.aim(targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, CHASE_DT, haste=1.0)
+        governor.aim(
+            targets, AskedLandmarks(there, reached.trunk, reached.gaze), reached, GOVERNOR_DT, speed_override=1.0
+        )
         row = list(robot.profile.landmarks).index("l_hand")
         steps.append(float(goal(hierarchy, targets, "l_hand")[1]) - reached.landmarks[row][0])
     assert steps[1] == pytest.approx(HELD[1] / STANDING[1] * steps[0])
@@ -132,17 +150,19 @@ def test_it_goes_on_as_it_moved() -> None:
     assert glide.at[0] - 0.3 <= 0.0008
 
 
-PURSUIT_DT = 0.008
+TRAJECTORY_DT = 0.008
 PACE = Pace(own=4.0, catch_up=2.0, speed=0.5)
 
 
-def chase(asked: FloatArray, start: float | None = None, *, haste: float = 1.0) -> FloatArray:
+def governor(asked: FloatArray, start: float | None = None, *, speed_override: float = 1.0) -> FloatArray:
     """Where a point gets that goes after asked (T,) m along x and reaches every goal."""
-    pursuit = Pursuit(PACE)
+    trajectory = OnlineTrajectory(PACE)
     here, last = asked[0] if start is None else start, asked[0]
     track = []
     for there in asked:
-        here += pursuit.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), PURSUIT_DT, haste=haste)[0]
+        here += trajectory.step(
+            (there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT, speed_override=speed_override
+        )[0]
         last = there
         track.append(here)
     return np.array(track)
@@ -163,48 +183,48 @@ def test_outside_it_goes_straight_back() -> None:
 
 
 def test_a_jump_is_caught_up_with_once_and_for_all() -> None:
-    track = chase(np.r_[np.zeros(5), np.full(400, 0.3)])
-    speed = np.diff(track) / PURSUIT_DT
+    track = governor(np.r_[np.zeros(5), np.full(400, 0.3)])
+    speed = np.diff(track) / TRAJECTORY_DT
     assert track.max() < 0.3 * 1.005
     assert abs(track[-1] - 0.3) < 1e-4
-    assert speed.max() <= PACE.speed + PACE.own * PURSUIT_DT + 1e-9
+    assert speed.max() <= PACE.speed + PACE.own * TRAJECTORY_DT + 1e-9
 
 
 def test_a_smooth_motion_is_followed_with_hardly_any_lag() -> None:
-    time = np.arange(0.0, 4.0, PURSUIT_DT)
+    time = np.arange(0.0, 4.0, TRAJECTORY_DT)
     asked = 0.1 * np.sin(2.0 * np.pi * 0.7 * time)
-    assert np.abs(chase(asked) - asked)[100:].max() < 0.004
+    assert np.abs(governor(asked) - asked)[100:].max() < 0.004
 
 
 def test_noise_is_not_passed_on() -> None:
     noise = 0.001 * np.random.default_rng(0).standard_normal(1000)
-    track = chase(noise)
+    track = governor(noise)
     assert np.std(np.diff(track, n=2)[50:]) < 0.25 * np.std(np.diff(noise, n=2)[50:])
 
 
 def test_haste_slows_the_way_there() -> None:
     asked = np.full(400, 0.3)
-    slow = np.diff(chase(asked, 0.0, haste=0.2)) / PURSUIT_DT
+    slow = np.diff(governor(asked, 0.0, speed_override=0.2)) / TRAJECTORY_DT
     assert slow.max() <= 0.2 * PACE.speed + 1e-9
 
 
 def test_a_restart_forgets_the_motion() -> None:
-    pursuit = Pursuit(PACE)
+    trajectory = OnlineTrajectory(PACE)
     for _ in range(50):
-        pursuit.step((0.002, 0.0, 0.0), (0.002, 0.0, 0.0), PURSUIT_DT)
-    pursuit.restart()
-    assert pursuit.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), PURSUIT_DT) == (0.0, 0.0, 0.0)
+        trajectory.step((0.002, 0.0, 0.0), (0.002, 0.0, 0.0), TRAJECTORY_DT)
+    trajectory.restart()
+    assert trajectory.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), TRAJECTORY_DT) == (0.0, 0.0, 0.0)
 
 
 def test_ahead_of_an_even_motion_by_just_so_much_time() -> None:
     """Of a jump, which has no motion of its own that is believed at once, it is not ahead for long."""
     ahead, speed = 0.05, 0.3
-    asked = speed * PURSUIT_DT * np.arange(150)
-    pursuit, here, last = Pursuit(PACE, ahead=ahead), 0.0, 0.0
+    asked = speed * TRAJECTORY_DT * np.arange(150)
+    trajectory, here, last = OnlineTrajectory(PACE, lead_time=ahead), 0.0, 0.0
     for there in asked:
-        here += pursuit.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), PURSUIT_DT)[0]
+        here += trajectory.step((there - last, 0.0, 0.0), (there - here, 0.0, 0.0), TRAJECTORY_DT)[0]
         last = there
     assert here - asked[-1] == pytest.approx(speed * ahead, rel=0.05)
     for _ in range(200):
-        here += pursuit.step((0.0, 0.0, 0.0), (last - here, 0.0, 0.0), PURSUIT_DT)[0]
+        here += trajectory.step((0.0, 0.0, 0.0), (last - here, 0.0, 0.0), TRAJECTORY_DT)[0]
     assert here == pytest.approx(last, abs=1e-6)

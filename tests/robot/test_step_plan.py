@@ -116,7 +116,7 @@ def test_a_polygon_of_fewer_corners_is_never_larger() -> None:
 
 
 def test_which_priorities_look_at_motion() -> None:
-    assert balance_in_motion(load_priorities("steady")) == 0.22
+    assert balance_in_motion(load_priorities("balanced")) == 0.22
     assert balance_in_motion(load_priorities("servo")) is None
 
 
@@ -124,7 +124,7 @@ SOLES = ("l_sole", "r_sole")
 
 
 def test_two_levels_come_below_all_that_keeps_it_safe() -> None:
-    before = load_priorities("steady")
+    before = load_priorities("balanced")
     names = [level.name for level in stepping_priorities(before, SOLES).levels]
     assert names.index("fixtures") + 1 == names.index(WEIGHT) == names.index(SWINGING) - 1
     assert names.index(SWINGING) < names.index("hands and trunk")
@@ -142,7 +142,7 @@ def test_a_balance_at_rest_is_refused() -> None:
 
 
 def test_soles_that_are_not_planted_are_refused() -> None:
-    steady = load_priorities("steady")
+    steady = load_priorities("balanced")
     level = steady.levels[0]
     for kept, missing in ((level.tasks[:1], "orientation"), (level.tasks[1:], "position")):
         levels = (level.model_copy(update={"tasks": kept}), *steady.levels[1:])
@@ -264,7 +264,7 @@ def test_whatever_happens_one_sole_is_locked_and_the_counts_agree(
     assert 0 <= plan.tally.made <= plan.tally.asked and plan.tally.declined >= 0
 
 
-STEADY = Path(__file__).parent.parent.parent / "configs" / "priorities" / "steady.yaml"
+STEADY = Path(__file__).parent.parent.parent / "configs" / "priorities" / "balanced.yaml"
 
 
 def written(folder: Path, steps: str) -> Priorities:
@@ -277,13 +277,13 @@ def test_the_option_goes_before_the_file(tmp_path: Path) -> None:
     mine = written(tmp_path, "shift")
     assert with_steps(mine, op3(), None, parts="whole")[0].steps == "shift"
     assert with_steps(mine, op3(), "planted", parts="whole")[0].steps == "planted"
-    steady = load_priorities("steady")
+    steady = load_priorities("balanced")
     assert with_steps(steady, op3(), None, parts="whole") == (steady, ()) and steady.steps is None
 
 
 @pytest.mark.parametrize(("robot", "steps"), [("op3", "shift"), ("wolfgang", "shift"), ("toddlerbot", "planted")])
 def test_a_robot_that_is_too_weak_for_one_leg_stays_planted_and_says_so(robot: str, steps: str) -> None:
-    priorities, notes = with_steps(load_priorities("lasting"), load_robot(robot), "shift", parts="whole")
+    priorities, notes = with_steps(load_priorities("balanced_sustained"), load_robot(robot), "shift", parts="whole")
     assert priorities.steps == steps
     if steps == "shift":
         assert notes == ()
@@ -310,14 +310,14 @@ def test_what_a_robot_cannot_do_is_refused(tmp_path: Path, steps: str, root: str
     robot = load_robot("op3", root="free" if root == "free" else "suspended")
     asked = "follow" if steps == "follow" else "shift"
     with refuses(UsageError, "--steps", says):
-        with_steps(load_priorities("steady"), robot, asked, parts=parts)  # type: ignore[arg-type]
+        with_steps(load_priorities("balanced"), robot, asked, parts=parts)  # type: ignore[arg-type]
     with refuses(ConfigError, "priorities", says):
         with_steps(written(tmp_path, steps), robot, None, parts=parts)
 
 
 def test_a_robot_that_hangs_may_follow() -> None:
     robot = load_robot("op3", root="suspended")
-    assert with_steps(load_priorities("steady"), robot, "follow", parts="whole")[0].steps == "follow"
+    assert with_steps(load_priorities("balanced"), robot, "follow", parts="whole")[0].steps == "follow"
 
 
 def test_options_are_checked_before_any_file() -> None:
@@ -332,5 +332,5 @@ def test_options_are_checked_before_any_file() -> None:
 
 
 def test_who_steps_has_mass() -> None:
-    assert priority_names(op3(), RunOptions(robot="op3", steps="shift"))[1] == "steady"
+    assert priority_names(op3(), RunOptions(robot="op3", steps="shift"))[1] == "balanced"
     assert priority_names(op3(), RunOptions(robot="op3", steps="planted"))[1] == "servo"

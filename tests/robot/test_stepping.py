@@ -34,7 +34,7 @@ STANDS: HumanPosture = postures(performer())[0]
 
 
 def stepper() -> Follower:
-    priorities = load_priorities("steady").model_copy(update={"steps": "shift"})
+    priorities = load_priorities("balanced").model_copy(update={"steps": "shift"})
     return Follower(op3(), priorities, dimensions(performer()))
 
 
@@ -134,7 +134,7 @@ def test_a_stop_on_one_foot_keeps_it_and_landing_ends_on_both() -> None:
         q = robot.halt(STEPPING_DT)
         assert q is not None and np.abs(soles(q[None])[0, 0] - robot.stance.soles[0].position).max() < 1e-3
     landed: list[FloatArray] = []
-    while (q := robot.land(STEPPING_DT)) is not None and len(landed) < 500:
+    while (q := robot.return_to_stance(STEPPING_DT)) is not None and len(landed) < 500:
         landed.append(q)
     assert len(landed) < 500 and robot.steps.stands
     assert np.abs(soles(np.array(landed[-1:]))[0, :, 2]).max() < 2e-4
@@ -147,11 +147,11 @@ def test_a_mass_that_was_stopped_beside_its_room_is_led_back_before_it_stands() 
     steps = robot.steps
     assert steps is not None and steps.stands
     steps._balance.both = [[nx, ny, d - 0.05] for nx, ny, d in steps._balance.both]  # all of it is beside
-    assert robot.land(STEPPING_DT) is not None and steps.plan.state is StepState.BACK
+    assert robot.return_to_stance(STEPPING_DT) is not None and steps.plan.state is StepState.BACK
 
 
 def test_planted_priorities_make_no_steps() -> None:
-    robot = Follower(op3(), load_priorities("steady"), dimensions(performer()))
+    robot = Follower(op3(), load_priorities("balanced"), dimensions(performer()))
     robot.start(STANDS)
     assert robot.steps is None
 
@@ -161,7 +161,7 @@ def test_a_foot_that_does_not_feel_the_floor_is_waited_for() -> None:
     for felt in (None, (True, True), (True, False)):
         robot = stepper()
         played(robot, ((LEFT, 3.0),))
-        robot.feel(None if felt is None else np.array(felt))
+        robot.set_contact_state(None if felt is None else np.array(felt))
         ticks = 0
         while state(robot) is StepState.SWING:
             q, ticks = robot.step(STANDS, STEPPING_DT).q, ticks + 1
@@ -189,7 +189,9 @@ def test_with_mass_it_stands_on_one_foot_and_is_parked_on_both(shared: Path) -> 
     options = RunOptions(robot="op3", bus="physics", steps="shift", playback=Playback(end=1.5))
     bench = PhysicsBench(options, lambda text: None)
     clock = VirtualClock()
-    with prepare(lambda: open_source(source), options, clock=clock, make_bus=bench.make_bus, parks=True) as prepared:
+    with prepare(
+        lambda: open_source(source), options, clock=clock, make_bus=bench.make_bus, goes_to_rest=True
+    ) as prepared:
         run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
     report = measure(bench.seen(run))
     assert report.steps is not None and (report.steps.asked, report.steps.made, report.steps.declined) == (1, 1, 0)

@@ -8,7 +8,7 @@ from hardware.clock import VirtualClock
 from hardware.errors import BusError, RetargetError
 from messages import refuses, shows
 from retarget.report.motion_metrics import LimitViolations, limit_violations
-from retarget.run.loop import INTERRUPTED, Ending, Pipeline, Unfailing, Watch
+from retarget.run.loop import INTERRUPTED, Ending, ExceptionSafe, Pipeline, Watch
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray, HumanPosture, RobotPosture
 from rig import Rig, StubReconstructor, person, short_clip
@@ -293,7 +293,7 @@ def test_torque_that_cannot_be_switched_off_is_said(monkeypatch: pytest.MonkeyPa
 
 def test_the_answer_is_that_of_the_question() -> None:
     answers = iter((False, True))
-    asked = Unfailing(lambda: next(answers))
+    asked = ExceptionSafe(lambda: next(answers))
     assert (asked(), asked()) == (False, True)
     asked.settle()
 
@@ -308,7 +308,7 @@ def test_from_its_failure_on_it_is_no_and_the_failure_is_raised_in_the_end() -> 
             raise OSError("no such drive")
         return True
 
-    asked = Unfailing(question)
+    asked = ExceptionSafe(question)
     assert [asked() for _ in range(4)] == [True, False, False, False] and count == 2
     with refuses(OSError):
         asked.settle()

@@ -8,9 +8,9 @@ import pytest
 from messages import refuses
 from retarget.errors import UsageError
 from retarget.model.robot import load_robot
-from retarget.run.options import MOUNTS, TROUBLES, PhysicsOptions, RunOptions, name_with_mass, priority_names
+from retarget.run.options import MOUNTS, PERTURBATIONS, PhysicsOptions, RunOptions, name_with_mass, priority_names
 from sim.physics.mount import Support
-from sim.physics.perturbation import Trouble
+from sim.physics.perturbation import PerturbationKind
 
 
 @pytest.mark.parametrize("bus", ["mock", "none", "profile", "/dev/ttyUSB0"])
@@ -43,15 +43,15 @@ def test_whatever_falls_without_torque_is_parked_first(bus: str, has_mass: bool)
 
 def test_the_names_are_those_of_the_simulation() -> None:
     assert set(MOUNTS) == {support.value for support in Support}
-    assert set(TROUBLES) == {trouble.value for trouble in Trouble}
+    assert set(PERTURBATIONS) == {trouble.value for trouble in PerturbationKind}
 
 
 @pytest.mark.parametrize(
     ("values", "option", "hint"),
     [
         ({"mount": "gantri"}, "--mount", "gantry"),
-        ({"trouble": ("pusch",)}, "--trouble", "push"),
-        ({"trouble": ("push", "push")}, "--trouble", "Name each once"),
+        ({"trouble": ("pusch",)}, "--perturb", "push"),
+        ({"trouble": ("push", "push")}, "--perturb", "Name each once"),
         ({"seed": -1}, "--seed", "0 to 4294967295"),
         ({"mount": "floor", "hook": "neck"}, "--hook", "only a gantry"),
     ],
@@ -64,7 +64,7 @@ def test_what_cannot_be_meant(values: dict[str, object], option: str, hint: str)
 
 @pytest.mark.parametrize("bus", ["mock", "emulator", "none", "profile"])
 @pytest.mark.parametrize(
-    "physics", [PhysicsOptions(mount="stand"), PhysicsOptions(seed=1), PhysicsOptions(trouble=("mass",))]
+    "physics", [PhysicsOptions(mount="stand"), PhysicsOptions(seed=1), PhysicsOptions(perturbations=("mass",))]
 )
 def test_they_are_refused_where_nothing_has_mass(bus: str, physics: PhysicsOptions) -> None:
     with refuses(UsageError, "--bus", "physics"):
@@ -82,7 +82,7 @@ def test_what_it_is_on_says_how_it_follows() -> None:
     assert robot.body.nq == load_robot("op3").body.nq - 7
 
 
-@pytest.mark.parametrize(("name", "usual"), [("toddlerbot", "lasting"), ("op3", "steady")])
+@pytest.mark.parametrize(("name", "usual"), [("toddlerbot", "balanced_sustained"), ("op3", "balanced")])
 def test_a_profile_names_the_priorities_of_a_robot_with_mass(name: str, usual: str) -> None:
     robot = load_robot(name)
     for bus in ("physics", "physics+wire", "profile", "/dev/ttyUSB0"):
@@ -98,8 +98,8 @@ def test_only_the_priorities_that_look_at_no_motion_are_replaced() -> None:
         profile = robot.profile.model_copy(update={"retarget": retarget, "standing": standing})
         return name_with_mass(replace(robot, profile=profile))
 
-    assert named("servo", standing=None, hangs=False) == "steady"
-    assert named("servo", standing=None, hangs=True) == "held"
+    assert named("servo", standing=None, hangs=False) == "balanced"
+    assert named("servo", standing=None, hangs=True) == "fixed_base"
     assert named("mine", standing=None, hangs=False) == named("mine", standing=None, hangs=True) == "mine"
-    assert named("mine", standing="lasting", hangs=False) == "lasting"
-    assert named("mine", standing="lasting", hangs=True) == "mine"
+    assert named("mine", standing="balanced_sustained", hangs=False) == "balanced_sustained"
+    assert named("mine", standing="balanced_sustained", hangs=True) == "mine"

@@ -44,7 +44,7 @@ def run(read: Read, clock: VirtualClock, buses: list[MockBus], tap: RawTap | Non
         return buses[0]
 
     performer = performing(read, LiveOptions(countdown=0.2, patience=2.0), clock=clock, tap=tap)
-    with prepare_for(performer, RunOptions(robot="op3"), clock=clock, make_bus=bus, parks=True) as prepared:
+    with prepare_for(performer, RunOptions(robot="op3"), clock=clock, make_bus=bus, goes_to_rest=True) as prepared:
         return prepared.run()
 
 

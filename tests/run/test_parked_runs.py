@@ -9,7 +9,7 @@ from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
-from retarget.ik.hierarchy import Surroundings
+from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.follower import Follower
 from retarget.run.loop import Watch
@@ -39,7 +39,7 @@ def angles(robot: RobotBody, name: str) -> FloatArray:
     return robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns]
 
 
-def stopped(name: str, after: int, *, start: str, scene: Path | None = None) -> tuple[RunResult, Surroundings | None]:
+def stopped(name: str, after: int, *, start: str, scene: Path | None = None) -> tuple[RunResult, SceneObstacles | None]:
     """A run on a mock bus, of a robot in the posture `start`, that is stopped after so many ticks."""
 
     def bus(robot: RobotBody, clock: Clock) -> ServoBus:
@@ -48,14 +48,14 @@ def stopped(name: str, after: int, *, start: str, scene: Path | None = None) -> 
     asked = RunOptions(
         robot=name,
         bus="mock",
-        priorities="steady",
+        priorities="balanced",
         scene=None if scene is None else str(scene),
         playback=Playback(end=1.0),
     )
     ticks = iter(range(10**6))
-    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bus, parks=True) as prepared:
+    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bus, goes_to_rest=True) as prepared:
         run = prepared.run(Watch(stop_asked=lambda: next(ticks) >= after))
-        return run, prepared.surroundings
+        return run, prepared.scene_obstacles
 
 
 @pytest.mark.parametrize(("name", "after"), [("op3", 1), ("op3", 100), ("wolfgang", 30)])
@@ -72,12 +72,12 @@ def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, af
 def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """It has left the straight way on which it rises, and has not followed; some goals of the landing are refused."""
     refused: list[int] = []
-    admit, land, reseed = Gate.admit, Follower.land, Follower.reseed
+    admit, return_to_stance, reseed = Gate.admit, Follower.return_to_stance, Follower.reseed
     told: list[int] = []
     landed: list[FloatArray] = []
 
-    def landing(self: Follower, dt: float) -> FloatArray | None:
-        q = land(self, dt)
+    def to_stance(self: Follower, dt: float) -> FloatArray | None:
+        q = return_to_stance(self, dt)
         landed.extend([] if q is None else [q.copy()])
         return q
 
@@ -91,7 +91,7 @@ def test_a_stop_on_the_way_to_the_performers_posture_lands_from_there(monkeypatc
         told.append(len(landed))
         reseed(self, q, velocity)
 
-    monkeypatch.setattr(Follower, "land", landing)
+    monkeypatch.setattr(Follower, "return_to_stance", to_stance)
     monkeypatch.setattr(Follower, "reseed", reseeded)
     monkeypatch.setattr(Gate, "admit", once)
     run, _ = stopped("op3", 60, start="stand")
@@ -135,7 +135,9 @@ def test_a_run_that_is_parked_stays_so_when_its_torque_goes(name: str, monkeypat
     monkeypatch.setattr(Witness, "see_it_out", kept)
     asked = RunOptions(robot=name, bus="physics", playback=Playback(end=2.0))
     bench = PhysicsBench(asked, lambda text: None)
-    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, parks=True) as prepared:
+    with prepare(
+        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True
+    ) as prepared:
         run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
     run = bench.seen(run)
     assert run.physics is not None and run.physics.fall is None and run.physics.toppled is None

@@ -3,15 +3,15 @@
 import pytest
 
 from followers import DT, follower, op3
-from retarget.robot.deflection_compensation import UpheldGoals
-from retarget.run.prepare import last_word
-from retarget.safety.gate import Gate, OpenGate
+from retarget.robot.deflection_compensation import CompensatedGoals
+from retarget.run.prepare import make_gate
+from retarget.safety.gate import Gate, PassThroughGate
 from retarget.schema.priorities import load_priorities
 
 
-@pytest.mark.parametrize(("name", "kind"), [("servo", Gate), ("steady", UpheldGoals)])
+@pytest.mark.parametrize(("name", "kind"), [("servo", Gate), ("balanced", CompensatedGoals)])
 def test_priorities_say_whether_the_robot_is_held_up(name: str, kind: type) -> None:
-    last = last_word(op3(), follower(priorities=name), load_priorities(name), gate=True, dt=DT)
+    last = make_gate(op3(), follower(priorities=name), load_priorities(name), gate=True, dt=DT)
     assert type(last.goals) is kind and last.clearance is not None
     last.goals.seed(op3().posture(op3().profile.postures.stand)[op3().servo_columns])
     assert last.passes is not None and last.passes(last.goals.position)
@@ -19,13 +19,13 @@ def test_priorities_say_whether_the_robot_is_held_up(name: str, kind: type) -> N
 
 
 def test_without_a_gate_goals_are_postures() -> None:
-    last = last_word(op3(), follower(priorities="steady"), load_priorities("steady"), gate=False, dt=DT)
-    assert type(last.goals) is OpenGate and last.passes is None and last.clearance is None
+    last = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), gate=False, dt=DT)
+    assert type(last.goals) is PassThroughGate and last.passes is None and last.clearance is None
 
 
 def test_what_is_upheld_is_looked_at_for_collision() -> None:
     """An arm that is lowered into the hip is refused before it is there."""
-    last = last_word(op3(), follower(priorities="steady"), load_priorities("steady"), gate=True, dt=DT)
+    last = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), gate=True, dt=DT)
     assert last.clearance is not None and last.passes is not None
     goal = op3().posture(op3().profile.postures.stand)[op3().servo_columns]
     joints = op3().joint_map

@@ -13,16 +13,16 @@ from retarget.ik.support_polygon import plant
 from retarget.robot.posture_reader import standing_dofs
 from retarget.run.rest_trajectory import (
     ALONE_RAD,
-    HOME_S,
-    LONGEST_HOME_S,
-    LONGEST_LANDING_S,
+    LONGEST_RETURN_S,
+    LONGEST_TO_REST_S,
     NEAR_REST,
     PACE,
+    REST_WITHIN_S,
     SETTLE_S,
-    Parking,
+    RestTrajectory,
     Way,
-    not_parked,
-    ways_home,
+    not_at_rest,
+    rest_trajectories,
 )
 from retarget.types import FloatArray
 from rig import StubFollower
@@ -40,7 +40,7 @@ def angles(name: str) -> FloatArray:
     return op3().posture(getattr(op3().profile.postures, name))[COLUMNS]
 
 
-class Lander(StubFollower):
+class ReturningFollower(StubFollower):
     """Lands in so many ticks, the first joint by `step` rad each, then in so many the next time: `lasts`."""
 
     def __init__(self, *lasts: int, fails: int = 10**9, step: float = 0.01) -> None:
@@ -53,11 +53,11 @@ class Lander(StubFollower):
         self.halted += 1
         return self.q
 
-    def begin_landing(self, q: FloatArray) -> None:
-        super().begin_landing(q)
+    def begin_return_to_stance(self, q: FloatArray) -> None:
+        super().begin_return_to_stance(q)
         self.q = q
 
-    def land(self, dt: float) -> FloatArray | None:
+    def return_to_stance(self, dt: float) -> FloatArray | None:
         self.fails -= 1
         if self.fails < 0:
             raise ArithmeticError("no posture was found")
@@ -79,7 +79,7 @@ class Bench:
 
     def __init__(
         self,
-        follower: Lander,
+        follower: ReturningFollower,
         refuses: "range | set[int]" = range(0),
         *,
         moves: "range | set[int]" = range(0),
@@ -88,7 +88,7 @@ class Bench:
     ) -> None:
         self.follower, self.refuses, self.moves, self.known = follower, refuses, moves, known
         self.told: list[str] = []
-        self.parking = Parking(op3(), follower, dt=DT, tell=self.told.append)
+        self.rest_trajectory = RestTrajectory(op3(), follower, dt=DT, notify=self.told.append)
         self.q = standing().copy()
         self.sent: list[FloatArray] = []
         self.passed = bool(known.pop("passed", True))
@@ -98,7 +98,7 @@ class Bench:
         for _ in range(ticks):
             self._rests = max(self._rests - 1, 0)
             stands = self._rests == 0
-            there = self.parking.next(self.q, passed=self.passed, stands=stands, **self.known)  # type: ignore[arg-type]
+            there = self.rest_trajectory.next(self.q, passed=self.passed, stands=stands, **self.known)  # type: ignore[arg-type]
             if there is None and stands:
                 return self
             number = len(self.sent)
@@ -121,10 +121,10 @@ def waited(bench: Bench) -> int:
 
 
 def test_it_lands_slowly_then_goes_straight_home() -> None:
-    follower = Lander(20)
-    assert not Bench(follower).parking.begun
+    follower = ReturningFollower(20)
+    assert not Bench(follower).rest_trajectory.begun
     bench = Bench(follower).run(1000)
-    assert bench.parking.begun and set(follower.paces) == {PACE}
+    assert bench.rest_trajectory.begun and set(follower.paces) == {PACE}
     (begun,) = follower.landings
     assert np.array_equal(begun, standing()[COLUMNS])  # from where it stands, whether it has followed or not
     way = np.array(bench.sent)
@@ -133,38 +133,38 @@ def test_it_lands_slowly_then_goes_straight_home() -> None:
     home = way[20:]
     assert np.linalg.matrix_rank(home - home[-1], tol=1e-6) == 1  # straight
     assert follower.landed == 1 and not waited(bench)
-    assert bench.parking.next(bench.q, passed=False, stands=True) is None, "nobody sets off again"
+    assert bench.rest_trajectory.next(bench.q, passed=False, stands=True) is None, "nobody sets off again"
 
 
 def test_one_that_has_not_risen_yet_goes_straight_home() -> None:
-    follower = Lander()
-    bench = Bench(follower, lands=False).run(1000)
-    assert not follower.landings and not bench.parking.lands
+    follower = ReturningFollower()
+    bench = Bench(follower, returns_to_stance=False).run(1000)
+    assert not follower.landings and not bench.rest_trajectory.returns_to_stance
     way = np.array(bench.sent)
     assert np.linalg.matrix_rank(way - way[-1], tol=1e-6) == 1 and np.array_equal(way[-1], angles("rest"))
 
 
 def test_a_warm_robot_lands_no_faster_than_it_may() -> None:
-    follower = Lander(20)
+    follower = ReturningFollower(20)
     Bench(follower, slow=0.25).run(1000)
     assert set(follower.paces) == {0.25}
 
 
 def test_a_stop_out_of_a_hold_is_no_refusal() -> None:
     """Nothing was asked for, so nothing was sent as asked."""
-    bench = Bench(Lander(20), passed=False).run(1000)
+    bench = Bench(ReturningFollower(20), passed=False).run(1000)
     assert not waited(bench) and not bench.follower.parted
 
 
 def test_soles_stay_where_they_are_on_the_way_home() -> None:
-    bench = Bench(Lander(0, 0)).run(1000)
+    bench = Bench(ReturningFollower(0, 0)).run(1000)
     soles = op3().points(np.array([standing(), bench.q]), ("l_sole", "r_sole"))
     lower = soles[0, :, 2].argmin()
     assert np.abs(soles[1, lower] - soles[0, lower]).max() < 1e-9
 
 
 def test_where_something_is_in_the_way_it_waits_and_lands_once_more_then_takes_its_arms_aside() -> None:
-    follower = Lander(5, 7)
+    follower = ReturningFollower(5, 7)
     refused = 5 + 30
     bench = Bench(follower, {refused}).run(2000)
     assert follower.landed == 2
@@ -177,7 +177,7 @@ def test_where_something_is_in_the_way_it_waits_and_lands_once_more_then_takes_i
 
 
 def test_a_landing_that_is_refused_waits_and_parts_limbs_and_if_it_still_is_lands_once_more() -> None:
-    follower = Lander(20, 20)
+    follower = ReturningFollower(20, 20)
     bench = Bench(follower, {10, 11 + SETTLES}).run(2000)  # and again, where it stands
     assert follower.parted == 1 and len(follower.landings) == 2
     stood = (np.array(bench.sent)[10:] == bench.sent[9]).all(axis=1)
@@ -186,59 +186,59 @@ def test_a_landing_that_is_refused_waits_and_parts_limbs_and_if_it_still_is_land
 
 
 def test_one_refusal_alone_does_not_end_a_landing_nor_do_two_apart() -> None:
-    follower = Lander(60)
+    follower = ReturningFollower(60)
     Bench(follower, {10}, moves={20 + SETTLES}).run(2000)
     assert follower.parted == 1 and follower.landed == 1 and len(follower.landings) == 1
-    follower = Lander(60)
+    follower = ReturningFollower(60)
     Bench(follower, {10, 30 + SETTLES}, moves={20 + SETTLES}).run(2000)
     assert follower.parted == 2 and len(follower.landings) == 1, "it moved between them"
 
 
 def test_a_landing_that_is_refused_while_it_moves_goes_on() -> None:
-    follower = Lander(60)
+    follower = ReturningFollower(60)
     bench = Bench(follower, moves=range(10, 40, 5), brakes=2).run(2000)
     assert not follower.parted and follower.landed == 1 and not waited(bench)
 
 
 def test_while_it_moves_a_refused_way_home_waits_for_the_brakes() -> None:
-    parking = Parking(op3(), Lander(0, 0), dt=DT)
+    rest_trajectory = RestTrajectory(op3(), ReturningFollower(0, 0), dt=DT)
     q = standing()
     for _ in range(2):
-        there = parking.next(q, passed=True, stands=True)
+        there = rest_trajectory.next(q, passed=True, stands=True)
         assert there is not None
         q = there
     for _ in range(5):
-        assert parking.next(q, passed=False, stands=False) is None
-    there = parking.next(q, passed=False, stands=True)
+        assert rest_trajectory.next(q, passed=False, stands=False) is None
+    there = rest_trajectory.next(q, passed=False, stands=True)
     assert there is not None and np.array_equal(there, q)
 
 
 def test_a_landing_that_does_not_end_stops_and_goes_home_from_there() -> None:
-    follower = Lander(10**6, step=1e-6)
-    parking, q = Parking(op3(), follower, dt=DT), standing()
+    follower = ReturningFollower(10**6, step=1e-6)
+    rest_trajectory, q = RestTrajectory(op3(), follower, dt=DT), standing()
     ticks = 0
     while not follower.halted:
-        there = parking.next(q, passed=True, stands=ticks == 0)
+        there = rest_trajectory.next(q, passed=True, stands=ticks == 0)
         assert there is not None
         q, ticks = there, ticks + 1
-    assert ticks * DT == pytest.approx(LONGEST_LANDING_S, abs=2 * DT)
+    assert ticks * DT == pytest.approx(LONGEST_RETURN_S, abs=2 * DT)
     for _ in range(4):  # on the follower's way to a stop
-        assert parking.next(q, passed=True, stands=False) is follower.q
+        assert rest_trajectory.next(q, passed=True, stands=False) is follower.q
     way = [q]
-    while (there := parking.next(way[-1], passed=True, stands=len(way) == 1)) is not None:
+    while (there := rest_trajectory.next(way[-1], passed=True, stands=len(way) == 1)) is not None:
         way.append(there)
     assert np.array_equal(way[-1][COLUMNS], angles("rest")) and len(follower.landings) == 1
-    assert len(way) * DT <= HOME_S + 2 * DT
+    assert len(way) * DT <= REST_WITHIN_S + 2 * DT
 
 
 @pytest.mark.parametrize("every", [3, 6, 12])
 def test_a_landing_that_is_refused_again_and_again_ends_in_time(every: int) -> None:
     """It waits, moves a little, and is refused where it stands."""
-    follower = Lander(10**6, 10**6, step=1e-6)
-    parking, q, passed, stands = Parking(op3(), follower, dt=DT), standing(), True, True
+    follower = ReturningFollower(10**6, 10**6, step=1e-6)
+    rest_trajectory, q, passed, stands = RestTrajectory(op3(), follower, dt=DT), standing(), True, True
     ticks = moved = 0
-    while parking.lands or not ticks:
-        there = parking.next(q, passed=passed, stands=stands)
+    while rest_trajectory.returns_to_stance or not ticks:
+        there = rest_trajectory.next(q, passed=passed, stands=stands)
         if there is None:
             break
         waits = np.array_equal(there, q)
@@ -246,40 +246,40 @@ def test_a_landing_that_is_refused_again_and_again_ends_in_time(every: int) -> N
         passed = waits or moved % every != 0
         stands = waits or not passed
         q, ticks = there if passed else q, ticks + 1
-    assert ticks * DT <= LONGEST_LANDING_S + SETTLE_S
+    assert ticks * DT <= LONGEST_RETURN_S + SETTLE_S
 
 
 def test_a_second_landing_has_all_its_time() -> None:
-    half = round(0.6 * LONGEST_LANDING_S / DT)
-    follower = Lander(half, half)
+    half = round(0.6 * LONGEST_RETURN_S / DT)
+    follower = ReturningFollower(half, half)
     Bench(follower, {half + 30}).run(10**5)
     assert follower.landed == 2 and not follower.halted
 
 
 def test_the_longest_course_fits_into_its_time() -> None:
-    straight, around = HOME_S, 4.0 * HOME_S  # one joint, arms, `stand`, `rest`
-    assert 2.0 * LONGEST_LANDING_S + straight + around + 4 * SETTLE_S <= LONGEST_HOME_S
+    straight, around = REST_WITHIN_S, 4.0 * REST_WITHIN_S  # one joint, arms, `stand`, `rest`
+    assert 2.0 * LONGEST_RETURN_S + straight + around + 4 * SETTLE_S <= LONGEST_TO_REST_S
 
 
 def test_what_fails_in_a_landing_is_told_and_it_goes_home_without() -> None:
-    follower = Lander(40, fails=10)
+    follower = ReturningFollower(40, fails=10)
     bench = Bench(follower).run(2000)
     assert bench.told == ["on its way to a stand: no posture was found; it goes home from where it is"]
     assert np.array_equal(bench.sent[-1], angles("rest"))
 
 
 def test_after_a_failure_it_does_not_land_again_whatever_is_in_the_way() -> None:
-    follower = Lander(40, fails=10)
+    follower = ReturningFollower(40, fails=10)
     bench = Bench(follower, {10 + 30}).run(2000)
     assert len(follower.landings) == 1 and np.array_equal(bench.sent[-1], angles("rest"))
 
 
-@pytest.mark.parametrize("call", ["begin_landing", "part_limbs"])
+@pytest.mark.parametrize("call", ["begin_return_to_stance", "separate_limbs"])
 def test_whatever_fails_of_the_follower_it_goes_home(call: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*given: object) -> None:
         raise ArithmeticError("no posture was found")
 
-    follower = Lander(40)
+    follower = ReturningFollower(40)
     monkeypatch.setattr(follower, call, fails)
     bench = Bench(follower, {10}).run(2000)
     assert len(bench.told) == 1 and np.array_equal(bench.sent[-1], angles("rest"))
@@ -289,13 +289,13 @@ def test_who_hears_nothing_any_more_keeps_nobody_from_home() -> None:
     def gone(text: str) -> None:
         raise BrokenPipeError(text)
 
-    bench = Bench(Lander(40, fails=10))
-    bench.parking = Parking(op3(), bench.follower, dt=DT, tell=gone)
+    bench = Bench(ReturningFollower(40, fails=10))
+    bench.rest_trajectory = RestTrajectory(op3(), bench.follower, dt=DT, notify=gone)
     assert np.array_equal(bench.run(2000).sent[-1], angles("rest"))
 
 
 def test_obstacles_move_on_in_every_tick_in_which_the_follower_does_not_lead() -> None:
-    follower = Lander(5, 7)
+    follower = ReturningFollower(5, 7)
     bench = Bench(follower, {5 + 30}).run(2000)
     led_by_it = 5 + 7
     last = 1  # the tick in which it finds that it is there
@@ -303,26 +303,26 @@ def test_obstacles_move_on_in_every_tick_in_which_the_follower_does_not_lead() -
 
 
 def test_where_there_is_no_way_it_stays() -> None:
-    follower = Lander(0, 0)
+    follower = ReturningFollower(0, 0)
     bench = Bench(follower, range(10**6)).run(10**5)
     assert np.array_equal(bench.q, standing())
     asked = np.abs(np.array(bench.sent) - standing()[COLUMNS]).max(axis=1) > 0.0
-    assert np.count_nonzero(asked) == len(list(ways_home(op3(), dt=DT)))  # the first goal of each
+    assert np.count_nonzero(asked) == len(list(rest_trajectories(op3(), dt=DT)))  # the first goal of each
     assert np.count_nonzero(~asked) == np.count_nonzero(asked) * SETTLES  # and waits after each
 
 
-TICKS = round(HOME_S / DT)
+TICKS = round(REST_WITHIN_S / DT)
 DOFS = [op3().body.dof_index(joint) for joint in op3().joint_map.joints]
 LEGS = standing_dofs(op3())[DOFS]
 
 
-def ways_home_angles(name: str) -> FloatArray:
+def rest_trajectory_angles(name: str) -> FloatArray:
     posture = getattr(op3().profile.postures, name)
     return op3().posture(posture)[op3().servo_columns]
 
 
 def ways() -> list[Callable[[FloatArray], Way]]:
-    return list(ways_home(op3(), dt=DT))
+    return list(rest_trajectories(op3(), dt=DT))
 
 
 def gone(number: int, here: FloatArray) -> FloatArray:
@@ -331,27 +331,27 @@ def gone(number: int, here: FloatArray) -> FloatArray:
 
 
 def test_the_first_leads_straight_to_the_rest_posture_in_time() -> None:
-    here = ways_home_angles("rest") + 0.3
+    here = rest_trajectory_angles("rest") + 0.3
     way = gone(0, here)
-    assert np.array_equal(way[-1], ways_home_angles("rest")) and 10 < len(way) <= TICKS + 1
-    share = (way - here) / (ways_home_angles("rest") - here)
+    assert np.array_equal(way[-1], rest_trajectory_angles("rest")) and 10 < len(way) <= TICKS + 1
+    share = (way - here) / (rest_trajectory_angles("rest") - here)
     assert np.ptp(share, axis=1).max() < 1e-9  # straight
-    assert len(gone(0, ways_home_angles("rest"))) == 1  # it is there
+    assert len(gone(0, rest_trajectory_angles("rest"))) == 1  # it is there
 
 
 @pytest.mark.parametrize(("number", "aside"), [(1, "attractor"), (2, "stand"), (3, "neutral")])
 def test_the_next_take_the_arms_aside_first_and_go_by_the_stand(number: int, aside: str) -> None:
-    here = ways_home_angles("stand") + 0.1
+    here = rest_trajectory_angles("stand") + 0.1
     way = gone(number, here)
-    assert np.array_equal(way[-1], ways_home_angles("rest"))
-    there = int(np.argmax(np.abs(way - np.where(LEGS, here, ways_home_angles(aside))).max(axis=1) < 1e-12))
+    assert np.array_equal(way[-1], rest_trajectory_angles("rest"))
+    there = int(np.argmax(np.abs(way - np.where(LEGS, here, rest_trajectory_angles(aside))).max(axis=1) < 1e-12))
     assert there > 10
     assert not np.abs(way[: there + 1, LEGS] - here[LEGS]).any()  # legs wait
-    assert (np.abs(way[there:] - ways_home_angles("stand")).max(axis=1) < 1e-12).any()
+    assert (np.abs(way[there:] - rest_trajectory_angles("stand")).max(axis=1) < 1e-12).any()
 
 
 def test_then_one_joint_of_an_arm_goes_first_the_outermost_before_all_others() -> None:
-    here = ways_home_angles("stand") + 0.1
+    here = rest_trajectory_angles("stand") + 0.1
     moved = [np.flatnonzero(next(begin(here)) != here).tolist() for begin in ways()]
     assert all(len(joints) > 1 for joints in moved[:4])
     assert sorted(joint for (joint,) in moved[4:]) == np.flatnonzero(~LEGS).tolist()
@@ -360,22 +360,22 @@ def test_then_one_joint_of_an_arm_goes_first_the_outermost_before_all_others() -
     way = gone(4, here)
     alone = here[moved[4][0]] - way[:, moved[4][0]]
     assert np.abs(alone[: np.flatnonzero((way != here).sum(axis=1) > 1)[0]]).max() <= ALONE_RAD + 1e-12
-    assert np.array_equal(way[-1], ways_home_angles("rest"))
+    assert np.array_equal(way[-1], rest_trajectory_angles("rest"))
 
 
 @pytest.mark.parametrize("number", [0, 1, 3, 6])
 def test_every_way_keeps_the_speeds_of_the_servos_and_ends_in_time(number: int) -> None:
-    steps = np.diff(gone(number, ways_home_angles("stand") + 0.2), axis=0)
+    steps = np.diff(gone(number, rest_trajectory_angles("stand") + 0.2), axis=0)
     assert (np.abs(steps).max(axis=0) <= op3().joint_map.max_velocity * DT + 1e-12).all()
-    assert len(steps) * DT <= 4 * HOME_S < LONGEST_HOME_S
+    assert len(steps) * DT <= 4 * REST_WITHIN_S < LONGEST_TO_REST_S
 
 
 def test_a_robot_that_was_to_be_parked_and_is_not_is_told() -> None:
-    rest, stand = ways_home_angles("rest"), ways_home_angles("stand")
-    assert not_parked(op3(), rest + 0.9 * NEAR_REST, None) == ()
-    (told,) = not_parked(op3(), stand, None)
+    rest, stand = rest_trajectory_angles("rest"), rest_trajectory_angles("stand")
+    assert not_at_rest(op3(), rest + 0.9 * NEAR_REST, None) == ()
+    (told,) = not_at_rest(op3(), stand, None)
     knees = {op3().joint_map.joints[joint] for joint in np.flatnonzero(np.abs(stand - rest) > 1.5)}
     assert told.startswith("not parked") and any(f"{knee} 1.84 rad" in told for knee in knees)
-    assert not_parked(op3(), stand, Stop(StopCause.REQUESTED, "asked", 0.0)) == (told,)
-    assert not_parked(op3(), stand, Stop(StopCause.REQUESTED, "insisted", 0.0, then=StopCause.REQUESTED)) == ()
-    assert not_parked(op3(), stand, Stop(StopCause.TEMPERATURE, "hot", 0.0)) == (), "it stays, and the reason says so"
+    assert not_at_rest(op3(), stand, Stop(StopCause.REQUESTED, "asked", 0.0)) == (told,)
+    assert not_at_rest(op3(), stand, Stop(StopCause.REQUESTED, "insisted", 0.0, then=StopCause.REQUESTED)) == ()
+    assert not_at_rest(op3(), stand, Stop(StopCause.TEMPERATURE, "hot", 0.0)) == (), "it stays, and the reason says so"

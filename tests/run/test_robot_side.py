@@ -8,8 +8,8 @@ from hardware.errors import BusError, TorqueError
 from hardware.guard_state import GuardState, StopCause
 from messages import refuses, shows
 from retarget.run.loop import INTERRUPTED, Watch
+from retarget.run.robot_side import FORCED_STOP
 from retarget.run.record import Phase
-from retarget.run.robot_side import INSISTED
 from retarget.types import FloatArray
 from rig import Rig, play, short_clip
 from robot_side_helpers import swing, times_of_writing
@@ -223,9 +223,9 @@ def test_who_insists_does_not_wait_for_the_robot_to_stand() -> None:
         asked += 1
         return asked == 30
 
-    ending = play(rig, Watch(stop_asked=stop, cut_asked=lambda: asked == 30 and not rig.gate.at_rest))
+    ending = play(rig, Watch(stop_asked=stop, torque_off_asked=lambda: asked == 30 and not rig.gate.at_rest))
     assert not rig.gate.at_rest and not rig.bus.torque_on
-    assert ending.reason == f"{INTERRUPTED}, then: {INSISTED} (torque is off)"
+    assert ending.reason == f"{INTERRUPTED}, then: {FORCED_STOP} (torque is off)"
     assert len(ending.record) == 29
 
 
@@ -237,7 +237,7 @@ def test_who_insists_after_a_failure_does_not_wait_either() -> None:
             raise OSError("no terminal")
 
     with refuses(OSError):
-        play(rig, Watch(broken, cut_asked=lambda: True, every=1))
+        play(rig, Watch(broken, torque_off_asked=lambda: True, every=1))
     assert not rig.gate.at_rest and not rig.bus.torque_on
 
 
@@ -257,19 +257,19 @@ def test_a_look_that_fails_while_it_brakes_is_raised_when_it_stands(in_clip: boo
         raise OSError("no such drive")
 
     with refuses(OSError):
-        play(rig, Watch(stop_asked=look, cut_asked=cut))
+        play(rig, Watch(stop_asked=look, torque_off_asked=cut))
     assert rig.gate.at_rest and not rig.bus.torque_on and rig.guard.stop_reason is not None
 
 
 def test_who_cannot_hear_of_a_servo_does_not_hinder_the_stop(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, told = Rig(swing()), 0
 
-    def tell(text: str) -> None:
+    def notify(text: str) -> None:
         nonlocal told
         told += 1
         raise BrokenPipeError
 
-    monkeypatch.setattr(rig.side, "_tell", tell)
+    monkeypatch.setattr(rig.side, "_notify", notify)
     monkeypatch.setattr(rig.guard.health.warnings, "take_news", lambda: ["it is warm"])
     ending = play(rig)
     assert told > 40 and (ending.state, ending.reason) == ("idle", None)

@@ -7,14 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from followers import DT as WAY_THERE_DT
+from followers import DT as APPROACH_DT
 from followers import follower, op3, performer, postures
 from hardware.errors import RetargetError
 from messages import refuses
 from retarget.model.body import JointLimits
 from retarget.model.robot import load_robot
 from retarget.report.motion_metrics import limit_violations
-from retarget.run.trajectory import REJOINING_S, PacedWay, approach, laid_within, require_finite, taken_of, way_there
+from retarget.run.trajectory import (
+    REJOINING_S,
+    SpeedOverrideTrajectory,
+    approach,
+    approach_trajectory,
+    require_finite,
+    retimed,
+    taken_of,
+)
 from retarget.types import FloatArray
 
 DT = 0.008
@@ -64,15 +72,15 @@ def hump(height: float, ticks: int) -> FloatArray:
 
 def test_what_keeps_the_speeds_is_left_to_the_bit() -> None:
     rows = hump(0.2, 100)
-    assert laid_within(rows, most=MOST, change=CHANGE) is rows
-    assert laid_within(rows[:1], most=MOST, change=CHANGE) is not None
+    assert retimed(rows, most=MOST, change=CHANGE) is rows
+    assert retimed(rows[:1], most=MOST, change=CHANGE) is not None
 
 
 @given(height=st.floats(0.5, 3.0), ticks=st.integers(40, 300))
 @settings(max_examples=40, deadline=None)
 def test_it_keeps_the_speeds_and_goes_from_the_first_row_to_the_last(height: float, ticks: int) -> None:
     rows = hump(height, ticks)
-    laid = laid_within(rows, most=MOST, change=CHANGE)
+    laid = retimed(rows, most=MOST, change=CHANGE)
     assert (np.abs(np.diff(laid, axis=0)) <= MOST * (1.0 + 1e-6)).all()
     sharpest = np.maximum(CHANGE, np.abs(np.diff(rows, n=2, axis=0)).max(axis=0))
     assert (np.abs(np.diff(laid, n=2, axis=0)) <= sharpest * (1.0 + 1e-6)).all()
@@ -83,31 +91,31 @@ def test_it_keeps_the_speeds_and_goes_from_the_first_row_to_the_last(height: flo
 
 def test_it_is_slower_only_where_it_must() -> None:
     rows = np.concatenate([hump(0.1, 300), 0.1 * np.array([1.0, -0.5]) + hump(3.0, 100)])
-    laid = laid_within(rows, most=MOST, change=CHANGE)
+    laid = retimed(rows, most=MOST, change=CHANGE)
     uniform = len(rows) * float((np.abs(np.diff(rows, axis=0)) / MOST).max())
     assert len(laid) < 0.5 * uniform
     assert laid[200] == pytest.approx(rows[200], abs=1e-12)
 
 
-PACED_WAY_DT = 0.008
-REJOINING = round(REJOINING_S / PACED_WAY_DT)
+OVERRIDE_DT = 0.008
+REJOINING = round(REJOINING_S / OVERRIDE_DT)
 ROWS = np.cumsum(np.sin(np.linspace(0.0, np.pi, 40)))[:, None] * [1.0, -0.5]
 
 
 def test_at_full_pace_it_is_row_by_row_to_the_bit() -> None:
-    way = PacedWay(ROWS, dt=PACED_WAY_DT)
+    way = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
     got = [way.next() for _ in range(39)]
     assert np.array_equal(got, ROWS[1:]) and way.done
     assert np.array_equal(way.next(), ROWS[-1])
 
 
 def test_who_is_there_already_is_done() -> None:
-    way = PacedWay(ROWS[:1], dt=PACED_WAY_DT)
+    way = SpeedOverrideTrajectory(ROWS[:1], dt=OVERRIDE_DT)
     assert way.done and np.array_equal(way.next(0.5), ROWS[0])
 
 
 def test_at_half_pace_it_takes_twice_as_long_at_half_the_speed() -> None:
-    way = PacedWay(ROWS, dt=PACED_WAY_DT)
+    way = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
     got = [ROWS[0]]
     while not way.done:
         got.append(way.next(0.5))
@@ -122,7 +130,11 @@ def test_at_half_pace_it_takes_twice_as_long_at_half_the_speed() -> None:
 @given(st.lists(st.floats(0.25, 1.0), min_size=200, max_size=200))
 @settings(max_examples=40, deadline=None)
 def test_no_step_is_longer_than_its_pace_and_the_end_is_the_end(paces: list[float]) -> None:
-    way, before, most = PacedWay(ROWS, dt=PACED_WAY_DT), ROWS[0], np.abs(np.diff(ROWS, axis=0)).max(axis=0)
+    way, before, most = (
+        SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT),
+        ROWS[0],
+        np.abs(np.diff(ROWS, axis=0)).max(axis=0),
+    )
     for pace in paces:
         here = way.next(pace)
         assert (np.abs(here - before) <= pace * most + 1e-12).all()
@@ -131,7 +143,7 @@ def test_no_step_is_longer_than_its_pace_and_the_end_is_the_end(paces: list[floa
 
 
 def test_left_and_taken_up_again_it_comes_back_from_where_the_robot_stands_without_a_leap() -> None:
-    way, beside = PacedWay(ROWS, dt=PACED_WAY_DT), np.array([0.3, -0.2])
+    way, beside = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT), np.array([0.3, -0.2])
     for _ in range(10):
         last = way.next()
     way.leave()
@@ -146,7 +158,7 @@ def test_left_and_taken_up_again_it_comes_back_from_where_the_robot_stands_witho
 
 
 def test_left_at_its_end_it_is_gone_back_to() -> None:
-    way = PacedWay(ROWS, dt=PACED_WAY_DT)
+    way = SpeedOverrideTrajectory(ROWS, dt=OVERRIDE_DT)
     for _ in range(39):
         way.next()
     assert way.done
@@ -157,7 +169,7 @@ def test_left_at_its_end_it_is_gone_back_to() -> None:
 
 def test_coming_back_onto_it_takes_as_long_at_any_rate() -> None:
     for dt in (0.005, 0.008, 0.02):
-        way = PacedWay(ROWS[:1], dt=dt)
+        way = SpeedOverrideTrajectory(ROWS[:1], dt=dt)
         way.leave()
         ticks = 0
         while not way.done:
@@ -209,19 +221,19 @@ def test_no_joint_exceeds_its_share_and_it_ends_where_following_begins() -> None
     there = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
     present = there - 0.2
     arrival = there + (s**3 * (10.0 - 15.0 * s + 6.0 * s**2)) * np.linspace(-0.6, 0.6, 20)
-    way = way_there(robot, present, [there, *arrival], dt=WAY_THERE_DT)
+    way = approach_trajectory(robot, present, [there, *arrival], dt=APPROACH_DT)
     got = [present, *(way.next() for _ in range(way.ticks))]
     steps = np.diff(got, axis=0)
-    most = robot.profile.safety.speed_caps.approach * robot.joint_map.max_velocity * WAY_THERE_DT
+    most = robot.profile.safety.speed_caps.approach * robot.joint_map.max_velocity * APPROACH_DT
     assert way.done and np.array_equal(got[-1], arrival[-1])
     assert (np.abs(steps) <= most * (1.0 + 1e-6)).all() and np.abs(steps / most).max() > 0.9
-    assert (np.abs(np.diff(steps, axis=0)) <= robot.joint_map.max_acceleration * WAY_THERE_DT**2).all()
+    assert (np.abs(np.diff(steps, axis=0)) <= robot.joint_map.max_acceleration * APPROACH_DT**2).all()
 
 
 def test_who_is_there_already_has_no_way() -> None:
     robot = op3()
     there = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    assert way_there(robot, there, [there], dt=WAY_THERE_DT).done
+    assert approach_trajectory(robot, there, [there], dt=APPROACH_DT).done
 
 
 def test_a_way_that_nobody_knows_is_refused() -> None:

@@ -37,7 +37,7 @@ def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: Non
             clock=VirtualClock(),
             make_bus=lambda body, clock: make_bus(options.bus, body, clock),
         ) as prepared,
-        viewing(port, prepared, options, tell=lambda text: None) as page,
+        viewing(port, prepared, options, notify=lambda text: None) as page,
     ):
         feed = page._feed
         if feed is not None:

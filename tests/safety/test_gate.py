@@ -13,7 +13,7 @@ from messages import refuses
 from oracles.frame_bounds import braking_displacement
 from oracles.frame_bounds import frame_bounds as bounds_oracle
 from retarget._solver import frame_bounds
-from retarget.safety.gate import Gate, OpenGate, PathCheck
+from retarget.safety.gate import Gate, PassThroughGate, PathCheck
 from servos import four_servos
 
 MAP = JointMap(four_servos())
@@ -267,7 +267,7 @@ def test_the_nearest_to_any_goal_passes_and_one_that_passes_is_nearest_to_itself
 
 
 def test_goals_pass_and_braking_ends_at_rest() -> None:
-    gate = OpenGate(np.full(2, 10.0), dt=0.1)
+    gate = PassThroughGate(np.full(2, 10.0), dt=0.1)
     gate.seed(np.zeros(2))
     assert gate.at_rest
     np.testing.assert_array_equal(gate.admit(np.array([0.25, -5.0])), [0.25, -5.0])
@@ -280,6 +280,6 @@ def test_goals_pass_and_braking_ends_at_rest() -> None:
 
 @pytest.mark.parametrize("goal", [[np.nan, 0.0], [np.inf, 0.0], [0.0]])
 def test_what_no_servo_can_take(goal: list[float]) -> None:
-    gate = OpenGate(np.full(2, 10.0), dt=0.1)
+    gate = PassThroughGate(np.full(2, 10.0), dt=0.1)
     with refuses(HardwareError):
         gate.admit(np.array(goal))

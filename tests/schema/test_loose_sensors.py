@@ -21,7 +21,7 @@ from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.performer import LivePerformer
 from retarget.live.roles import CONVENTIONS, roles_of
 from retarget.model.human_dimensions import HumanDimensions, stature_of
-from retarget.schema.performer import HELD, Performer, WornSensor, load_performer
+from retarget.schema.performer import HELD, Performer, PerformerSensor, load_performer
 from retarget.types import FloatArray
 from sim.faults.sender import FakeSender
 
@@ -86,7 +86,7 @@ def test_what_sits_on_its_joint_stays_nearly_there(names: tuple[str, ...]) -> No
 
 
 def slime(name: str) -> Performer:
-    return Performer(name="one", description="One.", sensors={name: WornSensor(joint=name, beside=True)})
+    return Performer(name="one", description="One.", sensors={name: PerformerSensor(joint=name, beside=True)})
 
 
 def test_only_what_the_performer_s_file_says_is_loose_and_turns_by_itself() -> None:
@@ -138,7 +138,7 @@ class Controllers(FakeSender):
 
 
 def wearing() -> Performer:
-    sensors = {name: WornSensor(joint=name, role=f"my {name}", beside=name in HELD) for name in TEN}
+    sensors = {name: PerformerSensor(joint=name, role=f"my {name}", beside=name in HELD) for name in TEN}
     return Performer(name="mine", description="Controllers.", sensors=sensors)
 
 
@@ -147,7 +147,7 @@ def followed(sender: Controllers, *, until: float) -> tuple[dict[str, FloatArray
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(sender, wearing())
     options = LiveOptions(countdown=0.2, person="anna")
-    performance = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, tell=said.append)
+    performance = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=said.append)
     live = performance.samples
     assert isinstance(live, LivePerformer)
     sample = live.sample(0)

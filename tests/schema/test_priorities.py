@@ -47,7 +47,7 @@ def test_walking_speeds_rise_from_zero(walking: tuple[float, float]) -> None:
 @pytest.mark.parametrize("forward", [True, False])
 def test_feet_that_are_asked_to_point_forward_do(forward: bool) -> None:
     """The axis of a robot's frame points along a direction of its own world, x forward."""
-    robot, held = load_robot("op3", root="suspended"), load_priorities("held")
+    robot, held = load_robot("op3", root="suspended"), load_priorities("fixed_base")
     dropped = (PostureTask,) if forward else (PostureTask, AxisTask)
     levels = tuple(
         level.model_copy(update={"tasks": tuple(task for task in level.tasks if not isinstance(task, dropped))})
@@ -72,9 +72,9 @@ def test_feet_that_are_asked_to_point_forward_do(forward: bool) -> None:
 @pytest.mark.parametrize(
     ("bus", "mount", "named", "chosen"),
     [
-        ("physics", "gantry", None, "held"),
-        ("physics", "stand", None, "held"),
-        ("physics", "floor", None, "steady"),
+        ("physics", "gantry", None, "fixed_base"),
+        ("physics", "stand", None, "fixed_base"),
+        ("physics", "floor", None, "balanced"),
         ("physics", "gantry", "servo", "servo"),
         ("mock", None, None, "servo"),
     ],
@@ -222,18 +222,22 @@ def test_unknown_name_is_refused() -> None:
 def test_what_cannot_uphold_is_refused(settings: dict[str, float], part: Facts) -> None:
     levels = [{"name": "b", "tasks": [{"type": "posture", "towards": "stand"}]}]
     sound = {"name": "t", "description": "t", "levels": levels}
-    assert Priorities.model_validate(sound).uphold is None
-    uphold = Priorities.model_validate({**sound, "uphold": {}}).uphold
-    assert uphold is not None and uphold.settle > 0.0 and uphold.reserve > 0.0
+    assert Priorities.model_validate(sound).deflection_compensation is None
+    deflection_compensation = Priorities.model_validate({**sound, "uphold": {}}).deflection_compensation
+    assert (
+        deflection_compensation is not None
+        and deflection_compensation.settle > 0.0
+        and deflection_compensation.speed_margin > 0.0
+    )
     with refuses(ValueError, part):
         Priorities.model_validate({**sound, "uphold": settings})
 
 
 def test_only_steady_upholds_and_it_puts_soles_and_balance_before_limbs() -> None:
     for name in ("servo", "paper", "human"):
-        assert load_priorities(name).uphold is None
-    steady = load_priorities("steady")
-    assert steady.uphold is not None
+        assert load_priorities(name).deflection_compensation is None
+    steady = load_priorities("balanced")
+    assert steady.deflection_compensation is not None
     assert [level.name for level in steady.levels][:3] == ["soles", "balance", "self collision"]
 
 

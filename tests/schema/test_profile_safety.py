@@ -15,7 +15,7 @@ ALL = {
     "freshness_warn": 0.05,
     "temperature_warn_c": 58.0,
     "voltage_warn": [11.0, 14.0],
-    "following_error_lasting": 0.2,
+    "following_error_sustained": 0.2,
     "following_error_s": 0.3,
     "following_error_warn": 0.15,
     "current_a": 2.0,
@@ -33,18 +33,18 @@ def test_what_is_left_out_is_not_watched_but_heat_warns_five_degrees_before() ->
     limits = guard_limits(safety())
     assert (limits.max_age, limits.max_temperature, limits.following_error) == (0.1, 65.0, 0.35)
     assert limits.warn_temperature == 60.0 and limits.slow_share == 0.5
-    assert limits.warn_age == limits.max_current == limits.warn_current == limits.lasting_error == inf
+    assert limits.warn_age == limits.max_current == limits.warn_current == limits.sustained_error == inf
     assert limits.warn_voltage == (-inf, inf) and limits.warn_following_error == inf
 
 
 def test_every_key_arrives_at_the_guard() -> None:
     limits = guard_limits(safety(**ALL))
     assert (limits.warn_age, limits.warn_temperature, limits.warn_voltage) == (0.05, 58.0, (11.0, 14.0))
-    assert (limits.lasting_error, limits.lasting_time, limits.warn_following_error) == (0.2, 0.3, 0.15)
+    assert (limits.sustained_error, limits.sustained_time, limits.warn_following_error) == (0.2, 0.3, 0.15)
     assert (limits.max_current, limits.warn_current, limits.current_time) == (2.0, 1.5, 0.7)
     assert limits.slow_share == 0.4
     plain, given = vars(guard_limits(safety())), vars(limits)
-    guards_own = {"lag", "max_brake_ticks", "max_hold", "max_home_ticks", "period"}
+    guards_own = {"lag", "max_brake_ticks", "max_hold", "max_rest_ticks", "period"}
     same = {key for key in given if plain[key] == given[key]} - guards_own
     assert same == {"max_age", "max_temperature", "voltage", "following_error"}
 
@@ -64,8 +64,8 @@ def test_everything_is_told_in_words() -> None:
     [
         ("temperature_warn_c: 65", "temperature_warn_c: must be below temperature_c; found 65 degrees Celsius"),
         ("freshness_warn: 0.1", "freshness_warn: must be below freshness"),
-        ("following_error_lasting: 0.4", "following_error_lasting: must be below following_error"),
-        ("following_error_warn: 0.25", "following_error_warn: must be below following_error_lasting"),
+        ("following_error_sustained: 0.4", "following_error_sustained: must be below following_error"),
+        ("following_error_warn: 0.25", "following_error_warn: must be below following_error_sustained"),
         ("current_a: 1.0", "current_warn_a: must be below current_a; found 1.5 A"),
         ("voltage_warn: [9.0, 14.0]", "voltage_warn: must lie within voltage; found 9 to 14 V; allowed: 10 to 14.8 V"),
         ("voltage_warn: [14.0, 11.0]", "voltage_warn: inverted limits"),

@@ -5,7 +5,7 @@ from hardware.clock import VirtualClock
 from live_rig import five, live_stream
 from osc_bytes import message
 from retarget.live.admission import Datagram
-from retarget.live.sensor_validity import TrustState
+from retarget.live.sensor_validity import ValidityState
 from retarget.setup.doctor_listening import MOST_KINDS, listen_to
 from sim.faults.sender import FakeSender, lost
 
@@ -16,13 +16,13 @@ def test_frames_names_and_senders_are_kept() -> None:
     assert {"head", "l_wrist"} <= listening.told.keys()
     assert list(listening.sources) == [("127.0.0.1", 40000)]
     assert len(listening.looks) == len(listening.states) > 50
-    assert listening.share("head", TrustState.FRESH) == 1.0
+    assert listening.share("head", ValidityState.FRESH) == 1.0
 
 
 def test_a_lost_sensor_is_stale_for_that_time() -> None:
     listening = heard(lost("l_wrist", 3.0, 4.0), seconds=5.0)
-    assert 0.15 < listening.share("l_wrist", TrustState.STALE) < 0.3
-    assert listening.share("r_wrist", TrustState.STALE) == 0.0
+    assert 0.15 < listening.share("l_wrist", ValidityState.STALE) < 0.3
+    assert listening.share("r_wrist", ValidityState.STALE) == 0.0
 
 
 def test_the_stream_is_given_back_as_it_was() -> None:

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from doctor_rig import mends, text_of
+from doctor_rig import fixes, text_of
 from hardware.clock import VirtualClock
 from messages import shows, shows_lines
 from retarget.errors import Problem
 from retarget.setup.doctor_machine import (
     Level,
     firewall_findings,
+    fix,
     frame_findings,
     lateness_finding,
     machine_findings,
-    mend,
     mend_all,
     note,
     ok,
@@ -31,17 +31,17 @@ from retarget.setup.doctor_machine import (
 def test_a_line_for_each() -> None:
     assert ok("rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
     assert note("clock", "coarse").render() == "note clock: coarse"
-    assert mend("port", "taken", "Stop it").render() == "mend port: taken. Stop it."
-    assert mend("port", "taken", "Who?").render().endswith("Who?")
+    assert fix("port", "taken", "Stop it").render() == "mend port: taken. Stop it."
+    assert fix("port", "taken", "Who?").render().endswith("Who?")
 
 
 def test_a_senders_words_cannot_move_the_cursor() -> None:
-    assert mend("sensors", "tells \x1b[2Jx\n\r", "No").render() == "mend sensors: tells ?[2Jx??. No."
+    assert fix("sensors", "tells \x1b[2Jx\n\r", "No").render() == "mend sensors: tells ?[2Jx??. No."
 
 
 def test_problems_of_a_refusal() -> None:
     found = mend_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
-    assert [finding.level for finding in found] == [Level.MEND, Level.MEND]
+    assert [finding.level for finding in found] == [Level.FIX, Level.FIX]
     assert found[0].what == "taken. Stop it."
 
 
@@ -107,13 +107,13 @@ def test_without_the_files_nothing_fails(tmp_path: Path) -> None:
 
 
 def test_who_wakes_in_time_and_who_late() -> None:
-    assert not mends([lateness_finding(VirtualClock())])
+    assert not fixes([lateness_finding(VirtualClock())])
 
     class Late(VirtualClock):
         def sleep_until(self, deadline: float) -> None:
             super().sleep_until(deadline + 0.006)
 
-    assert mends([lateness_finding(Late())])
+    assert fixes([lateness_finding(Late())])
 
 
 @pytest.fixture
@@ -126,26 +126,26 @@ def terminal(tmp_path: Path) -> Path:
 
 def test_a_sound_port(terminal: Path, tmp_path: Path) -> None:
     found = port_findings(str(terminal), baud=1_000_000, devices=tmp_path, processes=tmp_path)
-    assert not mends(found)
+    assert not fixes(found)
     shows(text_of(found), 1000000)
 
 
 def test_a_path_that_leads_nowhere_and_a_file(tmp_path: Path) -> None:
-    shows(mends(port_findings(str(tmp_path / "none")))[0])
-    shows(mends(port_findings(str(tmp_path)))[0])
-    shows(mends(port_findings("x" * 5000))[0])
+    shows(fixes(port_findings(str(tmp_path / "none")))[0])
+    shows(fixes(port_findings(str(tmp_path)))[0])
+    shows(fixes(port_findings("x" * 5000))[0])
 
 
 def test_without_permission(terminal: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    shows(mends(port_findings(str(terminal)))[0])
+    shows(fixes(port_findings(str(terminal)))[0])
 
 
 @pytest.mark.parametrize(("timer", "count"), [("16", 1), ("1", 0)])
 def test_the_latency_timer(terminal: Path, tmp_path: Path, timer: str, count: int) -> None:
     (tmp_path / "null").mkdir()
     (tmp_path / "null/latency_timer").write_text(timer)
-    lines = mends(port_findings(str(terminal), devices=tmp_path, processes=tmp_path / "null"))
+    lines = fixes(port_findings(str(terminal), devices=tmp_path, processes=tmp_path / "null"))
     assert len(lines) == count
     if count:
         shows(lines[0], 16)
@@ -156,18 +156,18 @@ def test_who_has_it(terminal: Path, tmp_path: Path) -> None:
     descriptors.mkdir(parents=True)
     (descriptors / "5").symlink_to(os.devnull)
     (tmp_path / "77/cmdline").write_bytes(b"retarget\0servo\0monitor\0")
-    lines = mends(port_findings(str(terminal), devices=tmp_path, processes=tmp_path))
+    lines = fixes(port_findings(str(terminal), devices=tmp_path, processes=tmp_path))
     assert len(lines) == 1
     shows(lines[0], 77)
 
 
 def test_ports_that_may_be_opened() -> None:
-    assert not mends(serial_findings([os.devnull]))
+    assert not fixes(serial_findings([os.devnull]))
 
 
 def test_ports_that_may_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    shows(mends(serial_findings([os.devnull]))[0], "usermod")
+    shows(fixes(serial_findings([os.devnull]))[0], "usermod")
 
 
 def test_where_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,12 +175,12 @@ def test_where_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(os, "getegid", lambda: 1000)
     monkeypatch.setattr(os, "getgroups", list)
-    assert not mends(serial_findings([]))
+    assert not fixes(serial_findings([]))
 
 
 def test_this_python_will_do() -> None:
-    assert not mends(python_findings())
-    assert "3.10.4" in mends(python_findings((3, 10, 4)))[0]
+    assert not fixes(python_findings())
+    assert "3.10.4" in fixes(python_findings((3, 10, 4)))[0]
 
 
 def test_a_wheel_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,7 +191,7 @@ def test_a_wheel_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> Non
     shows(text_of(python_findings()))
 
 
-@pytest.mark.parametrize(("cost", "level"), [(0.0005, Level.OK), (0.005, Level.NOTE), (0.02, Level.MEND)])
+@pytest.mark.parametrize(("cost", "level"), [(0.0005, Level.OK), (0.005, Level.NOTE), (0.02, Level.FIX)])
 def test_the_cost_of_a_frame(cost: float, level: Level) -> None:
     assert [finding.level for finding in frame_findings(lambda: cost)] == [level]
 

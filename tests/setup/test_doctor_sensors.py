@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from doctor_rig import FRAMES, heard, json_poses, mends, played, steady, text_of
+from doctor_rig import FRAMES, fixes, heard, json_poses, played, steady, text_of
 from live_rig import five
 from messages import shows, shows_lines
 from retarget import rotations
@@ -37,7 +37,7 @@ def turned(*, own: float, turn: float = 1.0) -> Listening:
 
 
 def test_a_hand_that_hangs_is_made_up_and_the_other_is_not() -> None:
-    lines = mends(invented_findings("json", turned(own=0.0)))
+    lines = fixes(invented_findings("json", turned(own=0.0)))
     assert len(lines) == 1 and lines[0].startswith("mend l_wrist: hangs from the chest")
 
 
@@ -47,7 +47,7 @@ def test_a_hand_that_moves_by_itself_is_real() -> None:
 
 def test_nothing_can_be_said_while_nobody_moves() -> None:
     found = invented_findings("json", turned(own=0.0, turn=0.0))
-    assert not mends(found)
+    assert not fixes(found)
     shows(text_of(found))
 
 
@@ -73,12 +73,12 @@ def sent(
 
 
 def wrong(listening: Listening) -> str:
-    return "\n".join(mends(rate_findings("json", listening)))
+    return "\n".join(fixes(rate_findings("json", listening)))
 
 
 def test_a_sound_stream_has_nothing_to_mend() -> None:
     found = rate_findings("json", sent(frame=lambda k: {"frame": k}))
-    assert not mends(found)
+    assert not fixes(found)
     shows(text_of(found), 100, "frames/s", 0)
 
 
@@ -88,7 +88,7 @@ def test_a_slow_one() -> None:
 
 
 def test_silence_in_the_middle_and_at_the_end() -> None:
-    middle = "\n".join(mends(rate_findings("json", heard(silent(3.0, 3.5)))))
+    middle = "\n".join(fixes(rate_findings("json", heard(silent(3.0, 3.5)))))
     shows(middle, 1, "0.13", "0.5")
     shows(wrong(heard(silent(4.0, 9.0))), "1.0")
 
@@ -133,7 +133,7 @@ def test_a_sender_without_time_is_told_so_and_not_blamed() -> None:
     listening = sent()
     listening.frames = [type(one)(one.arrival, None, None, one.names) for one in listening.frames]
     found = rate_findings("json", listening)
-    assert not mends(found)
+    assert not fixes(found)
     shows(text_of(found))
 
 
@@ -143,24 +143,24 @@ def test_a_few_frames_say_little() -> None:
 
 def test_left_out_samples_of_mvn_are_not_its_fault() -> None:
     listening = sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0})
-    assert not any("loss" in line for line in mends(rate_findings("mvn", listening)))
+    assert not any("loss" in line for line in fixes(rate_findings("mvn", listening)))
 
 
 def test_seconds_of_single_precision_grow_coarse() -> None:
     listening = sent()
     hours = 40.0 * 3600.0
     listening.frames = [type(one)(one.arrival, hours + one.arrival, None, one.names) for one in listening.frames]
-    shows("\n".join(mends(rate_findings("vmc", listening))), 16)
-    assert not mends(rate_findings("json", listening))
+    shows("\n".join(fixes(rate_findings("vmc", listening))), 16)
+    assert not fixes(rate_findings("json", listening))
 
 
 def found_with(*faults: SenderFault) -> str:
-    return "\n".join(mends(role_findings(five(), "json", heard(*faults))))
+    return "\n".join(fixes(role_findings(five(), "json", heard(*faults))))
 
 
 def test_all_is_well() -> None:
     found = role_findings(five(), "json", heard())
-    assert not mends(found)
+    assert not fixes(found)
     shows(text_of(found), "head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 
 
@@ -187,13 +187,13 @@ def test_each_doubt_names_its_sensor_alone(fault: SenderFault, who: str, words: 
 
 def test_all_in_millimetres_is_one_line() -> None:
     poses = {name: {"p": [500.0, 20.0 * row, 1500.0]} for row, name in enumerate(five().sensors)}
-    lines = mends(role_findings(five(), "json", played(steady(json_poses(1.0, poses), seconds=3.0))))
+    lines = fixes(role_findings(five(), "json", played(steady(json_poses(1.0, poses), seconds=3.0))))
     assert sum("unit (metres)" in line for line in lines) == 1
 
 
 def test_names_of_the_senders_own_need_roles() -> None:
     listening = played(steady(json_poses(1.0, {"Head": {"p": [0, 0, 1]}})))
-    shows("\n".join(mends(role_findings(five(), "json", listening))), "`role`")
+    shows("\n".join(fixes(role_findings(five(), "json", listening))), "`role`")
 
 
 def test_vrchat_has_no_wrists() -> None:
@@ -210,7 +210,7 @@ def test_nothing_is_said_of_nothing() -> None:
 def test_who_takes_what_there_is_misses_only_what_measures() -> None:
     everything = load_performer("all")
     found = role_findings(everything, "json", heard(lost("l_toe", 0.0, 99.0), performer=everything))
-    assert not mends(found)
+    assert not fixes(found)
     shows(text_of(found), "l_toe")
-    lines = mends(role_findings(everything, "json", heard(lost("head", 0.0, 99.0), performer=everything)))
+    lines = fixes(role_findings(everything, "json", heard(lost("head", 0.0, 99.0), performer=everything)))
     shows_lines(lines, "head")

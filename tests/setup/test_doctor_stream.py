@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from doctor_rig import HERE, heard, json_poses, judged, mends, played, steady, text_of
+from doctor_rig import HERE, fixes, heard, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
 from live_rig import five
 from messages import refuses, shows, shows_lines
@@ -104,19 +104,19 @@ OTHER = ("192.168.1.9", 5)
     ],
 )
 def test_mix_ups_are_said_in_one_line(text: str, payload: bytes, words: str) -> None:
-    lines = mends(judged(played(steady(payload), text=text), text=text))
+    lines = fixes(judged(played(steady(payload), text=text), text=text))
     assert len(lines) == 1 and words in lines[0]
 
 
 def test_a_sender_that_is_not_allowed() -> None:
     text = "json://0.0.0.0:14150?allow=192.168.1.20"
-    lines = mends(judged(played(steady(ONE, source=OTHER), text=text), text=text))
+    lines = fixes(judged(played(steady(ONE, source=OTHER), text=text), text=text))
     shows(lines[0], "192.168.1.9", 5)
 
 
 def test_a_second_source_and_who_was_first() -> None:
     rows = sorted(steady(ONE) + [Datagram(1.0 + k / 10, OTHER, ONE) for k in range(5)])
-    line = next(line for line in mends(judged(played(rows))) if "second source" in line)
+    line = next(line for line in fixes(judged(played(rows))) if "second source" in line)
     shows(line, "192.168.1.9", HERE[0], HERE[1])
 
 
@@ -132,33 +132,33 @@ def test_damage_is_told_by_its_share() -> None:
     rows = [
         Datagram(one.arrival, one.source, one.payload[: -(k % 5 == 0) or None]) for k, one in enumerate(steady(ONE))
     ]
-    shows_lines(mends(judged(played(rows))), "JSON", "UTF-8", 40, 200)
+    shows_lines(fixes(judged(played(rows))), "JSON", "UTF-8", 40, 200)
 
 
 def test_a_rate_beyond_what_is_taken() -> None:
-    shows(mends(judged(played(steady(ONE, rate=5000.0, seconds=1.0)))))
+    shows(fixes(judged(played(steady(ONE, rate=5000.0, seconds=1.0)))))
 
 
 def test_what_the_kernel_lost() -> None:
     listening = played(steady(ONE))
     vars(listening.stream.receiver)["overflowed"] = 12
-    assert any("lost 12 datagrams" in line for line in mends(judged(listening)))
+    assert any("lost 12 datagrams" in line for line in fixes(judged(listening)))
 
 
 def test_an_avatar_that_is_not_loaded() -> None:
     payload = bundle(message("/VMC/Ext/OK", "i", 0), pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
     text = "vmc://:39539"
-    shows(mends(judged(played(steady(payload), text=text), text=text)))
+    shows(fixes(judged(played(steady(payload), text=text), text=text)))
 
 
 def test_noise_of_many_kinds_is_one_line() -> None:
     rows = [Datagram(k / 100, HERE, bytes([200, k, 1, 2, 3])) for k in range(200)]
-    assert len(mends(judged(played(rows)))) == 1
+    assert len(fixes(judged(played(rows)))) == 1
 
 
 def test_a_recording_of_another_kind_is_read_as_that() -> None:
     address = parse_address("replay://walk.raw?kind=mvn")
-    (line,) = mends(sender_findings(address, "mvn", played(steady(VMC), text="mvn://:9763")))
+    (line,) = fixes(sender_findings(address, "mvn", played(steady(VMC), text="mvn://:9763")))
     shows(line, "mvn://")
     assert line.endswith("Read it as replay://walk.raw?kind=vmc.")
 
@@ -207,7 +207,7 @@ def test_motive_is_started_and_asked() -> None:
     ],
 )
 def test_a_sender_to_elsewhere_is_the_cause(stray: Stray, words: str) -> None:
-    assert words in "\n".join(mends([stray_finding(parse_address("vmc://:39539"), stray)]))
+    assert words in "\n".join(fixes([stray_finding(parse_address("vmc://:39539"), stray)]))
     assert "ITS_ADDRESS" not in said("vmc://:39539", stray)
 
 
@@ -216,12 +216,12 @@ def test_a_sender_to_elsewhere_is_the_cause(stray: Stray, words: str) -> None:
 )
 def test_another_kind_elsewhere_is_only_worth_knowing(got: Recognised, words: str) -> None:
     finding = stray_finding(parse_address("vmc://:39539"), Stray("127.0.0.1", "0.0.0.0", 9_763, got))
-    assert not mends([finding]) and words in finding.render()
+    assert not fixes([finding]) and words in finding.render()
 
 
 def test_a_sound_stream_has_nothing_to_mend() -> None:
     found = judged(heard())
-    assert not mends(found), text_of(found)
+    assert not fixes(found), text_of(found)
     assert {"stream", "rate", "jitter", "clock", "sensors"} <= {finding.subject for finding in found}
 
 
@@ -232,12 +232,12 @@ def test_a_sound_stream_has_nothing_to_mend() -> None:
 def test_real_recordings(shared: Path, name: str, kind: str, wrong: list[str]) -> None:
     address = parse_address(f"replay://{shared}/streams/slimevr/{name}.udprec.gz?kind={kind}")
     found = stream_findings(address, five(), clock=VirtualClock(), seconds=6.0)
-    assert [line.split(":")[0].split()[1] for line in mends(found)] == wrong
+    assert [line.split(":")[0].split()[1] for line in fixes(found)] == wrong
 
 
 def test_a_recording_of_another_kind(shared: Path) -> None:
     address = parse_address(f"replay://{shared}/streams/slimevr/full12_vmc_50hz.udprec.gz?kind=mvn")
-    (line,) = mends(stream_findings(address, five(), clock=VirtualClock(), seconds=3.0))
+    (line,) = fixes(stream_findings(address, five(), clock=VirtualClock(), seconds=3.0))
     shows(line, "VMC", "mvn://")
 
 
@@ -251,7 +251,7 @@ def test_a_port_that_is_taken_is_to_be_mended() -> None:
         holder.bind(("127.0.0.1", 0))
         address = parse_address(f"vmc://:{holder.getsockname()[1]}")
         found = stream_findings(address, five(), clock=MonotonicClock(), seconds=1.0)
-    shows(mends(found)[0])
+    shows(fixes(found)[0])
 
 
 SEEDS = (

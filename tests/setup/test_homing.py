@@ -34,7 +34,7 @@ class Person:
         self.enter.append(enter)
         return self._answers.pop(0) if self._answers else True
 
-    def tell(self, text: str) -> None:
+    def notify(self, text: str) -> None:
         self.told.append(text)
 
 
@@ -65,7 +65,7 @@ def run(
     bus.open()
     if not faults:
         bus.torque(True)
-    return home(bus, JointMap(servos), posture, person.ask, person.tell, clock=clock, chosen=chosen), bus
+    return home(bus, JointMap(servos), posture, person.ask, person.notify, clock=clock, chosen=chosen), bus
 
 
 @pytest.mark.parametrize("servos", [four_servos(), waist_servos()], ids=["plain", "coupled"])
@@ -159,13 +159,13 @@ def test_a_servo_that_loses_some_answers_is_read_all_the_same() -> None:
         """The fault is of reads here, not of torque."""
 
     bus.torque = quietly  # type: ignore[method-assign]
-    homing = home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.tell, clock=clock, chosen=EVERYBODY)
+    homing = home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=EVERYBODY)
     assert homing is not None and homing.zero[1] == 2110
     bus = MockBus(four_servos(), clock, faults=[replace(gap, cycles=READS)])
     bus.open()
     bus.torque = quietly  # type: ignore[method-assign]
     with refuses(BusError, "elbow", 2):
-        home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.tell, clock=clock, chosen=EVERYBODY)
+        home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=EVERYBODY)
 
 
 def test_torque_that_stays_on_ends_it() -> None:

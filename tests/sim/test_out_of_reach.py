@@ -31,13 +31,13 @@ NEAR = [(0.45, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.6), (0.3, 0.3, 0.3)]
 BEGIN, RISE, COUNT, RATE = 30, 60, 240, 120.0
 
 
-def asked_away(priorities: str, away: tuple[float, float, float], *, leap: bool) -> Run:
+def asked_away(priorities: str, away: tuple[float, float, float], *, jump: bool) -> Run:
     """A standing performer whose wrists go away over half a second, or in one frame."""
     first = synthetic_performer().sample(0.0)
     wrists = np.isin(first.names, WRISTS)[:, None]
 
     def change(k: int, _: SensorSample) -> SensorSample:
-        share = float(k >= BEGIN) if leap else min(max((k - BEGIN) / RISE, 0.0), 1.0)
+        share = float(k >= BEGIN) if jump else min(max((k - BEGIN) / RISE, 0.0), 1.0)
         return replace(first, position=first.position + share * wrists * np.array(away))
 
     return reconstruct(synthetic_performer().resample(np.arange(COUNT) / RATE), priorities, change=change)
@@ -47,9 +47,9 @@ def asked_away(priorities: str, away: tuple[float, float, float], *, leap: bool)
 @pytest.mark.parametrize("priorities", ["human", "paper"])
 @pytest.mark.parametrize("away", FAR + NEAR, ids=str)
 def test_ankles_and_balance_stay_and_the_body_comes_to_rest(
-    priorities: str, away: tuple[float, float, float], leap: bool
+    priorities: str, away: tuple[float, float, float], jump: bool
 ) -> None:
-    result = asked_away(priorities, away, leap=leap)
+    result = asked_away(priorities, away, jump=jump)
     names = result.postures[0].joint_names
     wrists, ankles = ([names.index(f"{side}_{part}") for side in "lr"] for part in ("wrist", "ankle"))
     assert result.errors_mm[:, 3:].max() < 1.0

@@ -32,7 +32,7 @@ def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
         return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 
     options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=14.0))
-    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, tell=told.append) as ready:
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, notify=told.append) as ready:
         result = ready.run()
     assert result.robot is not None and result.record.robot is not None
     return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), told

@@ -83,7 +83,7 @@ class BusRig:
         timing: Timing | dict[str, Timing] | None = None,
         gaps: Gaps = Gaps.SILENCE,
         start: Sequence[int] | None = None,
-        strangers: Sequence[ServoSpec] = (),
+        unknown_ids: Sequence[ServoSpec] = (),
     ) -> None:
         self.servos = list(specs(20) if servos is None else servos)
         self.buses = list(buses) or [bus_of(self.servos)]
@@ -92,11 +92,11 @@ class BusRig:
         protocols = {bus.name: bus.protocol for bus in self.buses}
         bauds = {bus.name: bus.baud for bus in self.buses}
         self.devices = list(devices_of(self.servos, protocols=protocols, bauds=bauds, start=start))
-        others = devices_of(strangers, protocols=protocols, bauds=bauds)
+        others = devices_of(unknown_ids, protocols=protocols, bauds=bauds)
         self.lines: dict[str, Line] = {}
         for bus in self.buses:
             own = [one for one, servo in zip(self.devices, self.servos, strict=True) if servo.bus == bus.name]
-            own += [one for one, servo in zip(others, strangers, strict=True) if servo.bus == bus.name]
+            own += [one for one, servo in zip(others, unknown_ids, strict=True) if servo.bus == bus.name]
             wire = timing.get(bus.name) if isinstance(timing, dict) else timing
             self.lines[bus.name] = Line(own, timing=wire, gaps=gaps, faults=FaultState(own, seed=7))
         self.ports = {name: Tapped(line, self.clock, name=f"emulated {name}") for name, line in self.lines.items()}
@@ -104,7 +104,9 @@ class BusRig:
 
     def another(self) -> DynamixelBus:
         """A further bus over the same ports."""
-        return DynamixelBus(JointMap(self.servos), self.buses, lambda bus: self.ports[bus.name], tell=self.notes.append)
+        return DynamixelBus(
+            JointMap(self.servos), self.buses, lambda bus: self.ports[bus.name], notify=self.notes.append
+        )
 
     @property
     def line(self) -> Line:

@@ -11,7 +11,7 @@ from retarget.live.admission import Datagram, Source, admission_for
 from retarget.live.open_stream import stream_kinds
 from retarget.live.playout import Playout
 from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import Trust
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
 from retarget.setup.doctor_listening import Listening, listen_to
@@ -76,7 +76,7 @@ def played(
         roles,
         admission=admission_for(address),
         clock_map=how.clock(),
-        trust=Trust(roles.sensors),
+        validity=SensorValidity(roles.sensors),
         playout=Playout(len(roles.sensors)),
     )
     return listen_to(stream, clock=VirtualClock(), seconds=seconds)
@@ -93,8 +93,8 @@ def judged(listening: Listening, *, text: str = "json://:14150", performer: Perf
     return judge(address, performer or five(), roles, listening, kind=address.kind)
 
 
-def mends(found: Sequence[Finding]) -> list[str]:
-    return [finding.render() for finding in found if finding.level is Level.MEND]
+def fixes(found: Sequence[Finding]) -> list[str]:
+    return [finding.render() for finding in found if finding.level is Level.FIX]
 
 
 def text_of(found: Sequence[Finding]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from followers import DT, op3
 from retarget import _solver
 from retarget.ik.base_pose import plant_roots
-from retarget.ik.hierarchy import Surroundings
+from retarget.ik.hierarchy import SceneObstacles
 from retarget.ik.support_polygon import plant
 from retarget.model.observers import Observers, placed, robot_observers
 from retarget.model.scene_state import SceneState
@@ -41,7 +41,7 @@ class GatedRobot:
     def __init__(self, state: SceneState | None = None, *, watched: bool = True) -> None:
         self.robot, self.state = op3(), state
         self.observers: Observers = robot_observers(self.robot)
-        self.around = Surroundings(state)
+        self.around = SceneObstacles(state)
         compiled = self.observers.for_solver(self.robot.body, self.around.shapes)
         self.clearance = PathClearance(self.robot, compiled, self.around, dt=DT)
         self.gate = Gate.for_servos(self.robot.joint_map, dt=DT, path_is_clear=self.clearance if watched else None)

@@ -10,7 +10,7 @@ from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout, PlayoutDelay
 from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import Trust
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.smoothing import pose_filter
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
@@ -34,7 +34,7 @@ def live_stream(sender: FakeSender, performer: Performer) -> LiveStream:
         roles,
         admission=Admission(),
         clock_map=ClockMap(),
-        trust=Trust(roles.sensors),
+        validity=SensorValidity(roles.sensors),
         playout=Playout(len(roles.sensors), delay=PlayoutDelay()),
         smooth=pose_filter("light", len(roles.sensors)),
     )
@@ -58,12 +58,12 @@ class LiveRig:
             self.stream = live_stream(self.sender, performer)
             rate = 100.0 if robot is None else robot.profile.safety.rate_hz
             return begin_live(
-                self.stream, self.live, clock=self.clock, rate_hz=rate, where=WHERE, tell=self.said.append
+                self.stream, self.live, clock=self.clock, rate_hz=rate, where=WHERE, notify=self.said.append
             )
 
         clock = self.clock if recorder is None else recorder.clock
         make_bus = self._bus if recorder is None else recorder.make_bus(self._bus)
-        with prepare_for(perform, self.run_options, clock=clock, make_bus=make_bus, parks=True) as prepared:
+        with prepare_for(perform, self.run_options, clock=clock, make_bus=make_bus, goes_to_rest=True) as prepared:
             yield prepared
 
     def _bus(self, robot: RobotBody, clock: Clock) -> MockBus:

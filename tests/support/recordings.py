@@ -56,7 +56,7 @@ def record(
 ) -> Recorded:
     """Run a synthetic performer, and record it; without a path only run."""
     chosen, clock, told = options or RunOptions(robot="op3"), VirtualClock(), list[str]()
-    recorder = Recorder(path, chosen, clock=clock, parks=False, tell=told.append)
+    recorder = Recorder(path, chosen, clock=clock, goes_to_rest=False, notify=told.append)
 
     def make(robot: RobotBody, clock: Clock) -> ServoBus:
         return mock_bus(robot, clock, faults=faults)

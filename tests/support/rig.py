@@ -85,25 +85,25 @@ class StubFollower:
         self.tick += 1
         return self._posture(self.tick)
 
-    def keep_pace(self, pace: float) -> None:
+    def set_speed_override(self, pace: float) -> None:
         self.paces.append(pace)
 
     def halt(self, dt: float) -> FloatArray | None:
         return None
 
-    def land(self, dt: float) -> FloatArray | None:
+    def return_to_stance(self, dt: float) -> FloatArray | None:
         return None
 
-    def begin_landing(self, q: FloatArray) -> None:
+    def begin_return_to_stance(self, q: FloatArray) -> None:
         self.landings.append(q[self.robot.servo_columns].copy())
 
-    def part_limbs(self) -> None:
+    def separate_limbs(self) -> None:
         self.parted += 1
 
     def pass_time(self, dt: float) -> None:
         self.passed_s += dt
 
-    def feel(self, soles: BoolArray | None) -> None:
+    def set_contact_state(self, soles: BoolArray | None) -> None:
         self.felt.append(soles)
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
@@ -131,7 +131,7 @@ class StubFollower:
 class Rig:
     """OP3 on a mock bus with a scripted follower."""
 
-    def __init__(self, script: FloatArray, *, parks: bool = False, **bus_options: object) -> None:
+    def __init__(self, script: FloatArray, *, goes_to_rest: bool = False, **bus_options: object) -> None:
         """parks: a stop leads on to the profile's rest posture."""
         self.robot = load_robot("op3")
         self.clock = VirtualClock()
@@ -150,7 +150,7 @@ class Rig:
             guard=self.guard,
             clock=self.clock,
             dt=self.dt,
-            parks=parks,
+            goes_to_rest=goes_to_rest,
         )
 
 

@@ -38,7 +38,7 @@ class ServoLab:
     def _lines(self, body: RobotBody, clock: Clock, faults: Path | None) -> dict[str, Line]:
         self.lines = self._make(body, clock, faults)
         for (device, name), value in self.before.items():
-            self.tell(device, name, value)
+            self.notify(device, name, value)
         for device, number in self.models.items():
             self.memory(device).put("model_number", number)
         for device, other in self.moved.items():
@@ -71,7 +71,7 @@ class ServoLab:
         memory: Memory = servo.memory  # type: ignore[attr-defined]
         return memory
 
-    def tell(self, device: int, name: str, value: int) -> None:
+    def notify(self, device: int, name: str, value: int) -> None:
         """Write a register as an instruction would."""
         servo = next(one for one in self.line.devices if one.id == device)
         register = self.memory(device).table[name]

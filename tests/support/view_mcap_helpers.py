@@ -22,7 +22,7 @@ def recorded(path: Path, *, robot: str, stop: int = 10**9, scene: str | None = N
     bus = "mock" if truth is None else "physics"
     options = RunOptions(robot=robot, bus=bus, scene=scene, playback=Playback(end=1.0))
     knows, clock = truth or (lambda: None), VirtualClock()
-    recorder = Recorder(path, options, clock=clock, parks=False, tell=lambda text: None, truth=knows)
+    recorder = Recorder(path, options, clock=clock, goes_to_rest=False, notify=lambda text: None, truth=knows)
     asked = 0
 
     def stop_asked() -> bool:

@@ -1,4 +1,4 @@
-"""Who is seen on pages of tests: OP3 beside the synthetic performer, a ball around them."""
+"""Who is seen on pages of tests: OP3 extras the synthetic performer, a ball around them."""
 
 from functools import cache
 
@@ -8,7 +8,7 @@ from followers import dimensions, op3, performer
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import Human, build_human
 from retarget.viewer.meshes import shape_mesh
-from retarget.viewer.snapshot import Cast, Moment, Obstacle, actor
+from retarget.viewer.snapshot import Cast, Obstacle, Snapshot, actor
 
 SENSORS = ("l_wrist", "head")
 
@@ -33,7 +33,7 @@ def cast_of_a_human() -> Cast:
     return Cast("test", None, human, (), (), sensors=SENSORS)
 
 
-def moment(**changed: object) -> Moment:
+def snapshot(**changed: object) -> Snapshot:
     """OP3 as its file has it, at its goals."""
     q, points = op3().body.qpos0.copy(), np.full((1, 3), 0.1)
     fields: dict[str, object] = {
@@ -48,4 +48,4 @@ def moment(**changed: object) -> Moment:
         "reached": points,
         "com": np.array([0.0, 0.0, 0.2]),
     }
-    return Moment(**fields | changed)  # type: ignore[arg-type]
+    return Snapshot(**fields | changed)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ import pytest
 from followers import op3
 from retarget.viewer.colours import COLD, HOT, LEGEND, LOAD, OUTSIDE, PLAIN, TEMPERATURE, ZMP
 from retarget.viewer.drawing import Drawing
-from viewed import cast_of_a_human, cast_of_op3, moment, person
+from viewed import cast_of_a_human, cast_of_op3, person, snapshot
 
 AWAY = np.array([[0.0, 2.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
 
@@ -23,45 +23,45 @@ def test_everything_has_a_box_and_a_meaning(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3(simulated=True))
     assert {"body", "goal", "performer", "asked", "balance", "pressure", "soles", "around"} <= set(drawing.parts)
     assert set(drawing.parts) <= set(LEGEND)
-    drawing.show(moment(around=AWAY))
+    drawing.show(snapshot(around=AWAY))
     for part in drawing.parts:
         drawing.see(part, visible=False)
     before = told(server)
     q = op3().body.qpos0 + 0.1
-    drawing.show(moment(around=AWAY, robot=q, goal=q))
+    drawing.show(snapshot(around=AWAY, robot=q, goal=q))
     assert told(server) - before < 20, "of what is hidden hardly anything is told"
 
 
 def test_only_what_moves_is_told(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
-    drawing.show(moment())
+    drawing.show(snapshot())
     before = told(server)
-    drawing.show(moment())
+    drawing.show(snapshot())
     assert told(server) == before
     q = op3().body.qpos0.copy()
     q[op3().servo_columns[0]] += 0.1
-    drawing.show(moment(robot=q))
+    drawing.show(snapshot(robot=q))
     assert told(server) == before + 1, "one joint: one link, in the frame of the one before it"
 
 
 def test_obstacles_are_where_they_are_and_the_performer_is_beyond_them(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     near = AWAY * [1.0, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0]
-    drawing.show(moment(around=near))
+    drawing.show(snapshot(around=near))
     ball: Any = drawing._overlays["around"]
     assert tuple(ball._handles[0].position) == pytest.approx((0.0, 0.6, 0.3))
     assert drawing._place is not None and drawing._place.to[1] > 0.65
-    drawing.show(moment(around=near + 0.1))
+    drawing.show(snapshot(around=near + 0.1))
     assert tuple(ball._handles[0].position) == pytest.approx((0.1, 0.7, 0.4))
 
 
 def test_the_zero_moment_point_is_red_outside_of_the_soles(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
-    drawing.show(moment(zmp=np.array([0.0, 0.0])))
+    drawing.show(snapshot(zmp=np.array([0.0, 0.0])))
     assert tuple(drawing._balance._zmp.color) == ZMP and drawing._balance._zmp.visible
-    drawing.show(moment(zmp=np.array([0.5, 0.0])))
+    drawing.show(snapshot(zmp=np.array([0.5, 0.0])))
     assert tuple(drawing._balance._zmp.color) == OUTSIDE
-    drawing.show(moment(zmp=np.full(2, np.nan)))
+    drawing.show(snapshot(zmp=np.full(2, np.nan)))
     assert not drawing._balance._zmp.visible, "nobody knows it"
 
 
@@ -70,7 +70,7 @@ def test_limbs_have_the_colour_that_was_chosen(server: Any) -> None:
     assert drawing.colourings == (TEMPERATURE, LOAD, PLAIN)
     hot, much = np.full(20, 20.0), np.full(20, 0.0)
     hot[0], much[1] = 200.0, 9.0
-    drawing.show(moment(temperature=hot, current=much))
+    drawing.show(snapshot(temperature=hot, current=much))
     limbs = drawing._limbs
     assert limbs is not None and limbs._handles[0] is not None and limbs._handles[1] is not None
     assert [tuple(limbs._handles[i].color) for i in (0, 1)] == [HOT, COLD]  # type: ignore[union-attr]
@@ -87,7 +87,7 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     start = person().body.qpos0.copy()
     worn = np.array([start[:3] + 0.1, [np.nan] * 3])
-    drawing.show(moment(human=start, sensors=worn))
+    drawing.show(snapshot(human=start, sensors=worn))
     wrist: Any = drawing._balls["sensors"]._balls[0][0]
     assert drawing._place is not None
     np.testing.assert_allclose(wrist.position, drawing._place.of(worn[0]), atol=1e-6)
@@ -95,7 +95,7 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     for visible in (False, True):
         drawing.see("sensors", visible=visible)
         assert wrist.visible is visible
-    drawing.show(moment(human=start, sensors=worn + np.nan))
+    drawing.show(snapshot(human=start, sensors=worn + np.nan))
     assert not wrist.visible, "nobody believes it"
 
 
@@ -112,7 +112,7 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     start[:2] = (3.0, -4.0)
     com, none = np.array([3.0, -4.0, 0.9]), np.zeros((0, 3))
     worn = np.array([[3.0, -4.0, 1.2], [np.nan] * 3])
-    drawing.show(moment(human=start, com=com, asked=none, reached=none, sensors=worn))
+    drawing.show(snapshot(human=start, com=com, asked=none, reached=none, sensors=worn))
     wrist, head = (ball[0] for ball in drawing._balls["sensors"]._balls)
     assert tuple(wrist.position) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
     assert wrist.visible and not head.visible, "the head's is not believed"
@@ -123,5 +123,5 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
 def test_what_servos_never_told_is_no_colour(server: Any) -> None:
     """Limbs in the colour of a cold servo would say that it is cold."""
     assert len(Drawing(server, cast_of_op3()).colourings) > 1
-    drawing = Drawing(server, replace(cast_of_op3(), servos_told=False))
+    drawing = Drawing(server, replace(cast_of_op3(), servos_commanded=False))
     assert drawing.colourings == () and drawing.scale is None

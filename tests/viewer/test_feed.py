@@ -17,7 +17,7 @@ from retarget.errors import ConfigError
 from retarget.model.human import build_human
 from retarget.model.scene_state import ObstaclePoses
 from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
-from retarget.run.run_result import Beside, Truth
+from retarget.run.run_result import Extras, Truth
 from retarget.viewer.feed import STOP, LiveRow, PageSetup, RowSizes, ViewFeed, open_feed, pack, unpack
 from retarget.viewer.live_page import _serve, announced
 
@@ -59,7 +59,7 @@ def feed(*, every: int = 5, process: FakeProcess | None = None) -> tuple[ViewFee
 
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
     run, page = feed()
-    run.beside = Beside(words=lambda: ("holding", "the stream is silent"), current=lambda: np.full(20, 1.25))
+    run.extras = Extras(words=lambda: ("holding", "the stream is silent"), current=lambda: np.full(20, 1.25))
     whole = record()
     for row in range(TICKS):
         run.on_row(whole, row)
@@ -80,7 +80,7 @@ def test_what_is_beside_the_record_is_shown_too() -> None:
     still = np.zeros((2, 3))
     poses = ObstaclePoses(np.full((2, 3), 0.5), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still, still)
     truth = Truth(np.arange(7.0), np.arange(20.0), np.array([0.25, -0.5]))
-    run.beside = Beside(around=lambda: poses, truth=lambda: truth)
+    run.extras = Extras(around=lambda: poses, truth=lambda: truth)
     run.on_row(record(), 0)
     told = announced(page.recv(4096))
     assert (told.around, told.truth) == (2, 29)
@@ -105,9 +105,9 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
 def test_the_end_is_shown_also_where_no_row_was_sent_for_it() -> None:
     run, page = feed()
     with run:
-        run.beside = Beside(words=lambda: ("following", ""))
+        run.extras = Extras(words=lambda: ("following", ""))
         run.on_row(record(), 3)
-        run.beside = Beside(words=lambda: ("stopped", "the bus is dead"))
+        run.extras = Extras(words=lambda: ("stopped", "the bus is dead"))
     announced(page.recv(4096))
     row = unpack(page.recv(1 << 16), SIZES)
     assert row is not None and (row.state, row.why) == ("stopped", "the bus is dead")

@@ -85,15 +85,15 @@ def test_nothing_is_drawn_for_nobody_but_all_is_kept_for_the_plot(watched: Watch
 
 def test_a_servo_that_said_nothing_is_where_its_goal_is() -> None:
     robot, cast, mass = op3(), cast_of_op3(), MassMotion()
-    moment = moment_of(row(7), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
-    there = moment.robot[robot.servo_columns]
-    assert there[3] == moment.sent[3] and there[2] == 0.07
-    assert moment.time == pytest.approx(0.28) and moment.pressure is None
+    snapshot = moment_of(row(7), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
+    there = snapshot.robot[robot.servo_columns]
+    assert there[3] == snapshot.sent[3] and there[2] == 0.07
+    assert snapshot.time == pytest.approx(0.28) and snapshot.pressure is None
 
 
 def test_a_simulated_body_is_where_it_really_is() -> None:
     robot, cast, mass = op3(), cast_of_op3(), MassMotion()
-    moment = moment_of(row(7, truth=True), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
-    np.testing.assert_array_equal(moment.robot[:7], np.arange(7.0))
-    np.testing.assert_array_equal(moment.pressure, [27.0, 28.0])
-    assert set(moment.robot[robot.servo_columns]) == set(np.arange(7.0, 27.0))
+    snapshot = moment_of(row(7, truth=True), cast, landmarks=("l_hand",), begun=100.0, mass=mass)
+    np.testing.assert_array_equal(snapshot.robot[:7], np.arange(7.0))
+    np.testing.assert_array_equal(snapshot.pressure, [27.0, 28.0])
+    assert set(snapshot.robot[robot.servo_columns]) == set(np.arange(7.0, 27.0))

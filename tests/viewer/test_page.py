@@ -16,8 +16,8 @@ from retarget.types import FloatArray
 from retarget.viewer.colours import LEGEND, current_scale, legend, mixed, temperature_scale, web
 from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves, heights
 from retarget.viewer.page import PLAY, RecordedPage, Timeline, headline
-from retarget.viewer.snapshot import Moment, Tracks
-from viewed import cast_of_op3, moment
+from retarget.viewer.snapshot import Snapshot, Tracks
+from viewed import cast_of_op3, snapshot
 
 ROWS, DT = 100, 0.01
 
@@ -31,9 +31,9 @@ class Run:
         self.notes: tuple[str, ...] = ()
         self.shown: list[int] = []
 
-    def moment(self, row: int) -> Moment:
+    def snapshot(self, row: int) -> Snapshot:
         self.shown.append(row)
-        return moment(time=float(self.times[row]))
+        return snapshot(time=float(self.times[row]))
 
     def track(self, joint: int) -> Tracks:
         return Tracks(*(self.times,) * 5)
@@ -165,9 +165,9 @@ def test_one_row_is_a_recording_too() -> None:
 
 
 def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
-    text = headline(moment(state="stopping", why="a <script>", present=np.full(20, 0.1)), "gone")
+    text = headline(snapshot(state="stopping", why="a <script>", present=np.full(20, 0.1)), "gone")
     shows(text, "STOPPING", "5.7")
-    assert "degrees" not in headline(moment(present=np.full(20, np.nan)))
+    assert "degrees" not in headline(snapshot(present=np.full(20, np.nan)))
 
 
 def test_the_legend_has_the_colours_of_what_is_shown() -> None:
@@ -199,7 +199,7 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
 
 @pytest.mark.parametrize(("told", "quantities"), [(True, QUANTITIES), (False, ("angle", "off its goal"))])
 def test_a_plot_offers_what_is_known(told: bool, quantities: tuple[str, ...], server: Any) -> None:
-    plot = JointPlot(server, replace(cast_of_op3(), servos_told=told), lambda _: None)
+    plot = JointPlot(server, replace(cast_of_op3(), servos_commanded=told), lambda _: None)
     assert plot._quantity.options == quantities
 
 

@@ -14,7 +14,7 @@ from retarget.recording.reading import Recording, played, read_recording
 from retarget.run.record import Phase
 from retarget.schema.catalogue import Kind, find
 from retarget.types import FloatArray
-from retarget.viewer.recorded import RecordedRun, SceneThen, open_recorded, open_viewed
+from retarget.viewer.recorded import RecordedRun, RecordedScene, open_recorded, open_viewed
 from saved_runs import saved_run
 from view_mcap_helpers import recorded
 
@@ -40,14 +40,14 @@ def cycles(recording: Recording) -> Cycles:
     return all_of_them.taken(np.flatnonzero(all_of_them.kept))
 
 
-def at(scene: SceneThen, row: int) -> FloatArray:
+def at(scene: RecordedScene, row: int) -> FloatArray:
     poses = scene.at(row)
     assert poses is not None
     return poses
 
 
 def test_obstacles_move_from_the_first_tick_that_followed(recording: Recording, cycles: Cycles) -> None:
-    scene = SceneThen(recording, cycles)
+    scene = RecordedScene(recording, cycles)
     assert [one.name for one in scene.obstacles] == ["ball"] and scene.notes == ()
     first = int(np.flatnonzero(cycles.phase == Phase.FOLLOW)[0])
     assert first > 10
@@ -59,9 +59,9 @@ def test_obstacles_move_from_the_first_tick_that_followed(recording: Recording, 
 
 def test_they_stand_while_nobody_leads(recording: Recording, cycles: Cycles) -> None:
     first = int(np.flatnonzero(cycles.phase == Phase.FOLLOW)[0])
-    unled = cycles.unled.copy()
-    unled[first + 10 : first + 20] = True
-    scene, held = SceneThen(recording, cycles), SceneThen(recording, replace(cycles, unled=unled))
+    no_command = cycles.no_command.copy()
+    no_command[first + 10 : first + 20] = True
+    scene, held = RecordedScene(recording, cycles), RecordedScene(recording, replace(cycles, no_command=no_command))
     np.testing.assert_allclose(at(held, first + 10), at(scene, first + 10))
     np.testing.assert_allclose(at(held, first + 19), at(scene, first + 10))
     np.testing.assert_allclose(at(held, first + 30), at(scene, first + 20))
@@ -72,13 +72,13 @@ def test_a_scene_that_changed_since_is_shown_as_it_was(recording: Recording, cyc
     before = file.read_text()
     try:
         file.write_text(before.replace("radius: 0.05", "radius: 0.25"))
-        scene = SceneThen(recording, cycles)
+        scene = RecordedScene(recording, cycles)
         assert np.abs(scene.obstacles[0].mesh[0]).max() == pytest.approx(0.05, abs=1e-3)
         assert len(scene.notes) == 1
         shows(scene.notes[0])
         assert sum("another one now" in note for note in open_viewed(recording.path).notes) == 1, "told once"
         file.unlink()
-        assert len(SceneThen(recording, cycles).obstacles) == 1
+        assert len(RecordedScene(recording, cycles).obstacles) == 1
     finally:
         file.write_text(before)
 
@@ -86,14 +86,14 @@ def test_a_scene_that_changed_since_is_shown_as_it_was(recording: Recording, cyc
 def test_why_it_is_not_shown(recording: Recording, cycles: Cycles, place: Path) -> None:
     """Not there any more, and not attached; the run is seen all the same."""
     session = recording.session.model_copy(update={"scene": "nowhere", "files": ()})
-    scene = SceneThen(replace(recording, session=session, attachments={}), cycles)
+    scene = RecordedScene(replace(recording, session=session, attachments={}), cycles)
     assert scene.obstacles == () and scene.at(0) is None
     assert len(scene.notes) == 1 and scene.notes[0].startswith("its scene is not shown: ")
 
 
 def test_without_a_scene_there_is_nothing(recording: Recording, cycles: Cycles) -> None:
     session = recording.session.model_copy(update={"scene": None})
-    scene = SceneThen(replace(recording, session=session), cycles)
+    scene = RecordedScene(replace(recording, session=session), cycles)
     assert scene.obstacles == () and scene.at(0) is None and scene.notes == ()
 
 
@@ -112,19 +112,19 @@ def test_every_row_is_as_it_was(path: Path, run: RecordedRun) -> None:
         arrays = {key: saved[key] for key in saved}
     robot = run.cast.robot
     assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
-    assert not run.cast.servos_told
-    states = {run.moment(row).state for row in range(len(run.times))}
+    assert not run.cast.servos_commanded
+    states = {run.snapshot(row).state for row in range(len(run.times))}
     assert states == {"approaching", "following", "stopping"}
     for row in (0, len(run.times) // 2, len(run.times) - 1):
-        moment = run.moment(row)
-        assert moment.time == arrays["time"][row]
-        np.testing.assert_array_equal(moment.sent, arrays["joint_positions"][row])
-        np.testing.assert_array_equal(moment.goal[:3], arrays["root_position"][row])
+        snapshot = run.snapshot(row)
+        assert snapshot.time == arrays["time"][row]
+        np.testing.assert_array_equal(snapshot.sent, arrays["joint_positions"][row])
+        np.testing.assert_array_equal(snapshot.goal[:3], arrays["root_position"][row])
         column = robot.body.joint_qpos[robot.body.joint_index("l_knee")]
         joint = run.cast.joints.index("l_knee")
-        assert moment.goal[column] == moment.sent[joint]
-        assert moment.robot[column] == moment.present[joint]
-        assert 0.0 < moment.off < 0.2
+        assert snapshot.goal[column] == snapshot.sent[joint]
+        assert snapshot.robot[column] == snapshot.present[joint]
+        assert 0.0 < snapshot.off < 0.2
     track = run.track(3)
     np.testing.assert_array_equal(track.sent, arrays["joint_positions"][:, 3])
     np.testing.assert_array_equal(track.present, arrays["servo_positions"][:, 3])
@@ -133,32 +133,32 @@ def test_every_row_is_as_it_was(path: Path, run: RecordedRun) -> None:
 
 def test_the_centre_of_mass_is_over_the_soles_of_the_profile(run: RecordedRun) -> None:
     assert run.cast.profile is not None and run.cast.profile.profile.name == "op3"
-    moment = run.moment(len(run.times) // 2)
-    com, zmp = moment.com, moment.zmp
+    snapshot = run.snapshot(len(run.times) // 2)
+    com, zmp = snapshot.com, snapshot.zmp
     assert np.abs(com[:2]).max() < 0.1 and 0.1 < com[2] < 0.4
     assert zmp is not None and 1e-5 < np.abs(zmp - com[:2]).max() < 0.1
     for row in (0, len(run.times) - 1):
-        zmp = run.moment(row).zmp
+        zmp = run.snapshot(row).zmp
         assert zmp is not None and np.isnan(zmp).all(), "nobody knows what was before, or comes after"
 
 
 def test_a_human_alone_has_no_robot(tmp_path: Path) -> None:
     run = open_recorded(saved_run(tmp_path / "human.npz", robot="human"))
-    moment = run.moment(5)
+    snapshot = run.snapshot(5)
     assert run.cast.robot is None and run.cast.joints == () and run.cast.landmarks == ()
-    assert run.cast.sensors and moment.sensors is not None and np.isfinite(moment.sensors).all()
-    assert np.isfinite(moment.com).all() and np.isnan(moment.off)
+    assert run.cast.sensors and snapshot.sensors is not None and np.isfinite(snapshot.sensors).all()
+    assert np.isfinite(snapshot.com).all() and np.isnan(snapshot.off)
 
 
 def test_sensors_are_shown_where_they_were_kept(path: Path, run: RecordedRun, tmp_path: Path) -> None:
     with np.load(path) as saved:
         arrays = {key: saved[key] for key in saved}
-    moment = run.moment(40)
-    assert run.cast.sensors == tuple(arrays["sensor_names"]) and moment.sensors is not None
-    np.testing.assert_array_equal(moment.sensors, arrays["sensor_positions"][40])
+    snapshot = run.snapshot(40)
+    assert run.cast.sensors == tuple(arrays["sensor_names"]) and snapshot.sensors is not None
+    np.testing.assert_array_equal(snapshot.sensors, arrays["sensor_positions"][40])
     older = tmp_path / "older.npz"
     np.savez(older, **{key: value for key, value in arrays.items() if not key.startswith("sensor_")})
-    assert open_recorded(older).cast.sensors == () and open_recorded(older).moment(40).sensors is None
+    assert open_recorded(older).cast.sensors == () and open_recorded(older).snapshot(40).sensors is None
 
 
 def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from retarget.viewer.server import Door, Refused
+from retarget.viewer.server import AccessToken, Refused
 
 KEY = "k" * 32
 HERE = {"Host": "127.0.0.1:8080"}
@@ -14,11 +14,11 @@ HERE = {"Host": "127.0.0.1:8080"}
 
 def judge(path: str = f"/{KEY}/", **headers: str) -> str | Refused:
     named = HERE | {name.title(): value for name, value in headers.items()}
-    return Door(8080, key=KEY).judge(path, named.get)
+    return AccessToken(8080, key=KEY).judge(path, named.get)
 
 
 def test_the_address_opens_the_page_and_all_of_it() -> None:
-    assert Door(8080, key=KEY).address == f"http://127.0.0.1:8080/{KEY}/"
+    assert AccessToken(8080, key=KEY).address == f"http://127.0.0.1:8080/{KEY}/"
     assert judge() == "/" and judge(f"/{KEY}") == "/" and judge(f"/{KEY}/?x=1") == "/"
     assert judge(f"/{KEY}/assets/index.js") == "/assets/index.js"
     for origin in ("http://127.0.0.1:8080", "http://localhost:8080"):
@@ -51,7 +51,7 @@ def test_who_connects_says_from_where(upgrade: str) -> None:
     "host", ["evil.example:8080", "127.0.0.1", "127.0.0.1:8081", "", "127.0.0.1:8080.evil.example"]
 )
 def test_a_name_that_somebody_lets_lead_here_is_refused(host: str) -> None:
-    assert isinstance(Door(8080, key=KEY).judge(f"/{KEY}/", {"Host": host}.get), Refused)
+    assert isinstance(AccessToken(8080, key=KEY).judge(f"/{KEY}/", {"Host": host}.get), Refused)
 
 
 ANY = st.characters(codec=None, categories=("L", "N", "P", "S", "Z", "C"))
@@ -65,5 +65,5 @@ def test_whatever_is_sent_is_judged(path: str, origin: str) -> None:
 
 
 def test_every_page_has_its_own_key() -> None:
-    keys = {Door(8080).address.split("/")[3] for _ in range(10)}
+    keys = {AccessToken(8080).address.split("/")[3] for _ in range(10)}
     assert len(keys) == 10 and all(len(key) >= 32 for key in keys)

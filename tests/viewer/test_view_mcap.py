@@ -31,19 +31,19 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     np.testing.assert_allclose(seen.times, run.record.time, atol=1e-9)
     columns = run.robot.servo_columns
     for row in range(0, len(seen.times), 7):
-        moment = seen.moment(row)
-        np.testing.assert_allclose(moment.goal, sent.q[row], atol=1e-6)
-        np.testing.assert_allclose(moment.robot[columns], sent.present[row], atol=1e-9)
-        np.testing.assert_array_equal(moment.temperature, sent.temperature[row])
-        assert moment.current is not None and moment.current.min() > 0.01
-        assert moment.modes is not None and moment.modes.shape == sent.observer_modes[row].shape
-        assert moment.sensors is not None and seen.cast.sensors == run.sensors
-        of = np.abs(run.record.human.q[: row + 1] - moment.human).max(axis=1)
+        snapshot = seen.snapshot(row)
+        np.testing.assert_allclose(snapshot.goal, sent.q[row], atol=1e-6)
+        np.testing.assert_allclose(snapshot.robot[columns], sent.present[row], atol=1e-9)
+        np.testing.assert_array_equal(snapshot.temperature, sent.temperature[row])
+        assert snapshot.current is not None and snapshot.current.min() > 0.01
+        assert snapshot.modes is not None and snapshot.modes.shape == sent.observer_modes[row].shape
+        assert snapshot.sensors is not None and seen.cast.sensors == run.sensors
+        of = np.abs(run.record.human.q[: row + 1] - snapshot.human).max(axis=1)
         made_of = run.record.human.sensors[: row + 1][of < 1e-6]
-        assert any(np.array_equal(moment.sensors, one) for one in made_of), (
+        assert any(np.array_equal(snapshot.sensors, one) for one in made_of), (
             "those that the human who is shown is made of"
         )
-        assert np.abs(moment.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
+        assert np.abs(snapshot.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
     track = seen.track(4)
     np.testing.assert_allclose(track.sent, sent.q[:, columns[4]], atol=1e-6)
     np.testing.assert_allclose(track.present, sent.present[:, 4], atol=1e-9)
@@ -52,10 +52,10 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
 
 def test_why_it_stopped_is_said(path: Path, run: RunResult) -> None:
     seen = open_viewed(path)
-    last = seen.moment(len(seen.times) - 1)
+    last = seen.snapshot(len(seen.times) - 1)
     assert last.state == "stopping"
     shows(last.why)
-    states = {seen.moment(row).state for row in range(len(seen.times))}
+    states = {seen.snapshot(row).state for row in range(len(seen.times))}
     assert {"approaching", "stopping"} <= states
 
 
@@ -63,10 +63,10 @@ def test_a_human_alone(tmp_path: Path) -> None:
     path = tmp_path / "human.mcap"
     run = recorded(path, robot="human")
     seen = open_viewed(path)
-    moment = seen.moment(10)
-    assert seen.cast.robot is None and np.isfinite(moment.com).all()
-    assert moment.sensors is not None and moment.zmp is not None and np.isfinite(moment.zmp).all()
-    np.testing.assert_array_equal(moment.sensors, run.record.human.sensors[10])
+    snapshot = seen.snapshot(10)
+    assert seen.cast.robot is None and np.isfinite(snapshot.com).all()
+    assert snapshot.sensors is not None and snapshot.zmp is not None and np.isfinite(snapshot.zmp).all()
+    np.testing.assert_array_equal(snapshot.sensors, run.record.human.sensors[10])
 
 
 def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
     run = recorded(path, robot="op3", truth=told)
     seen = open_viewed(path)
     assert seen.cast.simulated and run.record.robot is not None
-    before, after = seen.moment(50), seen.moment(len(seen.times) - 1)
+    before, after = seen.snapshot(50), seen.snapshot(len(seen.times) - 1)
     assert before.pressure is None
     np.testing.assert_allclose(before.robot[robot.servo_columns], run.record.robot.present[50], atol=1e-9)
     np.testing.assert_array_equal(after.robot[:7], truth[:7])

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import typer
 
-from hardware.dynamixel.found_servos import Look, not_limp, tell_everybody_off, tell_off
+from hardware.dynamixel.found_servos import Look, broadcast_torque_off, not_limp, send_torque_off
 from hardware.dynamixel.torque import off_everywhere
 from hardware.errors import BusError, TorqueError, describe
 from retarget.cli.exit import stop_on_signals
@@ -89,7 +89,7 @@ def _tell_everybody(places: Sequence[Place], protocol: int | None, baud: int | N
         for place in places:
             wanted = protocol if place.spec is None else place.spec.protocol
             with suppress(BusError):  # whether anybody heard is asked afterwards
-                tell_everybody_off(place.port, chosen_speeds(place, wanted, baud, everywhere=True))
+                broadcast_torque_off(place.port, chosen_speeds(place, wanted, baud, everywhere=True))
                 if place.spec is not None:
                     place.port.set_baud(place.spec.baud)
     typer.echo("everybody was told to switch torque off; now each is looked for and asked")
@@ -131,13 +131,13 @@ def _switch_off(looks: Sequence[Look]) -> None:
     unsure: list[str] = []
     for one in looks:
         with suppress(BusError):  # whether they heard is asked below
-            tell_off(one.line, [*one.missing, *_strange(one)])
+            send_torque_off(one.line, [*one.missing, *_strange(one)])
     unsure += off_everywhere([one.line for one in looks if one.line.images])
     for one in looks:
         try:
             left = not_limp(one.line, [*one.missing, *_strange(one)])
             if left:
-                tell_off(one.line, left)
+                send_torque_off(one.line, left)
                 left = not_limp(one.line, left)
             unsure += [names(one, [device]) for device in left]
         except BusError as error:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bus_rig import bus_of, spec
 from hardware.bus import BusSpec, ServoAlert
-from hardware.dynamixel.checks import NOBODY, alert_text, complaints, needed_ticks, notes, wishes
+from hardware.dynamixel.checks import NO_SECONDARY_ID, alert_text, complaints, needed_ticks, notes, wishes
 from hardware.dynamixel.settings import ServoImage, differing, eeprom_settings, plan
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
@@ -195,7 +195,12 @@ def test_with_the_wishes_written_nothing_is_wrong_or_due_any_more(
 
 @pytest.mark.parametrize(
     ("name", "value", "wanted"),
-    [("drive_mode", 13, 4), ("startup_configuration", 3, 2), ("secondary_id", 7, NOBODY), ("homing_offset", 9, 0)],
+    [
+        ("drive_mode", 13, 4),
+        ("startup_configuration", 3, 2),
+        ("secondary_id", 7, NO_SECONDARY_ID),
+        ("homing_offset", 9, 0),
+    ],
 )
 def test_only_what_harms_is_changed(name: str, value: int, wanted: int) -> None:
     servo = spec(4)

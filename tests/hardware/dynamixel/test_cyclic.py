@@ -9,8 +9,8 @@ from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel import protocol2
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.cyclic import FEWEST, PROBE_PERIOD, RETRIES, WINDOW_S, GoalPacket, Roughness, Wired, kind_of
-from hardware.dynamixel.cyclic import RETRIES as ROUGHNESS_RETRIES
+from hardware.dynamixel.cyclic import FEWEST, PROBE_PERIOD, RETRIES, WINDOW_S, ErrorRate, GoalPacket, Wired, kind_of
+from hardware.dynamixel.cyclic import RETRIES as ERROR_RATE_RETRIES
 from hardware.dynamixel.exchange import Kind
 from hardware.dynamixel.packets import Instruction
 from hardware.dynamixel.parsers import parser1, parser2
@@ -374,23 +374,23 @@ def test_a_limp_servo_of_protocol_1_is_sent_no_goal() -> None:
 
 
 def test_silence_is_not_rough_and_one_retry_neither() -> None:
-    rough = Roughness()
+    error_rate = ErrorRate()
     for cycle in range(20):
-        rough.note(0.01 * cycle, retries=ROUGHNESS_RETRIES, spoiled=0)
-        rough.note(0.01 * cycle, retries=ROUGHNESS_RETRIES - 1, spoiled=1)
-    assert rough.share == 0.0
+        error_rate.note(0.01 * cycle, retries=ERROR_RATE_RETRIES, spoiled=0)
+        error_rate.note(0.01 * cycle, retries=ERROR_RATE_RETRIES - 1, spoiled=1)
+    assert error_rate.share == 0.0
 
 
 def test_the_share_is_of_the_last_cycles_only() -> None:
-    rough = Roughness()
+    error_rate = ErrorRate()
     for cycle in range(FEWEST):
-        rough.note(0.01 * cycle, retries=ROUGHNESS_RETRIES, spoiled=1)
-        assert rough.share == (cycle + 1) / FEWEST
+        error_rate.note(0.01 * cycle, retries=ERROR_RATE_RETRIES, spoiled=1)
+        assert error_rate.share == (cycle + 1) / FEWEST
     for cycle in range(100):
-        rough.note(1.0 + 0.01 * cycle, retries=0, spoiled=0)
-    assert rough.share == 0.0
-    rough.note(2.0, retries=ROUGHNESS_RETRIES, spoiled=1)
-    assert 0.0 < rough.share <= 1.0 / (WINDOW_S / 0.01 - 1.0)
+        error_rate.note(1.0 + 0.01 * cycle, retries=0, spoiled=0)
+    assert error_rate.share == 0.0
+    error_rate.note(2.0, retries=ERROR_RATE_RETRIES, spoiled=1)
+    assert 0.0 < error_rate.share <= 1.0 / (WINDOW_S / 0.01 - 1.0)
 
 
 @pytest.mark.parametrize(
@@ -400,6 +400,6 @@ def test_a_line_that_damages_packets(rate: float, most: float, least: float) -> 
     rig = BusRig(specs(20)).ready()
     if rate:
         rig.fault(Fault(FaultKind.FLIP, rate=rate))
-    seen = [rig.tick().states.rough for _ in range(60)][10:]
+    seen = [rig.tick().states.error_rate for _ in range(60)][10:]
     assert max(seen) <= most
     assert sum(seen) / len(seen) >= least

@@ -10,11 +10,11 @@ from hardware.dynamixel.found_servos import (
     TORQUE_ENABLE,
     answers_pings_only,
     as_bus,
+    broadcast_torque_off,
     is_controller,
     look,
     not_limp,
-    tell_everybody_off,
-    tell_off,
+    send_torque_off,
     unmute,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
@@ -40,14 +40,14 @@ def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
 def test_everybody_hears_within_a_second_at_any_speed(model: str, protocol: int) -> None:
     rig = _rig(model, protocol)
     begun = rig.clock.now()
-    tell_everybody_off(rig.port, all_speeds())
+    broadcast_torque_off(rig.port, all_speeds())
     assert rig.clock.now() - begun < 1.0
     assert rig.shown("torque_enable") == [0, 0, 0]
 
 
 def test_only_the_speeds_named() -> None:
     rig = _rig()
-    tell_everybody_off(rig.port, [Speed(2, 1_000_000)])
+    broadcast_torque_off(rig.port, [Speed(2, 1_000_000)])
     assert rig.shown("torque_enable") == [0, 1, 0] and rig.port.baud == 1_000_000
 
 
@@ -63,12 +63,12 @@ def test_a_speed_that_the_adapter_lacks_is_left_out_and_a_port_that_is_gone_is_t
         set_baud(baud)
 
     monkeypatch.setattr(rig.port, "set_baud", limited)
-    tell_everybody_off(rig.port, all_speeds())
+    broadcast_torque_off(rig.port, all_speeds())
     assert rig.shown("torque_enable") == [0, 1, 0]
     monkeypatch.undo()
     rig.fault(Fault(FaultKind.UNPLUG))
     with refuses(BusError):
-        tell_everybody_off(rig.port, all_speeds())
+        broadcast_torque_off(rig.port, all_speeds())
 
 
 SPEED = Speed(2, 2_000_000)
@@ -81,7 +81,7 @@ def _sightings(rig: BusRig) -> tuple[Sighting, ...]:
 
 
 def test_who_is_read_who_is_missing_and_who_is_strange() -> None:
-    rig = BusRig(specs(5), strangers=[spec(40)])
+    rig = BusRig(specs(5), unknown_ids=[spec(40)])
     rig.device(2).memory.put("model_number", 1120)
     rig.device(3).memory.put("model_number", 1060)
     rig.fault(Fault(FaultKind.MISSING, ids=(4,)))
@@ -131,7 +131,7 @@ def test_several_speeds_are_refused_with_what_was_seen() -> None:
         as_bus("here", [one, Sighting(two.found, Speed(1, 57_600))])
 
 
-def _muted_rig(protocol: int) -> tuple[BusRig, OneOff]:
+def _status_return_off_rig(protocol: int) -> tuple[BusRig, OneOff]:
     servos = specs(3, "MX-28")
     rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol, baud=1_000_000)])
     rig.port.open(1_000_000)
@@ -143,13 +143,13 @@ def _muted_rig(protocol: int) -> tuple[BusRig, OneOff]:
 
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_who_answers_pings_only(protocol: int) -> None:
-    _, client = _muted_rig(protocol)
+    _, client = _status_return_off_rig(protocol)
     assert [answers_pings_only(client, device) for device in (1, 2, 3)] == [False, True, False]
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_it_is_written_without_its_answer(protocol: int) -> None:
-    rig, client = _muted_rig(protocol)
+    rig, client = _status_return_off_rig(protocol)
     unmute(client, 2)
     assert rig.shown("status_return_level")[1] == 2
     assert not answers_pings_only(client, 2)
@@ -171,7 +171,7 @@ def test_a_line_that_knows_nobody_switches_them_off_and_asks(protocol: int) -> N
         one.memory.put("torque_enable", 1)
     rig.fault(Fault(FaultKind.MISSING, ids=(3,)))
     assert not_limp(line, [1, 2, 3, 4]) == [1, 2, 3]
-    tell_off(line, [1, 3])
+    send_torque_off(line, [1, 3])
     assert rig.shown("torque_enable") == [0, 1, 1, 0]
     assert not_limp(line, [1, 2, 3, 4]) == [2, 3]
 

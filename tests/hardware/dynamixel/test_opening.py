@@ -197,7 +197,7 @@ def test_a_slow_adapter_is_named_with_the_command() -> None:
 def test_everything_is_said_at_once_on_all_ports() -> None:
     servos = [*specs(6), moved(spec(7), "arms"), moved(spec(8), "arms"), moved(spec(9), "head")]
     buses = [bus_of(servos, name=name) for name in ("main", "arms", "head")]
-    rig = BusRig(servos, buses=buses, strangers=[spec(40)])
+    rig = BusRig(servos, buses=buses, unknown_ids=[spec(40)])
     overheated(rig)
     register(1, drive_mode=8, homing_offset=3)(rig)
     rig.devices[3].memory.put("model_number", 1060)
@@ -259,7 +259,7 @@ def test_a_device_of_the_profile_without_a_joint_must_be_there() -> None:
 
 
 def test_strangers_are_found_whatever_their_id() -> None:
-    rig = BusRig(specs(2), strangers=[spec(252)])
+    rig = BusRig(specs(2), unknown_ids=[spec(252)])
     begun = rig.clock.now()
     shows(refusal(rig), 252, "XM430-W350")
     assert rig.clock.now() - begun < 1.0
@@ -267,7 +267,7 @@ def test_strangers_are_found_whatever_their_id() -> None:
 
 def test_a_stranger_of_protocol_1_is_found() -> None:
     servos = specs(2, "AX-12A")
-    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], strangers=[spec(252, "AX-12A")])
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)], unknown_ids=[spec(252, "AX-12A")])
     begun = rig.clock.now()
     with refuses(BusError, 252, "AX-12A"):
         rig.bus.open()
@@ -318,7 +318,7 @@ def test_limits_of_coupled_servos_are_held_against_all_angles_of_both_joints(oth
 def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -> None:
     servos = specs(3, model)
     buses = [bus_of(servos, protocol=protocol, baud=1_000_000)]
-    rig = BusRig(servos, buses=buses, strangers=[spec(0, model), spec(40, model), spec(252, model)])
+    rig = BusRig(servos, buses=buses, unknown_ids=[spec(0, model), spec(40, model), spec(252, model)])
     rig.port.open(1_000_000)
     begun = rig.clock.now()
     found, told = everybody(rig.port, OneOff(rig.port, protocol), rig.buses[0])
@@ -341,7 +341,7 @@ def test_where_it_would_take_too_long_it_is_told() -> None:
     servos = specs(2, "AX-12A")
     slow = Timing(latency=0.016)
     buses = [bus_of(servos, protocol=1, baud=1_000_000)]
-    rig = BusRig(servos, buses=buses, timing=slow, strangers=[spec(9, "AX-12A")])
+    rig = BusRig(servos, buses=buses, timing=slow, unknown_ids=[spec(9, "AX-12A")])
     rig.port.open(1_000_000)
     found, told = everybody(rig.port, OneOff(rig.port, 1), rig.buses[0])
     assert [one.id for one in found] == [1, 2]

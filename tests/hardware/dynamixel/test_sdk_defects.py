@@ -22,7 +22,7 @@ from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import GoalPacket
 from hardware.dynamixel.exchange import Ask, Kind, collect
 from hardware.dynamixel.packets import ALERT, Error2, Status
-from hardware.dynamixel.single_requests import MendedProtocol2, OneOff, ServoError
+from hardware.dynamixel.single_requests import OneOff, PatchedProtocol2, ServoError
 from messages import refuses
 from scripted_port import ScriptedPort, always
 from sdk_line import FakeLine, sdk_over
@@ -53,7 +53,7 @@ def test_2_unstuffing_loses_a_byte() -> None:
         length = got[5] | got[6] << 8
         if bytes(got[9 : 5 + length]) != bytes(payload):
             lost.append(bytes(payload))
-        mended = MendedProtocol2().removeStuffing(list(frame))
+        mended = PatchedProtocol2().removeStuffing(list(frame))
         assert bytes(mended[9:-2]) == bytes(payload)
     assert lost
     port = ScriptedPort(always(protocol2.status(1, 0, data)))

@@ -13,9 +13,9 @@ from hardware.dynamixel.exchange import Found
 from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2
 from hardware.dynamixel.single_requests import (
     SLACK,
-    MendedProtocol2,
     NoAnswer,
     OneOff,
+    PatchedProtocol2,
     ResetScope,
     SdkPort,
     ServoError,
@@ -397,9 +397,9 @@ def test_stuffing_reaches_the_wire_and_comes_off_again(data: list[int]) -> None:
 def test_stuffing_is_undone_in_place() -> None:
     packet = list(protocol2.frame(1, 3, b"\x00\xff\xff\xfd"))
     plain = [*packet[:5], packet[5] - 1, *packet[6:12], *packet[13:]]
-    assert MendedProtocol2().removeStuffing(packet) is packet
+    assert PatchedProtocol2().removeStuffing(packet) is packet
     assert packet == plain
-    assert MendedProtocol2().addStuffing(packet) is packet
+    assert PatchedProtocol2().addStuffing(packet) is packet
     assert packet == list(protocol2.frame(1, 3, b"\x00\xff\xff\xfd"))
 
 

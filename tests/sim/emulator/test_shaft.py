@@ -54,8 +54,8 @@ def test_the_plain_case_is_the_mock_bus() -> None:
         assert device.write(64, b"\1", 0.0) is None
     goals = np.full(count, 2048)
     for cycle in range(400):
-        leap = rng.integers(0, 4096, count)
-        goals = leap if cycle % 50 == 0 else np.clip(goals + rng.integers(-30, 31, count), 0, 4095)
+        jump = rng.integers(0, 4096, count)
+        goals = jump if cycle % 50 == 0 else np.clip(goals + rng.integers(-30, 31, count), 0, 4095)
         mock.write(ServoGoals(goals))
         for device, goal in zip(devices, goals.tolist(), strict=True):
             device.write(116, goal.to_bytes(4, "little"), clock.now())

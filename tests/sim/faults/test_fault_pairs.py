@@ -62,7 +62,7 @@ def test_a_random_run_without_a_reaction_is_found(blind: None) -> None:
     [
         ("stream silent", "servo unplugged", Reaction.STOP, 0.1),
         ("servo unplugged", "stream silent", Reaction.STOP, 0.1),
-        ("adapter unplugged", "servo unplugged", Reaction.CUT, 0.05),
+        ("adapter unplugged", "servo unplugged", Reaction.TORQUE_OFF, 0.05),
         ("kill -9", "adapter unplugged", Reaction.GONE, 0.12),
         ("wrist lost", "servo warm", Reaction.SLOW, 1.1),
         ("wrist lost", "second source", Reaction.OUT, 0.3),

@@ -37,7 +37,7 @@ def late_goal(trace: Trace) -> Trace:
     return replace(trace, sent=[*trace.sent, Sent(trace.ended + 0.1, goals(last_goals(trace)))])
 
 
-def leap(trace: Trace) -> Trace:
+def jump(trace: Trace) -> Trace:
     """In the middle of the run."""
     sent = list(trace.sent)
     at = next(k for k, one in enumerate(sent) if one.time > (trace.began or 0.0) + 0.3 and one.data[7] == 0x83)
@@ -125,8 +125,8 @@ def test_a_sound_run_is_sound(bench: Bench) -> None:
     ("doctor", "told"),
     [
         (late_goal, "address 116 was written"),
-        (leap, "too fast"),
-        (leap, "too hard"),
+        (jump, "too fast"),
+        (jump, "too hard"),
         (beyond, "beyond its limits"),
         (crossed, "mm in each other"),
         (halfway_home, "is not parked"),

@@ -10,7 +10,7 @@ from live_rig import LiveRig
 from messages import shows
 from retarget.live import performer
 from retarget.live.begin import LiveOptions
-from retarget.live.engagement import Rejoin, RejoinTimes
+from retarget.live.engagement import ReacquisitionBlend, ReacquisitionTimes
 from retarget.run.loop import Watch
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
@@ -122,7 +122,9 @@ def test_on_the_way_it_waits_while_nobody_can_be_believed(kind: str, within: flo
 
 def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, RunResult]:
     """A wrist that is lost for 2 s while its arm is raised to the shoulder."""
-    monkeypatch.setattr(performer, "Rejoin", lambda count: Rejoin(count, RejoinTimes(blend=blend)))
+    monkeypatch.setattr(
+        performer, "ReacquisitionBlend", lambda count: ReacquisitionBlend(count, ReacquisitionTimes(blend=blend))
+    )
     still = raising(1e9, 2e9)
 
     def fault(time: float, poses: Poses) -> Poses:
@@ -142,7 +144,7 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
 
 
 def test_a_sensor_that_comes_back_is_blended_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, result = lost_wrist(RejoinTimes().blend, monkeypatch)
+    rig, result = lost_wrist(ReacquisitionTimes().blend, monkeypatch)
     shows(rig.said, "l_wrist")
     assert result.stop is None and result.record.robot is not None
     share = shares(result)

@@ -89,7 +89,7 @@ def test_shapes_of_the_feet_do_not_see_the_floor_and_soles_see_nothing_else() ->
 def test_fixtures_stand_where_the_scene_has_them_and_what_moves_is_left_out() -> None:
     notes: list[str] = []
     for name, count in (("table", 5), ("crossing_ball", 0)):
-        world = simulation_of(op3(), start=standing(), scene=load_scene(name), tell=notes.append).world
+        world = simulation_of(op3(), start=standing(), scene=load_scene(name), notify=notes.append).world
         fixtures = [index for index in range(world.model.ngeom) if world.model.geom(index).name.startswith(FIXTURE)]
         assert len(fixtures) == count
         assert (world.owners[fixtures] == world.FIXTURES).all()

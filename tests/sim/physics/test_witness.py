@@ -35,7 +35,7 @@ def pushed() -> PhysicsRun:
     rig.arm()
     rig.run(2.2)
     rig.bus.close()
-    return physics_run(rig.bus.witness, begun=-0.5, seed=7, trouble=("push",))
+    return physics_run(rig.bus.witness, begun=-0.5, seed=7, perturbations=("push",))
 
 
 def test_times_are_those_of_the_run(pushed: PhysicsRun) -> None:
@@ -49,7 +49,7 @@ def test_the_report_has_what_the_simulation_saw(bare: RunResult, pushed: Physics
     assert report.fallen is True and report.physics is not None
     physics = report.physics
     assert physics.fallen and physics.fallen_at_s == pushed.fall.time and physics.how == pushed.fall.how  # type: ignore[union-attr]
-    assert (physics.mount, physics.seed, physics.trouble) == ("floor", 7, ("push",))
+    assert (physics.mount, physics.seed, physics.perturbations) == ("floor", 7, ("push",))
     assert set(physics.foot_slip_mm) == {*op3().profile.feet, "total"}
     feet = sum(slip for foot, slip in physics.foot_slip_mm.items() if foot != "total")
     assert physics.foot_slip_mm["total"] == pytest.approx(feet)

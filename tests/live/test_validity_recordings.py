@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from retarget.live.sensor_validity import Trust, TrustLimits, TrustState
+from retarget.live.sensor_validity import SensorValidity, ValidityLimits, ValidityState
 from retarget.sources.open import open_source
 from retarget.sources.raw_record import RawReader
 from retarget.sources.vmc import VmcDecoder
-from trust_rig import judge, recorded
+from validity_rig import judge, recorded
 
 
 @pytest.mark.parametrize("rate", [60.0, 120.0])
@@ -18,7 +18,7 @@ def test_real_motion_raises_no_alarm(name: str, rate: float, shared: Path) -> No
     frames = open_source(shared / "mocap" / name).cut(0.1, 5.0)  # a BVH begins with one frame of its rest pose
     for metres in (0.001, 0.005):
         judged = judge(recorded(frames, rate, metres=metres))
-        assert not judged.alarms() and not judged.trust.refused.count
+        assert not judged.alarms() and not judged.validity.refused.count
 
 
 @pytest.mark.long
@@ -28,36 +28,36 @@ def test_no_recording_raises_an_alarm(rate: float, shared: Path) -> None:
     for path in sorted(path for folder in folders for path in (shared / "mocap").glob(folder)):
         frames = open_source(path).cut(0.1, 28.0 if path.stem == "01_07" else None)
         judged = judge(recorded(frames, rate, metres=0.003))
-        assert not judged.alarms() and not judged.trust.refused.count, path.name
+        assert not judged.alarms() and not judged.validity.refused.count, path.name
 
 
 def test_the_real_leap_of_01_07_is_found(shared: Path) -> None:
     """Its markers were lost for a while, and frames 3363 and 3364 are 0.65 m apart."""
     frames = open_source(shared / "mocap" / "cmu_asfamc" / "01_07.amc").cut(27.0, 30.0)
     judged = judge(recorded(frames, 120.0, metres=0.001))
-    assert judged.alarms() == {TrustState.JUMPED}
+    assert judged.alarms() == {ValidityState.JUMPED}
     assert judged.usable[:123].all() and not judged.usable[124, frames.index("l_toe")]
 
 
 def test_real_slimevr_bytes_raise_no_alarm(shared: Path) -> None:
     """They were scripted, without noise: what rests there repeats itself to the bit while one arm moves. Before the
     headset is heard, the head is at the origin; then everything goes up by 1.5 m, which is a leap."""
-    decoder, trust, alarms = VmcDecoder(), Trust(()), []
+    decoder, validity, alarms = VmcDecoder(), SensorValidity(()), []
     for record in RawReader(shared / "streams" / "slimevr" / "full12_vmc_50hz.udprec.gz"):
         for frame in decoder.decode(record.payload):
             picked = [i for i, name in enumerate(frame.names) if name.startswith("human://")]
             names = tuple(frame.names[i] for i in picked)
-            if not trust.names:
-                trust = Trust(names, TrustLimits(low=-3.0))
-            assert frame.stamp is not None and names == trust.names and len(names) == 11
-            trust.take(
+            if not validity.names:
+                validity = SensorValidity(names, ValidityLimits(low=-3.0))
+            assert frame.stamp is not None and names == validity.names and len(names) == 11
+            validity.take(
                 np.arange(len(picked)),
                 frame.stamp,
                 position=frame.position[picked],
                 orientation=frame.orientation[picked],
                 tracked=frame.tracked[picked],
             )
-            alarms.append((frame.stamp, set(trust.judge(frame.stamp + 0.01).tolist())))
-    assert {state for stamp, states in alarms for state in states if stamp < 1.1} == {0, TrustState.JUMPED}
+            alarms.append((frame.stamp, set(validity.judge(frame.stamp + 0.01).tolist())))
+    assert {state for stamp, states in alarms for state in states if stamp < 1.1} == {0, ValidityState.JUMPED}
     assert {state for stamp, states in alarms for state in states if stamp >= 1.1} == {0}
     assert alarms[-1][0] > 15.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from retarget.frames import SensorFrames
-from retarget.live.sensor_validity import StateArray, Trust, TrustState
+from retarget.live.sensor_validity import SensorValidity, StateArray, ValidityState
 from retarget.rotations import from_rotation_vector, multiply
 from retarget.types import BoolArray, FloatArray
 
@@ -31,13 +31,13 @@ class Stream:
 class Judged:
     """What was thought of it: states and usable (T, k), messages with the row at which they came."""
 
-    trust: Trust
+    validity: SensorValidity
     states: StateArray
     usable: BoolArray
     messages: list[tuple[int, str]] = field(default_factory=list)
 
-    def alarms(self) -> set[TrustState]:
-        return {TrustState(state) for state in np.unique(self.states)} - {TrustState.FRESH}
+    def alarms(self) -> set[ValidityState]:
+        return {ValidityState(state) for state in np.unique(self.states)} - {ValidityState.FRESH}
 
 
 def noisy(
@@ -68,14 +68,16 @@ def recorded(frames: SensorFrames, rate: float, *, metres: float) -> Stream:
     return Stream(5.0 + frames.time + late, position, orientation, frames.valid.copy(), frames.names)
 
 
-def judge(stream: Stream, trust: Trust | None = None) -> Judged:
-    trust = trust or Trust(stream.names)
+def judge(stream: Stream, validity: SensorValidity | None = None) -> Judged:
+    validity = validity or SensorValidity(stream.names)
     rows = np.arange(len(stream.names))
-    judged = Judged(trust, np.zeros(stream.tracked.shape, dtype=np.uint8), np.zeros(stream.tracked.shape, dtype=bool))
+    judged = Judged(
+        validity, np.zeros(stream.tracked.shape, dtype=np.uint8), np.zeros(stream.tracked.shape, dtype=bool)
+    )
     for i, time in enumerate(stream.time.tolist()):
-        judged.usable[i] = trust.take(
+        judged.usable[i] = validity.take(
             rows, time, position=stream.position[i], orientation=stream.orientation[i], tracked=stream.tracked[i]
         )
-        judged.states[i] = trust.judge(time + LAG)
-        judged.messages += [(i, text) for text in trust.messages()]
+        judged.states[i] = validity.judge(time + LAG)
+        judged.messages += [(i, text) for text in validity.messages()]
     return judged
