@@ -2,6 +2,7 @@
 of.
 """
 
+import json
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+import retarget
 from retarget.errors import InputError
 from retarget.model.robot import RobotBody
 from retarget.recording.cdr import Rows, layout_from
@@ -137,8 +139,8 @@ def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Sessio
         raise InputError(
             "a recording of another version",
             where=where,
-            found=f"format {told[:20] or 'not told'}",
-            allowed=f"format {FORMAT}",
+            found=f"format {told[:20] or 'not told'}{_written_by(metadata.get('session', ''))}",
+            allowed=f"format {FORMAT}, of version {retarget.__version__}",
             next_step="Read it with the version of retarget that wrote it",
         )
     text = metadata.get("session", "")
@@ -150,6 +152,15 @@ def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Sessio
         first = error.errors()[0]
         fault = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         raise InputError("its metadata are damaged", where=where, found=fault[:200], allowed=allowed) from None
+
+
+def _written_by(session: str) -> str:
+    """The version of retarget that wrote the session's JSON, in words; "" where it has none."""
+    try:
+        version = json.loads(session)["version"]
+    except (ValueError, TypeError, KeyError):
+        return ""
+    return f", written by version {str(version)[:20]}"
 
 
 def _topics(found: _Found, where: str) -> list[tuple[str, TopicRows]]:

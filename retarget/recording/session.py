@@ -19,8 +19,8 @@ from retarget.schema.priorities import Steps
 
 __all__ = ["FORMAT", "ConfigFile", "Session", "config_files", "session_of"]
 
-FORMAT = 1
-"""Of recordings; another one is not read."""
+FORMAT = 2
+"""Of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
 
 NotNegative = Annotated[float, Field(ge=0.0)]

@@ -8,8 +8,8 @@ from hardware.errors import BusError, TorqueError
 from hardware.guard_state import GuardState, StopCause
 from messages import refuses, shows
 from retarget.run.loop import INTERRUPTED, Watch
-from retarget.run.robot_side import FORCED_STOP
 from retarget.run.record import Phase
+from retarget.run.robot_side import FORCED_STOP
 from retarget.types import FloatArray
 from rig import Rig, play, short_clip
 from robot_side_helpers import swing, times_of_writing
