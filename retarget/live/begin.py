@@ -20,8 +20,8 @@ from retarget.live.rest_capture import (
     Alignment,
     Calibrated,
     RestCapture,
-    believing_still,
-    told_skeleton,
+    frozen_as_fresh,
+    stream_skeleton,
 )
 from retarget.live.smoothing import LIGHT
 from retarget.live.stream import LiveStream
@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 
-# How a live run begins and is heard.
+# How a live run begins and is reading.
 
 LONGEST_COUNTDOWN_S = 600.0
 
@@ -80,11 +80,11 @@ class LiveOptions:
 
 # Measuring a live performer: a countdown, and then a moment of standing still, as soon as there is one.
 
-LISTEN_S = 0.01
+POLL_S = 0.01
 """Between two looks at the stream while nothing moves."""
 SETTLE_S = 0.3
 """So long what is smoothed takes to be where a corrected sensor is."""
-MOST_LISTENED = 64
+MOST_POLLS = 64
 """Times that a backlog is listened to at once: a fit takes a while on a busy machine, and one listening is bounded."""
 TRY_S = 0.1
 """Between two looks at whether the performer stands still by now."""
@@ -126,8 +126,8 @@ def _listen(stream: LiveStream, clock: Clock, seconds: float, *, measured: bool)
     """Nothing else for so long. measured: somebody was, and nobody else takes over the stream."""
     end = clock.now() + seconds
     while clock.now() < end:
-        clock.sleep_until(clock.now() + LISTEN_S)
-        stream.listen(clock.now(), moving=measured)
+        clock.sleep_until(clock.now() + POLL_S)
+        stream.poll(clock.now(), moving=measured)
         stream.read(clock.now())
 
 
@@ -135,7 +135,7 @@ def _told_size(
     stream: LiveStream, options: LiveOptions, *, where: str, notify: Callable[[str], object]
 ) -> HumanDimensions | None:
     """The size by the skeleton that the sender has told; None where it has none that is a human's."""
-    skeleton = told_skeleton(stream.decoder, stream.roles.names)
+    skeleton = stream_skeleton(stream.decoder, stream.roles.names)
     if skeleton is None:
         return None
     try:
@@ -162,10 +162,10 @@ def _captured(
     names = stream.roles.sensors
     everybody = np.ones(len(names), dtype=bool)
     while True:
-        clock.sleep_until(clock.now() + LISTEN_S)
+        clock.sleep_until(clock.now() + POLL_S)
         now = clock.now()
         _catch_up(stream, now)
-        capture.take(now, live_sample(names, believing_still(stream.read(now)), Alignment(), believed=everybody))
+        capture.take(now, live_sample(names, frozen_as_fresh(stream.read(now)), Alignment(), believed=everybody))
         if message := trouble.look(now):
             notify(message)
         if now >= end or (capture.done and now >= look):
@@ -180,16 +180,16 @@ def _captured(
                 if now >= end:
                     raise refused[tries.most_common(1)[0][0]] from None
                 continue
-            if now < end and any(stream.tells(name) for name in found.missing):  # it may be fresh soon
+            if now < end and any(stream.has_sent(name) for name in found.missing):  # it may be fresh soon
                 continue
             return found
 
 
 def _catch_up(stream: LiveStream, now: float) -> None:
     """Take in all that has arrived. The size may be that of the sender's skeleton: it stays this sender."""
-    for _ in range(MOST_LISTENED):
+    for _ in range(MOST_POLLS):
         before = stream.arrived
-        stream.listen(now, moving=True)
+        stream.poll(now, moving=True)
         if stream.arrived == before:
             return
 
@@ -302,11 +302,11 @@ def check_sides(
     notify(f"Raise your left arm forward, to the front, and only that: {WAIT_S:g} s")
     end = clock.now() + WAIT_S
     while not check.passed:
-        clock.sleep_until(clock.now() + LISTEN_S)
+        clock.sleep_until(clock.now() + POLL_S)
         now = clock.now()
-        stream.listen(now, moving=True)  # who was measured keeps the stream: nobody else has this size
-        heard = believing_still(stream.read(now))
-        sample = live_sample(names, heard, rest.alignment, believed=everybody)
+        stream.poll(now, moving=True)  # who was measured keeps the stream: nobody else has this size
+        reading = frozen_as_fresh(stream.read(now))
+        sample = live_sample(names, reading, rest.alignment, believed=everybody)
         check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
         if message := trouble.look(now):
             notify(message)
@@ -317,7 +317,7 @@ def check_sides(
             asked_again, end = True, now + WAIT_S
             notify(f"To the front, not to the side, which looks the same in a mirrored world: {WAIT_S:g} s")
         if now >= end and not check.passed:
-            lost = [names[row] for row in rows if not heard.fresh[row]]
+            lost = [names[row] for row in rows if not reading.fresh[row]]
             raise _not_heard(trouble.why(now), lost, where) or _not_seen(check, where)
     notify("left is left, up is up, and the front is in front: lower the arm")
 
@@ -397,10 +397,10 @@ def begin_live(
     refuse_version(stream, clock.now())
     known = None if person is None else person.dimensions
     calibrated = measure(stream, options, known, clock=clock, where=where, notify=notify)
-    heard = stream.read(clock.now())
-    everybody = np.ones(len(heard.states), dtype=bool)
+    reading = stream.read(clock.now())
+    everybody = np.ones(len(reading.states), dtype=bool)
     names = stream.roles.sensors
-    first = live_sample(names, heard, calibrated.alignment, believed=everybody, mirror=options.mirror)
+    first = live_sample(names, reading, calibrated.alignment, believed=everybody, mirror=options.mirror)
     ticks = FOR_EVER if options.duration is None else max(round(options.duration * rate_hz), 1)
     if options.check_sides:
         check_sides(stream, calibrated, clock=clock, where=where, notify=notify)
@@ -442,10 +442,10 @@ def _wait(stream: LiveStream, options: LiveOptions, clock: Clock, *, where: str)
     """Until every sensor that is needed is fresh, and none is listed that the stream does not have."""
     deadline = clock.now() + options.patience
     while True:
-        stream.listen(clock.now(), moving=False)
+        stream.poll(clock.now(), moving=False)
         missing = missing_sensors(stream, clock.now())
         if not missing:
             return
         if clock.now() >= deadline:
             raise unusable(stream, missing, options.patience, where=where, now=clock.now())
-        clock.sleep_until(clock.now() + LISTEN_S)
+        clock.sleep_until(clock.now() + POLL_S)

@@ -16,7 +16,7 @@ from retarget.live.engagement import Debounce, Engagement, EngagementTimes, Reac
 from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
 from retarget.live.sensor_validity import ValidityState
-from retarget.live.stream import CatchingUp, Heard, LiveStream
+from retarget.live.stream import CatchingUp, LiveStream, StreamReading
 from retarget.live.stream_report import (
     HoldEvidence,
     LiveReport,
@@ -28,34 +28,34 @@ from retarget.live.stream_report import (
 )
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["INTAKE", "LivePerformer", "carrying", "live_sample", "missing_sensors", "needed", "refuse_unmeasurable"]
+__all__ = ["INTAKE", "LivePerformer", "base_sensors", "live_sample", "missing_sensors", "needed", "refuse_unmeasurable"]
 
 
 # Without which of a performer's sensors nobody is measured, and without which the robot does not move.
 
-CARRYING = ("pelvis", "l_ankle", "r_ankle")
+BASE_SENSORS = ("pelvis", "l_ankle", "r_ankle")
 """Without one of these that is worn, the robot does not know how to stand."""
-CARRYING_ALONE = ("head",)
+FALLBACK = ("head",)
 """What stands for them where none is worn: all that tells where the body is."""
 
 
-def carrying(names: Iterable[str]) -> tuple[str, ...]:
+def base_sensors(names: Iterable[str]) -> tuple[str, ...]:
     """Of these sensors, those without which the robot holds."""
     worn = tuple(names)
-    return tuple(name for name in CARRYING if name in worn) or tuple(name for name in CARRYING_ALONE if name in worn)
+    return tuple(name for name in BASE_SENSORS if name in worn) or tuple(name for name in FALLBACK if name in worn)
 
 
 def needed(roles: Roles) -> tuple[str, ...]:
     """Those of a performer that must be heard to begin: a file that takes what there is needs what measures only."""
-    return tuple(dict.fromkeys((*REQUIRED, *(() if roles.partial else carrying(roles.sensors)))))
+    return tuple(dict.fromkeys((*REQUIRED, *(() if roles.partial else base_sensors(roles.sensors)))))
 
 
 def missing_sensors(stream: LiveStream, now: float) -> list[str]:
     """Sensors to be waited for: those needed that are not fresh, and those listed that the stream does not have."""
-    heard, must, roles = stream.read(now), needed(stream.roles), stream.roles
-    known: BoolArray = np.asarray(np.isfinite(heard.position).all(axis=1))
+    reading, must, roles = stream.read(now), needed(stream.roles), stream.roles
+    known: BoolArray = np.asarray(np.isfinite(reading.position).all(axis=1))
     missing = []
-    for name, place, fresh, told in zip(roles.sensors, roles.places, heard.fresh, known, strict=True):
+    for name, place, fresh, told in zip(roles.sensors, roles.places, reading.fresh, known, strict=True):
         lacks = not (told or roles.partial or {place.position, place.orientation} & stream.names.keys())
         if lacks or (name in must and not fresh):
             missing.append(name)
@@ -88,7 +88,7 @@ _REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
 
 def live_sample(
     names: tuple[str, ...],
-    heard: Heard,
+    reading: StreamReading,
     alignment: Alignment,
     *,
     believed: BoolArray,
@@ -97,8 +97,8 @@ def live_sample(
 ) -> SensorSample:
     """What was heard, in our world; believed (k,): who counts; weight (k,): how far who was lost has come back. mirror:
     left and right exchanged."""
-    position, orientation = alignment.positions(heard.position), alignment.orientations(heard.orientation)
-    valid = heard.fresh & believed
+    position, orientation = alignment.positions(reading.position), alignment.orientations(reading.orientation)
+    valid = reading.fresh & believed
     if mirror:
         order = [names.index(mirrored_name(name)) for name in names]
         position, orientation = position[order] * _REFLECT, orientation[order] * _REFLECT_TURN
@@ -143,7 +143,7 @@ class LivePerformer:
         self._nobody: BoolArray = np.zeros(len(names), dtype=bool)
         self._jumped = self._nobody  # while it was followed
         self._came_back = False  # whether data were good since it is not followed
-        self._carrying = [names.index(name) for name in carrying(name for name in names if name not in lacking)]
+        self._base = [names.index(name) for name in base_sensors(name for name in names if name not in lacking)]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
         self._valid = np.zeros((self._kept, len(names)), dtype=bool)
@@ -184,8 +184,8 @@ class LivePerformer:
         now = self._clock.now()
         if self._catching_up.step(now):
             return False
-        heard, _ = self._hear(now)
-        good = self._is_good(heard, now)
+        reading, _ = self._hear(now)
+        good = self._is_good(reading, now)
         goes = self._on_the_way.step(now, good=good)
         self._came_back = (self._came_back or good) and not goes
         self._say_news()
@@ -201,7 +201,7 @@ class LivePerformer:
 
     def listen(self) -> None:
         """Take in what has arrived, and say what changed."""
-        self.stream.listen(self._clock.now(), moving=True)
+        self.stream.poll(self._clock.now(), moving=True)
         self._news.look()
 
     def sample(self, tick: int) -> SensorSample | None:
@@ -223,8 +223,8 @@ class LivePerformer:
         if not self.engagement.wanted:
             return "let go"
         trouble = self._trouble.briefly(self._clock.now(), SILENCE_S)
-        carrying, late = tuple(self._carrying), self._pace.behind
-        evidence = HoldEvidence(self._states, self._jumped, carrying, late, trouble, self._came_back)
+        base_sensors, late = tuple(self._base), self._pace.behind
+        evidence = HoldEvidence(self._states, self._jumped, base_sensors, late, trouble, self._came_back)
         return hold_reason_of(self.stream.roles.sensors, evidence)
 
     def clutch(self, *, engaged: bool) -> None:
@@ -236,10 +236,10 @@ class LivePerformer:
     def reset_heading(self) -> bool:
         """Take the way that the performer faces now as straight ahead: trackers drift. The robot holds, and goes on
         from there. Whether left and right tell where that is."""
-        heard = self.stream.read(self._clock.now())
-        everybody = np.ones(len(heard.states), dtype=bool)
+        reading = self.stream.read(self._clock.now())
+        everybody = np.ones(len(reading.states), dtype=bool)
         names = self.stream.roles.sensors
-        sample = live_sample(names, heard, self.alignment, believed=everybody)
+        sample = live_sample(names, reading, self.alignment, believed=everybody)
         at = {name: point for name, point, ok in zip(names, sample.position, sample.valid, strict=True) if ok}
         forward = facing_of(at)
         if forward is None:
@@ -271,12 +271,12 @@ class LivePerformer:
 
     def _now(self) -> SensorSample | None:
         now = self._clock.now()
-        heard, sample = self._hear(now)
+        reading, sample = self._hear(now)
         before = self.engagement.state
-        good = self._is_good(heard, now)
+        good = self._is_good(reading, now)
         followed = self.engagement.step(now, sample, good=good)
         self._came_back = (self._came_back or (good and self.engagement.wanted)) and followed is None
-        self._tally.count(heard.states, followed=followed is not None)
+        self._tally.count(reading.states, followed=followed is not None)
         self._say_news()
         if self.engagement.state is not before:
             late = " because ticks come late" if self._pace.behind else ""
@@ -285,39 +285,39 @@ class LivePerformer:
             )
         return followed
 
-    def _hear(self, now: float) -> tuple[Heard, SensorSample]:
+    def _hear(self, now: float) -> tuple[StreamReading, SensorSample]:
         """What is heard in this tick, and of it the sensors that are believed, in our world."""
         self._pace.begin(now)
-        heard = self.stream.read(now)
-        self._states = heard.states
+        reading = self.stream.read(now)
+        self._states = reading.states
         if self._reacquisition is None:  # the body has not moved yet
-            self._reacquisition = ReacquisitionBlend(len(heard.states))
-            self._reacquisition.start(heard.states)
+            self._reacquisition = ReacquisitionBlend(len(reading.states))
+            self._reacquisition.start(reading.states)
             self.stream.validity.forget_recovered()
         before = self._reacquisition.weights
-        weight = self._reacquisition.step(heard.states, self.dt)
-        if np.count_nonzero(heard.states):
-            doubted = (heard.states == ValidityState.JUMPED) | (heard.states == ValidityState.SWAPPED)
+        weight = self._reacquisition.step(reading.states, self.dt)
+        if np.count_nonzero(reading.states):
+            doubted = (reading.states == ValidityState.JUMPED) | (reading.states == ValidityState.SWAPPED)
             self._jumped = doubted & (self._jumped | (before > 0.5))
         else:
             self._jumped = self._nobody
         self._message = self._trouble.look(now)
         names = self.stream.roles.sensors
         sample = live_sample(
-            names, heard, self.alignment, believed=weight > 0.0, mirror=self.mirror, weight=weight.copy()
+            names, reading, self.alignment, believed=weight > 0.0, mirror=self.mirror, weight=weight.copy()
         )
-        return heard, self._turning.step(sample)
+        return reading, self._turning.step(sample)
 
     def _say_news(self) -> None:
         for message in (*self.stream.validity.messages(), self._message):
             if message:
                 self._notify(message)
 
-    def _is_good(self, heard: Heard, now: float) -> bool:
+    def _is_good(self, reading: StreamReading, now: float) -> bool:
         """Whether enough can be believed to move: somebody speaks, nobody has leapt, what carries is known, and it is
         not too late for it."""
-        fresh = heard.fresh.tolist()
-        known = any(fresh) and all(fresh[row] for row in self._carrying)
+        fresh = reading.fresh.tolist()
+        known = any(fresh) and all(fresh[row] for row in self._base)
         return (
             now - self.stream.last <= SILENCE_S
             and known

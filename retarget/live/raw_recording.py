@@ -172,7 +172,7 @@ class RawTap:
         self.close()
 
     @property
-    def trouble(self) -> str:
+    def failure(self) -> str:
         """Why the recording ended early; "" while all is well."""
         return self._hung or self._writer.trouble
 
@@ -183,9 +183,9 @@ class RawTap:
 
     def news(self) -> str:
         """What is wrong with the recording, in a sentence, the first time that it is asked; "" otherwise."""
-        if self.trouble and not self._told_trouble:
+        if self.failure and not self._told_trouble:
             self._told_trouble = self._told_lost = True
-            return f"the recording has ended, the run goes on: {self.trouble}"
+            return f"the recording has ended, the run goes on: {self.failure}"
         if self.lost and not self._told_lost:
             self._told_lost = True
             return "the disk is too slow: datagrams are missing in the recording"
@@ -204,8 +204,8 @@ class RawTap:
         self._thread.join(PATIENCE_S)
         if self._thread.is_alive():
             self._hung = "the disk does not answer"
-        if self.trouble or self.lost:
-            reason = self.trouble or "the disk was too slow"
+        if self.failure or self.lost:
+            reason = self.failure or "the disk was too slow"
             self._notify(f"the recording is not whole: {reason}; {self.lost} datagrams are missing")
 
     def _run(self) -> None:

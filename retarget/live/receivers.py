@@ -52,7 +52,7 @@ class NatnetReceiver:
         """Open the sockets; nothing is sent yet. Raises InputError, see `udp_socket.open_socket`."""
         assert address.kind == "natnet" and address.host is not None
         self.session = session
-        self.trouble = ""
+        self.join_error = ""
         self.dropped = Dropped()
         self._wall_offset = wall_offset
         self.host = address.host
@@ -125,10 +125,10 @@ class NatnetReceiver:
         try:
             joined = UdpReceiver(address, wall_offset=self._wall_offset)
         except InputError as error:
-            self.trouble = str(error)
+            self.join_error = str(error)
             return
         self._frames.close()
-        self._frames, self._frames_at, self.trouble = joined, address, ""
+        self._frames, self._frames_at, self.join_error = joined, address, ""
 
 
 def session_for(address: StreamAddress) -> NatnetSession:

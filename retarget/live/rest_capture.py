@@ -11,7 +11,7 @@ from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
 from retarget.human.rest_pose import REQUIRED, RestFit, fit_rest_pose
 from retarget.live.sensor_validity import ValidityState
-from retarget.live.stream import Heard
+from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -25,9 +25,9 @@ __all__ = [
     "Calibrated",
     "RestCapture",
     "align",
-    "believing_still",
     "facing_of",
-    "told_skeleton",
+    "frozen_as_fresh",
+    "stream_skeleton",
 ]
 
 
@@ -145,10 +145,10 @@ class Calibrated:
     offset: FloatArray
 
 
-def believing_still(heard: Heard) -> Heard:
+def frozen_as_fresh(reading: StreamReading) -> StreamReading:
     """What was heard, frozen sensors too: nothing that is worn by somebody who stands still has to move."""
-    states = np.where(heard.states == ValidityState.FROZEN, ValidityState.FRESH, heard.states)
-    return replace(heard, states=states.astype(np.uint8))
+    states = np.where(reading.states == ValidityState.FROZEN, ValidityState.FRESH, reading.states)
+    return replace(reading, states=states.astype(np.uint8))
 
 
 class RestCapture:
@@ -291,7 +291,7 @@ class RestCapture:
 _BONE = "bone://"
 
 
-def told_skeleton(decoder: StreamDecoder, names: Sequence[str] = ()) -> Skeleton | None:
+def stream_skeleton(decoder: StreamDecoder, names: Sequence[str] = ()) -> Skeleton | None:
     """The performer's joints at rest, as far as the stream has told them; None where it tells none.
 
     Xsens MVN tells them in datagrams of type 13, the T-pose that its own calibration measured; Motive in the definition

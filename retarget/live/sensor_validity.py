@@ -52,8 +52,8 @@ class ValidityLimits:
     ones may change places unseen. stale_after: without an accepted pose, on the local clock; a feed of 20 Hz may lose
     one pose of three. frozen_after: repeating one value; with `ReacquisitionBlend`'s way out it makes 0.3 s.
     noticeable: how far another one must have moved, in m and in parts of a unit quaternion (0.0087: one degree), to say
-    that somebody moves. not_worn_after: from the first judgement. reach: horizontally from the origin, along each axis.
-    low, high: of the height. norm_tolerance: of a quaternion's norm.
+    that somebody moves. not_in_use_after: from the first judgement. reach: horizontally from the origin, along each
+    axis. low, high: of the height. norm_tolerance: of a quaternion's norm.
     """
 
     fastest: float = 15.0
@@ -63,7 +63,7 @@ class ValidityLimits:
     stale_after: float = 0.142
     frozen_after: float = 0.2
     noticeable: tuple[float, float] = (0.01, 0.0087)
-    not_worn_after: float = 3.0
+    not_in_use_after: float = 3.0
     reach: float = 10.0
     low: float = -1.0
     high: float = 3.0
@@ -72,7 +72,7 @@ class ValidityLimits:
     def __post_init__(self) -> None:
         positive = (
             *(self.fastest, self.shortest_step, self.settled_after, self.swap, self.stale_after),
-            *(self.frozen_after, *self.noticeable, self.not_worn_after, self.reach, self.norm_tolerance),
+            *(self.frozen_after, *self.noticeable, self.not_in_use_after, self.reach, self.norm_tolerance),
         )
         # Comparisons with NaN are False.
         if not (all(value > 0.0 for value in positive) and -np.inf < self.low < self.high < np.inf):
@@ -181,7 +181,7 @@ def watched_sensors(count: int, limits: ValidityLimits) -> WatchedSensors:
         stale_after=limits.stale_after,
         frozen_after=limits.frozen_after,
         noticeable=limits.noticeable,
-        not_worn_after=limits.not_worn_after,
+        not_worn_after=limits.not_in_use_after,
     )
 
 

@@ -16,14 +16,14 @@ from retarget.live.smoothing import PoseFilter, WindowFilter
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["RECENT_S", "CatchingUp", "Heard", "LiveStream"]
+__all__ = ["RECENT_S", "CatchingUp", "LiveStream", "StreamReading"]
 
 
 _GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for state in ValidityState])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heard:
+class StreamReading:
     """k sensors at one time, in the stream's world. position (k, 3) m and orientation (k, 4) wxyz, NaN where never
     told; states (k,): a `ValidityState` each. fresh (k,): who is believed and known."""
 
@@ -76,12 +76,12 @@ class LiveStream:
         """Datagrams that the last poll gave and that are not decoded yet; at most what one poll may give."""
         return len(self._waiting)
 
-    def tells(self, sensor: str) -> bool:
+    def has_sent(self, sensor: str) -> bool:
         """Whether the sender has told a sensor so far, well or not."""
         place = self.roles.places[self.roles.sensors.index(sensor)]
         return not self.names.keys().isdisjoint({place.position, place.orientation} - {""})
 
-    def listen(self, now: float, *, moving: bool) -> None:
+    def poll(self, now: float, *, moving: bool) -> None:
         """Take what has arrived until `now`, s. moving: while the robot follows, nobody else takes over the stream.
 
         What is more than the work of one poll waits for the next, and what comes meanwhile waits in the kernel.
@@ -100,15 +100,15 @@ class LiveStream:
                 work = work_of(self.decoder) - work
                 budget.charge(datagram.payload, frames=self.frames - frames, work=work)
 
-    def read(self, now: float) -> Heard:
+    def read(self, now: float) -> StreamReading:
         """Every sensor at `now`, s."""
         played, states = self.playout.read(now), self.validity.judge(now)
         if self._smooth is None:
-            return Heard(played.position, played.orientation, states)
+            return StreamReading(played.position, played.orientation, states)
         if np.count_nonzero(states) and (gone := _GONE[states]).any():  # where it comes back is no motion
             self._smooth.reset(gone)
         position, orientation = self._smooth.step(played.time, played.position, played.orientation)
-        return Heard(position, orientation, states)
+        return StreamReading(position, orientation, states)
 
     def _take(self, datagram: Datagram, now: float, *, moving: bool) -> None:
         frames = self.decoder.decode(datagram.payload)
@@ -159,7 +159,7 @@ class CatchingUp:
         """Take all that has arrived until `now`, s, however long that takes: where nothing has torque yet."""
         for _ in range(MOST_POLLS):
             before = self._stream.arrived
-            self._stream.listen(now, moving=True)
+            self._stream.poll(now, moving=True)
             if self._stream.arrived == before:
                 return
 

@@ -235,8 +235,8 @@ def _motive(stream: LiveStream, now: float) -> list[Problem]:
     if not isinstance(receiver, NatnetReceiver):
         return []
     problems = list(natnet_problems(receiver.session, now, host=receiver.host))
-    if receiver.trouble:
-        problems.append(Problem(receiver.trouble))
+    if receiver.join_error:
+        problems.append(Problem(receiver.join_error))
     return problems
 
 
@@ -409,12 +409,12 @@ TOO_SHORT = "not for long enough at a time"
 @dataclass(frozen=True, slots=True, eq=False)
 class HoldEvidence:
     """What the last tick knew of k sensors. states (k,): a `ValidityState` each; leapt (k,): who may not be followed to
-    where they are; carrying: rows of those that are needed; late: whether ticks come late; trouble: of the stream, ""
-    for none; came_back: whether data were good in the meantime, and not for long enough."""
+    where they are; base_sensors: rows of those that are needed; late: whether ticks come late; trouble: of the stream,
+    "" for none; came_back: whether data were good in the meantime, and not for long enough."""
 
     states: StateArray
     jumped: BoolArray
-    carrying: tuple[int, ...]
+    base_sensors: tuple[int, ...]
     late: bool
     trouble: str
     came_back: bool = False
@@ -435,7 +435,7 @@ def _now(names: tuple[str, ...], evidence: HoldEvidence) -> str:
     told = [
         f"{name}: {WORDS[state]}"
         for row, (name, state) in enumerate(zip(names, map(ValidityState, evidence.states.tolist()), strict=True))
-        if state in WORDS and (row in evidence.carrying or evidence.jumped[row])
+        if state in WORDS and (row in evidence.base_sensors or evidence.jumped[row])
     ]
     if told:
         return ", ".join(told)

@@ -159,7 +159,7 @@ def _take(listening: Listening, datagram: Datagram, noting: _Noting, now: float)
             got = replace(got, detail="and others")
         listening.kinds[got] += 1
     before, noting.latest = stream.frames, []
-    stream.listen(now, moving=False)
+    stream.poll(now, moving=False)
     if stream.frames == before:
         return
     for frame in noting.latest:

@@ -334,7 +334,7 @@ def test_what_is_dear_waits_in_order_and_nothing_is_lost(cost: float) -> None:
     stream, polls = hearing(sent, decoder), 0
     while len(decoder.seen) < 300:
         before = len(decoder.seen)
-        stream.listen(0.01 * polls, moving=True)
+        stream.poll(0.01 * polls, moving=True)
         polls += 1
         done = len(decoder.seen) - before
         assert 0 < done <= MOST_PER_POLL and (done - 1) * cost < WORK_PER_POLL and stream.waiting < MOST_PER_POLL
@@ -364,7 +364,7 @@ def test_decoders_that_some_datagrams_cost_more_count_it(decoder: StreamDecoder)
 def test_a_flood_of_the_dearest_osc_is_a_few_datagrams_a_poll() -> None:
     flood = [bundle(*[message(f"/{number}", "TTT")] * 500) for number in range(20)]
     stream = hearing(flood, VmcDecoder())
-    stream.listen(0.0, moving=True)
+    stream.poll(0.0, moving=True)
     assert 1 <= stream.arrived <= 3 and stream.waiting == 20 - stream.arrived
 
 
@@ -378,7 +378,7 @@ def test_a_real_sender_never_waits(
     stream.receiver = ReplayReceiver(recording, speed=speed)
     while not stream.receiver.finished:
         now += 0.01
-        stream.listen(now, moving=True)
+        stream.poll(now, moving=True)
         assert stream.waiting == 0
     assert stream.frames > 250 and stream.admission.refused.count == 0
 
@@ -391,6 +391,6 @@ def test_what_waited_a_quarter_of_a_second_is_taken_in_a_few_ticks(shared: Path)
         stream = hearing([payload] * count, decoder)
         polls = 0
         while stream.arrived < count:
-            stream.listen(0.01 * polls, moving=True)
+            stream.poll(0.01 * polls, moving=True)
             polls += 1
         assert polls <= 6 and stream.frames == count

@@ -166,7 +166,7 @@ JUMPS: dict[str, tuple[Callable[[float], float], JumpKind]] = {
 }
 
 
-@pytest.mark.parametrize("leap", JUMPS)
+@pytest.mark.parametrize("jump", JUMPS)
 @pytest.mark.parametrize("rate", [30.0, 232.0])
 def test_a_clock_that_leaps_is_followed_within_a_second_and_time_goes_on(jump: str, rate: float) -> None:
     after, kind = JUMPS[jump]

@@ -70,7 +70,7 @@ def flooded(payload: bytes | None, source: Source, *, owned: bool) -> tuple[list
         handed.found = sender.poll(now) if flooding or owned else []
         frame = next((one.payload for one in handed.found if one.source == OWNER), frame)
         before, begun = decoder.given, thread_cpu()
-        stream.listen(now, moving=owned)
+        stream.poll(now, moving=owned)
         if flooding:
             cost.append(thread_cpu() - begun)
             decoded.append(decoder.given - before)

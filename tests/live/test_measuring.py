@@ -138,7 +138,7 @@ def test_a_stream_that_falls_silent_is_told_as_the_reason_and_no_tracker_is_blam
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=[silent(0.5, 99.0)]), five())
     for tick in range(40):
-        stream.listen(0.01 * tick, moving=False)
+        stream.poll(0.01 * tick, moving=False)
     clock.advance(0.4)
     options = LiveOptions(patience=2.0, countdown=COUNTDOWN_S)
     with refuses(InputError):

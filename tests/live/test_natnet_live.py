@@ -74,7 +74,7 @@ class Lab:
         end = self.now + seconds
         while self.now < end:
             self.now += TICK_S
-            self.stream.listen(self.now, moving=False)
+            self.stream.poll(self.now, moving=False)
             while select.select([self._server], [], [], 0.0)[0]:
                 question, self._client = self._server.recvfrom(65_536)
                 self.requests += question[:2] == b"\x04\0"

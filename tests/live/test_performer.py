@@ -7,7 +7,7 @@ from live_rig import WHERE, live_stream
 from messages import refuses
 from retarget.errors import InputError, UsageError
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.performer import LivePerformer, carrying, needed, refuse_unmeasurable
+from retarget.live.performer import LivePerformer, base_sensors, needed, refuse_unmeasurable
 from retarget.live.roles import roles_of
 from retarget.schema.performer import Performer, load_performer
 from sim.faults.sender import FakeSender, Poses, SenderFault
@@ -72,7 +72,7 @@ def test_vrchat_without_wrists_is_refused_at_once_whatever_its_file_lists() -> N
 
 
 def test_what_carries() -> None:
-    assert carrying(("head", "l_ankle", "l_wrist")) == ("l_ankle",)
-    assert carrying(("head", "l_wrist")) == ("head",)
+    assert base_sensors(("head", "l_ankle", "l_wrist")) == ("l_ankle",)
+    assert base_sensors(("head", "l_wrist")) == ("head",)
     six, everything = (roles_of(load_performer(name), "json", where="test") for name in ("six", "all"))
     assert {"pelvis", "head", "l_ankle"} <= set(needed(six)) and needed(everything) == ("head", "l_wrist", "r_wrist")

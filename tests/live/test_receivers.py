@@ -91,7 +91,7 @@ def test_frames_come_through_the_group_and_the_port_that_the_server_tells() -> N
             port = probe.getsockname()[1]
         server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
         heard(receiver, 1)
-        assert receiver.trouble == "" and receiver._frames is not None and receiver._frames.port == port
+        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.port == port
         same = receiver._frames
         server.socket.sendto(frame(Motion(), VERSION), (GROUP, port))
         if not select.select([same], [], [], PATIENCE_S / 5)[0]:
@@ -110,12 +110,12 @@ def test_a_group_that_cannot_be_joined_is_told_and_tried_again() -> None:
             before = receiver._frames
             server.socket.sendto(server_info(VERSION, multicast=True, port=port), client)
             heard(receiver, 1)
-            shows(receiver.trouble)
+            shows(receiver.join_error)
             assert receiver._frames is before
         receiver.poll(CLOCK.now())
-        assert receiver.trouble, "not before its time"
+        assert receiver.join_error, "not before its time"
         receiver.poll(CLOCK.now() + REACQUISITION_S)
-        assert receiver.trouble == "" and receiver._frames is not None and receiver._frames.port == port
+        assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.port == port
 
 
 def test_what_others_send_is_not_the_servers_word() -> None:

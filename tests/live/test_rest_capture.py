@@ -20,7 +20,7 @@ from retarget.live.admission import Admission, Datagram
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
-from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align, told_skeleton
+from retarget.live.rest_capture import CAPTURE_S, Alignment, Calibrated, RestCapture, align, stream_skeleton
 from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
@@ -268,5 +268,5 @@ def test_a_skeleton_that_is_no_human_s_is_left_aside() -> None:
 
 
 def test_other_senders_tell_none() -> None:
-    assert told_skeleton(JsonPoseDecoder()) is None
-    assert told_skeleton(MvnDecoder()) is None
+    assert stream_skeleton(JsonPoseDecoder()) is None
+    assert stream_skeleton(MvnDecoder()) is None

@@ -43,7 +43,7 @@ def ticks_to_catch_up(receiver: Slow, *, after: float) -> tuple[int, float]:
     stream = hearing(receiver)
     catching, now, ticks = CatchingUp(stream), after, 0
     while True:
-        stream.listen(now, moving=True)
+        stream.poll(now, moving=True)
         if not catching.step(now):
             assert not catching.step(now + 10.0), "once done it stays so"
             return ticks, now - stream.last

@@ -186,7 +186,7 @@ def heard(stream: LiveStream, said: list[str], *, seconds: float = 1.5) -> None:
     """Listened to, with a look after each time."""
     news = StreamNews(stream, said.append)
     for tick in range(round(100 * seconds)):
-        stream.listen(0.01 * tick, moving=True)
+        stream.poll(0.01 * tick, moving=True)
         news.look()
 
 
@@ -385,7 +385,7 @@ def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, st
     """What is told, and when, from one time to the next."""
     trouble, told = StreamProblems(stream), []
     for tick in range(round(first / DT), round(last / DT)):
-        stream.listen(DT * tick, moving=True)
+        stream.poll(DT * tick, moving=True)
         text = trouble.look(DT * tick)
         if text:
             told.append((DT * tick, text))
@@ -450,7 +450,7 @@ def test_a_version_that_can_be_read_is_none_of_that_and_a_group_that_is_not_join
         trouble = StreamProblems(motive.stream)
         assert trouble.look(0.1) == "" and not trouble.foreign
         assert isinstance(motive.stream.receiver, NatnetReceiver)
-        motive.stream.receiver.trouble = "the group 239.1.2.3 cannot be joined"
+        motive.stream.receiver.join_error = "the group 239.1.2.3 cannot be joined"
         told = [text for tick in range(500) if (text := trouble.look(DT * tick))]
         assert len(told) == 1
         shows(told[0])
@@ -480,7 +480,7 @@ def test_a_sender_that_sends_more_than_can_be_read_is_told_so(monkeypatch: pytes
     stream = live_stream(FakeSender(rate_hz=1900.0), five())
     trouble, told, brief = StreamProblems(stream), list[str](), ""
     for tick in range(1500):
-        stream.listen(DT * tick, moving=True)
+        stream.poll(DT * tick, moving=True)
         told += [text] if (text := trouble.look(DT * tick)) else []
         brief = trouble.briefly(DT * tick, 0.13)
     assert len(told) == 1 and told[0].startswith("what is read arrived 1.0 s ago: more arrives than can be read")
@@ -492,7 +492,7 @@ def test_a_sender_that_is_not_on_the_list_is_to_be_named_there() -> None:
     where = "json://0.0.0.0:14150?allow=192.168.1.21"
     stream.admission = admission_for(parse_address(where))
     for tick in range(20):
-        stream.listen(DT * tick, moving=False)
+        stream.poll(DT * tick, moving=False)
     text = str(unusable(stream, [], 10.0, where=where, now=10.0))
     shows(text)
     assert text.endswith("?allow=192.168.1.20."), text

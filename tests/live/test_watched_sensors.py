@@ -94,7 +94,7 @@ def test_what_was_not_heard_is_not_worn_and_what_is_outside_is_out_of_range() ->
     watched, outside = watched_sensors(2, limits), np.array([[50.0, 0.0, 1.0]])
     turn, yes = POSE[:1, 3:].copy(), np.ones(1, dtype=bool)
     assert watched.judge(0.0).tolist() == [ValidityState.STALE] * 2
-    late = limits.not_worn_after
+    late = limits.not_in_use_after
     assert watched.judge(late - 0.01).tolist() == [ValidityState.STALE] * 2
     watched.take(np.array([1]), late, outside, turn, yes, False)
     assert watched.judge(late).tolist() == [ValidityState.NOT_IN_USE, ValidityState.OUT_OF_RANGE]

@@ -155,7 +155,7 @@ def followed(sender: Controllers, *, until: float) -> tuple[dict[str, FloatArray
     np.testing.assert_array_equal(sample.position, on_grid(sample).position)
     while clock.now() < until:
         clock.advance(0.01)
-        stream.listen(clock.now(), moving=False)
+        stream.poll(clock.now(), moving=False)
         heard = stream.read(clock.now())
     if until:
         at = live.alignment.positions(heard.position)
