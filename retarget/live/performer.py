@@ -1,6 +1,4 @@
-"""A live performer as the pipeline plays it: sensors that are trusted, in our world, held and blended where they are
-not.
-"""
+"""A live performer as a run follows it: valid sensors in our world, with holds and reacquisition blends."""
 
 from collections.abc import Callable, Iterable
 
@@ -31,12 +29,12 @@ from retarget.types import BoolArray, FloatArray
 __all__ = ["INTAKE", "LivePerformer", "base_sensors", "live_sample", "missing_sensors", "needed", "refuse_unmeasurable"]
 
 
-# Without which of a performer's sensors nobody is measured, and without which the robot does not move.
+# The sensors without which a performer cannot be measured, and those without which the robot holds.
 
 BASE_SENSORS = ("pelvis", "l_ankle", "r_ankle")
-"""Without one of these that is worn, the robot does not know how to stand."""
+"""These locate the body and its feet. The robot holds while one that the performer wears is lost."""
 FALLBACK = ("head",)
-"""What stands for them where none is worn: all that tells where the body is."""
+"""The base sensor of a performer who wears none of these."""
 
 
 def base_sensors(names: Iterable[str]) -> tuple[str, ...]:
@@ -46,42 +44,42 @@ def base_sensors(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def needed(roles: Roles) -> tuple[str, ...]:
-    """Those of a performer that must be heard to begin: a file that takes what there is needs what measures only."""
+    """The sensors that must be fresh to begin. A partial performer's file needs only those that measure."""
     return tuple(dict.fromkeys((*REQUIRED, *(() if roles.partial else base_sensors(roles.sensors)))))
 
 
 def missing_sensors(stream: LiveStream, now: float) -> list[str]:
-    """Sensors to be waited for: those needed that are not fresh, and those listed that the stream does not have."""
+    """Sensors to wait for: needed ones that are not fresh, and listed ones that the stream does not have."""
     reading, must, roles = stream.read(now), needed(stream.roles), stream.roles
     known: BoolArray = np.asarray(np.isfinite(reading.position).all(axis=1))
     missing = []
-    for name, place, fresh, told in zip(roles.sensors, roles.places, reading.fresh, known, strict=True):
-        lacks = not (told or roles.partial or {place.position, place.orientation} & stream.names.keys())
-        if lacks or (name in must and not fresh):
+    for name, place, fresh, was_sent in zip(roles.sensors, roles.places, reading.fresh, known, strict=True):
+        absent = not (was_sent or roles.partial or {place.position, place.orientation} & stream.names.keys())
+        if absent or (name in must and not fresh):
             missing.append(name)
     return missing
 
 
 def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
-    """Raise UsageError where the performer's file lacks a sensor without which nobody can be measured."""
-    lacking = [name for name in REQUIRED if name not in roles.sensors]
-    if lacking:
+    """Raise UsageError where the performer's file does not list a sensor that measuring needs."""
+    missing = [name for name in REQUIRED if name not in roles.sensors]
+    if missing:
         vrchat = roles.convention == "slimevr_vrchat"
         raise UsageError(
             "the performer cannot be measured without head and both wrists",
             where=where,
-            found=f"a performer's file without {', '.join(lacking)}",
+            found=f"a performer's file without {', '.join(missing)}",
             next_step=NO_WRISTS if vrchat else "Add them to the performer's file, or choose another --performer",
         )
 
 
 INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4)
-"""A sensor is doubted after up to 0.2 s: with this it is out within 0.3 s. It comes back by the weight of
-`ReacquisitionBlend`, no faster than this, in m/s: an elbow is then at half of its servo's speed, at most."""
+"""A sensor becomes invalid within 0.2 s, and with these times has no weight within 0.3 s. It comes back by the weight
+of `ReacquisitionBlend`, no faster than `speed`, m/s: an elbow then uses at most half of its servo's speed."""
 SILENCE_S = 0.13
-"""A stream that says nothing for so long is held, before its sensors are stale."""
+"""The robot holds after this long without a frame, before the sensors are stale."""
 PLAYED_S = 0.05
-"""So long after its last datagram a recording has been played: what is held back to play evenly is less."""
+"""A recording is over this long after its last datagram; the playout delay is less."""
 _REFLECT = np.array([1.0, -1.0, 1.0])
 _REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
 
@@ -91,14 +89,14 @@ def live_sample(
     reading: StreamReading,
     alignment: Alignment,
     *,
-    believed: BoolArray,
+    usable: BoolArray,
     mirror: bool = False,
     weight: FloatArray | None = None,
 ) -> SensorSample:
-    """What was heard, in our world; believed (k,): who counts; weight (k,): how far who was lost has come back. mirror:
-    left and right exchanged."""
+    """The sample of a reading, in our world. usable (k,): the other sensors are not valid in it; weight (k,): how far
+    sensors that were lost have come back. mirror: swap left and right."""
     position, orientation = alignment.positions(reading.position), alignment.orientations(reading.orientation)
-    valid = reading.fresh & believed
+    valid = reading.fresh & usable
     if mirror:
         order = [names.index(mirrored_name(name)) for name in names]
         position, orientation = position[order] * _REFLECT, orientation[order] * _REFLECT_TURN
@@ -108,10 +106,10 @@ def live_sample(
 
 
 class LivePerformer:
-    """`retarget.human.samples.Samples` of a stream. `first`: the sample at which the robot arrives.
+    """`retarget.human.samples.Samples` of a stream. `first`: the sample that the robot approaches.
 
-    ticks: at most; kept: samples that are remembered for who looks at the run afterwards. lacking: sensors for which
-    the robot never holds. tell: hears what changes, a sentence each.
+    ticks: at most; kept: samples that are recorded. optional: sensors for which the robot never holds. notify: receives
+    what changes, a sentence each.
     """
 
     def __init__(
@@ -125,13 +123,13 @@ class LivePerformer:
         ticks: int,
         kept: int,
         mirror: bool = False,
-        lacking: tuple[str, ...] = (),
+        optional: tuple[str, ...] = (),
         notify: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.stream, self.alignment, self.mirror = stream, alignment, mirror
         self.engagement = Engagement(first)
-        self._on_the_way, self._waits = Debounce(EngagementTimes().healthy, good=True), False
-        self._trouble, self._news = StreamProblems(stream), StreamNews(stream, notify)
+        self._approaching, self._waits = Debounce(EngagementTimes().healthy, good=True), False
+        self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
         self._first, self._clock, self._notify = first, clock, notify
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
         self._pace, self._catching_up = TickPace(1.0 / rate_hz), CatchingUp(stream)
@@ -139,11 +137,11 @@ class LivePerformer:
         self._reacquisition: ReacquisitionBlend | None = None
         self._tally = Tally(names, self.dt)
         self._turning = ReacquisitionTurn(len(names))
-        self._message: str | None = None  # of what is wrong with the stream
-        self._nobody: BoolArray = np.zeros(len(names), dtype=bool)
-        self._jumped = self._nobody  # while it was followed
-        self._came_back = False  # whether data were good since it is not followed
-        self._base = [names.index(name) for name in base_sensors(name for name in names if name not in lacking)]
+        self._message: str | None = None  # what is wrong with the stream
+        self._none: BoolArray = np.zeros(len(names), dtype=bool)
+        self._jumped = self._none  # while it was followed
+        self._came_back = False  # whether data have been good since the hold began
+        self._base = [names.index(name) for name in base_sensors(name for name in names if name not in optional)]
         self._positions = np.full((self._kept, len(names), 3), np.nan)
         self._orientations = np.full((self._kept, len(names), 4), np.nan)
         self._valid = np.zeros((self._kept, len(names)), dtype=bool)
@@ -156,7 +154,7 @@ class LivePerformer:
 
     @property
     def kept(self) -> int:
-        """Ticks that are remembered."""
+        """Ticks that are recorded."""
         return self._kept
 
     @property
@@ -176,36 +174,36 @@ class LivePerformer:
 
     @property
     def settled(self) -> float:
-        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1."""
+        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
         return self.engagement.settled
 
     def may_approach(self) -> bool:
-        """Whether data are good, and have been for long enough since they were not."""
+        """Whether data have been good for long enough to go on with the approach."""
         now = self._clock.now()
         if self._catching_up.step(now):
             return False
-        reading, _ = self._hear(now)
+        reading, _ = self._read(now)
         good = self._is_good(reading, now)
-        goes = self._on_the_way.step(now, good=good)
+        goes = self._approaching.step(now, good=good)
         self._came_back = (self._came_back or good) and not goes
         self._say_news()
         if goes is self._waits:
             late = " because ticks come late" if self._pace.behind else ""
-            self._notify("the robot goes on" if goes else f"the robot waits on its way to the performer{late}")
+            self._notify("the robot goes on" if goes else f"the robot waits during its approach{late}")
             self._waits = not goes
         return goes
 
     def catch_up(self) -> None:
-        """Take in all that has arrived; for the moment before a robot has torque."""
+        """Take all that has arrived; for a robot without torque."""
         self._catching_up.at_once(self._clock.now())
 
     def listen(self) -> None:
-        """Take in what has arrived, and say what changed."""
+        """Take what has arrived, and report what changed."""
         self.stream.poll(self._clock.now(), moving=True)
         self._news.look()
 
     def sample(self, tick: int) -> SensorSample | None:
-        """What is to be followed now; None: hold."""
+        """The sample to follow now; None: hold."""
         if tick == 0:
             self.engagement.begin(self._first)
         sample = self._first if tick == 0 else self._now()
@@ -219,27 +217,26 @@ class LivePerformer:
 
     @property
     def hold_reason(self) -> str:
-        """Why nobody is followed, in a few words."""
+        """Why the performer is not followed, in a few words."""
         if not self.engagement.wanted:
             return "let go"
-        trouble = self._trouble.briefly(self._clock.now(), SILENCE_S)
-        base_sensors, late = tuple(self._base), self._pace.behind
-        evidence = HoldEvidence(self._states, self._jumped, base_sensors, late, trouble, self._came_back)
+        problem, late = self._problems.briefly(self._clock.now(), SILENCE_S), self._pace.behind
+        evidence = HoldEvidence(self._states, self._jumped, tuple(self._base), late, problem, self._came_back)
         return hold_reason_of(self.stream.roles.sensors, evidence)
 
     def clutch(self, *, engaged: bool) -> None:
-        """Take the robot up again from where it is, or let go of it: it holds."""
+        """Follow again from where the robot is, or hold it."""
         self.engagement.wanted = engaged
         if not engaged:
             self.engagement.hold()
 
     def reset_heading(self) -> bool:
-        """Take the way that the performer faces now as straight ahead: trackers drift. The robot holds, and goes on
-        from there. Whether left and right tell where that is."""
+        """Take the direction that the performer faces now as straight ahead, since trackers drift. The robot holds, and
+        goes on from there. Returns False where left and right sensors do not show a direction."""
         reading = self.stream.read(self._clock.now())
-        everybody = np.ones(len(reading.states), dtype=bool)
+        every_sensor = np.ones(len(reading.states), dtype=bool)
         names = self.stream.roles.sensors
-        sample = live_sample(names, reading, self.alignment, believed=everybody)
+        sample = live_sample(names, reading, self.alignment, usable=every_sensor)
         at = {name: point for name, point, ok in zip(names, sample.position, sample.valid, strict=True) if ok}
         forward = facing_of(at)
         if forward is None:
@@ -251,11 +248,11 @@ class LivePerformer:
         return True
 
     def report(self, *, address: str, person: str | None) -> LiveReport:
-        """What there is to tell of the stream."""
+        """The report on the stream."""
         return live_report(self.stream, self._tally, address=address, person=person)
 
     def recorded(self) -> Clip:
-        """The samples that were followed, where they held the last one again."""
+        """The samples that were followed; during a hold, the held one."""
         count = max(self._last_tick + 1, 1)
         valid = self._valid[:count]
         frames = SensorFrames(
@@ -271,7 +268,7 @@ class LivePerformer:
 
     def _now(self) -> SensorSample | None:
         now = self._clock.now()
-        reading, sample = self._hear(now)
+        reading, sample = self._read(now)
         before = self.engagement.state
         good = self._is_good(reading, now)
         followed = self.engagement.step(now, sample, good=good)
@@ -285,8 +282,8 @@ class LivePerformer:
             )
         return followed
 
-    def _hear(self, now: float) -> tuple[StreamReading, SensorSample]:
-        """What is heard in this tick, and of it the sensors that are believed, in our world."""
+    def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
+        """The reading of this tick, and the sample of its valid sensors in our world."""
         self._pace.begin(now)
         reading = self.stream.read(now)
         self._states = reading.states
@@ -297,14 +294,14 @@ class LivePerformer:
         before = self._reacquisition.weights
         weight = self._reacquisition.step(reading.states, self.dt)
         if np.count_nonzero(reading.states):
-            doubted = (reading.states == ValidityState.JUMPED) | (reading.states == ValidityState.SWAPPED)
-            self._jumped = doubted & (self._jumped | (before > 0.5))
+            suspect = (reading.states == ValidityState.JUMPED) | (reading.states == ValidityState.SWAPPED)
+            self._jumped = suspect & (self._jumped | (before > 0.5))
         else:
-            self._jumped = self._nobody
-        self._message = self._trouble.look(now)
+            self._jumped = self._none
+        self._message = self._problems.look(now)
         names = self.stream.roles.sensors
         sample = live_sample(
-            names, reading, self.alignment, believed=weight > 0.0, mirror=self.mirror, weight=weight.copy()
+            names, reading, self.alignment, usable=weight > 0.0, mirror=self.mirror, weight=weight.copy()
         )
         return reading, self._turning.step(sample)
 
@@ -314,12 +311,12 @@ class LivePerformer:
                 self._notify(message)
 
     def _is_good(self, reading: StreamReading, now: float) -> bool:
-        """Whether enough can be believed to move: somebody speaks, nobody has leapt, what carries is known, and it is
-        not too late for it."""
+        """Whether data are good enough to move: the sender sends, no sensor has jumped, the base sensors are fresh, and
+        ticks are on time."""
         fresh = reading.fresh.tolist()
         known = any(fresh) and all(fresh[row] for row in self._base)
         return (
             now - self.stream.last <= SILENCE_S
             and known
-            and not (self._pace.behind or np.count_nonzero(self._jumped) or self._trouble.foreign)
+            and not (self._pace.behind or np.count_nonzero(self._jumped) or self._problems.foreign)
         )

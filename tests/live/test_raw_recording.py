@@ -26,7 +26,7 @@ def datagram(number: int, size: int = 10) -> Datagram:
 
 
 class HeldWriter(RawWriter):
-    """A writer on a disk that does not answer until it is told to; `reached` when somebody waits for it."""
+    """A writer on a disk that does not answer until `answers` is set; `reached` when the thread waits for it."""
 
     def __init__(self, path: Path) -> None:
         self.answers = threading.Event()
@@ -61,11 +61,11 @@ def test_it_is_written_while_the_run_goes_on(tmp_path: Path, monkeypatch: pytest
         tap.take(datagram(1))
         for _ in range(2):
             writer.reached.clear()
-            assert writer.reached.wait(PATIENCE_S), "nobody writes"
+            assert writer.reached.wait(PATIENCE_S), "no thread writes"
         assert len(list(RawReader(tmp_path / "a.raw"))) == 1
 
 
-def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raw_recording, "FLUSH_S", 0.001)
     monkeypatch.setattr(raw_recording, "PATIENCE_S", 0.01)
     writer = HeldWriter(tmp_path / "a.raw")

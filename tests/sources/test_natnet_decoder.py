@@ -24,7 +24,7 @@ from natnet_packets import (
 from people import at_rest
 from retarget.errors import UsageError
 from retarget.human.calibration import dimensions_from_skeleton
-from retarget.live.rest_capture import stream_skeleton
+from retarget.live.rest_capture import skeleton_of
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import angle_between, multiply, normalise, rotate
 from retarget.sources.natnet_decoder import (
@@ -420,7 +420,7 @@ def told(owner: str, body: list[Body], *, version: Version = V41, up: str = "y")
 def test_limbs_are_as_they_are_told(up: str, version: Version, prefix: str) -> None:
     names = {joint: prefix + bone for joint, bone in NATNET_SKELETON_BONES_.items()}
     decoder = told("Al", bones(names, up=up, parents=PARENTS), version=version, up=up)
-    skeleton = stream_skeleton(decoder, ["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
+    skeleton = skeleton_of(decoder, ["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
     assert skeleton is not None
     size = dimensions_from_skeleton(skeleton)
     for limb in LIMBS:
@@ -433,7 +433,7 @@ def test_other_names_of_bones() -> None:
         f"{s}_{part}": word + bone for part, bone in HUMAN_IK.items() for s, word in (("l", "Left"), ("r", "Right"))
     }
     names = {"pelvis": "Hips", "neck": "Neck", "head": "Head"} | sided
-    skeleton = stream_skeleton(told("Al", bones(names, parents=PARENTS)), ["bone://Al/Head"])
+    skeleton = skeleton_of(told("Al", bones(names, parents=PARENTS)), ["bone://Al/Head"])
     assert skeleton is not None and skeleton.distance("l_knee", "l_ankle") == pytest.approx(PERSON.length("l_ankle"))
 
 
@@ -441,7 +441,7 @@ def test_other_names_of_bones() -> None:
     "names", [[], ["rigid://head"], ["bone://Bo/Head"], ["bone://Al/Head", "bone://Bo/Head"], ["bone://"]]
 )
 def test_whose_bones_nobody_listens_for_has_no_skeleton(names: list[str]) -> None:
-    assert stream_skeleton(told("Al", bones(NATNET_SKELETON_BONES_)), names) is None
+    assert skeleton_of(told("Al", bones(NATNET_SKELETON_BONES_)), names) is None
 
 
 def _circle(body: list[Body]) -> list[Body]:
@@ -451,13 +451,11 @@ def _circle(body: list[Body]) -> list[Body]:
 
 
 def test_what_is_no_human_is_no_skeleton_and_no_error() -> None:
-    assert stream_skeleton(told("Al", bones(NATNET_SKELETON_BONES_)[:4]), ["bone://Al/Head"]) is None
-    odd = stream_skeleton(told("Al", _circle(bones(NATNET_SKELETON_BONES_, parents=PARENTS))), ["bone://Al/Head"])
+    assert skeleton_of(told("Al", bones(NATNET_SKELETON_BONES_)[:4]), ["bone://Al/Head"]) is None
+    odd = skeleton_of(told("Al", _circle(bones(NATNET_SKELETON_BONES_, parents=PARENTS))), ["bone://Al/Head"])
     assert odd is not None and "l_wrist" not in odd.names and "r_wrist" in odd.names
     assert (
-        stream_skeleton(
-            told("Al", [Body(bone.name, 1, 1) for bone in bones(NATNET_SKELETON_BONES_)]), ["bone://Al/Head"]
-        )
+        skeleton_of(told("Al", [Body(bone.name, 1, 1) for bone in bones(NATNET_SKELETON_BONES_)]), ["bone://Al/Head"])
         is None
     )
 
