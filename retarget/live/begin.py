@@ -260,7 +260,7 @@ _REFUSALS = {
     "right rose": ("the right wrist rose: left and right are swapped", _SWAP),
     "left rose behind": (
         "the left wrist went back: the axes are mirrored",
-        "One horizontal axis of what is sent has the wrong sign, either of the two: see that the convention of roles, "
+        "One horizontal axis (x or y) of what is sent has the wrong sign: see that the convention of roles, "
         "or the axes that the sender names, are the sender's, and that it mirrors nothing",
     ),
     "left sank": (

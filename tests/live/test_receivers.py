@@ -118,7 +118,7 @@ def test_a_group_that_cannot_be_joined_is_reported_and_tried_again() -> None:
         assert receiver.join_error == "" and receiver._frames is not None and receiver._frames.port == port
 
 
-def test_what_others_send_is_not_the_servers_word() -> None:
+def test_only_datagrams_of_the_server_are_returned() -> None:
     address = replace(UNICAST, bind="127.0.0.1", host="127.0.0.9")
     with conversation(address) as (server, receiver):
         server.socket.sendto(server_info(VERSION), ("127.0.0.1", receiver.port))

@@ -49,7 +49,7 @@ def test_no_sensor_is_frozen_where_the_others_only_waver() -> None:
     assert not found([0, 1, 2, 3], metres=0.0002).any()
 
 
-def test_it_takes_its_time() -> None:
+def test_a_sensor_is_frozen_after_its_time() -> None:
     assert not found([0, 1, 2, 3], seconds=0.17).any() and found([0, 1, 2, 3], seconds=0.23).any()
 
 

@@ -178,7 +178,8 @@ def test_the_hold_reason_is_the_reason_of_a_stop_in_the_approach_too() -> None:
     with rig.prepared() as prepared:
         result = prepared.run()
     assert result.ticks_followed == 0 and result.stop is not None
-    assert "(nothing arrived) for 4.8" in result.stop.reason
+    cause = "nothing arrived"
+    assert f"({cause}) for 4.8" in result.stop.reason
 
 
 OTHER: Source = ("10.9.8.7", 50_000)
