@@ -134,12 +134,12 @@ def _session(metadata: dict[str, str] | None, where: str, damage: str) -> Sessio
         raise InputError(
             "no recording of ours", where=where, found=damage or "no metadata of retarget", allowed=allowed
         )
-    told = metadata.get("format", "")
-    if told != str(FORMAT):
+    given = metadata.get("format", "")[:20]
+    if given != str(FORMAT):
         raise InputError(
-            "a recording of another version",
+            "the recording has another format",
             where=where,
-            found=f"format {told[:20] or 'not told'}{_written_by(metadata.get('session', ''))}",
+            found=(f"format {given}" if given else "no format") + _written_by(metadata.get("session", "")),
             allowed=f"format {FORMAT}, of version {retarget.__version__}",
             next_step="Read it with the version of retarget that wrote it",
         )
@@ -158,7 +158,7 @@ def _written_by(session: str) -> str:
     """The version of retarget that wrote the session's JSON, in words; "" where it has none."""
     try:
         version = json.loads(session)["version"]
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         return ""
     return f", written by version {str(version)[:20]}"
 

@@ -17,6 +17,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
+import retarget
 from messages import refuses, shows
 from recordings import Recorded, record
 from retarget.errors import InputError, RefusedError, UsageError
@@ -24,8 +25,11 @@ from retarget.recording import read_run
 from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
 from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read_recording
+from retarget.recording.session import FORMAT
 from retarget.recording.topics import GOALS, HUMAN_POSTURE, LANDMARKS, SENSORS, SERVOS, TICK
 from retarget.viewer import recorded
+
+OURS = str(FORMAT)
 
 
 @pytest.fixture(scope="module")
@@ -261,21 +265,40 @@ def foreign(path: Path, metadata: dict[str, str] | None) -> None:
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def test_a_file_of_somebody_else_and_of_another_version(tmp_path: Path) -> None:
+def test_an_mcap_file_that_is_no_recording_of_ours_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     for metadata, facts in (
         (None, ()),
-        ({"format": "2", "session": "{}"}, (2, 1)),
-        ({"format": "1", "session": "{}"}, "SHA-256"),
-        ({"format": "1"}, ()),
-        (
-            {"format": "1", "session": "{}", "sha256": sha256(b"{}").hexdigest()},
-            (),
-        ),
+        ({"session": "{}"}, ()),
+        ({"format": OURS, "session": "{}"}, "SHA-256"),
+        ({"format": OURS}, ()),
+        ({"format": OURS, "session": "{}", "sha256": sha256(b"{}").hexdigest()}, ()),
     ):
         foreign(path, metadata)
-        with refuses(InputError, facts):
+        with refuses(InputError, facts, varies=retarget.__version__):
             read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("other", "session", "found"),
+    [
+        ("1", '{"format": 1, "version": "0.1.0"}', ("format 1", "0.1.0")),
+        ("3", '{"format": 3, "version": "9.9.9"}', ("format 3", "9.9.9")),
+        ("3", "{}", "format 3"),
+        ("3", "[]", "format 3"),
+        ("3", "no JSON", "format 3"),
+        ("3", "[" * 10**6, "format 3"),
+    ],
+    ids=["of 0.1.0", "later", "no version", "no object", "no JSON", "too deep"],
+)
+def test_a_recording_of_another_format_is_refused_with_the_version_that_wrote_it(
+    other: str, session: str, found: str | tuple[str, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "x.mcap"
+    foreign(path, {"format": other, "session": session, "sha256": sha256(session.encode()).hexdigest()})
+    allowed = (f"format {OURS}", retarget.__version__)
+    with refuses(InputError, where=path, found=found, allowed=allowed, varies=retarget.__version__):
+        read_recording(path)
 
 
 def without(content: bytes, path: Path, topic: str) -> None:
@@ -324,7 +347,7 @@ def test_hostile_layouts_are_refused(tmp_path: Path, content: bytes) -> None:
             writer = Writer(stream)
             writer.start()
             digest = sha256(session.encode()).hexdigest()
-            writer.add_metadata(METADATA, {"format": "1", "session": session, "sha256": digest})
+            writer.add_metadata(METADATA, {"format": OURS, "session": session, "sha256": digest})
             schema = writer.register_schema("x", "ros2msg", b"")
             channel = writer.register_channel(TICK, "cdr", schema, {"layout": layout})
             writer.add_message(channel, 0, struct.pack("<d", 1.0), 0, 0)
@@ -341,14 +364,14 @@ def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize(
     "update",
-    [{"dt": 0.0}, {"dt": float("nan")}, {"ticks": 0}, {"sensors": ()}, {"intake": (-1.0, 0.0, 0.0)}, {"format": 2}],
+    [{"dt": 0.0}, {"dt": float("nan")}, {"ticks": 0}, {"sensors": ()}, {"intake": (-1.0, 0.0, 0.0)}, {"format": 1}],
 )
 def test_a_session_that_cannot_be_is_refused(content: bytes, tmp_path: Path, update: dict[str, object]) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     session = read_recording(path).session
     told = json.dumps(session.model_dump() | update)
-    foreign(path, {"format": "1", "session": told, "sha256": sha256(told.encode()).hexdigest()})
+    foreign(path, {"format": OURS, "session": told, "sha256": sha256(told.encode()).hexdigest()})
     with refuses(InputError):
         read_recording(path)
 

@@ -34,8 +34,9 @@ def test_the_same_run_can_be_asked_for_again(run: Recorded, session: Session) ->
 
 
 def test_physics_is_part_of_it(session: Session) -> None:
-    told = session.model_copy(update={"bus": "physics", "mount": "gantry", "hook": "neck", "seed": 4, "trouble": ()})
-    assert told.options.physics == PhysicsOptions("gantry", "neck", 4, ())
+    options = {"bus": "physics", "mount": "gantry", "hook": "neck", "seed": 4, "perturbations": ("push",)}
+    of_physics = session.model_copy(update=options)
+    assert of_physics.options.physics == PhysicsOptions("gantry", "neck", 4, ("push",))
 
 
 def test_files_are_known_by_their_content(run: Recorded, session: Session) -> None:
@@ -48,7 +49,7 @@ def test_files_are_known_by_their_content(run: Recorded, session: Session) -> No
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("format", 2),
+        ("format", 1),
         ("dt", 0.0),
         ("dt", float("nan")),
         ("ticks", 0),
