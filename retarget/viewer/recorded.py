@@ -17,7 +17,15 @@ from retarget.model.scene_state import SceneState
 from retarget.recording.configs import as_recorded, recorded_scene
 from retarget.recording.cycles import Cycles, Done
 from retarget.recording.npz import read_arrays
-from retarget.recording.reading import MAGIC, Recording, TopicRows, lacking, played, postures_sent, read_recording
+from retarget.recording.reading import (
+    MAGIC,
+    Recording,
+    TopicRows,
+    fields_required,
+    played,
+    postures_sent,
+    read_recording,
+)
 from retarget.recording.taps import STATES as FROM_MCAP_STATES
 from retarget.recording.topics import HUMAN_POSTURE, LANDMARKS, TICK, TRUTH
 from retarget.run.record import Phase
@@ -351,7 +359,7 @@ def open_viewed(path: Path) -> Viewed:
         raise InputError("cannot read the run", where=str(path), found=found, next_step=step) from error
     if begins == MAGIC:
         recording = read_recording(path)
-        with lacking(recording):
+        with fields_required(recording):
             return RecordedCycles(recording)
     if begins.startswith(ZIP):
         return open_recorded(path)

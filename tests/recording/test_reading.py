@@ -78,7 +78,7 @@ def test_order_and_copies_in_the_file_do_not_matter(run: Recorded) -> None:
         np.testing.assert_array_equal(getattr(found.cycles, name), getattr(whole.cycles, name), err_msg=name)
 
 
-def test_where_the_sensors_were_not_kept_nobody_was_followed(run: Recorded) -> None:
+def test_where_the_sensors_were_not_kept_no_sample_was_valid(run: Recorded) -> None:
     found = played(changed(run.played().recording, SENSORS, lambda rows: chosen(rows, np.arange(10))))
     assert np.count_nonzero(found.cycles.sampled == Done.WELL) == 10 < np.count_nonzero(found.cycles.sampled)
 
@@ -89,13 +89,13 @@ def shifted(rows: TopicRows) -> TopicRows:
     return TopicRows(rows.cycles, other)
 
 
-def nobody(rows: TopicRows) -> TopicRows:
+def without_sample(rows: TopicRows) -> TopicRows:
     other = rows.rows.copy()
     other["sampled"][0] = Done.FAILED
     return TopicRows(rows.cycles, other)
 
 
-@pytest.mark.parametrize("change", [shifted, nobody])
+@pytest.mark.parametrize("change", [shifted, without_sample])
 def test_what_is_no_run_is_refused(change: Callable[[TopicRows], TopicRows], run: Recorded) -> None:
     with refuses(InputError):
         played(changed(run.played().recording, TICK, change))
@@ -126,13 +126,13 @@ def renamed(topic: str, field: str, recording: Recording) -> Recording:
     def other(rows: TopicRows) -> TopicRows:
         kind, names = rows.rows.dtype, rows.rows.dtype.names or ()
         fields: Mapping[str, Any] = kind.fields or {}
-        told = {
+        layout = {
             "names": [f"no_{name}" if name == field else name for name in names],
             "formats": [fields[name][0] for name in names],
             "offsets": [fields[name][1] for name in names],
             "itemsize": kind.itemsize,
         }
-        return TopicRows(rows.cycles, rows.rows.view(np.dtype(told)))  # type: ignore[call-overload]
+        return TopicRows(rows.cycles, rows.rows.view(np.dtype(layout)))  # type: ignore[call-overload]
 
     return changed(recording, topic, other)
 
@@ -146,7 +146,7 @@ def renamed(topic: str, field: str, recording: Recording) -> Recording:
         (LANDMARKS, "poses", False, False),
     ],
 )
-def test_a_field_that_is_missing_is_one_message_to_whoever_reads_it(
+def test_a_field_that_is_missing_is_one_message_to_its_reader(
     topic: str, field: str, shown: bool, exported: bool, run: Recorded, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     less = renamed(topic, field, run.played().recording)
@@ -220,25 +220,26 @@ def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -
             played(read_recording(path))
 
 
-def test_a_flipped_bit_is_never_believed(content: bytes, tmp_path: Path) -> None:
+def test_a_flipped_bit_never_changes_what_is_read(content: bytes, tmp_path: Path) -> None:
     """Whatever stands before it is read; what is read is what was written."""
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     whole = played(read_recording(path)).cycles
     rng = np.random.default_rng(6)
-    told = 0
+    noticed = 0
     for place in rng.integers(len(MAGIC), len(content), 40).tolist():
         path.write_bytes(content[:place] + bytes([content[place] ^ 0x10]) + content[place + 1 :])
         try:
             recording = read_recording(path)
             cycles = played(recording).cycles
         except RefusedError:
-            told += 1
+            noticed += 1
             continue
-        told += bool(recording.damage)
-        np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
-        np.testing.assert_array_equal(cycles.sensor_position, whole.sensor_position[: len(cycles)])
-    assert told >= 10
+        noticed += bool(recording.damage)
+        rows = np.searchsorted(whole.index, cycles.index)  # a bit of a chunk's opcode hides the whole chunk
+        for name in ("index", "goal", "sensor_position"):
+            np.testing.assert_array_equal(getattr(cycles, name), getattr(whole, name)[rows], err_msg=name)
+    assert noticed >= 10
 
 
 @pytest.mark.parametrize("data", [b"", b"\x89MCAP", b"PK\x03\x04" + bytes(50), MAGIC, MAGIC + bytes(100)])
@@ -370,8 +371,8 @@ def test_a_session_that_cannot_be_is_refused(content: bytes, tmp_path: Path, upd
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     session = read_recording(path).session
-    told = json.dumps(session.model_dump() | update)
-    foreign(path, {"format": OURS, "session": told, "sha256": sha256(told.encode()).hexdigest()})
+    other = json.dumps(session.model_dump() | update)
+    foreign(path, {"format": OURS, "session": other, "sha256": sha256(other.encode()).hexdigest()})
     with refuses(InputError):
         read_recording(path)
 

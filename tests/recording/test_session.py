@@ -1,4 +1,4 @@
-"""What a recording says of its run: strict, and enough to ask for the same run again."""
+"""The session of a recording: strict, and enough to ask for the same run again."""
 
 import hashlib
 from pathlib import Path
@@ -40,9 +40,9 @@ def test_physics_is_part_of_it(session: Session) -> None:
 
 
 def test_files_are_known_by_their_content(run: Recorded, session: Session) -> None:
-    told = {file.name: file for file in session.files}
+    files = {file.name: file for file in session.files}
     for file, content in config_files(ASKED, run.result.robot):
-        assert told[file.name] == file and hashlib.sha256(content).hexdigest() == file.sha256
+        assert files[file.name] == file and hashlib.sha256(content).hexdigest() == file.sha256
         assert Path(file.path).read_bytes() == content
 
 
