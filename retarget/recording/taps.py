@@ -17,12 +17,12 @@ from retarget.recording.mcap_writer import Event, Events, Level, Ring
 from retarget.run.record import Phase, Record
 from retarget.types import FloatArray
 
-__all__ = ["STATES", "Note", "TappedBus", "TappedClock", "TappedSamples"]
+__all__ = ["GUARD_STATES", "Note", "TappedBus", "TappedClock", "TappedSamples"]
 
 
 # What the taps write into: the cycle that runs, its events, and the guard's state.
 
-STATES = {state: place for place, state in enumerate(GuardState)}
+GUARD_STATES = {state: place for place, state in enumerate(GuardState)}
 """Numbers of the guard's states."""
 
 
@@ -157,7 +157,7 @@ class Note:
         assert ring is not None, "nothing turns before it begins"
         if guard is not None:
             state, stop = guard.state, guard.stop_reason
-            ring.rows.state[ring.at] = STATES[state]
+            ring.rows.state[ring.at] = GUARD_STATES[state]
             if stop is not self._stop and stop is not None:
                 self._stop = stop
                 self.say("guard", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
