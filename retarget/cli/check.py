@@ -156,7 +156,7 @@ def _robot(path: Path) -> str:
             "physics": _physics(robot),
             **_drafts(path),
         },
-        verdict="good" if goes_to_rest is None or goes_to_rest.sound else "good, but it does not go straight to rest",
+        verdict="good" if goes_to_rest is None or goes_to_rest.safe else "good, but it does not go straight to rest",
     )
 
 

@@ -128,7 +128,7 @@ def _run(found: "Played", configs: "Configs") -> "Replayed":
     for changed in again.changed:
         _note(changed)
     typer.echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
-    for line in again.difference.told():
+    for line in again.difference.lines():
         typer.echo(line)
     return again
 

@@ -96,7 +96,7 @@ def follow_clip(read: Callable[[], SensorFrames], options: RunOptions, outputs: 
             clock=recorder.clock,
             make_bus=recorder.make_bus(bench.make_bus),
             goes_to_rest=options.has_mass,
-            notify=recorder.hears(_note),
+            notify=recorder.recorded_notify(_note),
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with (
@@ -194,7 +194,7 @@ def follow_live(
     refuse_oversight(oversight, virtual=type(clock) is VirtualClock)
     bench = PhysicsBench(options, _log)
     recorder = recorder_for(outputs, options, bench, clock=clock, goes_to_rest=True)
-    notify = recorder.hears(_log)
+    notify = recorder.recorded_notify(_log)
     with detached_screens(), ExitStack() as stack:
         socket, dead_man = _opened(oversight, stack)
         tap = _raw_tap(record_raw, address, stack, overwrite=outputs.overwrite)
