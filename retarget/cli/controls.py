@@ -18,7 +18,7 @@ from hardware.guard import Guard
 from hardware.key_device import KeyDevice
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.exit import ForcedStopKey, StopRequest
-from retarget.errors import UsageError
+from retarget.errors import RENAMED, UsageError
 from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 from retarget.run.control_socket import ControlSocket
@@ -350,7 +350,8 @@ HELP = (
 )
 FILE_PERIOD = 5
 """Ticks between two looks for the file; the first look of all is one, so nothing gets torque where it is there."""
-WORDS = "stop, torque_off, hold, status"
+WORDS = ("stop", "torque_off", "hold", "status")
+"""Of the control socket."""
 SPACE, SOCKET = "interrupted by the user (space bar)", "stopped through the control socket (`retarget stop`)"
 """Who stopped it."""
 GOES_ON, NEVER_GOES_ON = "p goes on", "there is no terminal whose p would go on, so stop it: `retarget stop`"
@@ -490,7 +491,15 @@ class LiveControls:
                 then = GOES_ON if self._keys.listens else NEVER_GOES_ON
                 self._notify(f"paused by the control socket: the robot holds; {then}")
             return "ok holding"
-        return f"error: found {word[:20]!a}, allowed: {WORDS}; only a person at the keyboard lets the robot move"
+        return refused_word(word)
+
+
+def refused_word(word: str) -> str:
+    """The control socket's answer to a word that it does not know, or knows no more."""
+    step = "only a person at the keyboard lets the robot move"
+    if RENAMED.get(word) in WORDS:
+        step = f"it is called {RENAMED[word]} now"
+    return f"error: found {word[:20]!a}, allowed: {', '.join(WORDS)}; {step}"
 
 
 # What a live run does right now and since when it has run, on a terminal; nothing in a pipe.

@@ -589,7 +589,7 @@ def test_a_socket_holds_stops_and_tells_and_gives_no_motion(tmp_path: Path) -> N
         heard[450] = client.recv(500).decode()
     assert json.loads(heard[300]) == {"state": "moving", "followed": True, "let_go": False, "stop": None}
     assert heard[310] == "ok holding\n" and heard[450] == "ok stopping\n"
-    assert heard[330].startswith("error: found 'resume', allowed: stop, cut, hold, status")
+    assert heard[330].startswith("error: found 'resume', allowed: stop, torque_off, hold, status")
     assert json.loads(heard[340]) == {"state": "holding", "followed": False, "let_go": True, "stop": None}
     shows(rig.said)
     assert rig.said.count("the performer is followed") == 1
@@ -614,12 +614,12 @@ def test_a_pause_says_only_what_lets_it_go_on(tmp_path: Path) -> None:
         assert rig.said[-1] == "no pause any more: it goes on when it is held" and not clutch.engaged
 
 
-def test_a_socket_cuts_the_torque_at_once(tmp_path: Path) -> None:
+def test_a_socket_switches_torque_off_at_once(tmp_path: Path) -> None:
     with ControlSocket(tmp_path / "control") as socket, connect_to(socket.path) as client:
 
         def each(look: int) -> None:
             if look == 400:
-                client.sendall(b"cut\n")
+                client.sendall(b"torque_off\n")
 
         rig, result = live_controls_played({}, socket=socket, each=each)
     assert not rig.bus.torque_on and result.stop is not None

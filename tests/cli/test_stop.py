@@ -23,7 +23,7 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
     ("words", "answer", "code", "said"),
     [
         ((), "ok stopping", 0, "ok stopping"),
-        (("--cut",), "ok torque off", 0, "ok torque off"),
+        (("--torque-off",), "ok torque off", 0, "ok torque off"),
         ((), "what?", 1, "did not confirm it (what?): cut the power"),
     ],
 )
@@ -50,7 +50,7 @@ def test_a_run_is_told(
         found = run(capsys, "--socket", str(place), *words)
         thread.join()
     assert found[0] == code and said in found[1]
-    assert heard == ["cut" if words else "stop"]
+    assert heard == ["torque_off" if words else "stop"]
 
 
 def test_nobody_listens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
