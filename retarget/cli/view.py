@@ -150,12 +150,12 @@ def _beside(
     """What the parts of a run know of now."""
     side, scene_obstacles = prepared.side, prepared.scene_obstacles
 
-    def around() -> ObstaclePoses | None:
+    def obstacles() -> ObstaclePoses | None:
         now = None if scene_obstacles is None else scene_obstacles.now
         return now if now is None or scene_obstacles is None else now.rows(drawn(scene_obstacles.shapes))
 
     if side is None:
-        return Extras(words=lambda: ("ended" if view.over else "following", ""), around=around)
+        return Extras(words=lambda: ("ended" if view.over else "following", ""), obstacles=obstacles)
 
     def now() -> tuple[str, str]:
         stop = side.guard.stop_reason
@@ -169,4 +169,4 @@ def _beside(
         states = side.guard.states
         return None if states is None else states.current
 
-    return Extras(words=now, current=current, around=around, truth=truth)
+    return Extras(words=now, current=current, obstacles=obstacles, truth=truth)

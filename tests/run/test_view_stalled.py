@@ -63,7 +63,7 @@ def alone() -> Record:
 
 
 def nothing(process: int) -> None:
-    """Nobody hurts it."""
+    """No faults."""
 
 
 def stopped(process: int) -> None:
