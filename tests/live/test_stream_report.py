@@ -168,7 +168,7 @@ def test_it_is_the_reason_of_the_stop(fault: SenderFault, cause: str) -> None:
     with rig.prepared() as prepared:
         result = prepared.run()
     assert result.stop is not None
-    assert result.stop.reason == f"nobody could be followed ({cause}) for 4.81 s, allowed 4.8 s"
+    assert result.stop.reason == f"the performer could not be followed ({cause}) for 4.81 s, allowed 4.8 s"
 
 
 def test_it_is_the_reason_of_a_stop_on_the_way_to_the_performer_too() -> None:
@@ -176,7 +176,7 @@ def test_it_is_the_reason_of_a_stop_on_the_way_to_the_performer_too() -> None:
     with rig.prepared() as prepared:
         result = prepared.run()
     assert result.ticks_followed == 0 and result.stop is not None
-    assert result.stop.reason.startswith("nobody could be followed (nothing arrived) for 4.8")
+    assert result.stop.reason.startswith("the performer could not be followed (nothing arrived) for 4.8")
 
 
 STRANGER: Source = ("10.9.8.7", 50_000)
