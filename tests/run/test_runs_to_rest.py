@@ -66,7 +66,7 @@ def test_a_stop_while_it_rises_leads_back_and_does_not_stand_it_up(name: str, af
     risen = (run.record.robot.goals - rest) @ (stand - rest) / ((stand - rest) @ (stand - rest))
     at_stop = risen[: after + 1].max()
     assert risen.max() < at_stop + 0.05 < 0.9  # it brakes first
-    assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("at rest" in note for note in run.notes)
+    assert np.abs(run.record.robot.goals[-1] - rest).max() < 0.1 and not any("rest" in note for note in run.notes)
 
 
 def test_a_stop_on_the_approach_returns_to_stance_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
