@@ -3,7 +3,7 @@
 import hashlib
 import platform
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -19,7 +19,7 @@ from retarget.schema.priorities import Steps
 
 __all__ = ["FORMAT", "ConfigFile", "Session", "config_files", "session_of"]
 
-FORMAT: Final = 2
+FORMAT = 2
 """Of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
 
@@ -51,7 +51,7 @@ class Session(_Strict):
     """A run. version, numpy, machine: what it was computed by. Options as in `RunOptions`; ticks, dt, motion_dt: of its
     samples; intake: hold, fade, speed."""
 
-    format: Literal[2]
+    format: Literal[1]
     version: str
     numpy: str
     machine: str
@@ -119,7 +119,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
     physics = options.physics
     offset = [(float(x), float(y), float(z)) for x, y, z in size.offset]
     return Session(
-        format=FORMAT,
+        format=1,
         version=retarget.__version__,
         numpy=np.__version__,
         machine=platform.machine(),
