@@ -91,7 +91,7 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
     ):
         side, stop, ticks = prepared.side, StopRequest(), round(seconds / prepared.samples.dt)
         assert side is not None
-        asked = viewed.heard(stop, stop)
+        asked = viewed.with_stop_button(stop, stop)
         followed = 0
 
         def enough() -> bool:

@@ -256,7 +256,7 @@ def _announced(record: Record, first: LiveRow) -> Announced:
 
 
 def _row(record: Record, row: int, extras: Extras, *, time: float) -> LiveRow:
-    (state, why), obstacles, robot = extras.words(), extras.around(), record.robot
+    (state, why), obstacles, robot = extras.words(), extras.obstacles(), record.robot
     none, poses = np.zeros(0), np.zeros((0, 7)) if obstacles is None else placed(obstacles)
     if robot is None:
         points, modes = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)

@@ -62,9 +62,9 @@ def test_a_warm_robot_lands_no_faster_than_it_may(monkeypatch: pytest.MonkeyPatc
     rig = Rig(np.zeros((40, 20)), goes_to_rest=True)
     monkeypatch.setattr(type(rig.guard.health), "slow", property(lambda self: 0.25))
     landed = iter([rig.follower.stance.q] * 5)
-    monkeypatch.setattr(rig.follower, "land", lambda dt: next(landed, None))
+    monkeypatch.setattr(rig.follower, "return_to_stance", lambda dt: next(landed, None))
     play(rig)
-    assert rig.follower.landings and set(rig.follower.paces[-6:]) == {0.25}
+    assert rig.follower.returns and set(rig.follower.overrides[-6:]) == {0.25}
 
 
 @pytest.mark.parametrize("followed", [True, False])
@@ -87,7 +87,7 @@ def test_a_fault_in_the_midst_of_a_landing_brakes_on_the_soles(monkeypatch: pyte
         q[rig.robot.servo_columns[0]] += max(moved - 0.2 * rig.robot.joint_map.max_acceleration[0] * dt**2, 0.0)
         return q
 
-    monkeypatch.setattr(rig.follower, "land", land)
+    monkeypatch.setattr(rig.follower, "return_to_stance", land)
     monkeypatch.setattr(rig.follower, "halt", halt)
     play(rig)
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.SERVO_ALERT

@@ -13,10 +13,10 @@ def test_what_the_soles_feel_is_told_before_each_thought(monkeypatch: pytest.Mon
     felt, read = np.array([True, False]), rig.bus.read
     monkeypatch.setattr(rig.bus, "read", lambda: replace(read(), soles=felt))
     play(rig)
-    assert len(rig.follower.felt) >= 20 and all(soles is felt for soles in rig.follower.felt)
+    assert len(rig.follower.contact_states) >= 20 and all(soles is felt for soles in rig.follower.contact_states)
 
 
 def test_a_bus_that_feels_nothing_says_so() -> None:
     rig = Rig(np.zeros((20, 20)))
     play(rig)
-    assert set(rig.follower.felt) == {None}
+    assert set(rig.follower.contact_states) == {None}

@@ -36,7 +36,7 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
-from retarget.run.rest_trajectory import LONGEST_RETURN_S, PACE
+from retarget.run.rest_trajectory import LONGEST_RETURN_S, RETURN_OVERRIDE
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
@@ -228,7 +228,7 @@ def test_one_tick_that_stands_still_is_no_stand() -> None:
 
 def test_it_lands_at_half_of_its_speeds_and_ends_at_rest() -> None:
     robot = crouched()
-    robot.set_speed_override(PACE)
+    robot.set_speed_override(RETURN_OVERRIDE)
     way = [robot._q.copy()]
     while (q := robot.return_to_stance(DT)) is not None:
         way.append(q.copy())

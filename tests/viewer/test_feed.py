@@ -80,7 +80,7 @@ def test_what_is_not_in_the_record_is_shown_too() -> None:
     still = np.zeros((2, 3))
     poses = ObstaclePoses(np.full((2, 3), 0.5), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), still, still)
     truth = Truth(np.arange(7.0), np.arange(20.0), np.array([0.25, -0.5]))
-    run.extras = Extras(around=lambda: poses, truth=lambda: truth)
+    run.extras = Extras(obstacles=lambda: poses, truth=lambda: truth)
     run.on_row(record(), 0)
     sizes = announced(page.recv(4096))
     assert (sizes.obstacles, sizes.truth) == (2, 29)

@@ -103,7 +103,7 @@ def test_no_writes_nothing(typed: str, lab: Lab) -> None:
 
 def test_nobody_there_is_refused(lab: Lab) -> None:
     code, _, err = lab.home(typed="y\n")
-    said = "error: servo home: nobody answers the question: the input has ended. Run it in a terminal.\n"
+    said = "error: servo home: the question has no answer: the input has ended. Run it in a terminal.\n"
     assert (code, err) == (2, said)
     assert not calibration_path("op3").exists() and lab.closed()
 
