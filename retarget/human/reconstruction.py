@@ -19,7 +19,7 @@ from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
 from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS
-from retarget.model.observers import Worn, human_observers
+from retarget.model.observers import ObserverSet, human_observers
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import CentreOfMassTask, PostureTask, Priorities
@@ -117,7 +117,7 @@ class Reconstructor:
         *,
         rest: FloatArray | None = None,
         iterations: int | None = None,
-        observed: Worn | None = None,
+        observed: ObserverSet | None = None,
         scene: SceneState | None = None,
         intake: IntakeTimes | None = None,
     ) -> None:

@@ -22,7 +22,7 @@ __all__ = ["GravityTorque", "joint_compliance"]
 
 
 CARRIES_BELOW_M = 0.002
-"""A sole that is higher than this carries nothing; on its way there it carries ever less, so that no torque leaps."""
+"""A sole that is higher than this carries nothing. Up to there its share falls evenly, so that no torque jumps."""
 UPWARD = np.array([0.0, 0.0, 9.81])
 """m/s^2: what holds against gravity."""
 

@@ -174,7 +174,7 @@ class Observers:
         """The same, all with another margin, m; None: each its own."""
         return self if margin is None else replace(self, margin=np.full_like(self.margin, margin))
 
-    def around(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
+    def obstacle_pairs(self, scene: SceneShapes) -> tuple[IntArray, FloatArray]:
         """Pairs (m, 2) of an observer and an obstacle of a scene that it looks at, and most that each keeps (m,) m:
         all but soles and the ground, one obstacle after the other."""
         which, obstacle = (part.ravel() for part in np.indices((len(self.names), len(scene.names))).swapaxes(1, 2))
@@ -184,7 +184,7 @@ class Observers:
 
     def for_solver(self, body: BodyModel, scene: SceneShapes = NO_SCENE) -> _solver.Observers:
         """The same for the compiled solver, which looks at the obstacles of a scene too."""
-        around, most = self.around(scene)
+        around, most = self.obstacle_pairs(scene)
         return _solver.Observers(
             body.solver_body(),
             links=self.links,
@@ -333,10 +333,10 @@ LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "a
 """Ends of the paper's eight lines, four on the upper and four on the lower limbs: joints by name, each side."""
 HEAD = "head"
 
-Worn = Literal["none", "lines", "lines_and_head", "capsules"]
+ObserverSet = Literal["none", "lines", "lines_and_head", "capsules"]
 
 
-def human_observers(human: Human, settings: ObserverSettings, worn: Worn | None = None) -> Observers | None:
+def human_observers(human: Human, settings: ObserverSettings, worn: ObserverSet | None = None) -> Observers | None:
     """The observers of a human of this size; None where the settings want none. worn: instead of the settings' choice.
 
     Raises ConfigError: parts far apart along the body touch in the neutral posture.

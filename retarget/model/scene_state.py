@@ -299,9 +299,11 @@ class ObstaclePoses:
             *(part[list(which)] for part in (self.position, self.quat, self.linear_velocity, self.angular_velocity))
         )
 
-    def seen_at(self, pace: float) -> "ObstaclePoses":
-        """The same, for somebody for whom only `pace` seconds go by in a second."""
-        return ObstaclePoses(self.position, self.quat, self.linear_velocity / pace, self.angular_velocity / pace)
+    def seen_at(self, time_scale: float) -> "ObstaclePoses":
+        """The same poses for a clock on which only `time_scale` seconds go by in a second."""
+        return ObstaclePoses(
+            self.position, self.quat, self.linear_velocity / time_scale, self.angular_velocity / time_scale
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,7 +95,7 @@ class RecordedGoals:
         self._begin()
         return self._posture(self._here)
 
-    def arrive(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
+    def settle(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
         """There is no more to the way there."""
         return []
 

@@ -111,7 +111,7 @@ class RobotSide:
         Raises GuardError or BusError when the robot cannot be armed, RetargetError where nobody knows where to go.
         """
         posture = self._follower.start(human)
-        arrival = self._follower.arrive(human, self._dt)
+        arrival = self._follower.settle(human, self._dt)
         require_finite(posture, *arrival)
         if arrival:
             # Following begins with a tick of rest there.

@@ -30,7 +30,7 @@ class FollowingStage(Protocol):
         """The posture from which to follow."""
         ...
 
-    def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
+    def settle(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
         """After `start`: the postures, tick by tick, from there to where this human posture wants the robot."""
         ...
 

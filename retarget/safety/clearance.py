@@ -167,7 +167,7 @@ def contacts(
         poses, shapes = scene.at_rest(0.0), scene.shapes
         kinds, sizes = np.concatenate([kinds, shapes.kinds]), np.concatenate([sizes, shapes.sizes])
         position, quat = np.concatenate([position, poses.position]), np.concatenate([quat, poses.quat])
-        around, _ = observers.around(shapes)
+        around, _ = observers.obstacle_pairs(shapes)
         pairs, others = np.concatenate([pairs, around + np.array([0, n])]), others + shapes.names
     a, b = pairs[:, 0], pairs[:, 1]
     depths = -_solver.shape_distances(

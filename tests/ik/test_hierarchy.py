@@ -189,8 +189,8 @@ def ball() -> SceneObstacles:
 def test_time_goes_by_as_ever_for_obstacles_and_they_seem_faster_to_a_slow_robot() -> None:
     around, listener = ball(), Listener()
     around.begin()
-    around.tick(cast(Hierarchy, listener), 0.5, pace=0.5)
-    around.tick(cast(Hierarchy, listener), 0.5, pace=0.5)
+    around.tick(cast(Hierarchy, listener), 0.5, time_scale=0.5)
+    around.tick(cast(Hierarchy, listener), 0.5, time_scale=0.5)
     poses = listener.told[-1]
     assert around.time == 1.0
     assert (float(poses.position[0, 0]), float(poses.linear_velocity[0, 0])) == (0.5, 2.0)

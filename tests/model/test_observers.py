@@ -23,7 +23,15 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.model.body import BodyModel, load_body_text
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
-from retarget.model.observers import Observers, PairRules, Worn, assemble, human_observers, placed, robot_observers
+from retarget.model.observers import (
+    Observers,
+    ObserverSet,
+    PairRules,
+    assemble,
+    human_observers,
+    placed,
+    robot_observers,
+)
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
@@ -44,7 +52,7 @@ def human(height: float = 1.75) -> Human:
 
 @pytest.mark.parametrize(("worn", "count"), [("lines", 8), ("lines_and_head", 9), ("capsules", 19)])
 @pytest.mark.parametrize("height", [1.0, 1.75, 2.1])
-def test_as_many_as_the_paper_has_at_any_size(worn: Worn, count: int, height: float) -> None:
+def test_as_many_as_the_paper_has_at_any_size(worn: ObserverSet, count: int, height: float) -> None:
     made = human_observers(human(height), ObserverSettings(human=worn))
     assert made is not None and len(made.names) == count
     assert len(made.pairs) > 20

@@ -282,12 +282,12 @@ def test_it_may_get_out_of_the_way_of_what_comes_and_not_into_it() -> None:
     ball = sphere(at + 0.09 * ahead, 0.02, velocity=(-1.0 * ahead).tolist())
     for sign, passes in ((1.0, False), (-1.0, True)):
         robot = GatedRobot(scene(ball=ball))
-        robot.around.begin()
-        robot.around.tick(None, PATH_CLEARANCE_DT)
+        robot.obstacles.begin()
+        robot.obstacles.tick(None, PATH_CLEARANCE_DT)
         passed = []
         for _ in range(7):
             passed.append(robot.ask(push(robot, np.random.default_rng(0), sign * joint("l_sho_pitch"))))
-            robot.around.tick(None, PATH_CLEARANCE_DT)
+            robot.obstacles.tick(None, PATH_CLEARANCE_DT)
         assert all(passed) if passes else not all(passed)
 
 
@@ -302,8 +302,8 @@ def test_an_obstacle_is_where_it_will_be_then() -> None:
     for (at, velocity), clear in ((comes, False), (goes, True)):
         robot = GatedRobot(scene(ball=sphere(at, 0.02, velocity=velocity.tolist())))
         assert is_clear(robot, path) != clear  # it stands until it is told to go
-        robot.around.begin()
-        robot.around.tick(None, PATH_CLEARANCE_DT)
+        robot.obstacles.begin()
+        robot.obstacles.tick(None, PATH_CLEARANCE_DT)
         assert robot.clearance(path, path) if clear else not is_clear(robot, path)
 
 

@@ -126,7 +126,7 @@ def test_an_obstacle_that_appears_inside_the_arm_is_left_at_a_bounded_speed() ->
     state = around(ball=sphere((0.0, -0.6, 0.2)))
     follower = robot(state)
     follower.start(human()[0])
-    follower.arrive(human()[0], DT)
+    follower.settle(human()[0], DT)
     q, near = [follower.step(human()[0], DT).q], []
     depth_before = -np.inf
     for tick in range(400):

@@ -68,7 +68,7 @@ class StubFollower:
         self.script = script
         self.tick = 0
         self.reseeded: list[FloatArray] = []
-        self.felt: list[BoolArray | None] = []
+        self.contacts: list[BoolArray | None] = []
         self.paces: list[float] = []
         self.landings: list[FloatArray] = []
         self.parted, self.passed_s = 0, 0.0
@@ -78,7 +78,7 @@ class StubFollower:
         self.tick = 0
         return self._posture(0)
 
-    def arrive(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
+    def settle(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
         return []
 
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:
@@ -104,7 +104,7 @@ class StubFollower:
         self.passed_s += dt
 
     def set_contact_state(self, soles: BoolArray | None) -> None:
-        self.felt.append(soles)
+        self.contacts.append(soles)
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())
