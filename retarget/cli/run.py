@@ -273,7 +273,7 @@ def _wait_until_wanted(clutch: Clutch, look: Callable[[], bool], performer: Live
             raise KeyboardInterrupt
         if clutch.engaged:
             return
-        performer.listen()
+        performer.poll()
         clock.sleep_until(clock.now() + performer.dt)
 
 

@@ -54,7 +54,7 @@ class Samples(Protocol):
         """Called in every tick in which the robot is on its way to where it follows tick 0: whether it is to go on."""
         ...
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Called in every tick, also while nobody is followed: a stream is to be heard all the time."""
         ...
 
@@ -172,7 +172,7 @@ class Clip:
         """There is none."""
         return ""
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Nothing comes in: it is all there."""
 
     def sample(self, tick: int) -> SensorSample:

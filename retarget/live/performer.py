@@ -199,7 +199,7 @@ class LivePerformer:
         """Take in all that has arrived; for the moment before a robot has torque."""
         self._catching_up.at_once(self._clock.now())
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Take in what has arrived, and say what changed."""
         self.stream.listen(self._clock.now(), moving=True)
         self._news.look()

@@ -212,7 +212,7 @@ class UntilDone:
         """It waits."""
         return True
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Nothing comes in."""
 
     def sample(self, tick: int) -> SensorSample:
