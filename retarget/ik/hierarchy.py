@@ -1,8 +1,8 @@
 """A priority file compiled for one body: a solver whose targets are set by name; and the scene around it.
 
-The target vector is flat and lives with the caller: `clear` it, set what this tick knows, and hand it to
-`solver.frame`. What is not set is absent. A name that no task uses is ignored, so a source may offer more than the
-priorities ask for.
+The target vector is flat and belongs to the caller: `blank` makes one, the setters write the targets of this tick, and
+`solver.frame` reads it. A target that is not set is absent. A name that no task uses is ignored, so a source may offer
+more than the priorities use.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -91,13 +91,13 @@ class Hierarchy:
         frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. locked
         (nv,): DoFs that never move. iterations: instead of the file's. damping: see `_solver.Solver`. observers: what
-        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body lacks.
+        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
         """
-        worn = None if observers is None else observers.with_margin(priorities.observers.margin)
-        names = () if worn is None else worn.names
+        watching = None if observers is None else observers.with_margin(priorities.observers.margin)
+        names = () if watching is None else watching.names
         levels = _compile(priorities, body, frames, fed=frames if fed is None else fed, observers=names)
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
-        watched = None if worn is None else worn.for_solver(body, shapes)
+        watched = None if watching is None else watching.for_solver(body, shapes)
         solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],

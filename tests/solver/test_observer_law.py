@@ -70,7 +70,7 @@ def test_an_approaching_obstacle_pushes_a_still_part_by_what_is_not_left_of_its_
 
 @pytest.mark.parametrize("n_ik", [1, 2, 5, 10])
 def test_an_obstacle_comes_nearer_iteration_by_iteration(n_ik: int) -> None:
-    """Nobody stops early while it does."""
+    """No iteration ends early while it does."""
     made = rig(POINT, [ball(1)], [ball(at=(0.16, 0.0, 0.0))])
     solver = made.solver([[Task.preventive()], [Task.position(1)]], n_ik=n_ik, early_stop=True)
     made.velocity[:] = (-1.0, 0.0, 0.0)
