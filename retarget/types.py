@@ -28,7 +28,7 @@ class Carrying(Enum):
 
 
 ORIENTED: tuple[str, ...] = ("pelvis", "chest", "head")
-"""Parts whose orientation is told."""
+"""Parts whose orientation is known."""
 
 
 def _no_modes() -> ModeArray:

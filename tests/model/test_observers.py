@@ -12,7 +12,7 @@ import followers
 from followers import op3
 from messages import refuses, shows
 from observed import CAPSULE, Rig, aim, ball, chain, rig, rod
-from observed_robot import act, around, robot
+from observed_robot import act, robot, scene_of
 from observed_robot import human as observers_idle_human
 from observers_idle_helpers import without_observers
 from reconstructions import thinned
@@ -214,7 +214,7 @@ def test_out_of_influence_the_human_moves_as_without_observers(name: str, scene:
     priorities = load_priorities(name)
     bare, _ = reconstructed(without_observers(priorities), None)
     small = ObserverSettings(human=priorities.observers.human, influence=2e-3, margin=1e-3)
-    q, modes = reconstructed(priorities.model_copy(update={"observers": small}), around(**FAR) if scene else None)
+    q, modes = reconstructed(priorities.model_copy(update={"observers": small}), scene_of(**FAR) if scene else None)
     assert modes.shape[1] > 7 and not modes.any()
     assert q == pytest.approx(bare, abs=1e-9)
 
@@ -229,7 +229,7 @@ def test_out_of_influence_the_robot_moves_as_without_observers(monkeypatch: pyte
     motion = observers_idle_human()[:50]  # before it folds onto its thighs
     bare = act(robot(None, without_observers(load_priorities("servo"))), None, motion)
     monkeypatch.setattr("retarget.robot.follower.robot_observers", small)
-    done = act(robot(around(**FAR) if scene else None), None, motion)
+    done = act(robot(scene_of(**FAR) if scene else None), None, motion)
     assert not any(posture.observer_modes.any() for posture in done.postures)
     assert done.q == pytest.approx(bare.q, abs=1e-9)
 

@@ -113,8 +113,8 @@ def test_what_is_known_further_is_added_in_the_axes_of_the_pose() -> None:
 
 @dataclass
 class Controllers(FakeSender):
-    """A performer with ten sensors as JSON, a cap on the head and controllers in the hands, under names of their own. The
-    left arm is straight out to the side from `raised_s` on."""
+    """A performer with ten sensors as JSON: a cap on the head and controllers in the hands, under names of their own.
+    The left arm is straight out to the side from `raised_s` on."""
 
     person: HumanDimensions = field(default_factory=lambda: random_person(np.random.default_rng(4)))
     off: dict[str, FloatArray] = field(default_factory=lambda: beside(np.random.default_rng(4)))

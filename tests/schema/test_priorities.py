@@ -228,14 +228,8 @@ def test_bad_deflection_compensation_is_refused(settings: dict[str, float], part
     levels = [{"name": "b", "tasks": [{"type": "posture", "towards": "stand"}]}]
     valid = {"name": "t", "description": "t", "levels": levels}
     assert Priorities.model_validate(valid).deflection_compensation is None
-    deflection_compensation = Priorities.model_validate(
-        {**valid, "deflection_compensation": {}}
-    ).deflection_compensation
-    assert (
-        deflection_compensation is not None
-        and deflection_compensation.settle > 0.0
-        and deflection_compensation.speed_margin > 0.0
-    )
+    usual = Priorities.model_validate({**valid, "deflection_compensation": {}}).deflection_compensation
+    assert usual is not None and usual.settle > 0.0 and usual.speed_margin > 0.0
     with refuses(ValueError, part):
         Priorities.model_validate({**valid, "deflection_compensation": settings})
 

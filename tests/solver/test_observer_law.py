@@ -143,8 +143,8 @@ def test_the_closest_is_the_closest_of_those_that_approach() -> None:
 def test_a_lower_rank_yields_where_both_cannot_be() -> None:
     """An obstacle comes between two observers of one part on one rail: it is to go both ways, the closest decides."""
     rail = '<mujoco><worldbody><body><joint type="slide" axis="0 1 0"/><geom size=".1"/></body></worldbody></mujoco>'
-    worn = [ball(1, at=(0.0, 0.095, 0.0)), ball(1, at=(0.0, -0.1, 0.0))]
-    made = rig(rail, worn, [ball(at=(-0.08, 0.0, 0.0))])
+    shapes = [ball(1, at=(0.0, 0.095, 0.0)), ball(1, at=(0.0, -0.1, 0.0))]
+    made = rig(rail, shapes, [ball(at=(-0.08, 0.0, 0.0))])
     made.velocity[:] = AWAY
     solver = made.solver([[Task.preventive(group=1)], [Task.preventive(group=1)]], activation="ranked")
     near = made.near(np.zeros(1))

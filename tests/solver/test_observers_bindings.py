@@ -142,7 +142,7 @@ def test_obstacles_that_were_not_placed_or_are_absent_are_not_there() -> None:
         *(made.body, [[Task.preventive()], [Task.position(1)]]),
         lower=np.full(3, -np.inf), upper=np.full(3, np.inf), max_velocity=np.full(3, 100.0),
         max_acceleration=np.full(3, np.inf), locked=np.zeros(3, dtype=bool), n_ik=1, damping=0.0,
-        observers=binding(made.body, made.worn, (), made.obstacles),
+        observers=binding(made.body, made.shapes, (), made.obstacles),
     )  # fmt: skip
     targets = aim(solver, l1_0=(0.03, 0.0, 0.0))
     assert solver.frame(targets, DT)[0] == pytest.approx(0.003, abs=1e-12)

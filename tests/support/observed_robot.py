@@ -88,7 +88,7 @@ class Done:
         return float((np.abs(np.diff(last, axis=0)).sum(axis=0) - np.abs(last[-1] - last[0])).max())
 
 
-def around(**obstacles: Any) -> SceneState:
+def scene_of(**obstacles: Any) -> SceneState:
     return SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": obstacles}))
 
 

@@ -47,8 +47,8 @@ impl Factor {
     }
 
     /// One more level of the path, which asks for less: near-singular directions are damped towards what the last level wants,
-    /// and a step of little haste is shortened until it fits the box, so that nothing else is thrown about to make up for a joint
-    /// that is too slow. The level's targets become what that step reaches, and stay so for the rest of the solve.
+    /// and a damped step is shortened until it fits the box, so that no other joint moves far to make up for one that is too slow.
+    /// The level's targets become what that step reaches, and stay so for the rest of the solve.
     #[inline(always)]
     pub fn add_damped_level<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
         self.solve_path_level::<FMA>(problem, k);
