@@ -61,7 +61,7 @@ def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimens
 
 
 def dimensions_from_skeleton(skeleton: Skeleton, *, mass: float | None = None, source: str = "") -> HumanDimensions:
-    """Every length that the skeleton knows, exactly; the rest from its stature. `mass`: kg, if known.
+    """Every length that the skeleton has, exactly; the rest from its stature. `mass`: kg, if known.
 
     Raises InputError: joints missing, not standing upright facing x, or not of a human's size and shape.
     """

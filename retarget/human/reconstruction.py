@@ -207,7 +207,7 @@ class Reconstructor:
         return self._posture(0.0)
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
-        """The posture `dt` seconds later. Missing sensors take no part, and come and go without a leap."""
+        """The posture `dt` seconds later. Missing sensors take no part, and come and go without a jump."""
         position, valid = self._layout.read(sample)
         weight = self._layout.weights(sample)
         if self._feet is not None:

@@ -193,7 +193,7 @@ class Clip:
         return np.arange(ticks, dtype=np.int64) % len(self.frames)
 
     def truth(self, names: tuple[str, ...], ticks: int) -> FloatArray | None:
-        """Joint centres (ticks, m, 3) of the recorded body, NaN for unknown ones; None: it knows none of them."""
+        """Joint centres (ticks, m, 3) of the recorded body, NaN for unknown ones; None: it has none of them."""
         tracks = self.frames.joints
         if tracks is None:
             return None

@@ -35,9 +35,9 @@ __all__ = [
 # The live pose of one obstacle: updates from outside are checked, the last good one is kept with its age.
 
 LIVE_SPEED = 10.0
-"""Live velocities are cut to this, m/s: a jump of the tracker is no throw."""
+"""Live velocities are clipped to this, m/s: a jump of the tracker is not a throw."""
 LIVE_TURN = 20.0
-"""Live angular velocities are cut to this, rad/s."""
+"""Live angular velocities are clipped to this, rad/s."""
 VELOCITY_HOLDS = 0.2
 """A live obstacle goes on at its velocity for so long, s, when it is silent; then it is taken to rest."""
 

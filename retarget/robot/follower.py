@@ -49,8 +49,8 @@ __all__ = [
 
 # Time scaling: a robot is slowed by a slower clock of its own, so that speeds fall and every stop stays possible.
 #
-# At a scale of 1/2 a tick of 8 ms is one of 4 ms to the robot. Who keeps every limit on that clock has half of the
-# speeds and a quarter of the accelerations on the real one.
+# At a scale of 1/2 a tick of 8 ms is one of 4 ms to the robot. A motion that keeps every limit on that clock has half
+# of the speeds and a quarter of the accelerations on the real one.
 
 STILL = 1e-4
 """[rad^2/s^2] A joint that is no faster than the root of this stands."""

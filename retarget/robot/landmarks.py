@@ -1,8 +1,8 @@
 """Human posture -> landmarks asked of the robot, scaled limb by limb, in the robot's world frame.
 
 The robot's world has its origin on the ground between the planted soles, x forward. Landmarks follow from the performer
-and from constants of the robot (profile, stance, envelope), never from what the robot does: a robot that lags behind or
-stands still does not look better than it is.
+and from constants of the robot (profile, stance, envelope), never from what the robot does: so a lag of the robot shows
+in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
 other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles by the length of the legs, its
@@ -122,7 +122,7 @@ class FeetApart:
 
 
 def feet_apart(profile: RobotProfile, stance: Stance, rows: Sequence[str]) -> FeetApart | None:
-    """Of a robot whose landmarks are `rows`; None where it does not have two feet among them, beside each other."""
+    """Of a robot whose landmarks are `rows`; None where it does not have two feet among them, side by side."""
     soles = {foot.frame for foot in profile.feet.values()}
     feet = [row for row, name in enumerate(rows) if profile.landmarks[name].frame in soles]
     if len(feet) != 2:

@@ -174,7 +174,7 @@ class RobotProfile(Schema):
     buses: Annotated[dict[Name, Bus], Field(min_length=1, max_length=16)]
     """Lines of servos, by name."""
     observers: Annotated[dict[Name, Observer], Field(max_length=200)]
-    """What looks out for collisions, by name."""
+    """Observers, by name."""
     ignore_pairs: Annotated[tuple[IgnorePair, ...], Field(max_length=500)]
     """Links that are never checked against each other."""
     feet: Annotated[dict[Name, Foot], Field(max_length=4)]

@@ -1,4 +1,4 @@
-//! Observers inside the convergence loop: their rows in the problem of one iteration, and the second solve that a trial asks for.
+//! Observers inside the convergence loop: their rows in the problem of one iteration, and the second solve that a trial requires.
 
 use crate::frame::FrameSolver;
 use crate::hierarchy::solve;

@@ -1,4 +1,4 @@
-//! How each level fares from iteration to iteration of one frame: when to stop, what to damp, who has to wait.
+//! How each level fares from iteration to iteration of one frame: when to stop, what to damp, and which levels wait.
 
 use crate::body::Body;
 use crate::kinematics::Pose;

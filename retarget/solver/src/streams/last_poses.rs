@@ -53,7 +53,7 @@ impl Last {
         step.iter().map(|d| d * d).sum::<f64>() <= CALM * CALM
     }
 
-    /// The next pose: in order and near, the first, after a leap, or on a clock that was set back.
+    /// The next pose: in order and near, the first, after a jump, or on a clock that was set back.
     pub fn put(&mut self, time: f64, pose: Pose) {
         let step = self.step_to(&pose);
         let first = step[0].is_nan();
