@@ -15,7 +15,7 @@ from benchmarks.paper.replay import Replay
 from retarget.errors import InputError
 from retarget.model.human import Human
 from retarget.model.human_dimensions import POINTS
-from retarget.model.observers import Observers, Worn, human_observers
+from retarget.model.observers import Observers, ObserverSet, human_observers
 from retarget.schema.priorities import ObserverSettings
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray
@@ -112,7 +112,7 @@ def cycles_on_hold(motion: Replay, depth: FloatArray) -> int:
     return sum(bool(depth[cycle].max() >= HINDERED) for cycle in crouch_cycles(head))
 
 
-def _worn(human: Human, worn: Worn) -> Observers:
+def _worn(human: Human, worn: ObserverSet) -> Observers:
     observers = human_observers(human, ObserverSettings(), worn)
     assert observers is not None
     return replace(observers, pairs=observers.pairs[:0])  # nobody looks at themselves here

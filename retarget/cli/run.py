@@ -273,7 +273,7 @@ def _wait_until_engaged(clutch: Clutch, look: Callable[[], bool], performer: Liv
             raise KeyboardInterrupt
         if clutch.engaged:
             return
-        performer.listen()
+        performer.poll()
         clock.sleep_until(clock.now() + performer.dt)
 
 

@@ -197,7 +197,7 @@ class LivePerformer:
         """Take all that has arrived; for a robot without torque."""
         self._catching_up.at_once(self._clock.now())
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Take what has arrived, and report what changed."""
         self.stream.poll(self._clock.now(), moving=True)
         self._news.look()

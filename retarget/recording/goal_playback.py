@@ -99,7 +99,7 @@ class RecordedGoals:
         self._begin()
         return self._posture(self._here)
 
-    def arrive(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
+    def settle(self, human: "HumanPosture", dt: float) -> list[RobotPosture]:
         """None: following begins at the first posture."""
         return []
 
@@ -216,7 +216,7 @@ class UntilDone:
         """Always: no performer is waited for."""
         return True
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Nothing comes in."""
 
     def sample(self, tick: int) -> SensorSample:

@@ -161,7 +161,7 @@ class ReplayedSamples:
         """As it was; where this run is later than that one was, it goes on."""
         return self._cursor.late or self._cursor.asked(Asked.APPROACH)
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Nothing comes in."""
 
     def sample(self, tick: int) -> SensorSample | None:

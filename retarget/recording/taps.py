@@ -283,9 +283,9 @@ class TappedSamples:
             self._note.approach()
         return may
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         """Take in what has arrived."""
-        self._inner.listen()
+        self._inner.poll()
 
     def sample(self, tick: int) -> SensorSample | None:
         """The sensor sample of a tick."""

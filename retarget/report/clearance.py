@@ -294,7 +294,7 @@ def observer_clearance(
         return own, None, None
     poses = [scene.at(max(float(time), 0.0)) for time in times]
     there = np.stack([pose.position for pose in poses]), np.stack([pose.quat for pose in poses])  # (T, k, ...)
-    shapes, (pairs, _) = scene.shapes, observers.around(scene.shapes)
+    shapes, (pairs, _) = scene.shapes, observers.obstacle_pairs(scene.shapes)
 
     def least_to(ground: bool) -> float | None:
         who, what = pairs[shapes.ground[pairs[:, 1]] == ground].T

@@ -204,7 +204,7 @@ class Pipeline:
         self._row = row = self._rows.row
         if robot is not None:
             robot.wait()
-        self._clip.listen()
+        self._clip.poll()
         if robot is None or record.robot is None:
             self._reconstruct()
         elif robot.act(think):

@@ -108,7 +108,7 @@ class RobotSide:
         Raises GuardError or BusError when the robot cannot be armed, RetargetError where that posture is not known.
         """
         posture = self._follower.start(human)
-        path = self._follower.arrive(human, self._dt)
+        path = self._follower.settle(human, self._dt)
         require_finite(posture, *path)
         if path:
             # Following begins at rest there, for a tick.

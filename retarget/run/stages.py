@@ -30,7 +30,7 @@ class FollowingStage(Protocol):
         """The posture from which to follow."""
         ...
 
-    def arrive(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
+    def settle(self, human: "HumanPosture", dt: float) -> "list[RobotPosture]":
         """After `start`: the postures, tick by tick, from there to the one that this human posture asks for."""
         ...
 

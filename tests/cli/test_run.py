@@ -123,11 +123,11 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         clutch.pause()
         begun = rig.clock.now()
 
-        def listen() -> None:
+        def poll() -> None:
             if rig.clock.now() - begun > 1.0:
                 clutch.unpause()
 
-        performer.listen = listen  # type: ignore[method-assign]
+        performer.poll = poll  # type: ignore[method-assign]
         _wait_until_engaged(clutch, controls.look, performer, rig.clock)
         assert 1.0 < rig.clock.now() - begun < 1.1
         stop.ask("the operator asked")

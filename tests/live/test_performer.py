@@ -51,7 +51,7 @@ def test_all_takes_what_there_is_and_moves() -> None:
     followed = 0
     for tick in range(300):
         clock.advance(0.01)
-        performer.listen()
+        performer.poll()
         followed += performer.sample(tick) is not None
     assert followed > 150
 

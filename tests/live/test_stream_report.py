@@ -228,7 +228,7 @@ def test_a_performer_that_is_polled_reports_it() -> None:
         assert isinstance(prepared.samples, LivePerformer)
         for _ in range(50):
             rig.clock.advance(0.01)
-            prepared.samples.listen()
+            prepared.samples.poll()
     assert sum("50001 sends too" in text for text in rig.said) == 1
 
 

@@ -194,7 +194,7 @@ class Held:
         self._approach += 1
         return not 20 < self._approach < 40
 
-    def listen(self) -> None:
+    def poll(self) -> None:
         pass
 
     def sample(self, tick: int) -> SensorSample | None:

@@ -186,7 +186,7 @@ def test_no_joint_is_faster_than_its_share_during_the_approach(
     postures = [rig.follower._posture(tick) for tick in range(60)]
     rig.follower.script = rig.follower.script[-1:]
     monkeypatch.setattr(rig.follower, "start", lambda human: postures[0])
-    monkeypatch.setattr(rig.follower, "arrive", lambda human, dt: postures)
+    monkeypatch.setattr(rig.follower, "settle", lambda human, dt: postures)
     ending = play(rig)
     assert ending.record.robot is not None
     path = ending.record.robot.q[ending.record.phase == Phase.APPROACH][:, rig.robot.servo_columns]

@@ -78,7 +78,7 @@ class StubFollower:
         self.tick = 0
         return self._posture(0)
 
-    def arrive(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
+    def settle(self, human: HumanPosture, dt: float) -> list[RobotPosture]:
         return []
 
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:

@@ -1,5 +1,5 @@
-//! retarget._solver: kinematics, strict hierarchies, whole frames; and, beside them, what is done with poses as they come in. Knows no
-//! file, no clock, no servo. `use` runs one way between the files here (`tests/test_arrows_rust.py`).
+//! retarget._solver: kinematics, strict hierarchies, whole frames; and filters for streams of poses. It uses no file, no clock, no
+//! servo. `use` runs one way between the files here (`tests/test_arrows_rust.py`).
 
 #[cfg(feature = "count-allocations")]
 pub mod allocations; // heap allocations of a thread, counted for tests
