@@ -103,7 +103,7 @@ LOST = 1.1
 """Periods by which ticks in a row may be late, in all: the goal that the servos have stands for one that is missing."""
 
 
-class TickPace:
+class TickTiming:
     """Knows which ticks come late. period: s, infinite: whatever comes is in time.
 
     behind: whether ticks in a row came so late that a goal was

@@ -7,23 +7,23 @@ import numpy as np
 
 from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoBus, ServoGoals, ServoStates
-from hardware.clock import Clock, TickPace
+from hardware.clock import Clock, TickTiming
 from hardware.errors import GuardError, describe
 from hardware.guard_state import GoalFilter, GuardLimits, GuardState, Stop, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
 
 __all__ = [
+    "COMMANDED_S",
     "CUT_POWER",
     "FOLLOWING",
     "GOING_TO_REST",
-    "LED_S",
     "TORQUE_OFF",
+    "FindGoal",
     "Guard",
     "Halt",
     "NoCommand",
     "StopLatch",
-    "Think",
 ]
 
 
@@ -59,7 +59,7 @@ class StopLatch:
         if stop is not None and stop.then is None and cause is not stop.cause:
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
-    def cut(self, cause: StopCause, reason: str, time: float, *, powered: bool) -> None:
+    def latch_torque_off(self, cause: StopCause, reason: str, time: float, *, powered: bool) -> None:
         """Torque was switched off; powered: not everybody confirmed that."""
         then = None
         if self.stop is not None:
@@ -94,7 +94,7 @@ class StopLatch:
 
 # For how long nobody has led the robot.
 
-LED_S = 0.5
+COMMANDED_S = 0.5
 """So long it must have been led without a break, s, before earlier holds count no more: one goal between two of them,
 again and again, leads nowhere."""
 
@@ -103,25 +103,25 @@ class NoCommand:
     """Counts the time in which nobody knew a goal, from one tick to the next."""
 
     def __init__(self) -> None:
-        self._since: float | None = None  # [s] since when, but for what was shorter than LED_S
-        self._led_since: float | None = None  # [s] since when there has been a goal in every tick
+        self._since: float | None = None  # [s] since when, but for what was shorter than COMMANDED_S
+        self._commanded_since: float | None = None  # [s] since when there has been a goal in every tick
 
-    def led(self, now: float) -> None:
+    def commanded(self, now: float) -> None:
         """A tick at `now`, s, had a goal."""
-        if self._led_since is None:
-            self._led_since = now
-        if now - self._led_since >= LED_S:
+        if self._commanded_since is None:
+            self._commanded_since = now
+        if now - self._commanded_since >= COMMANDED_S:
             self._since = None
 
     def lasted(self, now: float, *, on_purpose: bool) -> float:
         """A tick at `now`, s, has none: for how long, s. on_purpose: somebody holds the robot; that is not counted."""
-        self._led_since = None
+        self._commanded_since = None
         if on_purpose or self._since is None:
             self._since = now
         return now - self._since
 
 
-Think = Callable[[ServoStates], FloatArray | None]
+FindGoal = Callable[[ServoStates], FloatArray | None]
 """From the servo states to a goal posture, rad (n,); None: nobody knows one, the robot brakes and holds."""
 
 Halt = Callable[[], FloatArray | None]
@@ -171,7 +171,7 @@ class Guard:
         """Whether somebody holds the robot on purpose: that may last."""
         self.hold_reason = "no goal"
         """What there is while nobody knows a goal, for the reason of a stop where that lasts too long."""
-        self._pace, self._no_command = TickPace(self.limits.period), NoCommand()
+        self._timing, self._no_command = TickTiming(self.limits.period), NoCommand()
 
     @property
     def state(self) -> GuardState:
@@ -223,18 +223,18 @@ class Guard:
                 )
             self._write(goals)
             self._pending, self._no_command = None, NoCommand()
-            self._pace.restart()
+            self._timing.restart()
             self._state = GuardState.ARMED  # before torque is on: whatever interrupts from here on switches it off
             self._bus.torque(True)
         except BaseException as error:
             answered = self._states is not None and self._states.valid.any()
             # Somebody may have torque from before: what does not confirm that it is off is not called safe.
             if self._state is GuardState.ARMED or (not self._torque_off() and answered):
-                self.cut(_text(error), StopCause.BUS)
+                self.force_torque_off(_text(error), StopCause.BUS)
             raise
         return present
 
-    def tick(self, think: Think, halt: Halt = _no_way) -> GuardState:
+    def tick(self, think: FindGoal, halt: Halt = _no_way) -> GuardState:
         """Run one control period: read the servos, let `think` find a goal, send what the filter makes of it.
 
         While holding or stopping it is `halt` that finds the goal; a robot that stands has stopped when it finds none,
@@ -260,10 +260,10 @@ class Guard:
         if self._state is not GuardState.STOPPING:
             self._begin_stopping(GuardState.STOPPING if self.active else GuardState.STOPPED)
 
-    def cut(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
+    def force_torque_off(self, reason: str, cause: StopCause = StopCause.REQUESTED) -> None:
         """Torque off at once and latched, because there is no way or no time to brake; nothing is written any more."""
         powered = not self._torque_off()
-        self._latch.cut(cause, reason, self._clock.now(), powered=powered)
+        self._latch.latch_torque_off(cause, reason, self._clock.now(), powered=powered)
         self._state = GuardState.STOPPED
 
     def rest(self) -> None:
@@ -276,7 +276,7 @@ class Guard:
         try:
             self._bus.torque(False)
         except Exception as error:
-            self.cut(_text(error), StopCause.BUS)
+            self.force_torque_off(_text(error), StopCause.BUS)
             raise
         self._state = GuardState.IDLE if self._latch.stop is None else GuardState.STOPPED
 
@@ -298,13 +298,13 @@ class Guard:
         except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
             reason = _text(error)
             if self._step is StopCause.BUS or (self._step is StopCause.FILTER and self._state is GuardState.STOPPING):
-                self.cut(reason, self._step)
+                self.force_torque_off(reason, self._step)
             else:
                 self.stop(reason, self._step)
 
     def _refuse_pause(self, begun: float) -> None:
         """Stop where nobody called for longer than a goal may take: the servos stand by now, the goals do not."""
-        pause = self._pace.begin(begun)
+        pause = self._timing.begin(begun)
         if pause > self.limits.max_age:
             self.stop(f"no tick for {pause:.3g} s, allowed {self.limits.max_age:g} s", StopCause.STALE_GOAL)
 
@@ -318,7 +318,7 @@ class Guard:
                 self._latch.add(cause, reason)
             self.stop(reason, cause)
 
-    def _move(self, think: Think, halt: Halt, begun: float) -> None:
+    def _move(self, think: FindGoal, halt: Halt, begun: float) -> None:
         assert self._states is not None, "a tick reads before it thinks"
         self._step = StopCause.SOURCE
         goal = think(self._states)
@@ -332,7 +332,7 @@ class Guard:
             self._hold(halt, begun)
             return
         self._step = StopCause.FILTER
-        self._no_command.led(begun)
+        self._no_command.commanded(begun)
         if self._pending is None:
             self._pending = self._filter.admit(goal)
         self._send(self._pending)
@@ -369,7 +369,7 @@ class Guard:
             return
         spent = self._latch.spend(stood=stood)
         if spent is not None:
-            self.cut(f"still moving after {spent} ticks of braking", StopCause.FILTER)
+            self.force_torque_off(f"still moving after {spent} ticks of braking", StopCause.FILTER)
             return
         if self._pending is None:
             self._pending = self._filter.brake()

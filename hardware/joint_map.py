@@ -236,7 +236,7 @@ class JointMap:
             exact[pair.columns] = pair.exact_ticks(positions[pair.columns])
         return np.rint(ticks - (exact - self._zero)).astype(np.int64)
 
-    def heard(self, valid: BoolArray) -> BoolArray:
+    def known_joints(self, valid: BoolArray) -> BoolArray:
         """Return which joints (n,) are known when the servos `valid` (n,) are: of a coupled pair both or none."""
         known = valid.copy()
         for pair in self._pairs:

@@ -441,7 +441,7 @@ class ServoHealth:
         if all_of(states.valid):
             seen[Row.FAR] = seen[Row.STILL_FAR] = far
         else:  # where a silent servo was is not where it is: what was known of it last still stands
-            heard = self._joint_map.heard(states.valid)
+            heard = self._joint_map.known_joints(states.valid)
             seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(heard, far, seen[Row.FAR])
 
     def _all_well(self) -> bool:

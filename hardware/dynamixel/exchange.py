@@ -17,7 +17,7 @@ from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.control_table import ControlTable, Register
 from hardware.dynamixel.packets import ALERT, BROADCAST, MAX_ID, Answers, Status, side_by_side
 from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
-from hardware.dynamixel.protocol2 import BEFORE_PARTS, PART_OVERHEAD, sound_parts
+from hardware.dynamixel.protocol2 import BEFORE_PARTS, PART_OVERHEAD, valid_parts
 from hardware.dynamixel.serial_port import BytePort
 
 TURNAROUND = 100e-6
@@ -118,7 +118,7 @@ class Ask:
         best: list[Status] = []
         at = heard.find(protocol2.HEADER)
         while at >= 0 and len(best) < len(self.ids):
-            parts = sound_parts(heard[at:], (self.size,) * len(self.ids))
+            parts = valid_parts(heard[at:], (self.size,) * len(self.ids))
             asked = iter(self.ids)  # in this order; one that is missing may leave no gap
             sound = [part for part in parts if part.id in asked and not _refused(part)]
             best = max(best, sound, key=len)
@@ -131,14 +131,14 @@ def _refused(status: Status) -> bool:
     return bool(status.error & ~ALERT)
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """Sound answers, and whether there was more than them: something was said, and lost."""
 
     answers: Answers
     noise: bool
 
 
-def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
+def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Received:
     """The answers to what was sent at `sent`, s: all of them, or those that came before nothing more did.
 
     Raises BusError when the port is gone.
@@ -159,12 +159,12 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Heard:
         if len(heard) >= enough:
             answers = ask.answers(heard)
             if len(answers) == len(ask.ids):
-                return Heard(answers, False)
+                return Received(answers, False)
             # All bytes are there: what is damaged comes no second time. (Stuffing makes other answers longer.)
             if ask.kind is Kind.FAST and len(_without_echo(heard, ask)) >= enough:
-                return Heard(answers, True)
+                return Received(answers, True)
     answers = ask.answers(heard)
-    return Heard(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
+    return Received(answers, len(_without_echo(heard, ask)) > ask.bytes_of(len(answers)))
 
 
 def _rest_of_frame(port: BytePort, missing: int, now: float, *, latest: float) -> bytes:
@@ -239,7 +239,7 @@ SETTLE = 0.016
 PING_BYTES = protocol2.STATUS_BYTES + 3
 SPREAD = 0.001
 """[s] Within which two servos with one id begin to answer: their return delays differ by half of it at most."""
-MAX_HEARD = 65_536
+MAX_RECEIVED = 65_536
 """Bytes after which a line that never falls silent is left."""
 
 
@@ -315,7 +315,7 @@ def _ask(port: BytePort, protocol: int, request: bytes, window: float, *, enough
     port.write(request)
     deadline = port.now() + window
     heard = bytearray()
-    while port.now() < deadline and len(heard) < MAX_HEARD:
+    while port.now() < deadline and len(heard) < MAX_RECEIVED:
         port.wait(deadline)
         heard += port.read()
         if enough is not None and len(_answers(protocol, request, bytes(heard)).answers) >= enough:

@@ -42,7 +42,7 @@ def status_return_off_text(bus: BusSpec, device: int) -> str:
     return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
 
 
-def unmute(client: OneOff, device: int) -> None:
+def enable_status_return(client: OneOff, device: int) -> None:
     """Have it answer everything, and see that it does. Raises BusError (NoAnswer, ServoError) when it does not."""
     client.write(device, LEVEL[client.protocol], ANSWER_ALL, verify=True)
 

@@ -177,7 +177,7 @@ def other_bauds(bus: BusSpec) -> list[int]:
     return [baud for baud in BAUDS[bus.protocol] if baud != bus.baud]
 
 
-def heard_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
+def answering_elsewhere(port: BytePort, bus: BusSpec, ids: Sequence[int]) -> dict[int, list[int]]:
     """By id, the first MOST of `ids` that answer at other speeds, and at which, bits/s; the port is left at the bus's
     own.
 
@@ -206,7 +206,7 @@ def elsewhere_texts(port: BytePort, bus: BusSpec, ids: Sequence[int], named: Map
     named: what people call them, by id. Raises BusError when the port is gone.
     """
     texts = []
-    for device, bauds in heard_elsewhere(port, bus, ids).items() if ids else ():
+    for device, bauds in answering_elsewhere(port, bus, ids).items() if ids else ():
         speeds, cure = " and ".join(map(str, bauds)), setup_command(bus, device, baud=bus.baud)
         name = named.get(device, f"device {device}")
         texts.append(f"{name} answers at {speeds} baud, and its bus has {bus.baud}: {cure}")

@@ -9,7 +9,7 @@ from hardware.dynamixel.checks import Span, complaints, needed_ticks, notes
 from hardware.dynamixel.control_table import ControlTable, Register, find_table, table_of_number
 from hardware.dynamixel.exchange import Ask, Found, Kind, settle
 from hardware.dynamixel.found_servos import answers_pings_only, status_return_off_text
-from hardware.dynamixel.line_scan import MOST, elsewhere_texts, heard_elsewhere, other_bauds
+from hardware.dynamixel.line_scan import MOST, answering_elsewhere, elsewhere_texts, other_bauds
 from hardware.dynamixel.packets import MAX_ID
 from hardware.dynamixel.serial_port import ECHOES, BytePort
 from hardware.dynamixel.settings import ServoImage, read_image, setup_command
@@ -25,7 +25,7 @@ LONGEST = 2.0
 """[s] That the search for strangers of protocol 1.0 may take: about 1 s at 1 Mbps, 1.7 s at 57,600."""
 
 
-def everybody(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found], list[str]]:
+def servos_on(port: BytePort, client: OneOff, bus: BusSpec) -> tuple[list[Found], list[str]]:
     """Who answers on an open port, by id; and notes. Raises BusError when the port is gone.
 
     2.0: one broadcast ping, heard to its end, so that no late answer disturbs what comes next. 1.0 has none: each id
@@ -126,7 +126,7 @@ def examine(
     opening = Opening()
     where = _where(port, bus)
     _power_on(port, client, bus, opening)
-    everyone, told = everybody(port, client, bus)
+    everyone, told = servos_on(port, client, bus)
     opening.notes += told
     found = {one.id: one for one in everyone}
     if client.echoes:
@@ -192,7 +192,7 @@ def _other_speeds(port: BytePort, bus: BusSpec) -> str:
     """What else was tried where nobody answers."""
     ids = ", ".join(map(str, bus.ids[:MOST]))
     tried = f"ids {ids} were also tried at {', '.join(map(str, other_bauds(bus)))} baud"
-    heard = heard_elsewhere(port, bus, bus.ids)
+    heard = answering_elsewhere(port, bus, bus.ids)
     if not heard:
         return f"{tried}: check the servos' power, the wiring, and that this is the right port{BUSY}"
     said = ", ".join(f"id {device} answers at {' and '.join(map(str, bauds))}" for device, bauds in heard.items())

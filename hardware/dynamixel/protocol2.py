@@ -206,7 +206,7 @@ def fast_start(sizes: Sequence[int]) -> bytes:
     return HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
 
 
-def sound_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
+def valid_parts(reply: bytes, sizes: Sequence[int]) -> list[Status]:
     """The parts of a reply, maybe cut short or damaged, up to the first that is not whole and sound.
 
     reply: from its header on. sizes: bytes of data of each part, as asked. Each part's CRC runs over everything sent

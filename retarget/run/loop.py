@@ -9,7 +9,7 @@ import numpy as np
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
-from hardware.guard import Think
+from hardware.guard import FindGoal
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
 from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
@@ -195,7 +195,7 @@ class Pipeline:
         while robot.braking and not robot.cut_short(watch.torque_off_asked):
             self._one_tick(_nothing)
 
-    def _one_tick(self, think: Think) -> None:
+    def _one_tick(self, think: FindGoal) -> None:
         """Read, think, act; then keep what happened, if anything was sent and there is room."""
         begun, record, robot = self._wall.now(), self._record, self._robot
         self._row = row = self._rows.row

@@ -8,7 +8,7 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import Clock
 from hardware.errors import TorqueError
-from hardware.guard import FOLLOWING, Guard, Think
+from hardware.guard import FOLLOWING, FindGoal, Guard
 from hardware.guard_state import GoalFilter, GuardState, StopCause
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
@@ -178,7 +178,7 @@ class RobotSide:
         self.phase, self._goal = Phase.APPROACH, self._way.next(self.guard.health.slow, here=self._sent)
         return self._goal
 
-    def act(self, think: Think) -> bool:
+    def act(self, think: FindGoal) -> bool:
         """One tick of the guard, when it is due: read the servos, let `think` find a goal, send what the filter makes
         of it. Returns whether anything was sent."""
         self.wait()
@@ -207,7 +207,7 @@ class RobotSide:
         """Switch torque off without braking if that is `asked`. Returns whether it was."""
         forced_stop = asked()
         if forced_stop:
-            self.guard.cut(FORCED_STOP)
+            self.guard.force_torque_off(FORCED_STOP)
         return forced_stop
 
     def finish(self, torque_off_asked: Callable[[], bool] = lambda: False) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hardware.clock import (
     MonotonicClock,
     PacedClock,
-    TickPace,
+    TickTiming,
     VirtualClock,
     process_cpu,
     thread_cpu,
@@ -82,7 +82,7 @@ PERIOD = 0.01
 
 def paced(pauses: list[float], period: float = PERIOD) -> list[bool]:
     """Whether it is behind at each tick after the first, by pauses in periods."""
-    pace, now, behind = TickPace(period), 5.0, []
+    pace, now, behind = TickTiming(period), 5.0, []
     assert pace.begin(now) == 0.0
     for pause in pauses:
         now += pause * PERIOD
@@ -110,7 +110,7 @@ def test_without_a_period_nothing_is_late() -> None:
 
 
 def test_after_a_restart_nobody_was_late() -> None:
-    pace = TickPace(PERIOD)
+    pace = TickTiming(PERIOD)
     pace.begin(0.0)
     pace.begin(1.0)
     behind = [pace.behind]

@@ -11,7 +11,7 @@ from guard_rig import MAP, START, Rig
 from hardware.arrays import FloatArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.errors import BusError, GuardError
-from hardware.guard import CUT_POWER, GOING_TO_REST, LED_S, TORQUE_OFF, Halt, NoCommand, StopLatch, Think
+from hardware.guard import COMMANDED_S, CUT_POWER, GOING_TO_REST, TORQUE_OFF, FindGoal, Halt, NoCommand, StopLatch
 from hardware.guard_state import GuardLimits, GuardState, StopCause
 from messages import refuses, shows
 from retarget.run.trajectory import approach
@@ -211,8 +211,8 @@ def test_the_ordinary_end_comes_to_rest_unlatched_and_releases() -> None:
     assert not rig.bus.torque_on
 
 
-def failing(error: Exception, after: int) -> Callable[[Rig], Think]:
-    def build(rig: Rig) -> Think:
+def failing(error: Exception, after: int) -> Callable[[Rig], FindGoal]:
+    def build(rig: Rig) -> FindGoal:
         count = 0
 
         def think(states: ServoStates) -> FloatArray:
@@ -268,7 +268,9 @@ def test_a_stop_asked_for_while_thinking_sends_no_goal() -> None:
         (failing(ZeroDivisionError(), 20), StopCause.SOURCE),
     ],
 )
-def test_an_exception_while_thinking_brakes_in_the_same_tick(think: Callable[[Rig], Think], cause: StopCause) -> None:
+def test_an_exception_while_finding_a_goal_brakes_in_the_same_tick(
+    think: Callable[[Rig], FindGoal], cause: StopCause
+) -> None:
     rig = Rig()
     rig.guard.arm()
     rig.run(100, think(rig))
@@ -515,9 +517,11 @@ def test_the_way_home_does_not_spend_the_ticks_of_braking_and_ends_by_itself() -
 
 def test_torque_that_is_off_after_all_needs_no_hand() -> None:
     latch = StopLatch(GuardLimits())
-    latch.cut(StopCause.BUS, "j1 did not confirm that torque is off. Cut the power by hand", 0.0, powered=True)
+    latch.latch_torque_off(
+        StopCause.BUS, "j1 did not confirm that torque is off. Cut the power by hand", 0.0, powered=True
+    )
     assert latch.stop is not None and latch.stop.powered and latch.stop.reason.endswith(CUT_POWER)
-    latch.cut(StopCause.BUS, "again", 0.0, powered=False)
+    latch.latch_torque_off(StopCause.BUS, "again", 0.0, powered=False)
     assert latch.stop.reason.endswith(TORQUE_OFF)
     shows(latch.stop.reason)
 
@@ -525,26 +529,26 @@ def test_torque_that_is_off_after_all_needs_no_hand() -> None:
 DT = 0.008
 
 
-def led(watch: NoCommand, start: float, seconds: float) -> float:
+def commanded(watch: NoCommand, start: float, seconds: float) -> float:
     """Goals in every tick, from `start` on; the time after them, s."""
     ticks = round(seconds / DT)
     for tick in range(ticks):
-        watch.led(start + tick * DT)
+        watch.commanded(start + tick * DT)
     return start + ticks * DT
 
 
 def test_time_without_a_goal_counts_from_its_first_tick() -> None:
     watch = NoCommand()
-    watch.led(0.0)
+    watch.commanded(0.0)
     assert watch.lasted(1.0, on_purpose=False) == 0.0
     assert watch.lasted(1.5, on_purpose=False) == 0.5
 
 
-@pytest.mark.parametrize(("seconds", "forgotten"), [(LED_S - 4 * DT, False), (LED_S + 4 * DT, True)])
+@pytest.mark.parametrize(("seconds", "forgotten"), [(COMMANDED_S - 4 * DT, False), (COMMANDED_S + 4 * DT, True)])
 def test_only_half_a_second_of_goals_forgets_earlier_holds(seconds: float, forgotten: bool) -> None:
     watch = NoCommand()
     assert watch.lasted(0.0, on_purpose=False) == 0.0
-    now = led(watch, 1.0, seconds)
+    now = commanded(watch, 1.0, seconds)
     assert watch.lasted(now, on_purpose=False) == (0.0 if forgotten else pytest.approx(now))
 
 
@@ -552,7 +556,7 @@ def test_a_goal_now_and_then_leads_nowhere() -> None:
     watch, lasted = NoCommand(), 0.0
     for tick in range(1000):
         if tick % 2:
-            watch.led(tick * DT)
+            watch.commanded(tick * DT)
         else:
             lasted = watch.lasted(tick * DT, on_purpose=False)
     assert lasted == pytest.approx(998 * DT)

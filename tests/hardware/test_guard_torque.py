@@ -49,11 +49,11 @@ def test_a_second_try_that_succeeds_is_believed() -> None:
     rig = Rig(MockFault(FaultKind.MISSING, first=20, cycles=2, servo=2))
     rig.guard.arm()
     rig.run(20)
-    rig.guard.cut("space bar, twice")
+    rig.guard.force_torque_off("space bar, twice")
     assert powered(rig)
     rig.bus.read()
     rig.bus.read()
-    rig.guard.cut("again")
+    rig.guard.force_torque_off("again")
     assert not rig.bus.torque_on and not powered(rig)
     assert reason(rig) == "space bar, twice, then: again (torque is off)"
     assert rig.guard.stop_reason is not None and rig.guard.stop_reason.cause is StopCause.REQUESTED

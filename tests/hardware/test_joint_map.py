@@ -199,8 +199,8 @@ def test_a_number_that_is_none_is_told_of_its_own_joint() -> None:
 
 
 def test_a_servo_that_is_silent_hides_both_joints() -> None:
-    assert TRANSMISSION_MAP.heard(np.array([True, False, True, True])).tolist() == [True, False, False, True]
-    assert TRANSMISSION_MAP.heard(np.array([False, True, True, True])).tolist() == [False, True, True, True]
+    assert TRANSMISSION_MAP.known_joints(np.array([True, False, True, True])).tolist() == [True, False, False, True]
+    assert TRANSMISSION_MAP.known_joints(np.array([False, True, True, True])).tolist() == [False, True, True, True]
 
 
 def test_of_the_pair_the_worst_case_counts() -> None:

@@ -134,7 +134,7 @@ class BusRig:
         """From now on."""
         self.line.faults.add(fault, self.clock.now())
 
-    def mend(self) -> None:
+    def clear_faults(self) -> None:
         """No fault from now on."""
         self.line.faults.clear(self.clock.now())
 

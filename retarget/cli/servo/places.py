@@ -22,7 +22,7 @@ from hardware.dynamixel.line_scan import (
     has_speed,
     scan_line,
 )
-from hardware.dynamixel.opening import everybody
+from hardware.dynamixel.opening import servos_on
 from hardware.dynamixel.serial_port import ECHOES, BytePort, SerialPort
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError, describe
@@ -234,7 +234,7 @@ def _known(place: Place, spec: BusSpec) -> Look:
     port = place.port
     port.set_baud(spec.baud)
     client = OneOff(port, spec.protocol)
-    everyone, told = everybody(port, client, spec)
+    everyone, told = servos_on(port, client, spec)
     for note in told:
         typer.echo(f"note: {note}", err=True)
     seen = [Sighting(one, Speed(spec.protocol, spec.baud)) for one in everyone]

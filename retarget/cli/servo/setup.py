@@ -10,7 +10,7 @@ import typer
 from hardware.bus import BusSpec
 from hardware.dynamixel.checks import Span, needed_ticks, wishes
 from hardware.dynamixel.control_table import ControlTable, Register, code_of, tables
-from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, unmute
+from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only, enable_status_return
 from hardware.dynamixel.line_scan import Sighting, Speed, scan_line, write_setting
 from hardware.dynamixel.settings import (
     ANSWER_ALL,
@@ -363,7 +363,7 @@ def _voice(target: Target, asked: Asked, seen: Sighting, *, yes: bool, dry_run: 
         return None
     if not agreed("Write this?", yes=yes):
         return None
-    unmute(client, device)
+    enable_status_return(client, device)
     typer.echo(f"written and read back: {name}")
     return _find(place, device, seen.speed.protocol)
 

@@ -115,7 +115,7 @@ def test_a_missing_servo_costs_little_and_the_others_nothing(gone: int, gaps: Ga
     assert np.median(costs[3:]) <= USED
     looks = sum(cost > USED for cost in costs[3:])
     assert looks <= 97 * CYCLE / PROBE_PERIOD + 1
-    rig.mend()
+    rig.clear_faults()
     back = [bool(rig.tick(goals).states.valid.all()) for _ in range(round(PROBE_PERIOD / CYCLE) + 3)]
     assert back[-1] and back == sorted(back)
 
@@ -136,7 +136,7 @@ def test_three_missing_at_once_leave_the_rest(gone: tuple[int, ...]) -> None:
     rig.tick()
     for _ in range(60):
         assert whole(rig.tick().states, gone)
-    rig.mend()
+    rig.clear_faults()
     for _ in range(60):
         states = rig.tick().states
     assert whole(states)

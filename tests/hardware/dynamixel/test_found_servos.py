@@ -11,11 +11,11 @@ from hardware.dynamixel.found_servos import (
     answers_pings_only,
     as_bus,
     broadcast_torque_off,
+    enable_status_return,
     is_controller,
     look,
     not_limp,
     send_torque_off,
-    unmute,
 )
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
 from hardware.dynamixel.single_requests import OneOff
@@ -150,7 +150,7 @@ def test_who_answers_pings_only(protocol: int) -> None:
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_it_is_written_without_its_answer(protocol: int) -> None:
     rig, client = _status_return_off_rig(protocol)
-    unmute(client, 2)
+    enable_status_return(client, 2)
     assert rig.shown("status_return_level")[1] == 2
     assert not answers_pings_only(client, 2)
 

@@ -13,8 +13,8 @@ from hardware.dynamixel.line_scan import (
     Speed,
     all_ids,
     all_speeds,
+    answering_elsewhere,
     has_speed,
-    heard_elsewhere,
     scan_line,
     write_setting,
 )
@@ -137,14 +137,14 @@ def _other_speeds_rig(*elsewhere: int) -> BusRig:
 
 def test_who_is_heard_and_where() -> None:
     rig = _other_speeds_rig(2, 5)
-    assert heard_elsewhere(rig.port, rig.buses[0], [2, 5, 9]) == {2: [115_200], 5: [115_200]}
+    assert answering_elsewhere(rig.port, rig.buses[0], [2, 5, 9]) == {2: [115_200], 5: [115_200]}
     assert rig.port.baud == 2_000_000
 
 
 def test_a_few_only_are_looked_for() -> None:
     rig = _other_speeds_rig(1, 2, 3, 4, 5)
     begun = rig.clock.now()
-    assert sorted(heard_elsewhere(rig.port, rig.buses[0], [1, 2, 3, 4, 5])) == [1, 2, 3][:MOST]
+    assert sorted(answering_elsewhere(rig.port, rig.buses[0], [1, 2, 3, 4, 5])) == [1, 2, 3][:MOST]
     assert rig.clock.now() - begun < 1.0
 
 
@@ -158,7 +158,7 @@ def test_a_speed_that_the_adapter_lacks_is_left_out(monkeypatch: pytest.MonkeyPa
         set_baud(baud)
 
     monkeypatch.setattr(rig.port, "set_baud", limited)
-    assert heard_elsewhere(rig.port, rig.buses[0], [2]) == {2: [115_200]}
+    assert answering_elsewhere(rig.port, rig.buses[0], [2]) == {2: [115_200]}
 
 
 SPEED = Speed(2, 2_000_000)

@@ -11,7 +11,7 @@ from hardware.dynamixel import protocol2
 from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.control_table import code_of, find_table
 from hardware.dynamixel.exchange import Ask, Kind
-from hardware.dynamixel.opening import LOOKS, everybody, too_slow
+from hardware.dynamixel.opening import LOOKS, servos_on, too_slow
 from hardware.dynamixel.protocol2 import frame
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
@@ -246,7 +246,7 @@ def test_the_speed_is_the_bus_s_again_after_others_were_tried() -> None:
     rig.fault(Fault(FaultKind.MISSING))
     refusal(rig)
     assert rig.line.baud == rig.buses[0].baud
-    rig.mend()
+    rig.clear_faults()
     rig.bus.open()
 
 
@@ -321,7 +321,7 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
     rig = BusRig(servos, buses=buses, unknown_ids=[spec(0, model), spec(40, model), spec(252, model)])
     rig.port.open(1_000_000)
     begun = rig.clock.now()
-    found, told = everybody(rig.port, OneOff(rig.port, protocol), rig.buses[0])
+    found, told = servos_on(rig.port, OneOff(rig.port, protocol), rig.buses[0])
     assert [one.id for one in found] == [0, 1, 2, 3, 40, 252] and told == []
     assert len({one.model for one in found}) == 1 and not any(one.clash for one in found)
     assert rig.clock.now() - begun < 1.1
@@ -333,7 +333,7 @@ def test_noise_is_no_stranger() -> None:
     rig = BusRig(specs(2))
     rig.port.open(2_000_000)
     rig.fault(Fault(FaultKind.SHORT, value=40))
-    found, _ = everybody(rig.port, OneOff(rig.port, 2), rig.buses[0])
+    found, _ = servos_on(rig.port, OneOff(rig.port, 2), rig.buses[0])
     assert {one.id for one in found} <= {1, 2}
 
 
@@ -343,6 +343,6 @@ def test_where_it_would_take_too_long_it_is_told() -> None:
     buses = [bus_of(servos, protocol=1, baud=1_000_000)]
     rig = BusRig(servos, buses=buses, timing=slow, unknown_ids=[spec(9, "AX-12A")])
     rig.port.open(1_000_000)
-    found, told = everybody(rig.port, OneOff(rig.port, 1), rig.buses[0])
+    found, told = servos_on(rig.port, OneOff(rig.port, 1), rig.buses[0])
     assert [one.id for one in found] == [1, 2]
     assert told == ["bus main: too slow to look for servos that the profile does not know"]

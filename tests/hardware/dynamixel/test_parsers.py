@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import ALERT, Frame, Status
 from hardware.dynamixel.parsers import parser1, parser2, whole_frames, whole_reply
-from hardware.dynamixel.protocol2 import sound_parts
+from hardware.dynamixel.protocol2 import valid_parts
 from noise import LINES, bytes_of, noise, pieces, stretch
 from packet_vectors import ONE, TWO
 
@@ -358,7 +358,7 @@ def test_it_is_taken_only_where_every_part_is_sound(said: list[Status], data: st
     damaged = bytearray(reply)
     for _ in range(data.draw(st.integers(1, 4))):
         damaged[data.draw(st.integers(0, len(reply) - 1))] ^= data.draw(st.integers(1, 255))
-    parts = sound_parts(bytes(damaged), [size] * len(ids))
+    parts = valid_parts(bytes(damaged), [size] * len(ids))
     good = [part for part, device in zip(parts, ids, strict=False) if part.id == device and not part.error & 0x7F]
     whole = whole_reply(bytes(damaged), ids, size)
     assert (whole is not None) == (len(good) == len(ids))
