@@ -35,7 +35,7 @@ def test_a_servo_that_is_lost_may_have_torque_in_the_end() -> None:
     assert rig.state() is GuardState.STOPPED
 
 
-def test_a_cut_that_a_servo_does_not_hear_is_not_called_safe() -> None:
+def test_torque_off_that_a_servo_does_not_receive_is_not_safe() -> None:
     lost = MockFault(FaultKind.MISSING, first=20, cycles=FOR_EVER, servo=2)
     rig = Rig(lost, MockFault(FaultKind.WRITE_FAILS, first=22, cycles=1))
     rig.guard.arm()
@@ -84,14 +84,14 @@ def test_what_interrupts_arming_leaves_nothing_unsaid(
         rig.guard.arm()
 
 
-def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_told() -> None:
+def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_reported() -> None:
     rig = Rig(MockFault(FaultKind.HOT, 0, 99, servo=1, value=95.0), limits=GuardLimits(max_temperature=60.0))
     rig.bus._torque[:] = True  # of an earlier run
 
-    def deaf(on: bool) -> None:
+    def unconfirmed(on: bool) -> None:
         raise BusError("waist (id 3) did not confirm that torque is off. Cut the power by hand")
 
-    rig.bus.torque = deaf  # type: ignore[method-assign]
+    rig.bus.torque = unconfirmed  # type: ignore[method-assign]
     with refuses(GuardError):
         rig.guard.arm()
     assert rig.state() is GuardState.STOPPED and powered(rig)

@@ -193,7 +193,7 @@ def test_one_joint_beyond_does_not_move_the_other_out() -> None:
     assert TRANSMISSION_MAP.upper[2] - 2 * TRANSMISSION_MAP.tick_rad[2] <= back[2] <= TRANSMISSION_MAP.upper[2] + 1e-9
 
 
-def test_a_number_that_is_none_is_told_of_its_own_joint() -> None:
+def test_a_value_that_is_not_finite_is_reported_with_its_joint() -> None:
     with refuses(HardwareError, "yaw", "3"):
         TRANSMISSION_MAP.to_ticks(np.array([0.0, 0.0, math.nan, 0.0]))
 
