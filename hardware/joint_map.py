@@ -74,7 +74,7 @@ class CoupledPair:
 
 
 def coupled_pairs(servos: Sequence[ServoSpec]) -> tuple[CoupledPair, ...]:
-    """Return the pairs among sound `servos`, by the first of the two."""
+    """Return the pairs among valid `servos`, by the first of the two."""
     columns = {servo.joint: index for index, servo in enumerate(servos)}
     couplings = dict.fromkeys(servo.coupling for servo in servos if servo.coupling is not None)
     return tuple(CoupledPair(servos, [columns[joint] for joint in coupling.joints]) for coupling in couplings)

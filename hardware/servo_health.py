@@ -97,7 +97,7 @@ def _by_the_servos(limits: GuardLimits) -> tuple[Watched, ...]:
         Watched(
             cause=StopCause.SERVO_LIMP,
             stop=(0, 0),
-            complaint="does not follow its goals (started anew, or stopped by its watchdog):",
+            complaint="does not follow its goals (restarted, or stopped by its watchdog):",
             in_words=_no_value,
         ),
     )

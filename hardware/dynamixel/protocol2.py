@@ -108,7 +108,7 @@ def factory_reset(device: int, option: int) -> bytes:
 
 
 def reboot(device: int) -> bytes:
-    """Start the device anew."""
+    """Restart the device."""
     return frame(device, Instruction.REBOOT)
 
 

@@ -252,8 +252,8 @@ class Bench:
         tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
-        def ticking(think: FindGoal, halt: Halt = lambda: None) -> GuardState:
-            state = tick(self._thought(think), halt)
+        def ticking(find_goal: FindGoal, halt: Halt = lambda: None) -> GuardState:
+            state = tick(self._thought(find_goal), halt)
             self._saw_tick(state)
             return state
 
