@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from hardware.clock import Clock, TickPace
+from hardware.clock import Clock, TickTiming
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames, SensorSample, mirrored_name, on_grid
 from retarget.human.rest_pose import REQUIRED
@@ -132,7 +132,7 @@ class LivePerformer:
         self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
         self._first, self._clock, self._notify = first, clock, notify
         self._rate_hz, self._ticks, self._kept = rate_hz, ticks, min(kept, ticks)
-        self._pace, self._catching_up = TickPace(1.0 / rate_hz), CatchingUp(stream)
+        self._pace, self._catching_up = TickTiming(1.0 / rate_hz), CatchingUp(stream)
         names = stream.roles.sensors
         self._reacquisition: ReacquisitionBlend | None = None
         self._tally = Tally(names, self.dt)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock, thread_cpu
-from hardware.guard import Think
+from hardware.guard import FindGoal
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
 from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
@@ -198,7 +198,7 @@ class Pipeline:
         while robot.braking and not robot.force_stop(watch.torque_off_asked):
             self._one_tick(_nothing)
 
-    def _one_tick(self, think: Think) -> None:
+    def _one_tick(self, find_goal: FindGoal) -> None:
         """Run one tick; then record it, if anything was sent and there is room."""
         begun, record, robot = self._wall.now(), self._record, self._robot
         self._row = row = self._rows.row
@@ -207,7 +207,7 @@ class Pipeline:
         self._clip.poll()
         if robot is None or record.robot is None:
             self._reconstruct()
-        elif robot.act(think):
+        elif robot.act(find_goal):
             record.phase[row] = robot.phase
             robot.keep(record.robot, row)
         else:

@@ -8,7 +8,7 @@ import numpy as np
 from hardware.bus import ServoStates
 from hardware.clock import Clock
 from hardware.errors import TorqueError
-from hardware.guard import FOLLOWING, Guard, Think
+from hardware.guard import FOLLOWING, FindGoal, Guard
 from hardware.guard_state import GoalFilter, GuardState, StopCause
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
@@ -175,8 +175,8 @@ class RobotSide:
         self.phase, self._goal = Phase.APPROACH, self._trajectory.next(self.guard.health.slow, here=self._sent)
         return self._goal
 
-    def act(self, think: Think) -> bool:
-        """One tick of the guard, when it is due: read the servos, call `think` for a goal, send it through the filter.
+    def act(self, find_goal: FindGoal) -> bool:
+        """One tick of the guard, when it is due: read the servos, call `find_goal`, send its goal through the filter.
         Returns whether anything was sent."""
         self.wait()
         self._awake = False
@@ -185,7 +185,7 @@ class RobotSide:
 
         def measured(states: ServoStates) -> FloatArray | None:
             self._measure()
-            return think(states)
+            return find_goal(states)
 
         self.guard.tick(measured, self._halt)
         with suppress(OSError):  # a lost terminal must not keep the robot from a stop
@@ -204,7 +204,7 @@ class RobotSide:
         """Switch torque off without braking if that is `asked` for. Returns whether it was."""
         forced_stop = asked()
         if forced_stop:
-            self.guard.cut(FORCED_STOP)
+            self.guard.force_torque_off(FORCED_STOP)
         return forced_stop
 
     def finish(self, torque_off_asked: Callable[[], bool] = lambda: False) -> None:

@@ -10,7 +10,7 @@ from hardware.bus import BusSpec, ServoBus, ServoStates
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
-from hardware.guard import Guard, Halt, Think
+from hardware.guard import FindGoal, Guard, Halt
 from hardware.guard_state import GuardState, Stop
 from retarget.frames import SensorSample
 from retarget.human.samples import Performance
@@ -252,8 +252,8 @@ class Bench:
         tick, sample, names = guard.tick, samples.sample, samples.stream.roles.sensors
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
-        def ticking(think: Think, halt: Halt = lambda: None) -> GuardState:
-            state = tick(self._thought(think), halt)
+        def ticking(find_goal: FindGoal, halt: Halt = lambda: None) -> GuardState:
+            state = tick(self._thought(find_goal), halt)
             self._saw_tick(state)
             return state
 
@@ -293,7 +293,7 @@ class Bench:
         self.trace.steps.append((self.clock.now(), float(step)))
         self._place[:], self._valid[:] = found.position, found.valid
 
-    def _thought(self, think: Think) -> Think:
+    def _thought(self, think: FindGoal) -> FindGoal:
         def thought(states: ServoStates) -> FloatArray | None:
             goal = think(states)
             for act in self.thinking if goal is not None else ():

@@ -16,7 +16,7 @@ from hardware.servo import (
     MAX_CONDITION,
     SERVO_MODELS,
     Coupling,
-    ExpectedWay,
+    ExpectedRange,
     ServoGains,
     ServoMode,
     ServoSpec,
@@ -330,10 +330,12 @@ DT, LAG = 0.008, 0.045
 
 
 def played(goals: list[int], positions: list[float]) -> list[float]:
-    """How far one servo is off its way, tick by tick: positions as read just before the next goal."""
-    way = ExpectedWay(np.array([LAG]))
+    """How far one servo is off its expected, tick by tick: positions as read just before the next goal."""
+    expected = ExpectedRange(np.array([LAG]))
     pairs = zip([goals[0], *goals[:-1]], positions, strict=True)
-    return [float(way.off(DT * k, np.array([goal]), np.array([round(at)]))[0]) for k, (goal, at) in enumerate(pairs)]
+    return [
+        float(expected.error(DT * k, np.array([goal]), np.array([round(at)]))[0]) for k, (goal, at) in enumerate(pairs)
+    ]
 
 
 @given(st.integers(0, 2**31))
@@ -367,16 +369,16 @@ def test_one_that_is_pushed_is_off_at_once_on_either_side() -> None:
 
 
 def test_without_lag_it_is_the_distance_to_the_goal() -> None:
-    way = ExpectedWay(np.zeros(2))
-    way.off(0.0, np.array([0, 0]), np.array([0, 0]))
-    assert way.off(DT, np.array([10, -10]), np.array([3, 0])).tolist() == [-7.0, 10.0]
+    expected = ExpectedRange(np.zeros(2))
+    expected.error(0.0, np.array([0, 0]), np.array([0, 0]))
+    assert expected.error(DT, np.array([10, -10]), np.array([3, 0])).tolist() == [-7.0, 10.0]
 
 
 def test_what_is_forgotten_begins_at_its_goal() -> None:
-    way = ExpectedWay(np.array([LAG]))
-    way.off(0.0, np.array([0]), np.array([0]))
-    way.forget()
-    assert way.off(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
+    expected = ExpectedRange(np.array([LAG]))
+    expected.error(0.0, np.array([0]), np.array([0]))
+    expected.forget()
+    assert expected.error(1.0, np.array([400]), np.array([380])).tolist() == [-20.0]
 
 
 def test_a_stiffer_loop_lags_less() -> None:

@@ -11,7 +11,7 @@ from emulated import servo1, servo2
 from hardware.dynamixel import protocol1, protocol2
 from hardware.dynamixel.packets import ALERT, BROADCAST, Error1, Error2, Frame, Instruction, Status
 from hardware.dynamixel.parsers import parser1, parser2
-from hardware.dynamixel.protocol2 import sound_parts
+from hardware.dynamixel.protocol2 import valid_parts
 from sim.emulator.conversation import (
     Conversation,
     Gaps,
@@ -127,7 +127,7 @@ def test_the_fast_reply_of_the_manual() -> None:
 def test_a_fast_reply_is_cut_short_by_a_gap() -> None:
     request = protocol2.sync_read(132, 4, [1, 9, 2], fast=True)
     reply = b"".join(spoken.data for spoken in _said(request, _row(1, 2)))
-    assert sound_parts(reply, [4, 4, 4]) == [Status(1, 0, b"\x01\0\0\0")]
+    assert valid_parts(reply, [4, 4, 4]) == [Status(1, 0, b"\x01\0\0\0")]
     assert _said(protocol2.sync_read(132, 4, [9, 1], fast=True), _row(1, 2)) == []
     reply = b"".join(spoken.data for spoken in _said(request, _row(1, 2), Gaps.SKIP))
     assert len(reply) == 8 + 2 * 8
@@ -145,7 +145,7 @@ def test_a_fast_bulk_read_has_parts_of_their_own_length() -> None:
     devices[0].memory[126:128] = b"\xff\xff"
     said = _said(protocol2.bulk_read([(1, 126, 2), (2, 132, 4)], fast=True), devices)
     reply = b"".join(spoken.data for spoken in said)
-    assert sound_parts(reply, [2, 4]) == [Status(1, 0, b"\xff\xff"), Status(2, 0, b"\x02\0\0\0")]
+    assert valid_parts(reply, [2, 4]) == [Status(1, 0, b"\xff\xff"), Status(2, 0, b"\x02\0\0\0")]
 
 
 def test_two_devices_of_one_id_are_not_understood() -> None:
@@ -157,7 +157,7 @@ def test_two_devices_of_one_id_are_not_understood() -> None:
     (other,) = Conversation(noise=random.Random(1)).answers(frame, _row(1, 1), 1.0)
     assert other.data != spoken.data
     reply = b"".join(part.data for part in _said(protocol2.sync_read(132, 4, [1, 2], fast=True), _row(1, 1, 2)))
-    assert sound_parts(reply, [4, 4]) == []
+    assert valid_parts(reply, [4, 4]) == []
 
 
 def test_a_status_frame_is_no_instruction() -> None:

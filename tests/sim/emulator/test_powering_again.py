@@ -35,7 +35,7 @@ def test_turns_of_a_servo_that_has_torque_are_counted_before_it_is_driven(troubl
         if trouble == "silent":
             rig.fault(Fault(FaultKind.MISSING, ids=(1,)))
         begin()
-        rig.mend()
+        rig.clear_faults()
 
     rig.bus._begin = deaf  # type: ignore[method-assign]
     rig.bus.open()
