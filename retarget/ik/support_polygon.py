@@ -114,7 +114,7 @@ class Stance:
     soles: tuple[Sole, ...]
 
     def edges(self, margin: float) -> FloatArray:
-        """Edges (e, 3) of the support polygon, `margin` m inside the soles' hull (see `support`)."""
+        """Edges (e, 3) of the support polygon, `margin` m inside the soles' hull (see `support_edges`)."""
         return support_edges([sole.outline for sole in self.soles], margin=margin)
 
 

@@ -2,7 +2,7 @@
 
 use crate::body::Body;
 use crate::kinematics::Pose;
-use crate::layout::Placed;
+use crate::level_rows::Placed;
 use crate::task::TaskKind;
 
 /// Errors of a level (m, as it weighs them) below this are met.
