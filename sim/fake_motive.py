@@ -67,11 +67,11 @@ class FakeMotive:
         """Of what is sent now."""
         return self._pinned or self.settings.version
 
-    def rename(self, names: list[str], *, first_id: int = 1, told: bool = True) -> None:
-        """Other names and ids for the same bodies. told: the next frame says that definitions changed."""
+    def rename(self, names: list[str], *, first_id: int = 1, announced: bool = True) -> None:
+        """Give the same bodies other names and ids. announced: the next frame says that definitions changed."""
         assert len(names) == len(self._names)
         self._names, self._first_id = list(names), first_id
-        self._changed = told
+        self._changed = announced
 
     def receive(self, now: float, datagram: bytes) -> list[bytes]:
         """Answers to a datagram that came to the command port at `now` (s)."""

@@ -86,7 +86,7 @@ class EmulatedController:
         """Whether it has no power."""
         return now < self._silent_until
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         """Nothing: it has no watchdog."""
 
     def execute(

@@ -173,7 +173,7 @@ class Conversation:
         """
         everybody = frame.id == BROADCAST or self._fed_by is FedBy.ANY
         for device in listeners if everybody else _of_id(frame.id, listeners):
-            device.hear(now)
+            device.receive(now)
         if not listeners or (frame.code == STATUS and listeners[0].protocol == 2):
             return []
         if frame.id != BROADCAST:

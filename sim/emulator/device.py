@@ -54,7 +54,7 @@ class Device(Protocol):
         """Whether it starts, or has no power: then it neither hears nor answers."""
         ...
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         """Note a sound instruction frame on the line, for whomever it was: the life sign of the bus watchdog."""
         ...
 

@@ -135,7 +135,7 @@ class Line:
         self._size -= len(data)
         return data
 
-    def hear(self, data: bytes, now: float) -> None:
+    def receive(self, data: bytes, now: float) -> None:
         """Bytes that the host hands to its adapter at `now`, s."""
         start = max(now, self._host_free)
         for piece in _pieces(data):

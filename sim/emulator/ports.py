@@ -70,7 +70,7 @@ class EmulatedPort:
         """Send; the line hears it now."""
         self._require("write")
         if data:
-            self._line.hear(data, self._clock.now())
+            self._line.receive(data, self._clock.now())
 
     def read(self) -> bytes:
         """What has arrived by now."""
@@ -310,14 +310,14 @@ class PseudoTerminal:
         self._hang_up()
         self.link.remove()
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         """Hand what the client has written to the line, at the client's speed."""
         try:
             data = os.read(self.fd, CHUNK)
         except (BlockingIOError, InterruptedError):
             return
         self.line.baud = self._baud()
-        self.line.hear(data, now)
+        self.line.receive(data, now)
 
     def speak(self, now: float) -> None:
         """Give the client what has arrived by `now`. What it does not take is lost, as in a real adapter."""
@@ -396,7 +396,7 @@ def serve(
         now = clock.now()
         for fd in ready:
             if fd in plugged:
-                plugged[fd].hear(now)
+                plugged[fd].receive(now)
             elif not others[fd]():
                 del others[fd]
 

@@ -128,7 +128,7 @@ class EmulatedServo1(ServoBody):
         self._goal_to_present()
         self.tune()
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         """Nothing: these servos have no bus watchdog."""
 
     def execute(

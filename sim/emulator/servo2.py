@@ -211,7 +211,7 @@ class EmulatedServo(ServoBody):
         goal_to_present(self.memory, position)
         self.tune()
 
-    def hear(self, now: float) -> None:
+    def receive(self, now: float) -> None:
         """Note a sound instruction on the line: it feeds the bus watchdog."""
         watchdog = self._watchdog
         if watchdog.deadline != inf:

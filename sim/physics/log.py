@@ -13,7 +13,7 @@ from retarget.model.robot import RobotBody
 from retarget.run.rest_trajectory import NEAR_REST
 from sim.physics.state import PhysicsState
 
-__all__ = ["SLIP_RESOLUTION_M", "Fall", "FallWatch", "PhysicsLog", "parked"]
+__all__ = ["SLIP_RESOLUTION_M", "Fall", "FallWatch", "PhysicsLog", "at_rest"]
 
 
 MAX_ROWS = 450_000
@@ -188,17 +188,17 @@ class FallWatch:
         height = root[2] + _raised(root, self._pelvis)
         if height < self.lowest:
             return f"the pelvis is {1e3 * height:.0f} mm high, allowed {1e3 * self.lowest:.0f}"
-        if state.touching and not self.goes_to_rest(state.q):
+        if state.touching and not self.at_rest(state.q):
             return "more than soles and hands touches the floor"
         return None
 
-    def goes_to_rest(self, q: FloatArray) -> bool:
-        """Whether a posture (nq,) is the one in which the robot is parked."""
-        return parked(q[self._robot.servo_columns], self._rest)
+    def at_rest(self, q: FloatArray) -> bool:
+        """Whether a posture (nq,) is the profile's posture `rest`."""
+        return at_rest(q[self._robot.servo_columns], self._rest)
 
 
-def parked(joints: FloatArray, rest: FloatArray) -> bool:
-    """Whether joints (n,) rad are as in posture `rest` (n,)."""
+def at_rest(joints: FloatArray, rest: FloatArray) -> bool:
+    """Whether servo joints (n,) rad are within NEAR_REST of posture `rest` (n,)."""
     return bool(np.abs(joints - rest).max() <= NEAR_REST)
 
 

@@ -35,7 +35,7 @@ class Witness:
         self._watch = FallWatch(world.robot) if stands else None
         self._sitting = FallWatch(world.robot) if stands else None
         self._powered = False
-        self.parked = False
+        self.at_rest = False
         self.state: PhysicsState = self._reader.read()
         self.log = PhysicsLog(
             servos=len(world.drives),
@@ -79,7 +79,7 @@ class Witness:
     def switched(self, on: bool) -> None:
         """Torque has been switched."""
         if self._powered and not on and self._watch is not None:
-            self.parked = self._watch.goes_to_rest(self._reader.read().q)
+            self.at_rest = self._watch.at_rest(self._reader.read().q)
         self._powered = on
 
     def see_it_out(self) -> None:
@@ -91,7 +91,7 @@ class Witness:
             self._judge(self._reader.read())
 
     def _judge(self, state: PhysicsState) -> None:
-        watch = self._sitting if self.parked and not self._powered else self._watch
+        watch = self._sitting if self.at_rest and not self._powered else self._watch
         if watch is not None:
             watch.look(state, powered=self._powered)
 

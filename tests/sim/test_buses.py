@@ -94,7 +94,7 @@ def test_without_torque_it_falls_and_that_counts() -> None:
     rig.bus.torque(False)
     rig.run(2.0)
     fall = rig.bus.witness.fall
-    assert fall is not None and not fall.powered and not rig.bus.witness.parked
+    assert fall is not None and not fall.powered and not rig.bus.witness.at_rest
 
 
 def test_closing_watches_what_becomes_of_it() -> None:
@@ -114,7 +114,7 @@ def test_a_robot_that_is_parked_may_lose_its_torque() -> None:
     rig.run(1.0, rest)
     rig.bus.close()
     witness = rig.bus.witness
-    assert witness.parked and not witness.fallen
+    assert witness.at_rest and not witness.fallen
 
 
 def test_the_guard_leads_it_from_arming_to_release() -> None:

@@ -249,7 +249,7 @@ def _line(*devices: StubDevice, answers_damage: bool = True) -> Line:
 
 
 def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
-    line.hear(data, now)
+    line.receive(data, now)
     return line.take(1e9)
 
 
@@ -282,9 +282,9 @@ def test_a_damaged_frame_in_pieces_is_answered_once() -> None:
     line = _line(StubDevice())
     frame = _spoilt(protocol2.ping(1))
     for byte in frame[:-1]:
-        line.hear(bytes((byte,)), 0.0)
+        line.receive(bytes((byte,)), 0.0)
     assert line.take(1e9) == b""
-    line.hear(frame[-1:], 0.0)
+    line.receive(frame[-1:], 0.0)
     assert line.take(1e9) == protocol2.status(1, Error2.CRC)
     assert _ask(line, protocol2.ping(1), 1.0) == protocol2.status(1, 0, b"\x06\x04\x26")
 

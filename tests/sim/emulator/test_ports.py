@@ -291,7 +291,7 @@ def terminal(tmp_path: Path) -> Iterator[PseudoTerminal]:
 def _exchange(terminal: PseudoTerminal, client: Serial, data: bytes, now: float = 0.0) -> bytes:
     client.write(data)
     assert select.select([terminal.fd], [], [], 1.0)[0]
-    terminal.hear(now)
+    terminal.receive(now)
     terminal.speak(now)
     return bytes(client.read(len(STATUS)))
 
@@ -311,10 +311,10 @@ def test_the_clients_own_speed_decides_who_hears_it(tmp_path: Path, baud: int) -
 def test_bytes_pass_as_they_are(terminal: PseudoTerminal) -> None:
     every = bytes(range(256))
     heard: list[bytes] = []
-    terminal.line.hear = lambda data, now: heard.append(data)  # type: ignore[method-assign]
+    terminal.line.receive = lambda data, now: heard.append(data)  # type: ignore[method-assign]
     with Serial(str(terminal.link.path), 1_000_000, timeout=0.5) as client:
         client.write(every)
-        terminal.hear(0.0)
+        terminal.receive(0.0)
         os.write(terminal.fd, every)
         assert client.read(256) == every
     assert b"".join(heard) == every
@@ -326,7 +326,7 @@ def test_a_client_may_come_again_even_after_it_locked_the_port(terminal: PseudoT
         try:
             fcntl.ioctl(fd, termios.TIOCEXCL)
             os.write(fd, b"x")
-            terminal.hear(0.0)
+            terminal.receive(0.0)
             assert not _locked(fd)
         finally:
             os.close(fd)
@@ -342,7 +342,7 @@ def test_a_client_that_never_reads_costs_no_memory(terminal: PseudoTerminal) -> 
     terminal.line.baud = 1_000_000
     with Serial(str(terminal.link.path), 1_000_000):
         for _ in range(6000):
-            terminal.line.hear(protocol2.ping(1), 0.0)
+            terminal.line.receive(protocol2.ping(1), 0.0)
             terminal.speak(0.0)
     assert terminal.lost > 0
 

@@ -36,7 +36,7 @@ def _line(conduct: Conduct | None, protocol: int = 2) -> Line:
 
 
 def _ask(line: Line, data: bytes, now: float) -> bytes:
-    line.hear(data, now)
+    line.receive(data, now)
     return line.take(now)
 
 

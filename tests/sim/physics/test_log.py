@@ -53,8 +53,8 @@ def test_a_low_pelvis_is_a_fall_and_a_squat_is_none() -> None:
 def test_touching_the_floor_with_more_than_soles_is_a_fall_unless_it_is_parked() -> None:
     how = judged(replace(STANDING, touching=True))
     assert how is not None and "soles" in how
-    parked = op3().posture(op3().profile.postures.rest)
-    assert judged(replace(STANDING, touching=True, q=parked)) is None
+    at_rest = op3().posture(op3().profile.postures.rest)
+    assert judged(replace(STANDING, touching=True, q=at_rest)) is None
 
 
 def test_the_first_fall_stays() -> None:

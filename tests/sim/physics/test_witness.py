@@ -176,7 +176,7 @@ def test_a_robot_that_is_left_without_torque_is_seen_to_fall() -> None:
         witness.switched(on)
         simulation.advance(simulation.time + 1.0 * on)
     witness.see_it_out()
-    assert witness.fall is not None and not witness.fall.powered and not witness.parked
+    assert witness.fall is not None and not witness.fall.powered and not witness.at_rest
     assert 1.0 < witness.fall.time < 1.0 + AFTERMATH_S
 
 
@@ -200,5 +200,5 @@ def test_a_robot_that_is_parked_where_it_cannot_stay_topples_and_that_is_no_fall
         witness.switched(on)
         simulation.advance(simulation.time + 1.0 * on)
     witness.see_it_out()
-    assert witness.parked and not witness.fallen
+    assert witness.at_rest and not witness.fallen
     assert witness.toppled is not None and not witness.toppled.powered
