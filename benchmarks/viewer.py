@@ -116,8 +116,8 @@ def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tu
     if page == "off":
         yield Viewing(None), None
         return
-    told: list[str] = []
-    with viewing(0, prepared, options, notify=told.append) as viewed:
+    messages: list[str] = []
+    with viewing(0, prepared, options, notify=messages.append) as viewed:
         feed = viewed._feed
         assert feed is not None
         looker = subprocess.Popen(

@@ -57,7 +57,7 @@ class FakeMotive:
         self._position, self._turn = _to_wire(motion, self.settings.up)
         self._names = list(motion.names)
         self._pinned: Version | None = None
-        self._heard: float | None = None
+        self._last_request: float | None = None
         self._next: int | None = None
         self._changed = False
         self._first_id = 1
@@ -81,13 +81,13 @@ class FakeMotive:
         kind, payload = parts
         if kind in (MessageId.CONNECT, MessageId.DISCOVERY):
             if kind == MessageId.CONNECT:
-                self._heard = now
+                self._last_request = now
                 self._pin(payload[265:267])
             return [self._server_info()]
         if kind == MessageId.DEFINITIONS_REQUEST:
             return [self._definitions()]
         if kind == MessageId.KEEP_ALIVE:
-            self._heard = now if self._heard is not None else None
+            self._last_request = now if self._last_request is not None else None
             return []
         if kind == MessageId.ECHO and len(payload) == 8:
             return [message(MessageId.ECHO_ANSWER, payload + pack("<Q", self._ticks(now)))]
@@ -100,14 +100,14 @@ class FakeMotive:
         newest = int((now - self.settings.latency_s) * self._rate_hz)
         first = newest if self._next is None else max(self._next, newest - int(_MAX_BURST_S * self._rate_hz))
         self._next = newest + 1
-        if not (self.streaming and self.answering and self._listened(now)):
+        if not (self.streaming and self.answering and self._has_client(now)):
             return []
         return [self._frame(index) for index in range(first, newest + 1)]
 
-    def _listened(self, now: float) -> bool:
+    def _has_client(self, now: float) -> bool:
         if self.settings.transport == "multicast":
             return True
-        return self._heard is not None and now - self._heard <= self.settings.patience_s
+        return self._last_request is not None and now - self._last_request <= self.settings.patience_s
 
     def _ticks(self, now: float) -> int:
         return round((now + self.settings.clock_offset_s) * self.settings.clock_hz)

@@ -110,8 +110,8 @@ class MockBus:
         )  # (n,) register [tick]
         self._velocity = np.zeros(count)  # (n,) [rad/s]
         self._load = ServoLoad(np.array([model.voltage for model in models]), self._top * self._tick_rad)
-        self._nobody = np.zeros(count, dtype=np.bool_)
-        self._torque = self._nobody.copy()
+        self._none = np.zeros(count, dtype=np.bool_)
+        self._torque = self._none.copy()
         self._alert = np.zeros(count, dtype=np.uint8)
         self._cycle = -1  # of reads
         self._time = clock.now()
@@ -209,7 +209,7 @@ class MockBus:
             error=ALERT_BIT * (self._alert != 0),
             alert=self._alert.copy(),
             age=np.zeros(len(self._servos)),
-            valid=~self._nobody,
+            valid=~self._none,
             driven=self._torque.copy(),
         )
 
@@ -237,8 +237,8 @@ class MockBus:
     def _struck(self, kind: FaultKind) -> BoolArray:
         """Mask (n,) of servos that have such a fault in this cycle."""
         if not self._faults:
-            return self._nobody
-        mask = self._nobody.copy()
+            return self._none
+        mask = self._none.copy()
         for fault in self._faults:
             if fault.kind is kind and fault.lasts(self._cycle):
                 mask[fault.servo] = True

@@ -77,11 +77,11 @@ class Trace:
     acted: list[float] = field(default_factory=list)
     stop: Stop | None = None
     began: float | None = None
-    arrived: float | None = None
+    approach_ended: float | None = None
     gone: float | None = None
     rebased: float | None = None
     ended: float = 0.0
-    mute: bool = False
+    writes_fail: bool = False
     left: bool = False
     endless: bool = False
     error: str = ""
@@ -127,14 +127,14 @@ class TappedPort(EmulatedPort):
 
     def __init__(self, line: Line, clock: Clock, *, name: str, sent: list[Sent]) -> None:
         super().__init__(line, clock, name=name)
-        self.mute = self.dead = False
+        self.writes_fail = self.dead = False
         self._sent = sent
 
     def write(self, data: bytes) -> None:
         """Send, and keep."""
         self._alive()
         one = Sent(self.now(), data)
-        if self.mute and any(packet.instruction not in READS for packet in packets([one])):
+        if self.writes_fail and any(packet.instruction not in READS for packet in packets([one])):
             raise BusError("the adapter does not take what is written")
         self._sent.append(one)
         super().write(data)
@@ -273,8 +273,8 @@ class Bench:
 
     def _saw_tick(self, state: GuardState) -> None:
         trace, guard, now = self.trace, self.guard, self.clock.now()
-        if trace.arrived is None and self.side.phase is not Phase.APPROACH:
-            trace.arrived = now
+        if trace.approach_ended is None and self.side.phase is not Phase.APPROACH:
+            trace.approach_ended = now
         if trace.began is None and state is GuardState.MOVING and "the performer is followed" in trace.said:
             trace.began = now
         trace.ticks.append(Tick(now, state, guard.stop_reason is not None, guard.health.slow))

@@ -47,18 +47,18 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     milder = [Struck(row, at) for at, row in drawn]
     last = chance.uniform(0.5, 0.98) * seconds
     end = Struck(chance.choice(harsh), last)
-    beside = Struck(row=chance.choice(ROWS), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
-    plan = sorted([*milder, end, beside], key=lambda one: one.at)
-    after = max(need_of(one.row).limit + one.at - seconds for one in (end, beside)) + MORE_S
+    second = Struck(row=chance.choice(ROWS), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
+    plan = sorted([*milder, end, second], key=lambda one: one.at)
+    after = max(need_of(one.row).limit + one.at - seconds for one in (end, second)) + MORE_S
     duration = ENGAGING_S + seconds + max(after, 0.0)
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six")
     for one in plan:
-        one.row.hurt(bench, one.at)
+        one.row.inject(bench, one.at)
     trace = bench.run()
     names = ", ".join(f"{one.row.name} at {one.at:.1f} s" for one in plan)
     wrong = violations(bench, trace)
     if not any((one.row.name, end.row.name) in HIDDEN for one in plan):
-        wrong += missing(trace, end, beside, milder)
+        wrong += missing(trace, end, second, milder)
     return Verdict(names, tuple(wrong), None)
 
 

@@ -30,7 +30,6 @@ __all__ = [
     "Struck",
     "Verdict",
     "When",
-    "hurt_run",
     "judged",
     "judged_file",
     "judged_pair",
@@ -38,6 +37,7 @@ __all__ = [
     "need_of",
     "outdone",
     "reached",
+    "run_row",
     "verdict_of",
 ]
 
@@ -72,7 +72,7 @@ def judged_file(file: Malformed) -> tuple[str, ...]:
         except TorqueError as error:
             return (f"not refused as a file: {error}",)
         except RetargetError as error:  # exit code 2, see `retarget.cli.exit`
-            return () if file.told in str(error) else (f"the refusal does not name {file.told!r}: {error}",)
+            return () if file.reason in str(error) else (f"the refusal does not name {file.reason!r}: {error}",)
         except Exception as error:  # noqa: BLE001 - a traceback is what must not be
             return (f"it was not foreseen: {type(error).__name__}: {error}",)
 
@@ -131,10 +131,10 @@ class When(Enum):
 
 def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
     """Run a row and judge it."""
-    return verdict_of(row, hurt_run(row, when=when, seed=seed), when=when)
+    return verdict_of(row, run_row(row, when=when, seed=seed), when=when)
 
 
-def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
+def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
     """Run a row. What is outlived is not seen to the end of the run: a row that hurts while stopping is."""
     followed = {When.IDLE: IDLE_S, When.MOVING: ENGAGING_S + ONSET + row.after, When.STOPPING: ENGAGING_S + ONSET}
     duration = followed.get(when, ENGAGING_S)
@@ -146,7 +146,7 @@ def hurt_run(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
         bench.approaching = True
         if row.reaction in OUTLIVED:
             bench.at(ONSET + row.limit + SETTLED_S, bench.leave)
-    row.hurt(bench, -1.0 if when is When.IDLE else ONSET)
+    row.inject(bench, -1.0 if when is When.IDLE else ONSET)
     bench.run()
     return bench
 
@@ -197,7 +197,7 @@ def not_used(bench: Bench) -> Counter[str]:
 def _approaching(row: Row, bench: Bench, trace: Trace) -> tuple[float | None, list[str]]:
     """As while it moves; but nobody is followed yet, so nobody can be left out, or followed again."""
     onset = _onset(trace, trace.armed)
-    if onset is None or (trace.arrived is not None and trace.arrived <= onset):
+    if onset is None or (trace.approach_ended is not None and trace.approach_ended <= onset):
         return None, [f"nothing was approached: {trace.error or trace.said[-1:]}"]
     if row.reaction is Reaction.OUT:
         row = replace(row, reaction=Reaction.MAY_HOLD)
@@ -216,7 +216,7 @@ def _stopping(row: Row, trace: Trace) -> list[str]:
     if trace.first(GuardState.STOPPED, trace.latched) is None:
         return ["the stop did not come to its end"]
     if row.reaction is Reaction.TORQUE_OFF:
-        return late("torque off", Seen.cut(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
+        return late("torque off", Seen.torque_off_at(trace, onset), onset, row.limit) + Seen.let_go(trace, onset, row)
     return []
 
 
@@ -307,10 +307,10 @@ def reached(trace: Trace, need: Need, first: float, last: float) -> bool:
     ticks = [tick for tick in trace.ticks if tick.time <= last + 1e-9]
     if strength == 0 or (trace.gone is not None and trace.gone <= last and need.reaction is not Reaction.GONE):
         return True
-    cut = Seen.cut(trace, first)
+    torque_off_at = Seen.torque_off_at(trace, first)
     if strength >= STRENGTH[Reaction.TORQUE_OFF]:
         stopped = any(tick.state is GuardState.STOPPED for tick in ticks)
-        off = stopped or (cut is not None and cut <= last)
+        off = stopped or (torque_off_at is not None and torque_off_at <= last)
         return off or (need.reaction is Reaction.GONE and not _driving(trace, last))
     if any(tick.latched for tick in ticks) or trace.error:
         return True
@@ -362,14 +362,14 @@ def missing(trace: Trace, first: Struck, second: Struck, others: Sequence[Struck
         both = outdone(first.row, second.row, apart=other - one)
         if not (needs and both is alone):
             needs.append((both, other))
-    for beside in others:
-        at = _onset_of(trace, beside.at)
-        needs = [need if at is None else _beside(*need, need_of(beside.row), at) for need in needs]
+    for another in others:
+        at = _onset_of(trace, another.at)
+        needs = [need if at is None else _with_other(*need, need_of(another.row), at) for need in needs]
     left = [need for need, since in needs if not reached(trace, need, one, since + need.limit)]
     return [f"{need.name}: not {need.words} in time" for need in left]
 
 
-def _beside(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
+def _with_other(need: Need, since: float, other: Need, at: float) -> tuple[Need, float]:
     """What is needed, and from when on (s), where another fault comes at another time (s)."""
     if at - need.limit < since < at + other.limit and stronger(need, other) is other:
         return other, max(since, at)
@@ -398,8 +398,8 @@ def judged_pair(
     bench = Bench(FakeSender(seed=seed + 3), duration=duration, seed=seed, performer="six" if six else "five")
     if when is When.STOPPING:
         bench.at(at - STOP_BEFORE, lambda: bench.guard.stop("asked for"))
-    first.hurt(bench, -1.0 if idle else at)
-    second.hurt(bench, -1.0 if idle else at + gap)
+    first.inject(bench, -1.0 if idle else at)
+    second.inject(bench, -1.0 if idle else at + gap)
     trace = bench.run()
     wrong = violations(bench, trace)
     if moving:

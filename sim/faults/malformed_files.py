@@ -28,7 +28,7 @@ class Malformed:
 
     name: str
     change: Change
-    told: str
+    reason: str
 
     def write(self, sound: Path, folder: Path) -> Path:
         """A robot in `folder` that is as the one of the file `sound`, and malformed."""

@@ -17,15 +17,15 @@ from sim.faults.wire_checker import (
     beyond_limits,
     clearance_of,
     collisions,
+    detours,
     goal_writes,
-    hasty,
     once,
-    restless,
+    still_moving,
     stood,
+    too_fast,
     torque_off,
+    torque_on_again,
     tracks,
-    wavering,
-    woken,
     written,
 )
 
@@ -77,7 +77,7 @@ class Row:
     name: str
     reaction: Reaction
     limit: float
-    hurt: "Callable[[Bench, float], object]"
+    inject: "Callable[[Bench, float], object]"
     idle: Idle = Idle.GOES_ON
     sensor: str = ""
     said: str = ""
@@ -96,14 +96,14 @@ REST_S = 0.35
 """From the beginning of a hold until goals stand still; of a stop, until they are no faster than on the way home."""
 OFF_S = 3.0
 """From the beginning of a stop until torque is off."""
-HOME_SHARE = 0.45
+TO_REST_SHARE = 0.45
 """Of the greatest speeds: the longest way home of a joint, 2.4 rad, takes as much to be gone in 2.5 s."""
 AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 """Of the greatest speeds, for so long after somebody is followed (again)."""
 STILL_WITHIN_S = 0.3
 """A hold that is shorter is none after which the way back has to be slow: it is one of single ticks."""
 SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
-UNHURT = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
+ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
 """Stops of a robot with which nothing is wrong: it is parked before its torque goes."""
 AT_REST_RAD = 0.01
 """Goals this near to the rest posture are there, rad."""
@@ -115,11 +115,11 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
         return []
     robot, writes = bench.robot, written(trace.sent)
     dt = 1.0 / robot.profile.safety.rate_hz
-    ways = tracks(once(goal_writes(writes), within=0.5 * dt), robot.joint_map.servos)
-    wrong = beyond_limits(ways, dt) + collisions(robot, ways)
+    goal_tracks = tracks(once(goal_writes(writes), within=0.5 * dt), robot.joint_map.servos)
+    wrong = beyond_limits(goal_tracks, dt) + collisions(robot, goal_tracks)
     for first, last in trace.holds:
-        wrong += [f"in a hold {text}" for text in restless(ways, first + REST_S, last - dt)]
-    wrong += _speed_override(bench, trace, ways, dt) + _stop_violations(bench, trace, ways, writes, dt)
+        wrong += [f"in a hold {text}" for text in still_moving(goal_tracks, first + REST_S, last - dt)]
+    wrong += _speeds(bench, trace, goal_tracks, dt) + _stop_violations(bench, trace, goal_tracks, writes, dt)
     if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
         wrong.append("nothing was done, and nobody was told why")
     if trace.endless:
@@ -127,24 +127,27 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
     return wrong + _torque(bench, trace)
 
 
-def _speed_override(bench: Bench, trace: Trace, ways: list[Track], dt: float) -> list[str]:
+def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> list[str]:
     """Who hurries on the way to where following begins, or when somebody is followed again."""
     if trace.armed is None:
         return []
     over = trace.ended if trace.latched is None else trace.latched
-    arrived = over if trace.arrived is None else trace.arrived
+    approach_ended = over if trace.approach_ended is None else trace.approach_ended
     share = bench.robot.profile.safety.speed_caps.approach
     wrong = [
-        f"on its approach {text}" for text in hasty(ways, trace.armed - dt, min(arrived, over), share=share, dt=dt)
+        f"on its approach {text}"
+        for text in too_fast(goal_tracks, trace.armed - dt, min(approach_ended, over), share=share, dt=dt)
     ]
     for first, last in trace.holds:
         if last - first > STILL_WITHIN_S:
-            again = hasty(ways, last, min(last + AGAIN_S, over), share=AGAIN_SHARE, dt=dt)
+            again = too_fast(goal_tracks, last, min(last + AGAIN_S, over), share=AGAIN_SHARE, dt=dt)
             wrong += [f"after a hold {text}" for text in again]
     return wrong[:8]
 
 
-def _stop_violations(bench: Bench, trace: Trace, ways: list[Track], writes: list[Written], dt: float) -> list[str]:
+def _stop_violations(
+    bench: Bench, trace: Trace, goal_tracks: list[Track], writes: list[Written], dt: float
+) -> list[str]:
     """A stop goes on to its end, and nothing else."""
     begun = trace.latched
     if begun is None:
@@ -152,28 +155,28 @@ def _stop_violations(bench: Bench, trace: Trace, ways: list[Track], writes: list
     since = trace.ticks[next(row for row, tick in enumerate(trace.ticks) if tick.latched) :]  # two may end at one time
     wrong = [f"{tick.state.value} after a stop" for tick in since if tick.state not in SETTLED]
     before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
-    wrong += woken(writes, before)
+    wrong += torque_on_again(writes, before)
     off = torque_off(writes, before)
     if off is None:
-        if trace.gone is None and not trace.mute:
+        if trace.gone is None and not trace.writes_fail:
             wrong.append("torque was never told to go off")
     elif off - begun > OFF_S:
         wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
     ended = trace.first(GuardState.STOPPED, begun)
     if ended is not None:
         wrong += after_latch(writes, ended)
-    wrong += hasty(ways, begun + REST_S, trace.ended, share=HOME_SHARE, dt=dt)
-    if ended is not None and trace.stop is not None and trace.stop.cause in UNHURT and trace.stop.then is None:
-        wrong += _astray(bench, ways)
-    return wrong[:8] + wavering(ways, begun + REST_S, trace.ended)
+    wrong += too_fast(goal_tracks, begun + REST_S, trace.ended, share=TO_REST_SHARE, dt=dt)
+    if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
+        wrong += _not_at_rest(bench, goal_tracks)
+    return wrong[:8] + detours(goal_tracks, begun + REST_S, trace.ended)
 
 
-def _astray(bench: Bench, ways: list[Track]) -> list[str]:
+def _not_at_rest(bench: Bench, goal_tracks: list[Track]) -> list[str]:
     """Who was not sent where the robot is parked in the end."""
     robot = bench.robot
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-    parked = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
-    off = {track.servo.label: float(track.angle[-1]) - parked[track.servo.joint] for track in ways}
+    rest_angles = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
+    off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in goal_tracks}
     return [f"{label} is not parked, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
 
 
@@ -183,8 +186,8 @@ def _torque(bench: Bench, trace: Trace) -> list[str]:
         return []
     if trace.gone is not None:
         return [] if all(servo.tripped or not servo.shaft.torque for servo in bench.servos) else ["servos still drive"]
-    told = trace.error or (trace.stop is not None and trace.stop.powered)
-    return [] if told else ["torque is on in the end, and nobody was told"]
+    reported = trace.error or (trace.stop is not None and trace.stop.powered)
+    return [] if reported else ["torque is on in the end, and nobody was told"]
 
 
 HEALTHY_S = 0.5
@@ -217,7 +220,7 @@ class Seen:
         return 1.0 / self.bench.robot.profile.safety.rate_hz
 
     @cached_property
-    def ways(self) -> list[Track]:
+    def goal_tracks(self) -> list[Track]:
         """The goals of each servo."""
         goals = goal_writes(written(self.trace.sent))
         return tracks(once(goals, within=0.5 * self.dt), self.bench.robot.joint_map.servos)
@@ -232,7 +235,7 @@ class Seen:
         return next((tick.time for tick in self.trace.ticks if tick.time >= self.onset and tick.latched), None)
 
     @staticmethod
-    def cut(trace: Trace, onset: float) -> float | None:
+    def torque_off_at(trace: Trace, onset: float) -> float | None:
         """When torque was told to go off at once, or the guard had given up the bus."""
         seen = (torque_off(written(trace.sent), onset), trace.first(GuardState.STOPPED, onset))
         return min((time for time in seen if time is not None), default=None)
@@ -305,7 +308,7 @@ def _rebase(row: Row, seen: Seen) -> Judged:
 def _stand(row: Row, seen: Seen) -> Judged:
     """From the goals alone: at rest in time, torque on."""
     end = seen.first(GuardState.STOPPING) or seen.trace.ended
-    wrong = restless(seen.ways, seen.onset + row.limit + REST_S, end - seen.dt)
+    wrong = still_moving(seen.goal_tracks, seen.onset + row.limit + REST_S, end - seen.dt)
     return None, wrong + (["it stopped"] if seen.stopped is not None else [])
 
 
@@ -317,30 +320,30 @@ def _gated(row: Row, seen: Seen) -> Judged:
     closest = clearance_of(robot, postures).smallest if asked else None
     wrong = [] if closest is not None and closest < MARGIN_M else ["what was asked for was no danger"]
     end = seen.first(GuardState.STOPPING) or seen.trace.ended
-    return None, wrong + restless(seen.ways, end - STOOD_S, end - seen.dt)
+    return None, wrong + still_moving(seen.goal_tracks, end - STOOD_S, end - seen.dt)
 
 
 def _slow(row: Row, seen: Seen) -> Judged:
     slow = next((tick.time for tick in seen.trace.ticks if tick.time >= seen.onset and tick.slow <= HALF), None)
     wrong = late("slow", slow, seen.onset, row.limit) + (["it stopped"] if seen.stopped is not None else [])
-    return slow, wrong + hasty(seen.ways, seen.onset + row.limit, seen.trace.ended, share=HALF, dt=seen.dt)
+    return slow, wrong + too_fast(seen.goal_tracks, seen.onset + row.limit, seen.trace.ended, share=HALF, dt=seen.dt)
 
 
 def _stop(row: Row, seen: Seen) -> Judged:
     stop = seen.stopped
     wrong = late("stopped", stop, seen.onset, row.limit)
     first = next((tick.state for tick in seen.trace.ticks if tick.time == stop), None)
-    if stop is not None and first is GuardState.STOPPED and not stood(seen.ways, stop):
+    if stop is not None and first is GuardState.STOPPED and not stood(seen.goal_tracks, stop):
         wrong.append("it did not brake")
     if seen.trace.stop is None or seen.trace.first(GuardState.STOPPED, seen.onset) is None:
         wrong.append("it was not latched")
     return stop, wrong
 
 
-def _cut(row: Row, seen: Seen) -> Judged:
-    cut = Seen.cut(seen.trace, seen.onset)
-    wrong = late("torque off", cut, seen.onset, row.limit)
-    return cut, wrong + ([] if seen.first(GuardState.STOPPED) is not None else ["it was not latched"])
+def _torque_off(row: Row, seen: Seen) -> Judged:
+    torque_off_at = Seen.torque_off_at(seen.trace, seen.onset)
+    wrong = late("torque off", torque_off_at, seen.onset, row.limit)
+    return torque_off_at, wrong + ([] if seen.first(GuardState.STOPPED) is not None else ["it was not latched"])
 
 
 def _gone(row: Row, seen: Seen) -> Judged:
@@ -363,6 +366,6 @@ _JUDGES = {
     Reaction.GATED: _gated,
     Reaction.SLOW: _slow,
     Reaction.STOP: _stop,
-    Reaction.TORQUE_OFF: _cut,
+    Reaction.TORQUE_OFF: _torque_off,
     Reaction.GONE: _gone,
 }

@@ -56,7 +56,7 @@ def _garbage_in_place(time: float, datagram: bytes) -> list[bytes]:
     return [datagram[: len(datagram) // 2], b"", b"\x00\xff" * 20, datagram, b'{"poses": [[[[']
 
 
-def _leaping(by: float) -> Callable[[Bench, float], object]:
+def _clock_jump(by: float) -> Callable[[Bench, float], object]:
     def jump(bench: Bench) -> None:
         before = bench.sender.stamp
         bench.sender.stamp = lambda time: before(time) + by
@@ -75,7 +75,7 @@ def _reordered(bench: Bench) -> None:
     bench.sender.garbles.append(garble)
 
 
-def _stranger(address: str) -> Callable[[Bench, float], object]:
+def _other_sender(address: str) -> Callable[[Bench, float], object]:
     """Somebody else sends whole poses."""
 
     def begin(bench: Bench) -> None:
@@ -133,8 +133,8 @@ STREAM_ROWS: tuple[Row, ...] = (
         said="changed places",
     ),
     Row("late, reordered, twice", Reaction.NONE, 0.0, later(_reordered), counted="repeated"),
-    Row("sender's clock leaps on", Reaction.REBASE, 1.0, _leaping(3600.0), after=1.4),
-    Row("sender's clock leaps back", Reaction.REBASE, 1.0, _leaping(-3600.0), after=1.4),
+    Row("sender's clock leaps on", Reaction.REBASE, 1.0, _clock_jump(3600.0), after=1.4),
+    Row("sender's clock leaps back", Reaction.REBASE, 1.0, _clock_jump(-3600.0), after=1.4),
     Row(
         "malformed and truncated",
         Reaction.NONE,
@@ -146,7 +146,7 @@ STREAM_ROWS: tuple[Row, ...] = (
         "unlisted source",
         Reaction.NONE,
         0.0,
-        _stranger("10.9.8.7"),
+        _other_sender("10.9.8.7"),
         said="not on the allow-list",
         counted="sender not on the allow-list",
     ),
@@ -154,7 +154,7 @@ STREAM_ROWS: tuple[Row, ...] = (
         "second source",
         Reaction.NONE,
         0.0,
-        _stranger("127.0.0.1"),
+        _other_sender("127.0.0.1"),
         said="127.0.0.1:50000 sends too",
         counted="a second source",
     ),
@@ -184,8 +184,8 @@ def _slip(bench: Bench) -> None:
 
 def _unwritable(bench: Bench) -> None:
     for port in bench.ports.values():
-        port.mute = True
-    bench.trace.mute = True
+        port.writes_fail = True
+    bench.trace.writes_fail = True
 
 
 def _reset(bench: Bench) -> None:
@@ -299,7 +299,7 @@ def _follower(
 ) -> Callable[[Bench], None]:
     """What the robot's stage finds is something else, so many times."""
 
-    def hurt(bench: Bench) -> None:
+    def inject(bench: Bench) -> None:
         follower, left = bench.side._follower, [times]
         step, cued = follower.step, _cue(bench)
 
@@ -313,7 +313,7 @@ def _follower(
 
         follower.step = changed  # type: ignore[method-assign]
 
-    return hurt
+    return inject
 
 
 def _cue(bench: Bench) -> Callable[[], None]:
@@ -336,7 +336,7 @@ def _when_following(act: Callable[[Bench], None]) -> Callable[[Bench, float], ob
 def _late(times: int | None = None) -> Callable[[Bench], None]:
     """To find a goal takes longer than a tick may, so many times."""
 
-    def hurt(bench: Bench) -> None:
+    def inject(bench: Bench) -> None:
         left, cued = [times], _cue(bench)
 
         def dawdle() -> None:
@@ -348,7 +348,7 @@ def _late(times: int | None = None) -> Callable[[Bench], None]:
 
         bench.thinking.append(dawdle)
 
-    return hurt
+    return inject
 
 
 def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:

@@ -102,8 +102,8 @@ class FakeSender:
 
 def encoded(stamp: float, poses: Poses) -> bytes:
     """A datagram of `retarget.sources.json_pose`."""
-    told = {name: {"p": [round(float(x), 6) for x in point]} for name, point in poses.items()}
-    return json.dumps({"axes": "rep103", "time": stamp, "poses": told}).encode()
+    sent = {name: {"p": [round(float(x), 6) for x in point]} for name, point in poses.items()}
+    return json.dumps({"axes": "rep103", "time": stamp, "poses": sent}).encode()
 
 
 def silent(first: float, last: float) -> SenderFault:

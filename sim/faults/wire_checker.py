@@ -147,10 +147,10 @@ def tracks(goals: Goals, servos: Sequence[ServoSpec]) -> list[Track]:
     return found
 
 
-def beyond_limits(ways: Sequence[Track], dt: float) -> list[str]:
+def beyond_limits(goal_tracks: Sequence[Track], dt: float) -> list[str]:
     """What is wrong with goals that come every `dt` s, a line each. One that comes late is held to the same step as one
     in time: whoever is late goes slower, and does not catch up."""
-    return [text for track in ways for text in _of_servo(track, dt)]
+    return [text for track in goal_tracks for text in _of_servo(track, dt)]
 
 
 def _of_servo(track: Track, dt: float) -> list[str]:
@@ -188,25 +188,25 @@ def _beyond(values: FloatArray, most: float, rounding: FloatArray) -> float:
     return found
 
 
-def restless(ways: Sequence[Track], first: float, last: float) -> list[str]:
+def still_moving(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
     """Who is sent somewhere else between two times, s, a line each."""
     found = []
-    for track in ways:
+    for track in goal_tracks:
         within = track.angle[(track.times >= first) & (track.times < last)]
         if within.size and np.ptp(within) > 0.0:
             found.append(f"{track.servo.label} still moves, by {np.ptp(within):.4f} rad")
     return found
 
 
-def stood(ways: Sequence[Track], time: float) -> bool:
+def stood(goal_tracks: Sequence[Track], time: float) -> bool:
     """Whether the last two goals of everybody before a time, s, were the same."""
-    return all(len(set(track.angle[track.times <= time][-2:].tolist())) <= 1 for track in ways)
+    return all(len(set(track.angle[track.times <= time][-2:].tolist())) <= 1 for track in goal_tracks)
 
 
-def hasty(ways: Sequence[Track], first: float, last: float, *, share: float, dt: float) -> list[str]:
+def too_fast(goal_tracks: Sequence[Track], first: float, last: float, *, share: float, dt: float) -> list[str]:
     """Who goes faster than a share of its greatest speed between two times, s, a line each."""
     found = []
-    for track in ways:
+    for track in goal_tracks:
         within = track.angle[(track.times >= first) & (track.times < last)]
         fast = _beyond(within, share * track.servo.max_velocity * dt, _rounding(track, within))
         if fast > 0.0:
@@ -214,10 +214,10 @@ def hasty(ways: Sequence[Track], first: float, last: float, *, share: float, dt:
     return found
 
 
-def wavering(ways: Sequence[Track], first: float, last: float) -> list[str]:
+def detours(goal_tracks: Sequence[Track], first: float, last: float) -> list[str]:
     """Who does not go straight from where it is to somewhere between two times, s, a line each."""
     found = []
-    for track in ways:
+    for track in goal_tracks:
         within = track.angle[(track.times >= first) & (track.times < last)]
         if within.size:
             more = float(np.abs(np.diff(within)).sum() - abs(within[-1] - within[0]))
@@ -236,7 +236,7 @@ def after_latch(writes: Sequence[Written], latched: float) -> list[str]:
     return sorted(wrong)[:3]
 
 
-def woken(writes: Sequence[Written], since: float) -> list[str]:
+def torque_on_again(writes: Sequence[Written], since: float) -> list[str]:
     """Who was given torque from a time on, s."""
     again = [one for one in writes if one.time > since and one.address == TORQUE_ENABLE and any(one.values.values())]
     return [f"torque was switched on {one.time - since:.3f} s after the stop began" for one in again[:1]]
@@ -264,14 +264,14 @@ def _model(path: str, root: str) -> Any:
     return compile_body(Path(path), root=root).model  # type: ignore[arg-type]
 
 
-def postures_of(robot: RobotBody, ways: Sequence[Track]) -> FloatArray:
+def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
     """Postures (T, nq) of all goals, at the times of the first servo; the root as in the body file."""
-    if not ways:
+    if not goal_tracks:
         return np.zeros((0, robot.body.nq))
-    times = ways[0].times
+    times = goal_tracks[0].times
     found = np.tile(robot.body.qpos0, (len(times), 1))
     columns = dict(zip(robot.joint_map.joints, robot.servo_columns, strict=True))
-    for track in ways:
+    for track in goal_tracks:
         rows = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, None)
         found[:, columns[track.servo.joint]] = track.angle[rows]
     return found
@@ -285,9 +285,9 @@ def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
     return placed.to_itself(neutral=neutral, ignored=[entry.pair for entry in robot.profile.ignore_pairs])
 
 
-def collisions(robot: RobotBody, ways: Sequence[Track]) -> list[str]:
+def collisions(robot: RobotBody, goal_tracks: Sequence[Track]) -> list[str]:
     """The deepest collision of goals, in words, if there is one."""
-    found = clearance_of(robot, postures_of(robot, ways))
+    found = clearance_of(robot, postures_of(robot, goal_tracks))
     if found.smallest is None or found.smallest > -DEEPEST_M or found.pair is None:
         return []
     return [f"{' and '.join(found.pair)} are {1e3 * found.deepest:.1f} mm in each other"]

@@ -146,7 +146,7 @@ class SimulatedShafts:
         stall = [drive.numbers.stall_torque(drive.servo.model.voltage) for drive in simulation.world.drives]
         self._stall = np.array(stall)
         self._seen = self._ticks()  # (n,) where each shaft last heard that it is
-        self._told = self._seen.copy()  # (n,) goals
+        self._sent = self._seen.copy()  # (n,) goals
         self._settings: tuple[tuple[float, float, bool], ...] = ()
         simulation.electrics.trips = False  # the emulated servo protects itself
 
@@ -192,8 +192,8 @@ class SimulatedShafts:
         simulation = self._simulation
         errors = [shaft.trajectory()[0] - shaft.position for shaft in self._shafts]
         goals = self._seen + np.array(errors)
-        if np.abs(goals - self._told).max() > SAME_TICK:
-            self._told = goals
+        if np.abs(goals - self._sent).max() > SAME_TICK:
+            self._sent = goals
             simulation.aim(goals * self._tick_rad, simulation.time)
 
     def _ticks(self) -> FloatArray:

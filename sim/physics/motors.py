@@ -29,7 +29,7 @@ __all__ = [
     "Motors",
     "add_motors",
     "drive_numbers",
-    "lacks_gain",
+    "gain_missing",
     "position_loop",
 ]
 
@@ -79,7 +79,7 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     )
 
 
-def lacks_gain(servo: ServoSpec, *, protocol: int) -> bool:
+def gain_missing(servo: ServoSpec, *, protocol: int) -> bool:
     """Whether the profile does not say how stiff this servo is."""
     return servo.gains.position_p is None and find_table(servo.model.name, protocol).has(_P_GAIN[protocol])
 

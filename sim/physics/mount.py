@@ -13,7 +13,7 @@ from retarget.model.body import Frame
 from retarget.model.body_file import body_spec, engine
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
-from sim.physics.motors import lacks_gain
+from sim.physics.motors import gain_missing
 
 __all__ = [
     "RELEASE_S",
@@ -26,8 +26,8 @@ __all__ = [
     "check_masses",
     "check_mount",
     "damp_swinging",
-    "lacking",
     "mount_of",
+    "simulation_problem",
 ]
 
 
@@ -189,7 +189,7 @@ LEAST_MASS = 1e-5
 MAX_NAMED = 5
 
 
-def lacking(robot: RobotBody) -> ConfigError | None:
+def simulation_problem(robot: RobotBody) -> ConfigError | None:
     """Why a robot, as its profile says that it stands or hangs, cannot be simulated; None: it can."""
     try:
         check_mount(robot, mount_of(robot))
@@ -225,7 +225,7 @@ def check_masses(robot: RobotBody, spec: Any) -> None:
 def check_gains(robot: RobotBody) -> None:
     """Raise ConfigError for servos whose stiffness the profile does not say."""
     protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
-    unknown = [s.joint for s in robot.joint_map.servos if lacks_gain(s, protocol=protocols[s.bus])]
+    unknown = [s.joint for s in robot.joint_map.servos if gain_missing(s, protocol=protocols[s.bus])]
     if unknown:
         raise ConfigError(
             f"{_counted(unknown, 'servo')} without a P gain",

@@ -130,7 +130,7 @@ class Simulation:
         mujoco = engine()
         self.world = world
         self.perturbation = perturbation
-        mujoco.set_mju_user_warning(_told_here)
+        mujoco.set_mju_user_warning(_ignore_warning)
         self._model = model = world.model
         chance = np.random.default_rng(seed)
         self.motors = Motors(model, world.drives)
@@ -291,7 +291,7 @@ class Simulation:
                 self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
 
 
-def _told_here(text: str) -> None:
+def _ignore_warning(text: str) -> None:
     """Take a warning of the engine, which else writes it to a file where the user is: `Simulation` says the same."""
 
 

@@ -25,17 +25,19 @@ TICK = 1.534e-3
 
 def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
     """The run, its goals (T, n) rad, and what was told."""
-    told: list[str] = []
+    messages: list[str] = []
 
     def make_bus(robot: RobotBody, clock: Clock) -> MockBus:
         stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
         return MockBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
 
     options = RunOptions(robot="op3", playback=Playback(speed=2.0, end=14.0))
-    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, notify=told.append) as ready:
+    with prepare(
+        synthetic_performer, options, clock=VirtualClock(), make_bus=make_bus, notify=messages.append
+    ) as ready:
         result = ready.run()
     assert result.robot is not None and result.record.robot is not None
-    return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), told
+    return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), messages
 
 
 @pytest.fixture(scope="module")
@@ -59,20 +61,20 @@ def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArr
 
 
 def test_it_is_told_once_that_it_began_and_once_that_it_ended(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
-    _, _, told = warm
-    assert len(told) == 2
-    shows(told[0], 60, "l_sho_roll", 4, 61, "50%")
-    assert told[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
+    _, _, messages = warm
+    assert len(messages) == 2
+    shows(messages[0], 60, "l_sho_roll", 4, 61, "50%")
+    assert messages[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")
 
 
 def test_a_hot_servo_stops_the_robot_all_the_same() -> None:
-    result, _, told = run(
+    result, _, messages = run(
         MockFault(FaultKind.HOT, FIRST, 60, servo=3, value=61.0),
         MockFault(FaultKind.HOT, FIRST + 60, 999, 3, value=66.0),
     )
     assert result.stop is not None
     shows(result.stop.reason, 65)
-    assert told[0].startswith("warning: ")
+    assert messages[0].startswith("warning: ")
     assert len(result.record.phase) < FIRST + 60 + 125
 
 

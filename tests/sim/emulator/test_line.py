@@ -30,7 +30,7 @@ def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
     return line.take(FOREVER)
 
 
-def test_a_frame_in_pieces_is_heard() -> None:
+def test_a_frame_in_pieces_is_received() -> None:
     line = _line(StubDevice())
     for byte in protocol2.ping(1):
         line.receive(bytes((byte,)), 0.0)
@@ -60,7 +60,7 @@ def test_several_frames_in_one_write_are_carried_out_in_order() -> None:
     assert _ask(line, data) == protocol2.status(2, 0, b"\x55") + protocol2.status(1, 0, b"\0")
 
 
-def test_only_devices_at_the_hosts_rate_hear_it() -> None:
+def test_only_devices_at_the_hosts_rate_receive_it() -> None:
     slow, fast = StubDevice(id=1), StubDevice(id=2, baud=1_000_000)
     line = _line(slow, fast)
     assert _ask(line, protocol2.ping(2)) == b""
@@ -87,7 +87,7 @@ def test_both_protocols_on_one_line() -> None:
     assert _ask(line, protocol1.ping(1), 1.0) == protocol1.status(1)
 
 
-def test_talking_into_an_answer_spoils_both() -> None:
+def test_sending_into_an_answer_spoils_both() -> None:
     device = StubDevice()
     line = _line(device, timing=Timing())
     line.receive(protocol2.ping(1), 0.0)
@@ -119,7 +119,7 @@ def test_a_host_that_never_reads_costs_no_memory() -> None:
 
 @settings(max_examples=100)
 @given(st.lists(st.binary(max_size=40), max_size=6))
-def test_noise_harms_nobody_and_the_next_frame_is_heard(noise: list[bytes]) -> None:
+def test_noise_harms_no_device_and_the_next_frame_is_received(noise: list[bytes]) -> None:
     line = _line(StubDevice(id=1, memory=bytearray(70000)), StubDevice(id=1, protocol=1), timing=Timing())
     for index, data in enumerate(noise):
         line.receive(data, float(index))

@@ -12,7 +12,7 @@ from hardware.dynamixel.packets import Error2
 from sim.emulator.memory import Memory, Part
 
 
-def test_a_write_is_cut_into_registers() -> None:
+def test_a_write_is_split_into_registers() -> None:
     memory = Memory(find_table("XM430-W350", 2))
     parts = memory.parts(108, bytes(range(12)))
     assert [part.register.name for part in cast(list[Part], parts)] == [

@@ -110,7 +110,7 @@ def _robot_lines_line(powered: bool) -> Line:
     return lines["main"]
 
 
-def test_servos_stand_and_everybody_answers() -> None:
+def test_servos_stand_and_every_device_answers() -> None:
     line = _robot_lines_line(powered=True)
     assert [device.id for device in line.devices] == [*(servo.id for servo in ROBOT.joint_map.servos), 200]
     for servo, tick in zip(ROBOT.joint_map.servos, standing_ticks(ROBOT), strict=True):

@@ -24,7 +24,7 @@ def hurts(device: Faulty) -> None:
     device.load(0.0, 0.0)
 
 
-def said(servo: EmulatedServo1, code: int, params: bytes = b"", now: float = 0.0) -> Answer | None:
+def replies(servo: EmulatedServo1, code: int, params: bytes = b"", now: float = 0.0) -> Answer | None:
     return servo.execute(code, params, now, broadcast=False)
 
 
@@ -33,7 +33,7 @@ def test_it_goes_to_its_goal(model: str, goal: int) -> None:
     servo = servo1(model, position=512.0)
     speaks(servo)
     hurts(servo)
-    assert said(servo, Instruction.PING) == (0, b"")
+    assert replies(servo, Instruction.PING) == (0, b"")
     assert read_register1(servo, "torque_enable") == 0
     assert write_register1(servo, "goal_position", goal) == 0
     assert read_register1(servo, "torque_enable") == 1
@@ -50,7 +50,7 @@ def test_it_waits_for_torque_where_a_goal_does_not_switch_it_on() -> None:
 
 
 def _single(servo: EmulatedServo1, address: int, data: bytes) -> None:
-    said(servo, Instruction.WRITE, bytes((address,)) + data)
+    replies(servo, Instruction.WRITE, bytes((address,)) + data)
 
 
 def _sync(servo: EmulatedServo1, address: int, data: bytes) -> None:
@@ -59,9 +59,9 @@ def _sync(servo: EmulatedServo1, address: int, data: bytes) -> None:
 
 
 def _registered(servo: EmulatedServo1, address: int, data: bytes) -> None:
-    said(servo, Instruction.REG_WRITE, bytes((address,)) + data)
+    replies(servo, Instruction.REG_WRITE, bytes((address,)) + data)
     assert read_register1(servo, "torque_enable") == 0  # not before the Action
-    said(servo, Instruction.ACTION)
+    replies(servo, Instruction.ACTION)
 
 
 @pytest.mark.parametrize("write", [_single, _sync, _registered])
@@ -130,22 +130,22 @@ def test_moving_speed_slows_down() -> None:
 def test_a_bad_write_changes_nothing(address: int, data: bytes, error: Error1) -> None:
     servo = servo1()
     before = bytes(servo.memory.image)
-    assert said(servo, Instruction.WRITE, bytes((address,)) + data) == (error, b"")
+    assert replies(servo, Instruction.WRITE, bytes((address,)) + data) == (error, b"")
     assert bytes(servo.memory.image) == before
 
 
 def test_instructions_that_it_does_not_know() -> None:
     servo = servo1()
     for code in (Instruction.REBOOT, Instruction.CLEAR, 0x84, Instruction.SYNC_READ):
-        assert said(servo, code) == (Error1.INSTRUCTION, b"")
-    assert said(servo, Instruction.ACTION) == (Error1.INSTRUCTION, b"")
+        assert replies(servo, code) == (Error1.INSTRUCTION, b"")
+    assert replies(servo, Instruction.ACTION) == (Error1.INSTRUCTION, b"")
 
 
 def test_registered_write_and_lock() -> None:
     servo = servo1()
-    assert said(servo, Instruction.REG_WRITE, b"\x19\1") == (0, b"")
+    assert replies(servo, Instruction.REG_WRITE, b"\x19\1") == (0, b"")
     assert read_register1(servo, "registered") == 1 and read_register1(servo, "led") == 0
-    assert said(servo, Instruction.ACTION) == (0, b"")
+    assert replies(servo, Instruction.ACTION) == (0, b"")
     assert read_register1(servo, "registered") == 0 and read_register1(servo, "led") == 1
     assert write_register1(servo, "id", 5) == 0 and servo.id == 5
     write_register1(servo, "lock", 1)
@@ -170,7 +170,7 @@ def test_an_overload_takes_the_torque_until_it_is_written_again() -> None:
     assert read_register1(servo, "present_position", 6.0) == 4000
 
 
-def test_heat_is_told_while_it_lasts() -> None:
+def test_heat_is_reported_while_it_lasts() -> None:
     servo = servo1("AX-12A", position=512.0)
     write_register1(servo, "torque_enable", 1)
     servo.heat(71.0, 1.0)
@@ -201,8 +201,11 @@ def test_wheel_and_multi_turn() -> None:
 def test_factory_reset_and_status_return_level() -> None:
     servo = servo1()
     write_register1(servo, "id", 9)
-    assert said(servo, Instruction.FACTORY_RESET) == (0, b"")
+    assert replies(servo, Instruction.FACTORY_RESET) == (0, b"")
     assert servo.id == 1 and servo.booting(0.1)
     servo.write(16, b"\0", 1.0)
-    assert said(servo, Instruction.READ, b"\x24\2", 1.0) is None and said(servo, Instruction.PING, b"", 1.0) == (0, b"")
+    assert replies(servo, Instruction.READ, b"\x24\2", 1.0) is None and replies(servo, Instruction.PING, b"", 1.0) == (
+        0,
+        b"",
+    )
     assert not servo.answers_reads

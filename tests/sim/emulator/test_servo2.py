@@ -13,12 +13,12 @@ def test_ping_says_model_and_firmware() -> None:
     assert servo.execute(Instruction.PING, b"", 0.0, broadcast=True) is not None
 
 
-def test_status_return_level_mutes() -> None:
+def test_status_return_level_switches_answers_off() -> None:
     servo = servo2()
     expected = {0: (True, False, False), 1: (True, True, False), 2: (True, True, True)}
     for level, wanted in expected.items():
         servo.write(68, bytes((level,)), 0.0)
-        said = tuple(
+        replies = tuple(
             servo.execute(code, params, 0.0, broadcast=False) is not None
             for code, params in (
                 (Instruction.PING, b""),
@@ -26,7 +26,7 @@ def test_status_return_level_mutes() -> None:
                 (Instruction.WRITE, bytes((65, 0, 1))),
             )
         )
-        assert said == wanted and servo.answers_reads == (level >= 1)
+        assert replies == wanted and servo.answers_reads == (level >= 1)
 
 
 def test_a_registered_write_waits_for_its_action() -> None:

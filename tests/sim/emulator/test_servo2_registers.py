@@ -1,4 +1,4 @@
-"""How a 2.0 servo counts its position: folding, offset, direction."""
+"""The registers of a 2.0 servo: position counting, writes that are refused, loop, goals, resets, the bus watchdog."""
 
 from math import inf
 
@@ -53,7 +53,7 @@ offsets = st.integers(-1_044_479, 1_044_479)
 
 
 class Counted:
-    """A shaft, and the registers that say how it is counted."""
+    """A shaft, and the registers that define how it is counted."""
 
     def __init__(self, mode: int, position: float = 0.0, offset: int = 0) -> None:
         self.memory = Memory(find_table("XM430-W350", 2))
@@ -554,7 +554,7 @@ def test_a_trip_stops_the_servo_where_it_was_then() -> None:
     write_register(servo, "bus_watchdog", 5)
     write_register(servo, "torque_enable", 1)
     write_register(servo, "goal_position", 4000)
-    place = read_register(servo, "present_position", 3.0)  # nobody was heard since 0
+    place = read_register(servo, "present_position", 3.0)  # no instruction was received since 0
     assert 5 < place < 40  # 0.1 s of 4.6 rpm
     assert read_register(servo, "bus_watchdog", 3.0) == -1 and read_register(servo, "torque_enable", 3.0) == 1
     assert read_register(servo, "profile_velocity", 3.0) == 0

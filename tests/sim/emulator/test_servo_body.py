@@ -1,4 +1,4 @@
-"""What emulated servos of both protocols share: start, power, what outlives it, load."""
+"""The common part of emulated servos of both protocols: start, power, what is kept without power, load."""
 
 from collections.abc import Callable
 

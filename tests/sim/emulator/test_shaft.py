@@ -1,4 +1,4 @@
-"""One servo's loop in plain floats is the law that the mock bus has for arrays."""
+"""The shaft of an emulated servo: profiles, control laws, limits, loads, and the law that the mock bus has for arrays."""
 
 from itertools import pairwise
 
@@ -60,8 +60,8 @@ def test_the_plain_case_is_the_mock_bus() -> None:
         for device, goal in zip(devices, goals.tolist(), strict=True):
             device.write(116, goal.to_bytes(4, "little"), clock.now())
         clock.advance(0.008)
-        said = [device.read(132, 4, clock.now()).data for device in devices]
-        positions = [int.from_bytes(data, "little", signed=True) for data in said]
+        replies = [device.read(132, 4, clock.now()).data for device in devices]
+        positions = [int.from_bytes(data, "little", signed=True) for data in replies]
         assert np.abs(mock.read().position - positions).max() <= 1
 
 

@@ -40,8 +40,8 @@ def test_arms_straight_out_are_approached_slowly() -> None:
     bench = Bench(FakeSender(faults=[t_pose()]), duration=0.7)
     bench.leaves = True
     trace = bench.run()
-    assert trace.began is not None and trace.armed is not None and trace.arrived is not None
-    assert trace.arrived - trace.armed > 1.0
+    assert trace.began is not None and trace.armed is not None and trace.approach_ended is not None
+    assert trace.approach_ended - trace.armed > 1.0
     assert violations(bench, trace) == []
 
 
@@ -63,8 +63,8 @@ def faster(trace: Trace, since: float, until: float) -> Trace:
 
 def test_who_hurries_is_found(paused: Bench) -> None:
     trace = paused.trace
-    assert trace.armed is not None and trace.arrived is not None
-    middle = 0.5 * (trace.armed + trace.arrived)
-    shows(violations(paused, faster(trace, middle, trace.arrived)))
+    assert trace.armed is not None and trace.approach_ended is not None
+    middle = 0.5 * (trace.armed + trace.approach_ended)
+    shows(violations(paused, faster(trace, middle, trace.approach_ended)))
     again = [last for first, last in trace.holds if last - first > 0.3][-1]
     assert any("after a hold" in line for line in violations(paused, faster(trace, again, again + 0.7)))

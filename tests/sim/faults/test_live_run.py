@@ -102,9 +102,9 @@ def test_clocks_that_leap_are_taken_up_again() -> None:
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=5.5))
     result = run(rig)
     check_motion(result)
-    told = [text for text in rig.said if "clock leapt" not in text]
-    assert told[-1] == "the performer is followed" and result.stop is None
-    assert [text for text in rig.said if text not in told] == ["the sender's clock leapt forward by 4000.00 s"]
+    notes = [text for text in rig.said if "clock leapt" not in text]
+    assert notes[-1] == "the performer is followed" and result.stop is None
+    assert [text for text in rig.said if text not in notes] == ["the sender's clock leapt forward by 4000.00 s"]
 
 
 def test_nothing_arrives() -> None:

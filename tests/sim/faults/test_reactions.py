@@ -122,7 +122,7 @@ def test_a_sound_run_is_sound(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("doctor", "told"),
+    ("doctor", "expected"),
     [
         (late_goal, "address 116 was written"),
         (jump, "too fast"),
@@ -140,9 +140,9 @@ def test_a_sound_run_is_sound(bench: Bench) -> None:
         (keeps_torque, "torque is on in the end"),
     ],
 )
-def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace], told: str) -> None:
+def test_every_violation_is_found(bench: Bench, doctor: Callable[[Trace], Trace], expected: str) -> None:
     found = violations(bench, doctor(bench.trace))
-    assert any(told in line for line in found), found
+    assert any(expected in line for line in found), found
 
 
 def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> None:

@@ -30,10 +30,10 @@ def raising(first: float, last: float) -> Callable[[float, Poses], Poses]:
             base.setdefault(name, point)
         share = min(max((time - first) / (last - first), 0.0), 1.0)
         noise = np.random.default_rng(int(time * 1000))
-        told = {name: point + noise.normal(0.0, 2e-4, 3) for name, point in base.items()}
+        sent = {name: point + noise.normal(0.0, 2e-4, 3) for name, point in base.items()}
         for name in ("l_wrist", "r_wrist"):
-            told[name] = told[name] + share * np.array(OVERHEAD)
-        return told
+            sent[name] = sent[name] + share * np.array(OVERHEAD)
+        return sent
 
     return fault
 
@@ -128,13 +128,13 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
     still = raising(1e9, 2e9)
 
     def fault(time: float, poses: Poses) -> Poses:
-        told = still(time, poses)
-        told["head"] = told["head"] + 0.01 * np.sin(2.0 * time)
+        sent = still(time, poses)
+        sent["head"] = sent["head"] + 0.01 * np.sin(2.0 * time)
         if time >= 6.0:
-            told["l_wrist"] = told["l_wrist"] + np.array([0.15, 0.0, 0.6])
+            sent["l_wrist"] = sent["l_wrist"] + np.array([0.15, 0.0, 0.6])
         if 5.0 <= time < 7.0:
-            del told["l_wrist"]
-        return told
+            del sent["l_wrist"]
+        return sent
 
     sender = FakeSender()
     sender.faults.append(fault)
