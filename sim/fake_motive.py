@@ -20,7 +20,7 @@ _SIZED = Version(4, 1)
 _MARKERS_NAMED = Version(4, 0)
 _TURNED = Version(4, 2)
 _MAX_BURST_S = 1.0
-"""Of frames that are made up for when nobody asked for a while."""
+"""Longest burst of missed frames, after a time without a call of `due`."""
 
 
 @dataclass(frozen=True, slots=True)

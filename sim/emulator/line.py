@@ -242,7 +242,7 @@ class Line:
         self._size += len(data)
 
     def _collide(self, start: float) -> None:
-        """Let the host send from `start` while servos do: they do not receive it, and it receives noise from then on."""
+        """Let the host send from `start` while servos do: they do not receive it, and it gets noise from then on."""
         seen = start + self.timing.latency
         for index, chunk in enumerate(self._waiting):
             if chunk.due > seen:

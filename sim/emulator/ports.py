@@ -271,8 +271,8 @@ _TCGETS2, _SPEED_WORD = 0x802C542A, 10
 
 
 class PseudoTerminal:
-    """One line and its link. Call `receive` when its `fd` has bytes, `send` when some are due, and `follow` when a fault may
-    have unplugged or replugged the adapter: then a new pseudo-terminal is behind the same link."""
+    """One line and its link. Call `receive` when its `fd` has bytes, `send` when some are due, `follow` when a fault
+    may have unplugged or replugged the adapter: then a new pseudo-terminal is behind the same link."""
 
     def __init__(self, line: Line, link: Link) -> None:
         self.line, self.link = line, link

@@ -406,11 +406,11 @@ class FedBy(Enum):
     ANY = "any"
     """All on the line."""
     OWN = "own"
-    """Those to the servo's id or secondary id, and broadcasts (as group reads and writes are, whatever ids they name)."""
+    """Those to the servo's id or secondary id, and broadcasts (group reads and writes are, whatever ids they name)."""
 
 
 class BusWatchdog:
-    """A watchdog that runs only while armed. `tripped`: it has stopped the servo, and register 98 has not been cleared since."""
+    """A watchdog that runs only while armed. `tripped`: it has stopped the servo; register 98 is not cleared yet."""
 
     def __init__(self) -> None:
         self.deadline = inf

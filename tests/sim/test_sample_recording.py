@@ -102,7 +102,7 @@ def test_unit_and_rate_reach_its_reader(sample: SensorFrames) -> None:
     assert open_source(SAMPLE, unit="mm").position == pytest.approx(0.1 * sample.position)
 
 
-def test_who_gives_no_source_that_is_there_is_told_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_source_is_refused_with_a_hint_at_the_sample(capsys: pytest.CaptureFixture[str]) -> None:
     assert command("run", "--robot", "op3", "--source", "smaple") == REFUSED
     assert "sample" in capsys.readouterr().err
     assert command("inspect", "vmc://:39539") == REFUSED

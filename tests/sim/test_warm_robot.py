@@ -1,4 +1,4 @@
-"""A warm servo in a whole run: half of the speed in time, by the goals that went onto the bus, and a person is told."""
+"""A warm servo in a whole run: half of the speed in time, by the goals that went onto the bus, and a message."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ TICK = 1.534e-3
 
 
 def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
-    """The run, its goals (T, n) rad, and what was told."""
+    """Return the run, its goals (T, n) rad, and its messages."""
     messages: list[str] = []
 
     def make_bus(robot: RobotBody, clock: Clock) -> MockBus:
@@ -60,7 +60,9 @@ def test_goals_are_half_as_fast_within_the_limit(warm: tuple[RunResult, FloatArr
     assert result.record.robot is not None and not result.record.robot.gated[following.argmax() + 1 :].any()
 
 
-def test_it_is_told_once_that_it_began_and_once_that_it_ended(warm: tuple[RunResult, FloatArray, list[str]]) -> None:
+def test_its_begin_and_its_end_are_reported_once(
+    warm: tuple[RunResult, FloatArray, list[str]],
+) -> None:
     _, _, messages = warm
     assert len(messages) == 2
     shows(messages[0], 60, "l_sho_roll", 4, 61, "50%")

@@ -1,4 +1,4 @@
-"""Replies of devices: addresses, order, gaps, fast replies, two devices of one id, damaged and truncated instructions."""
+"""Replies of devices: addresses, order, gaps, fast replies, two devices of one id, damaged instructions."""
 
 import random
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""dynamixel-sdk, a client that knows nothing of us, makes every kind of call to emulated servos on a pseudo-terminal."""
+"""dynamixel-sdk, a client that knows nothing of us, makes every kind of call to emulated servos by a pty."""
 
 from collections.abc import Iterator
 from pathlib import Path

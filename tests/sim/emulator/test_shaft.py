@@ -1,4 +1,4 @@
-"""The shaft of an emulated servo: profiles, control laws, limits, loads, and the law that the mock bus has for arrays."""
+"""The shaft of an emulated servo: profiles, control laws, limits, loads; its law is that of the mock bus."""
 
 from itertools import pairwise
 
