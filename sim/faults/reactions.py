@@ -1,4 +1,4 @@
-"""How long the reaction to a fault of a moving robot took, and what is wrong with it."""
+"""Rows of the fault table, the rules of every run, and how long a moving robot took to react, and what is wrong."""
 
 import math
 from collections.abc import Callable
@@ -32,30 +32,30 @@ from sim.faults.wire_checker import (
 __all__ = ["EVER", "HALF", "HELD_S", "Idle", "Reaction", "Row", "Seen", "late", "reacted", "violations"]
 
 
-# What a row of the fault table says: what is done to a run, and what the robot has to do about it.
+# A row of the fault table: the fault, and the required reaction.
 
 EVER = math.inf
 
 
 class Reaction(Enum):
-    """What a robot that moves has to do."""
+    """The required reaction of a moving robot."""
 
     NONE = "goes on"
     MAY_HOLD = "goes on, or holds"
     OUT = "the sensor takes no part"
     HOLD = "holds: brakes and stands, torque on"
     RESUME = "holds, and goes on by itself"
-    REBASE = "understands the clock anew"
+    REBASE = "follows the new clock"
     STAND = "brakes and stands, torque on"
     SLOW = "goes on at half its speed"
-    STOP = "stops: brakes, is parked, torque off, latched"
+    STOP = "stops: brakes, goes to rest, torque off, latched"
     TORQUE_OFF = "torque off at once, latched"
     GONE = "the servos stop by themselves"
     GATED = "what is asked is not sent"
 
 
 class Idle(Enum):
-    """What a run has to do that is hurt before its bus is opened."""
+    """The required reaction to a fault before the bus is opened."""
 
     GOES_ON = "begins"
     REFUSES = "does not begin, torque off"
@@ -65,13 +65,13 @@ class Idle(Enum):
 
 @dataclass(frozen=True)
 class Row:
-    """One fault. hurt: does it to a bench at a time (s after following began; below 0: before the bus is opened).
+    """One fault. inject: injects it into a bench at a time (s after following began; below 0: before the bus opens).
 
-    limit: s from its onset to the reaction. sensor: whose place is judged for OUT. said: what a person has to be told.
-    watchdog: s from the onset until every servo stands by itself; None: not asked. refusal: what the refusal of an idle
-    run must name, all of it. back: s after the onset data are good again, so that before back + 0.5 nothing goes on.
-    counted: by which reason what comes has to be counted as not used.
-    after: s of following after the onset. ends: s from the onset until the run has ended. performer: who wears what.
+    limit: s from its onset to the reaction. sensor: the one that is judged for OUT. said: text that a message must
+    have. watchdog: s from the onset until every servo has stopped by itself; None: not judged. refusal: texts that the
+    refusal of an idle run must have. back: s from the onset until data are good again; before back + 0.5 nothing
+    goes on. counted: reason under which unused data must be counted. after: s of following after the onset. ends: s
+    from the onset until the run has ended. performer: the performer file.
     """
 
     name: str
@@ -90,27 +90,28 @@ class Row:
     performer: str = "five"
 
 
-# What has to be true of every run, whatever was done to it.
+# The rules of every run, whatever the fault.
 
 REST_S = 0.35
-"""From the beginning of a hold until goals stand still; of a stop, until they are no faster than on the way home."""
+"""Time from the beginning of a hold until goals stand still, s; of a stop, until they are as slow as on the way to
+rest."""
 OFF_S = 3.0
 """From the beginning of a stop until torque is off."""
 TO_REST_SHARE = 0.45
-"""Of the greatest speeds: the longest way home of a joint, 2.4 rad, takes as much to be gone in 2.5 s."""
+"""Share of the greatest speeds on the way to rest: the longest way of a joint, 2.4 rad, takes 2.5 s at this speed."""
 AGAIN_SHARE, AGAIN_S = 0.25, 0.75
-"""Of the greatest speeds, for so long after somebody is followed (again)."""
+"""Share of the greatest speeds after following resumes, and for how long, s."""
 STILL_WITHIN_S = 0.3
-"""A hold that is shorter is none after which the way back has to be slow: it is one of single ticks."""
+"""After a shorter hold, one of single ticks, the way back need not be slow, s."""
 SETTLED = (GuardState.STOPPING, GuardState.STOPPED)
 ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
-"""Stops of a robot with which nothing is wrong: it is parked before its torque goes."""
+"""Stops of a robot without a fault: it goes to rest before its torque goes off."""
 AT_REST_RAD = 0.01
-"""Goals this near to the rest posture are there, rad."""
+"""Goals this near to posture `rest` are at rest, rad."""
 
 
 def violations(bench: Bench, trace: Trace) -> list[str]:
-    """Everything that may never be, a line each."""
+    """Return every violation of the rules, a line each."""
     if not hasattr(bench, "robot"):
         return []
     robot, writes = bench.robot, written(trace.sent)
@@ -121,14 +122,14 @@ def violations(bench: Bench, trace: Trace) -> list[str]:
         wrong += [f"in a hold {text}" for text in still_moving(goal_tracks, first + REST_S, last - dt)]
     wrong += _speeds(bench, trace, goal_tracks, dt) + _stop_violations(bench, trace, goal_tracks, writes, dt)
     if trace.gone is None and not (trace.error or trace.stop) and trace.began is None and not trace.ticks:
-        wrong.append("nothing was done, and nobody was told why")
+        wrong.append("nothing was done, and no message says why")
     if trace.endless:
         wrong.append("the run did not end")
     return wrong + _torque(bench, trace)
 
 
 def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> list[str]:
-    """Who hurries on the way to where following begins, or when somebody is followed again."""
+    """Return the joints that are too fast on the approach, or when following resumes."""
     if trace.armed is None:
         return []
     over = trace.ended if trace.latched is None else trace.latched
@@ -148,7 +149,7 @@ def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> 
 def _stop_violations(
     bench: Bench, trace: Trace, goal_tracks: list[Track], writes: list[Written], dt: float
 ) -> list[str]:
-    """A stop goes on to its end, and nothing else."""
+    """Return violations of the rule that a stop goes on to its end, and nothing else happens."""
     begun = trace.latched
     if begun is None:
         return []
@@ -159,7 +160,7 @@ def _stop_violations(
     off = torque_off(writes, before)
     if off is None:
         if trace.gone is None and not trace.writes_fail:
-            wrong.append("torque was never told to go off")
+            wrong.append("torque off was never commanded")
     elif off - begun > OFF_S:
         wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {OFF_S:g} s")
     ended = trace.first(GuardState.STOPPED, begun)
@@ -172,35 +173,35 @@ def _stop_violations(
 
 
 def _not_at_rest(bench: Bench, goal_tracks: list[Track]) -> list[str]:
-    """Who was not sent where the robot is parked in the end."""
+    """Return the servos that were not sent to posture `rest` in the end."""
     robot = bench.robot
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
     rest_angles = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
     off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in goal_tracks}
-    return [f"{label} is not parked, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
+    return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
 
 
 def _torque(bench: Bench, trace: Trace) -> list[str]:
-    """In the end nobody has torque, or a person knows; those of a host that is gone stand by their watchdogs."""
+    """Judge the end: no servo has torque, or a message says so; servos of a killed host are stopped by watchdogs."""
     if not any(trace.torque):
         return []
     if trace.gone is not None:
         return [] if all(servo.tripped or not servo.shaft.torque for servo in bench.servos) else ["servos still drive"]
     reported = trace.error or (trace.stop is not None and trace.stop.powered)
-    return [] if reported else ["torque is on in the end, and nobody was told"]
+    return [] if reported else ["torque is on in the end, and no message says so"]
 
 
 HEALTHY_S = 0.5
-"""So long data must be good before a hold ends."""
+"""Time for which data must be good before a hold ends, s."""
 BACK_S = 0.6
-"""So long after data are good again a robot goes on, at the latest."""
+"""Longest time from good data until a robot goes on, s."""
 HELD_S = 0.150
-"""So soon a silent stream is held."""
+"""Longest time from silence of the stream to the hold, s."""
 HALF = 0.5
 STEP_M = 0.025
-"""From sample to sample no sensor goes farther, m, once a hold is over: 0.6 m/s on the way back, 2 m/s of its own."""
+"""Most that a sensor moves from sample to sample after a hold, m: 0.6 m/s of blending back, 2 m/s of its own."""
 MARGIN_M = 0.004
-"""What the observers of the profile keep, m."""
+"""Margin of the observers of the profile, m."""
 STOOD_S = 0.2
 
 Judged = tuple[float | None, list[str]]
@@ -208,7 +209,7 @@ Judged = tuple[float | None, list[str]]
 
 @dataclass(frozen=True)
 class Seen:
-    """A run, and when it was hurt, s."""
+    """A run, and the onset of its fault, s."""
 
     bench: Bench
     trace: Trace
@@ -236,13 +237,13 @@ class Seen:
 
     @staticmethod
     def torque_off_at(trace: Trace, onset: float) -> float | None:
-        """When torque was told to go off at once, or the guard had given up the bus."""
+        """Return when torque off was commanded at once, or the guard had given up the bus."""
         seen = (torque_off(written(trace.sent), onset), trace.first(GuardState.STOPPED, onset))
         return min((time for time in seen if time is not None), default=None)
 
     @staticmethod
     def let_go(trace: Trace, onset: float, row: Row) -> list[str]:
-        """Servos that still drive after the row's time."""
+        """Return how many servos still drive after the row's time."""
         if row.watchdog is None:
             return []
         last = onset + row.watchdog
@@ -252,14 +253,14 @@ class Seen:
 
 
 def late(what: str, time: float | None, onset: float, limit: float) -> list[str]:
-    """Words for a reaction that did not come, or too late."""
+    """Return a line for a reaction that did not come, or came too late."""
     if time is None:
         return [f"not {what}"]
     return [f"{what} after {time - onset:.3f} s, allowed {limit:g} s"] if time - onset > limit + 1e-9 else []
 
 
 def reacted(row: Row, seen: Seen) -> Judged:
-    """s from the onset to the reaction, and what is wrong with it."""
+    """Return s from the onset to the reaction, and what is wrong with it."""
     took, wrong = _JUDGES[row.reaction](row, seen)
     ended = seen.trace.ended - seen.onset
     if row.ends is not None and ended > row.ends:
@@ -290,7 +291,7 @@ def _hold(row: Row, seen: Seen) -> Judged:
         wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
     jump = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
     if jump > STEP_M:
-        wrong.append(f"it went on by a leap: {jump:.3f} m of a sensor in a tick")
+        wrong.append(f"it went on with a jump: {jump:.3f} m of a sensor in a tick")
     if row.reaction is Reaction.HOLD:
         return hold, wrong
     return on, wrong + late("on its way again", on, seen.onset, row.limit)
@@ -298,7 +299,7 @@ def _hold(row: Row, seen: Seen) -> Judged:
 
 def _rebase(row: Row, seen: Seen) -> Judged:
     again, hold = seen.trace.rebased, seen.first(GuardState.HOLDING)
-    wrong = late("understood", again, seen.onset, row.limit)
+    wrong = late("rebased", again, seen.onset, row.limit)
     if hold is not None:
         on = seen.trace.first(GuardState.MOVING, hold)
         wrong += late("on its way again", on, seen.onset, row.limit + BACK_S)
@@ -306,14 +307,14 @@ def _rebase(row: Row, seen: Seen) -> Judged:
 
 
 def _stand(row: Row, seen: Seen) -> Judged:
-    """From the goals alone: at rest in time, torque on."""
+    """Judge the goals alone: at rest in time, torque on."""
     end = seen.first(GuardState.STOPPING) or seen.trace.ended
     wrong = still_moving(seen.goal_tracks, seen.onset + row.limit + REST_S, end - seen.dt)
     return None, wrong + (["it stopped"] if seen.stopped is not None else [])
 
 
 def _gated(row: Row, seen: Seen) -> Judged:
-    """What was asked for came nearer than the margin, and the robot stood; what was sent is looked at in any case."""
+    """Judge that the asked postures came nearer than the margin, and the robot stood. Sent goals are judged anyway."""
     robot, asked = seen.bench.robot, seen.trace.asked
     postures = np.tile(robot.body.qpos0, (len(asked), 1))
     postures[:, robot.servo_columns] = [posture for _, posture in asked]

@@ -43,5 +43,5 @@ def test_the_judge_says_no(tmp_path: Path) -> None:
     assert judged_file(Malformed("folder", raising, "not a regular file")) == ()
 
 
-def test_a_file_that_cannot_be_changed_is_told() -> None:
+def test_each_malformed_file_has_its_own_name() -> None:
     assert len({one.name for one in MALFORMED}) == 30

@@ -42,8 +42,8 @@ def progress(time: float) -> float:
 
 
 class NoisySender(FakeSender):
-    """Goes through the synthetic performer's motion and back, the same to the bit in every round. At times it takes
-    long to be heard, which makes a tick late."""
+    """Goes through the synthetic performer's motion and back, the same to the bit in every round. At times a poll
+    takes long, which makes a tick late."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -35,8 +35,8 @@ def test_random_runs_harm_nothing(seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["second source", "unlisted source"])
-def test_a_stranger_who_is_believed_is_found(name: str) -> None:
-    """The places that he tells are far off, and nothing but his address tells that they are his."""
+def test_following_another_sender_is_found(name: str) -> None:
+    """Another sender sends positions that are far off, and only its address differs."""
     with patch.object(Admission, "admit", return_value=True), patch.object(Admission, "confirm", return_value=True):
         wrong = judged(row(name)).wrong
     shows(wrong)
@@ -61,7 +61,7 @@ def test_names_are_once() -> None:
         ("stream silent for a while", When.MOVING, {"back": 0.8}, "it went on after"),
         ("second source", When.MOVING, {"reaction": Reaction.STOP}, "not latched"),
         ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not understood"),
-        ("second source", When.MOVING, {"said": "Elvis"}, "nobody was told of"),
+        ("second source", When.MOVING, {"said": "Elvis"}, "no message says"),
         ("second source", When.MOVING, {"counted": "Elvis"}, "nothing was counted as 'Elvis'"),
         ("second source", When.IDLE, {"idle": Idle.REFUSES}, "it began"),
         ("second source", When.APPROACHING, {"reaction": Reaction.HOLD}, "not held"),

@@ -1,4 +1,4 @@
-"""The checker of the wire finds what it is there for: every kind of violation is planted once."""
+"""The wire checker finds every kind of violation that is planted."""
 
 import numpy as np
 import pytest
@@ -123,7 +123,7 @@ def test_what_is_not_finite_is_found() -> None:
     assert beyond_limits([track], DT) == ["knee (id 7): not finite"]
 
 
-def test_who_does_not_rest_is_found() -> None:
+def test_goals_that_still_move_are_found() -> None:
     still = ways(goals([0.1, 0.2, 0.2, 0.2, 0.3]))
     assert still_moving(still, 5.005, 5.035) == []
     shows(still_moving(still, 5.005, 5.045)[0], "0.0997")
@@ -131,20 +131,20 @@ def test_who_does_not_rest_is_found() -> None:
     assert [stood(still, time) for time in (4.0, 5.015, 5.025, 5.035, 5.045)] == [True, False, True, True, False]
 
 
-def test_who_hurries_is_found() -> None:
+def test_goals_faster_than_a_share_are_found() -> None:
     way = ways(goals([0.0, 0.0, 0.03, 0.06, 0.09]))
     assert too_fast(way, 5.0, 5.1, share=1.0, dt=DT) == []
     shows(too_fast(way, 5.0, 5.1, share=0.5, dt=DT)[0], "50%")
     assert too_fast(way, 5.0, 5.015, share=0.5, dt=DT) == []
 
 
-def test_who_does_not_go_straight_is_found() -> None:
+def test_a_detour_is_found() -> None:
     assert detours(ways(goals([0.0, 0.1, 0.3, 0.4])), 5.0, 6.0) == []
     assert detours(ways(goals([0.0, 0.1, 0.099, 0.4])), 5.0, 6.0) == []
     shows(detours(ways(goals([0.0, 0.1, 0.0, 0.3])), 5.0, 6.0)[0], "0.199")
 
 
-def test_after_a_latch_only_letting_go_is_good() -> None:
+def test_after_a_latch_only_torque_off_is_good() -> None:
     off = written([Sent(2.0, sync_write(64, 1, [(7, b"\0")]) + sync_write(98, 1, [(7, b"\0")]))])
     assert after_latch(off, 1.0) == []
     assert after_latch(written(goals([0.0])), 5.0) == []
@@ -155,7 +155,7 @@ def test_after_a_latch_only_letting_go_is_good() -> None:
     assert torque_on_again(on, 2.0) == [] and torque_on_again(off, 1.0) == []
 
 
-def test_whatever_does_more_than_ask_is_found() -> None:
+def test_instructions_other_than_reads_are_found() -> None:
     sent = [Sent(0.0, ping(7)), *goals([0.0])]
     assert not_reads(list(packets(sent)), but=frozenset()) == ["instruction 0x83 went to id 254"]
     assert not_reads(list(packets(sent)), but=frozenset((254,))) == []
