@@ -135,7 +135,7 @@ def test_a_correct_run_has_no_violation(bench: Bench) -> None:
         (torque_again, "torque was switched on"),
         (goes_on, "moving after a stop"),
         (holds_while_it_moves, "still moves"),
-        (follows_on, "goes to and fro"),
+        (follows_on, "goes back and forth"),
         (hurries, "faster than 45% of its speed"),
         (keeps_torque, "torque is on in the end"),
     ],

@@ -60,7 +60,7 @@ def test_names_are_once() -> None:
         ("stream silent", When.MOVING, {"reaction": Reaction.STAND, "limit": -0.35}, "still moves"),
         ("stream silent for a while", When.MOVING, {"back": 0.8}, "it went on after"),
         ("second source", When.MOVING, {"reaction": Reaction.STOP}, "not latched"),
-        ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not understood"),
+        ("second source", When.MOVING, {"reaction": Reaction.REBASE}, "not rebased"),
         ("second source", When.MOVING, {"said": "Elvis"}, "no message says"),
         ("second source", When.MOVING, {"counted": "Elvis"}, "nothing was counted as 'Elvis'"),
         ("second source", When.IDLE, {"idle": Idle.REFUSES}, "it began"),
