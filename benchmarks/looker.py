@@ -1,4 +1,4 @@
-"""`python -m benchmarks.looker ADDRESS`: connects to a page as a browser does, and reads all that it gets until its end.
+"""`python -m benchmarks.looker ADDRESS`: connects to a page as a browser does, and reads it to its end.
 
 Says when it is there, and in the end how many bytes that were. Without a browser, whose drawing would cost what this
 machine has.

@@ -156,8 +156,8 @@ def test_two_devices_of_one_id_are_not_understood() -> None:
     (frame,) = parser2().feed(protocol2.ping(1))
     (other,) = Conversation(noise=random.Random(1)).answers(frame, _row(1, 1), 1.0)
     assert other.data != reply.data
-    reply = b"".join(part.data for part in _said(protocol2.sync_read(132, 4, [1, 2], fast=True), _row(1, 1, 2)))
-    assert sound_parts(reply, [4, 4]) == []
+    parts = b"".join(part.data for part in _said(protocol2.sync_read(132, 4, [1, 2], fast=True), _row(1, 1, 2)))
+    assert sound_parts(parts, [4, 4]) == []
 
 
 def test_a_status_frame_is_no_instruction() -> None:
