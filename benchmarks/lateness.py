@@ -1,7 +1,7 @@
 """`python -m benchmarks.lateness`: how late ticks wake up, of the live loop and an empty one by turns.
 
 The live loop receives from a sender of JSON poses in another process, and moves OP3 on emulated servos with the bytes
-of its bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and what a tick before took beyond its period.
+of its bus, at 100 Hz. Lateness: when a tick wakes up, minus its deadline, and what a tick before took over its period.
 """
 
 from __future__ import annotations
