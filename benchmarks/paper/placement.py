@@ -1,4 +1,4 @@
-"""Where the obstacles of experiments 2 and 3 stand: told from the motion by a rule, never typed for one recording.
+"""Where the obstacles of experiments 2 and 3 stand: derived from the motion by a rule, never typed for one recording.
 
 The motion is the one reconstructed without observers. An obstacle stands where the hand (the head) would run into it by
 at least `HINDERED` in at least two crouch cycles, and clear of the whole body at the start. Of such places, the
@@ -115,7 +115,7 @@ def cycles_on_hold(motion: Replay, depth: FloatArray) -> int:
 def _worn(human: Human, worn: ObserverSet) -> Observers:
     observers = human_observers(human, ObserverSettings(), worn)
     assert observers is not None
-    return replace(observers, pairs=observers.pairs[:0])  # nobody looks at themselves here
+    return replace(observers, pairs=observers.pairs[:0])  # no self-collision here
 
 
 def _nowhere(evidence: str) -> InputError:

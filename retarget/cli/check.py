@@ -171,9 +171,9 @@ def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
 
 def _physics(robot: RobotBody) -> str:
     """Whether `--bus physics` takes the robot, and if not, why."""
-    from sim.physics.mount import lacking
+    from sim.physics.mount import simulation_problem
 
-    missing = lacking(robot)
+    missing = simulation_problem(robot)
     return "ready" if missing is None else f"not possible: {missing}"
 
 

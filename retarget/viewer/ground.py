@@ -27,7 +27,8 @@ BALL, DISC, POINT = 0.023, 0.029, 0.022
 
 
 class Soles:
-    """The support polygon: the hull of the soles in the posture of the goals. edges (e, 3): see `support_edges`, or None."""
+    """The support polygon: the hull of the soles in the posture of the goals. edges (e, 3): see `support_edges`, or
+    None."""
 
     def __init__(self, scene: "viser.SceneApi", robot: RobotBody) -> None:
         soles = plant(robot, robot.profile.postures.stand).soles

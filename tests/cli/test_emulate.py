@@ -161,7 +161,7 @@ def test_an_option_reaches_the_wire(
     assert leave("emulate", *words) == DONE
     ((_, line),) = built
     later = MonotonicClock().now() + 10.0
-    line.hear(protocol2.sync_read(64, 1, [1, 77, 2]), later)
+    line.receive(protocol2.sync_read(64, 1, [1, 77, 2]), later)
     assert line.take(later) == b"".join(protocol2.status(device, 0, b"\0") for device in (1, 2)[:parts])
 
 

@@ -120,11 +120,11 @@ def test_sensors_are_known_by_the_names_that_motive_sends(transport: Transport) 
 def test_bodies_that_are_new_are_asked_for_though_no_flag_says_so(transport: Transport) -> None:
     with lab(transport) as made:
         made.run(0.5)
-        made.motive.rename([f"new_{name}" for name in OWN_NAMES.values()], first_id=100, told=False)
+        made.motive.rename([f"new_{name}" for name in OWN_NAMES.values()], first_id=100, announced=False)
         made.run(1.2)  # no two questions within a second
         assert made.requests == 2 and not made.decoder.names_missing
         assert "rigid://new_head" in made.stream.names
-        made.motive.rename(list(OWN_NAMES.values()), first_id=200, told=False)
+        made.motive.rename(list(OWN_NAMES.values()), first_id=200, announced=False)
         made.run(UNNAMED_S + 0.2)
         assert made.requests == 3 and made.stream.read(made.now).fresh.all()
 

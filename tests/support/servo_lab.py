@@ -48,16 +48,16 @@ class ServoLab:
         line = self.line
         for fault in self.faults:
             line.faults.add(fault, clock.now())
-        hear = line.hear
+        receive = line.receive
 
-        def heard(data: bytes, now: float) -> None:
+        def received(data: bytes, now: float) -> None:
             self.sent.append(data)
             self.bauds.append(line.baud)
-            hear(data, now)
+            receive(data, now)
             if len(data) > 7 and data[7] in self.upon:
                 line.faults.add(self.upon.pop(data[7]), now)
 
-        self._patch.setattr(line, "hear", heard)
+        self._patch.setattr(line, "receive", received)
         return self.lines
 
     @property
