@@ -13,7 +13,7 @@ PAGE = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
 COMMAND = re.compile(r"retarget |-|[A-Z_]+$|Ctrl|[\w./]+\.(?:png|py)$")
 """What stands in backquotes and is typed, named or pressed, not said."""
 VARIABLE = re.compile(
-    r"^(?:mend|note|ok) [\w ]+:|\b[A-Z]{2,}\b|\.\.\.|[;:()\"]|, allowed|\bfound\b|\d[\w.]*|'[^']*'|\w+_\w+|/\S+"
+    r"^(?:fix|note|ok) [\w ]+:|\b[A-Z]{2,}\b|\.\.\.|[;:()\"]|, allowed|\bfound\b|\d[\w.]*|'[^']*'|\w+_\w+|/\S+"
 )
 """What differs from message to message: names, numbers, paths, and the heads of a doctor's lines."""
 WINDOW = 3

@@ -42,7 +42,7 @@ def doctor(
 ) -> None:
     """Say what is wrong with a stream, a servo port or this machine, and what to do.
 
-    Nothing is moved and no servo is asked. Exit code 0: nothing is wrong; 1: something is to be mended; 2: a bad
+    Nothing is moved and no servo is asked. Exit code 0: nothing is wrong; 1: something is to be fixed; 2: a bad
     argument.
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
@@ -55,7 +55,7 @@ def doctor(
     for finding in found:
         typer.echo(finding.render())
     wrong = sum(finding.level is Level.FIX for finding in found)
-    typer.echo("nothing is wrong" if not wrong else f"{wrong} to mend")
+    typer.echo("nothing is wrong" if not wrong else f"{wrong} to fix")
     if file is not None:
         _write(file, found)
     raise typer.Exit(1 if wrong else 0)

@@ -41,9 +41,9 @@ def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert leave(str(tmp_path / "ttyUSB7"), "--json", str(tmp_path / "found.json")) == 1
     shown = capsys.readouterr().out
     shows(shown)
-    assert shown.endswith("1 to mend\n")
+    assert shown.endswith("1 to fix\n")
     (finding,) = json.loads((tmp_path / "found.json").read_text())["findings"]
-    assert finding["level"] == "mend" and finding["what"] in shown
+    assert finding["level"] == "fix" and finding["what"] in shown
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ SHORTER = {
 }
 """What is added to a line, so that it takes seconds; and a port that nobody else has."""
 ENDS = {"retarget doctor": {DONE, STOPPED}}
-"""Exit codes where it is not only DONE: a machine may have something to mend."""
+"""Exit codes where it is not only DONE: a machine may have something to fix."""
 
 
 def lines() -> list[str]:
