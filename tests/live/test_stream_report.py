@@ -268,7 +268,7 @@ def test_a_recording_that_breaks_off_is_told_in_the_run_and_at_its_end(trouble: 
         news = StreamNews(stream, said.append)
         news.look()
         assert not said
-        writer.lost, writer.trouble = 7, trouble
+        writer.lost, writer.error = 7, trouble
         news.look()
         news.look()
         assert len(said) == 1

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from doctor_rig import FRAMES, fixes, captured, json_poses, played, steady, text_of
+from doctor_rig import FRAMES, captured, fixes, json_poses, played, steady, text_of
 from live_rig import five
 from messages import shows, shows_lines
 from retarget import rotations

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from doctor_rig import HERE, fixes, captured, json_poses, judged, played, steady, text_of
+from doctor_rig import HERE, captured, fixes, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
 from live_rig import five
 from messages import refuses, shows, shows_lines

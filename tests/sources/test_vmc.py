@@ -25,7 +25,7 @@ from retarget.sources.vmc import (
     BONES,
     MAX_SERIAL,
     OPTIONAL,
-    TOLD_TWICE,
+    SENT_TWICE,
     TOO_MANY_POSES,
     UNKNOWN_ADDRESS,
     UNKNOWN_BONE,
@@ -227,7 +227,7 @@ def test_a_zero_quaternion_and_a_signalling_nan_are_dropped() -> None:
 
 def test_a_name_told_twice_counts_last() -> None:
     frames, decoder = decode(pose(TRA, "a"), pose(HMD, "a", *TURNED))
-    assert frames[0].names == ("a",) and decoder.dropped.reasons == {TOLD_TWICE: 1}
+    assert frames[0].names == ("a",) and decoder.dropped.reasons == {SENT_TWICE: 1}
     assert_allclose(frames[0].position[0], [0.3, -0.1, 0.2], atol=1e-7)
 
 

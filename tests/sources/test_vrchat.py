@@ -13,7 +13,7 @@ from retarget.sources.vrchat import (
     BAD_POSITION,
     BAD_ROTATION,
     NOT_A_TRACKER,
-    TOLD_TWICE,
+    SENT_TWICE,
     UNKNOWN_ADDRESS,
     WRONG_ARGUMENTS,
     VrchatDecoder,
@@ -94,7 +94,7 @@ def test_told_twice_counts_last() -> None:
     decoder = VrchatDecoder()
     (frame,) = decoder.decode(bundle(at("1"), at("1", 0.0, 0.0, 5.0)))
     assert_allclose(frame.position, [[5.0, 0.0, 0.0]])
-    assert decoder.dropped.reasons == {TOLD_TWICE: 1}
+    assert decoder.dropped.reasons == {SENT_TWICE: 1}
 
 
 def check_damaged(count: int, seed: int, datagram: bytes) -> None:
