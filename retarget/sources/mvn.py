@@ -184,11 +184,11 @@ class SampleParts:
         self._parts.clear()
 
 
-# Cutting the MVN streamer's TCP bytes into datagrams: it puts them end to end, and only headers tell their sizes.
+# Splitting the MVN streamer's TCP bytes into datagrams: they follow each other, and only their headers give sizes.
 
 MAGIC = b"MXTP"
 MOST_SKIPS = 256
-"""Headers in one chunk that are none; then all of the chunk is thrown away, for looking at each costs a microsecond."""
+"""False headers in one chunk, beyond which all of it is dropped, as checking each costs a microsecond."""
 MAX_PAYLOAD = MAX_DATAGRAM - HEADER_BYTES
 
 

@@ -94,7 +94,7 @@ def test_euler_angles_turn_about_x_then_y_then_z_of_y_up_axes() -> None:
     assert rotations.angle_between(frame.orientation[0], wanted) < 1e-7
 
 
-def test_both_types_tell_the_same_pose() -> None:
+def test_both_types_give_the_same_pose() -> None:
     turn = rotations.from_axis_angle([0.0, 0.0, 1.0], np.pi / 2)
     upright = only(MvnDecoder(), quaternions([(1, (0.1, 0.2, 0.95), turn.tolist())]))
     y_up = only(MvnDecoder(), euler([(1, (0.2, 0.95, 0.1), (0.0, 90.0, 0.0))]))
