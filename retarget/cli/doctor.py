@@ -43,7 +43,7 @@ def doctor(
 ) -> None:
     """Say what is wrong with a stream, a servo port or this machine, and what to do.
 
-    Nothing is moved and no servo is asked. Exit code 0: nothing is wrong; 1: something has to be fixed; 2: a bad
+    Nothing is moved and no servo is asked. Exit code 0: nothing is wrong; 1: something is to be fixed; 2: a bad
     argument.
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)

@@ -175,7 +175,7 @@ class RawTap:
     @property
     def failure(self) -> str:
         """Why the recording ended early; "" if it did not."""
-        return self._hung or self._writer.trouble
+        return self._hung or self._writer.error
 
     @property
     def lost(self) -> int:
@@ -210,6 +210,6 @@ class RawTap:
             self._notify(f"the recording is not whole: {reason}; {self.lost} datagrams are missing")
 
     def _run(self) -> None:
-        while not self._ending.wait(FLUSH_S) and not self._writer.trouble:
+        while not self._ending.wait(FLUSH_S) and not self._writer.error:
             self._writer.flush()
         self._writer.close()

@@ -1,7 +1,10 @@
 """Setting up: a robot profile drafted from a body file, fitted observers, servo zeros, and the doctor.
 
-`source` reads an MJCF or URDF and refuses what cannot be used, `tree` and `mirror` find what moves and what is left and
-right of it, `limbs` which of that are legs, arms and head, `frames_found` the points on them, `sole_shape` the soles,
-`servo_guess` the servos, `postures_found` how it stands; `draft_text` writes it all as a profile with comments, and
-`import_robot` does one after the other.
+Importing a robot: `robot_file` reads an MJCF or URDF and refuses what cannot be used; `body_draft` makes the body of
+the profile. `tree` finds the joints, their mirror images and the soles; `limbs` finds legs, arms and head; `frames` the
+named points on them; `servo_guess` the servos; `postures` how the robot stands. `draft` writes all of it as a profile
+with comments, and `import_robot` runs these steps.
+
+Observers: `enclosing_shapes`, `observer_proposals`, `survey`, and `fit_observers`, which runs them. Servo zeros:
+`homing`. The doctor: `doctor_machine`, `doctor_capture`, `doctor_sensors` and `doctor_stream`.
 """

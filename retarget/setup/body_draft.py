@@ -61,7 +61,7 @@ def _add(body: Any, shape: Capsule | Box | Lone, name: str) -> None:
 
 _NAME = re.compile(r"[^\s/\\]{1,80}")  # as `schema.Name`
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
-HELP = "Mend the file, or give one that MuJoCo can compile"
+HELP = "Correct the file, or give one that MuJoCo can compile"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class BodyDraft:
 
 
 def draft_body(source: Source, relaxed: Relaxed) -> BodyDraft:
-    """What is written beside the profile. Raises InputError: the body cannot be used."""
+    """The body that is written next to the profile. Raises InputError: the body cannot be used."""
     mujoco = engine()
     notes: list[str] = []
     try:
@@ -193,7 +193,7 @@ def _named(spec: Any, notes: list[str]) -> bool:
 
 
 def _absent_meshes(spec: Any, source: Source, relaxed: Relaxed, notes: list[str]) -> bool:
-    """Leave out meshes whose files are not there. Raises InputError where the user did not let them go."""
+    """Leave out meshes whose files are missing. Raises InputError without the option --no-meshes."""
     import mujoco
 
     folder = source.path.parent / spec.meshdir

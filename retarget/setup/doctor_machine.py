@@ -1,4 +1,4 @@
-"""The doctor looks at this machine: findings on cores, scheduler, clock, disk, firewall, serial ports and solver."""
+"""The doctor's findings, and those on this machine: cores, scheduler, clock, disk, serial ports, solver, firewall."""
 
 import errno
 import grp
@@ -31,10 +31,10 @@ __all__ = [
     "Level",
     "firewall_findings",
     "fix",
+    "fix_all",
     "frame_findings",
     "lateness_finding",
     "machine_findings",
-    "mend_all",
     "note",
     "ok",
     "port_findings",
@@ -44,20 +44,20 @@ __all__ = [
 ]
 
 
-# One thing that was looked at: sound, worth knowing, or to be mended; and a line of text for it.
+# Findings: one thing that was checked, its level, and a line of text for it.
 
 
 class Level(StrEnum):
-    """How a thing is. Only MEND counts as wrong."""
+    """Level of a finding. Only FIX counts as wrong."""
 
     OK = "ok"
     NOTE = "note"
-    FIX = "mend"
+    FIX = "fix"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """subject: what was looked at, a word or two. what: how it is. then: what to do, "" where nothing is."""
+    """subject: what was checked, a word or two. what: how it is. then: what to do, "" for nothing."""
 
     level: Level
     subject: str
@@ -67,27 +67,27 @@ class Finding:
     def render(self) -> str:
         """One line, printable whatever a sender's names are made of."""
         step = self.then + "." if self.then and self.then[-1] not in ".?" else self.then
-        told = f"{self.level:<4} {self.subject}: {self.what}" + (f". {step}" if step else "")
-        return "".join(letter if letter.isprintable() else "?" for letter in told)
+        line = f"{self.level:<4} {self.subject}: {self.what}" + (f". {step}" if step else "")
+        return "".join(letter if letter.isprintable() else "?" for letter in line)
 
 
 def ok(subject: str, what: str) -> Finding:
-    """Nothing to do."""
+    """A finding with nothing to do."""
     return Finding(Level.OK, subject, what)
 
 
 def note(subject: str, what: str, then: str = "") -> Finding:
-    """Worth knowing; a run may go well all the same."""
+    """A finding that is worth knowing; a run may go well all the same."""
     return Finding(Level.NOTE, subject, what, then)
 
 
 def fix(subject: str, what: str, then: str) -> Finding:
-    """Wrong, and what to do."""
+    """A finding that is wrong, and what to do."""
     return Finding(Level.FIX, subject, what, then)
 
 
-def mend_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
-    """The problems of a refusal, each as one that is to be mended."""
+def fix_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
+    """Each problem of a refusal as a finding that is wrong."""
     return [Finding(Level.FIX, subject, problem.render()) for problem in problems]
 
 
@@ -102,7 +102,7 @@ LATE_S = 0.003
 
 
 def machine_findings(folder: Path, *, root: Path = ROOT) -> list[Finding]:
-    """folder: where recordings would go. root: of the kernel's files."""
+    """Findings on the operating system. folder: where recordings would go. root: of the kernel's files."""
     return [
         _cores(root),
         *_governor(root),
@@ -115,44 +115,44 @@ def machine_findings(folder: Path, *, root: Path = ROOT) -> list[Finding]:
 
 
 def lateness_finding(clock: Clock) -> Finding:
-    """How late this process wakes up, for a second of ticks of 100 Hz in which it does nothing."""
+    """How late this process wakes up, in a second of idle ticks at 100 Hz."""
     start, late = clock.now(), []
     for tick in range(1, TICKS + 1):
         clock.sleep_until(start + tick * TICK_S)
         late.append(clock.now() - start - tick * TICK_S)
     p50, p99 = np.percentile(late, (50, 99))
-    told = f"wakes up {1e3 * p50:.2f} ms late (p99 {1e3 * p99:.2f} ms) at 100 Hz"
+    what = f"wakes up {1e3 * p50:.2f} ms late (p99 {1e3 * p99:.2f} ms) at 100 Hz"
     if p99 > LATE_S:
-        step = "End what else runs, set the governor to performance, use --realtime and --core"
-        return fix("ticks", told, step)
-    return ok("ticks", told)
+        step = "End other programs, set the governor to performance, use --realtime and --core"
+        return fix("ticks", what, step)
+    return ok("ticks", what)
 
 
 def _cores(root: Path) -> Finding:
     usable, there = len(os.sched_getaffinity(0)), os.cpu_count() or 1
-    told = f"{usable} of {there}"
+    what = f"{usable} of {there}"
     quota = _text(root / "sys/fs/cgroup/cpu.max").split()
     if len(quota) == 2 and quota[0].isdigit() and int(quota[1]) > 0:
-        told += f", limited to {int(quota[0]) / int(quota[1]):.1f} by a cgroup"
+        what += f", limited to {int(quota[0]) / int(quota[1]):.1f} by a cgroup"
         usable = min(usable, int(int(quota[0]) / int(quota[1])))
     load = float((_text(root / "proc/loadavg").split() or ["0"])[0])
-    told += f"; load {load:.1f}"
+    what += f"; load {load:.1f}"
     if usable < 2:
-        return fix("cores", told, "Give it a core of its own beside one for everything else")
+        return fix("cores", what, "Give it two cores: one for the run, one for everything else")
     if load > usable:
-        return note("cores", told, "More wants to run than there are cores: end what else runs")
-    return ok("cores", told)
+        return note("cores", what, "The load exceeds the cores: end other programs")
+    return ok("cores", what)
 
 
 def _governor(root: Path) -> list[Finding]:
     paths = (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     names = sorted({_text(path) for path in paths} - {""})
     if not names:
-        return [ok("governor", "none: the clock of the cores is not ours to set")]
-    told = ", ".join(names)
+        return [ok("governor", "none: this system does not let the clock of the cores be set")]
+    what = ", ".join(names)
     if set(names) <= {"performance", "schedutil"}:
-        return [ok("governor", told)]
-    return [note("governor", f"{told}: cores slow down between ticks", "sudo cpupower frequency-set -g performance")]
+        return [ok("governor", what)]
+    return [note("governor", f"{what}: cores slow down between ticks", "sudo cpupower frequency-set -g performance")]
 
 
 def _scheduler(root: Path) -> Finding:
@@ -174,21 +174,21 @@ def _realtime() -> Finding:
 def _clock_source(root: Path) -> Finding:
     name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
     if not name or name in GOOD_CLOCKS:
-        return ok("clock", f"source {name or 'not told'}")
+        return ok("clock", f"source {name or 'unknown'}")
     return note("clock", f"source {name}, slow to read or coarse", "See in dmesg why tsc was given up")
 
 
 def _receive_buffer(root: Path) -> Finding:
     text = _text(root / "proc/sys/net/core/rmem_max")
     if not text.isdigit():
-        return ok("UDP buffer", "limit not told")
+        return ok("UDP buffer", "limit unknown")
     most, step = int(text), f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}"
-    told = f"net.core.rmem_max {most} bytes"
+    what = f"net.core.rmem_max {most} bytes"
     if most < USUAL_BUFFER:
-        return fix("UDP buffer", f"{told}: bursts are lost", step)
+        return fix("UDP buffer", f"{what}: bursts are lost", step)
     if most < RECEIVE_BUFFER:
-        return note("UDP buffer", f"{told}, and {RECEIVE_BUFFER} are asked for", f"To have them: {step}")
-    return ok("UDP buffer", told)
+        return note("UDP buffer", f"{what}, and {RECEIVE_BUFFER} are asked for", f"To have them: {step}")
+    return ok("UDP buffer", what)
 
 
 def _disk(folder: Path) -> Finding:
@@ -197,8 +197,8 @@ def _disk(folder: Path) -> Finding:
     except OSError as error:
         return note("disk", f"{folder}: {error.strerror or error}", "Record to another folder")
     hours = free / PER_HOUR
-    told = f"{free / 1e9:.0f} GB free here, {hours:.0f} h of --record-raw of SlimeVR's VMC"
-    return ok("disk", told) if hours > 1.0 else fix("disk", told, "Make room, or record to another disk")
+    what = f"{free / 1e9:.0f} GB free here, {hours:.0f} h of --record-raw of SlimeVR's VMC"
+    return ok("disk", what) if hours > 1.0 else fix("disk", what, "Make room, or record to another disk")
 
 
 def _text(path: Path) -> str:
@@ -207,27 +207,27 @@ def _text(path: Path) -> str:
     return ""
 
 
-# Whether this user may open the serial ports of this machine: the group that owns them (dialout, mostly).
+# Serial ports: whether this user may open them; their group is mostly dialout.
 
 GROUP = "dialout"
-"""Owner of serial ports where none is plugged in to look at."""
+"""Group of serial ports, assumed where no port is plugged in."""
 
 
 def serial_findings(ports: Iterable[str] | None = None) -> list[Finding]:
-    """ports: paths; None: those that are there."""
+    """Whether this user may open serial ports. ports: paths; None: all of this machine."""
     paths = sorted(port.device for port in comports()) if ports is None else list(ports)
     refused = [path for path in paths if not os.access(path, os.R_OK | os.W_OK)]
     found = []
     if refused:
         groups = sorted({group for path in refused if (group := _group(path))})
-        told = f"{', '.join(refused)} not for this user (group {', '.join(groups) or 'none'})"
+        what = f"{', '.join(refused)} not for this user (group {', '.join(groups) or 'none'})"
         step = f'Run "sudo usermod -aG {groups[0] if groups else GROUP} $USER", then log out and in again'
-        found.append(fix("serial", told, step))
+        found.append(fix("serial", what, step))
     usable = [path for path in paths if path not in refused]
     if usable:
         found.append(ok("serial", f"{', '.join(usable)} for this user"))
     if not paths:
-        found.append(_nothing_there())
+        found.append(_no_port())
     return found
 
 
@@ -240,8 +240,8 @@ def _group(path: str) -> str:
         return ""
 
 
-def _nothing_there() -> Finding:
-    """No port to look at: is this user in the group, at least."""
+def _no_port() -> Finding:
+    """Without a port to check: whether this user is in the group."""
     if os.geteuid() == 0:
         return ok("serial", "no serial port here; root may open any")
     try:
@@ -254,23 +254,23 @@ def _nothing_there() -> Finding:
     return note("serial", f"no serial port here, and this user is not in {GROUP}", step)
 
 
-# Python and the compiled solver: are they there, and what does a frame cost on this machine.
+# Python and the compiled solver: whether they can be used, and what a frame costs on this machine.
 
 OLDEST = (3, 11)
 FRAMES = 100
 SLOW_S, TOO_SLOW_S = 0.003, 0.008
-"""CPU time of both stages for a frame: from where on it is tight, and too much, of the 10 ms of a tick."""
+"""CPU time of both stages for a frame from which on a tick of 10 ms is tight, and too short."""
 AMPLITUDE_M = 0.05
 
 
 def python_findings(version: tuple[int, ...] = sys.version_info[:3]) -> list[Finding]:
-    """Version of Python, and whether the compiled core can be imported."""
-    told = f"{'.'.join(map(str, version))} ({platform.python_implementation()}, {platform.machine()})"
+    """Version of Python, and whether the compiled solver can be imported."""
+    what = f"{'.'.join(map(str, version))} ({platform.python_implementation()}, {platform.machine()})"
     found = []
     if version < OLDEST:
-        found.append(fix("Python", told, "Install Python 3.11 or newer, and retarget into it"))
+        found.append(fix("Python", what, "Install Python 3.11 or newer, and retarget into it"))
     else:
-        found.append(ok("Python", told))
+        found.append(ok("Python", what))
     try:
         importlib.import_module("retarget._solver")
     except ImportError as error:
@@ -285,14 +285,14 @@ def frame_findings(measure: "Callable[[], float] | None" = None) -> list[Finding
         cost = (measure or seconds_per_frame)()
     except ImportError:
         return []
-    told = f"{1e3 * cost:.2f} ms of CPU per frame, performer to OP3"
+    what = f"{1e3 * cost:.2f} ms of CPU per frame, performer to OP3"
     if cost > TOO_SLOW_S:
         return [
-            fix("solver", f"{told}, of a tick of 10 ms", "Use a faster computer, or a lower rate_hz in the profile")
+            fix("solver", f"{what}, of a tick of 10 ms", "Use a faster computer, or a lower rate_hz in the profile")
         ]
     if cost > SLOW_S:
-        return [note("solver", told, "Little room is left in a tick of 10 ms: end what else runs")]
-    return [ok("solver", told)]
+        return [note("solver", what, "Little room is left in a tick of 10 ms: end other programs")]
+    return [ok("solver", what)]
 
 
 def seconds_per_frame(frames: int = FRAMES) -> float:
@@ -332,22 +332,22 @@ def seconds_per_frame(frames: int = FRAMES) -> float:
     return float(np.median(costs))
 
 
-# A serial port for servos: is it there, may it be opened, who has it, how long its adapter keeps bytes.
+# A servo port: whether it exists, may be opened and is free, and the latency timer of its adapter.
 #
-# Nothing is opened: opening moves the lines of some adapters, and a byte might reach the servos.
+# The port is not opened: that moves the lines of some adapters, and a byte might reach the servos.
 
 SUBJECT = "port"
 UNKNOWN_HOLDER = "another process"
-"""What is said of holders when none can be seen."""
+"""Holder of a port where no process can be seen."""
 
 
 def port_findings(
     path: str, *, baud: int | None = None, devices: Path = serial_port.DEVICES, processes: Path = PROCESSES
 ) -> list[Finding]:
-    """baud: of the profile's bus, None: not known."""
-    trouble = _trouble(path, baud or 57_600)
-    if trouble is not None:
-        return [trouble]
+    """Findings on one servo port. baud: of the profile's bus, None: not known."""
+    refusal = _open_refusal(path, baud or 57_600)
+    if refusal is not None:
+        return [refusal]
     target = Path(path).resolve()
     found = [ok(path, f"there ({target}), and this user may open it")]
     found += _holders(path, processes)
@@ -355,18 +355,18 @@ def port_findings(
     if timer is None:
         found.append(ok(path, "no latency timer (the adapter is no FTDI)"))
     elif timer > serial_port.WANTED_MS:
-        told = f"the adapter keeps bytes for up to {timer} ms, and {serial_port.WANTED_MS} ms is needed"
+        what = f"the adapter keeps bytes for up to {timer} ms, and {serial_port.WANTED_MS} ms is needed"
         step = f"Type: {serial_port.timer_command(path, devices)}"
-        found.append(fix(path, told, step + " (docs/wiring.md has a rule that makes it stay)"))
+        found.append(fix(path, what, step + " (docs/wiring.md has a rule that makes it stay)"))
     else:
         found.append(ok(path, f"latency timer {timer} ms"))
     if baud is not None:
-        found.append(ok(path, f"{baud} baud in the profile; retarget servo scan asks who answers"))
+        found.append(ok(path, f"{baud} baud in the profile; retarget servo scan lists the servos that answer"))
     return found
 
 
-def _trouble(path: str, baud: int) -> Finding | None:
-    """Why the port could not be opened, in the words of opening."""
+def _open_refusal(path: str, baud: int) -> Finding | None:
+    """Why opening the port would fail, in the same words; None: it would not."""
     try:
         there = Path(path).exists()
         is_device = there and Path(path).is_char_device()
@@ -384,22 +384,21 @@ def _trouble(path: str, baud: int) -> Finding | None:
 
 
 def _holders(path: str, processes: Path) -> list[Finding]:
-    """Who has it open; the other end of a pseudo-terminal is not in the way."""
-    told = serial_port.holders(path, processes)
-    holder, _, behind = told.partition("; ")
+    """Processes that have the port open; one at the other end of a pseudo-terminal is a note only."""
+    holder, _, behind = serial_port.holders(path, processes).partition("; ")
     found = [note(path, behind)] if behind else []
     if holder != UNKNOWN_HOLDER:
         return [fix(path, f"in use by {holder}", "Stop it, or wait"), *found]
-    return [*found, ok(path, "nobody that can be seen has it open")]
+    return [*found, ok(path, "no process that can be seen has it open")]
 
 
-# What may stand between a sender and a port of this machine: its firewalls, a container, a virtual machine.
+# What may block a sender from a port of this machine: a firewall, a container, a virtual machine.
 
 FIREWALL = "firewall"
 
 
 def firewall_findings(port: int, *, protocol: Literal["udp", "tcp"] = "udp", root: Path = ROOT) -> list[Finding]:
-    """Which are there, as far as files that anybody may read tell, and the command that opens the port."""
+    """Firewalls that files readable by every user show, and the command that opens the port."""
     found = []
     if "ENABLED=yes" in _config_text(root / "etc/ufw/ufw.conf"):
         found.append(note(FIREWALL, "ufw is on", f"Open the port: sudo ufw allow {port}/{protocol}"))

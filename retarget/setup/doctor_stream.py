@@ -1,6 +1,4 @@
-"""The doctor looks at a stream: silence, wrong senders and protocols; its address is opened, listened to, and
-judged.
-"""
+"""The doctor opens a stream, listens to it, and reports silence, wrong senders and protocols, and what was lost."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -20,8 +18,8 @@ from retarget.live.roles import roles_of
 from retarget.live.stream import LiveStream
 from retarget.live.udp import UdpReceiver, port_holder
 from retarget.schema.performer import Performer, PerformerSensor
-from retarget.setup.doctor_listening import Listening, listen_to
-from retarget.setup.doctor_machine import Finding, firewall_findings, fix, mend_all, note, ok
+from retarget.setup.doctor_capture import StreamCapture, capture_stream
+from retarget.setup.doctor_machine import Finding, firewall_findings, fix, fix_all, note, ok
 from retarget.setup.doctor_sensors import UNNAMED, invented_findings, rate_findings, role_findings
 from retarget.sources.json_pose import DEFAULT_PORT
 from retarget.sources.natnet_decoder import NatnetDecoder
@@ -31,7 +29,7 @@ from retarget.sources.vmc import VmcDecoder
 
 __all__ = [
     "USUAL_PORTS",
-    "Elsewhere",
+    "OtherPorts",
     "Stray",
     "judge",
     "sender_findings",
@@ -41,20 +39,20 @@ __all__ = [
 ]
 
 
-# Listens beside a stream's own address, for a sender that sends to another port or to another interface.
+# Other ports and interfaces of this machine, for a sender that does not send to the stream's own address.
 #
-# Nothing that is heard here is decoded or kept; only who sends what, and where to, is noted.
+# Nothing that arrives there is decoded or kept; only the sender, the protocol and the port are noted.
 
 USUAL_PORTS = (
     *(kind.port for kind in KINDS.values() if kind.port is not None),
     *(DEFAULT_PORT, 39_540, 14_043, 12_351),
 )
-"""Where senders send to unless told otherwise: those that are read, VMC's other port, Rokoko Studio and mocopi."""
+"""Default ports of senders: of those that are read, VMC's other port, Rokoko Studio and mocopi."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stray:
-    """Datagrams from `host` to `port` of this machine. interface: own address that they came to, EVERYWHERE: any."""
+    """Datagrams from `host` to `port` of this machine. interface: its address that they came to, EVERYWHERE: any."""
 
     host: str
     interface: str
@@ -62,10 +60,10 @@ class Stray:
     got: Recognised
 
 
-class Elsewhere:
-    """Sockets at the same port of other interfaces, and at the usual ports. What cannot be opened is left out.
+class OtherPorts:
+    """Sockets at the same port of other interfaces, and at the usual ports. A port that cannot be opened is left out.
 
-    everywhere: listen beyond the interface of `address`, which the user must have asked for.
+    everywhere: listen on all interfaces, which the user must have asked for; else on that of `address` alone.
     """
 
     def __init__(self, address: StreamAddress, *, everywhere: bool, ports: Iterable[int] = USUAL_PORTS) -> None:
@@ -92,23 +90,23 @@ class Elsewhere:
                     self._found[key] = Stray(datagram.source[0], bind, port, recognise(datagram.payload))
 
     def close(self) -> None:
-        """Close all."""
+        """Close all sockets."""
         for _, _, receiver in self._receivers:
             receiver.close()
 
     @property
     def strays(self) -> tuple[Stray, ...]:
-        """Each sender at each port once."""
+        """What arrived, once for each sender and port."""
         return tuple(self._found.values())
 
 
-# Nothing arrives: where the sender may be sending instead, and what may be in the way.
+# Silence: where the sender may be sending instead, and what may block it.
 
 
 def silence_findings(
     address: StreamAddress, strays: tuple[Stray, ...], *, seconds: float, answered: bool = False
 ) -> list[Finding]:
-    """Why an address hears nothing, the surest cause first. answered: what is wrong was told in another way."""
+    """Why nothing arrives at an address, the surest cause first. answered: other findings say it already."""
     found = []
     if not answered:
         found.append(fix("stream", f"nothing arrives in {seconds:.1f} s at {_place(address)}", _start(address)))
@@ -119,7 +117,8 @@ def silence_findings(
         if address.kind != "natnet":
             option = "allow" if _protocol(address) == "UDP" else "tcp"
             step = for_others(address.kind, address.port, option=option)
-            found.append(note("network", f"only this machine is heard; its own addresses are {_interfaces()}", step))
+            what = f"only senders on this machine are received; its addresses are {_interfaces()}"
+            found.append(note("network", what, step))
         return found
     allowed = ", ".join(str(network) for network in address.allow)
     found.append(note("network", f"this machine is {_interfaces()}; allowed to send: {allowed}", "Compare both ends"))
@@ -136,16 +135,16 @@ def _place(address: StreamAddress) -> str:
 
 
 def _start(address: StreamAddress) -> str:
-    """What is to be done at the sender."""
+    """What to do at the sender."""
     if address.kind == "replay":
-        return "Record anew: there is no datagram in it"
+        return "Record again: this recording holds no datagram"
     if address.kind == "natnet":
         return "Start Motive, switch its streaming on, and see that this is its computer"
     return f"Start {SENDERS[address.kind]}, and let it send to {_target(address)}, port {address.port}"
 
 
 def stray_finding(address: StreamAddress, stray: Stray) -> Finding:
-    """One who sends to another place than is listened on."""
+    """A sender that sends to another port or interface than the stream's."""
     what = f"{stray.host} sends {stray.got.text} to port {stray.port}"
     if stray.port == address.port:
         what += f" of {stray.interface}, and {address.bind} is listened on"
@@ -177,48 +176,48 @@ def _interfaces() -> str:
     return ", ".join(f"{number} ({name})" for name, number in local_interfaces().items()) or "none"
 
 
-# Who sends and what: the wrong protocol, refused senders, damaged or large datagrams, what the kernel lost.
+# Senders: the wrong protocol, refused senders, damaged or large datagrams, datagrams that the kernel lost.
 
 UNFRAGMENTED = 1472
 """Bytes of a UDP payload that fit one Ethernet frame of 1500."""
 DAMAGED_SHARE = 0.01
-"""Of the datagrams, from where on what is dropped is a fault of the stream."""
+"""Share of dropped datagrams from which on it is a fault of the stream."""
 _HARMLESS = ("not used", "none of 1 to 8 and head", "type ", "late", "repeated")
-"""Parts of reasons of what a healthy sender sends beside its poses."""
+"""Parts of the reasons for which datagrams of a healthy sender are dropped."""
 
 
-def sender_findings(address: StreamAddress, kind: str, listening: Listening) -> list[Finding]:
-    """kind: of the stream; of a replay, what it holds."""
-    found = _refused(address, listening) + _foreign(kind, listening, address)
-    if listening.frames:
-        senders = ", ".join(dict.fromkeys(host for host, _ in listening.sources))
-        found.append(ok("stream", f"{listening.stream.frames} frames from {senders}"))
+def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -> list[Finding]:
+    """Findings on who sends what. kind: of the stream; of a replay, what it holds."""
+    found = _refused(address, capture) + _foreign(kind, capture, address)
+    if capture.frames:
+        senders = ", ".join(dict.fromkeys(host for host, _ in capture.sources))
+        found.append(ok("stream", f"{capture.stream.frames} frames from {senders}"))
     elif not found:
-        reasons = "; ".join(reason for reason, _ in listening.stream.decoder.dropped.reasons.most_common(3))
-        what = f"{listening.arrived} datagrams arrive, and none holds a pose" + (f" ({reasons})" if reasons else "")
+        reasons = "; ".join(reason for reason, _ in capture.stream.decoder.dropped.reasons.most_common(3))
+        what = f"{capture.arrived} datagrams arrive, and none holds a pose" + (f" ({reasons})" if reasons else "")
         found.append(fix("stream", what, f"Look at the settings of {SENDERS[kind]}"))
-    if listening.frames:
-        found += _dropped(listening)
-    return found + _lost(listening) + _large(listening) + _states(listening)
+    if capture.frames:
+        found += _dropped(capture)
+    return found + _lost(capture) + _large(capture) + _states(capture)
 
 
-def _refused(address: StreamAddress, listening: Listening) -> list[Finding]:
-    """Senders that were not listened to."""
+def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
+    """Senders that were refused."""
     found = []
-    for (host, port), reason in listening.stream.admission.news():
+    for (host, port), reason in capture.stream.admission.news():
         if reason == NOT_ALLOWED:
             step = f"Add {host} to ?allow= of the address if it is the sender, else stop it"
             found.append(fix("sender", f"{host}, port {port}, sends, and is not on the allow-list", step))
         elif reason == SECOND_SOURCE:
-            owner = listening.stream.admission.owner
+            owner = capture.stream.admission.owner
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
             step = "Let only one send here: stop the other, or give it another port"
             found.append(fix("sender", f"{host}, port {port}, is a second source{first}", step))
-    too_many = listening.stream.admission.refused.reasons["more datagrams than the rate allows"]
+    too_many = capture.stream.admission.refused.reasons["more datagrams than the rate allows"]
     if too_many:
         step = "Lower the sender's rate, or see whether a second copy of it runs"
         found.append(fix("sender", f"{too_many} datagrams beyond the rate that is taken", step))
-    others = listening.stream.receiver.dropped.reasons
+    others = capture.stream.receiver.dropped.reasons
     found += [
         fix("sender", f"{reason} ({count} times)", f"Stop that one, or correct {address.text}")
         for reason, count in others.items()
@@ -226,55 +225,55 @@ def _refused(address: StreamAddress, listening: Listening) -> list[Finding]:
     return found
 
 
-def _foreign(kind: str, listening: Listening, address: StreamAddress) -> list[Finding]:
-    """What is no part of the protocol, or another part than is read."""
-    found, looked, counts = [], listening.kinds.total(), Counter[str]()
-    for got, count in listening.kinds.items():
+def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[Finding]:
+    """Datagrams of another protocol, or of a part of the protocol that is not read."""
+    found, looked, counts = [], capture.kinds.total(), Counter[str]()
+    for got, count in capture.kinds.items():
         counts[got.name] += count
     seen, recording = set[str](), "" if address.path is None else str(address.path)
-    for got, _ in listening.kinds.most_common():
+    for got, _ in capture.kinds.most_common():
         advice = advice_for(kind, got, port=address.port, recording=recording)
-        mixed = bool(listening.frames) and (got.kind == kind or got.name.startswith(DAMAGED))
+        mixed = bool(capture.frames) and (got.kind == kind or got.name.startswith(DAMAGED))
         if not advice or mixed or got.name in seen:
             continue
         seen.add(got.name)
-        told = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
-        told += f", and {kind}:// is {'read' if recording else 'listened for'}" if got.kind != kind else ""
-        if listening.frames and not got.kind:
-            found.append(note("protocol", f"also: {told}", advice))
+        what = f"{got.text}, {counts[got.name]} of {looked} datagrams looked at"
+        what += f", and {kind}:// is {'read' if recording else 'listened for'}" if got.kind != kind else ""
+        if capture.frames and not got.kind:
+            found.append(note("protocol", f"also: {what}", advice))
         else:
-            found.append(fix("protocol", told, advice))
+            found.append(fix("protocol", what, advice))
     return found
 
 
-def _dropped(listening: Listening) -> list[Finding]:
-    """What the decoder could not use, though frames came."""
+def _dropped(capture: StreamCapture) -> list[Finding]:
+    """What the decoder dropped of a stream that has frames."""
     found = []
-    for reason, count in listening.stream.decoder.dropped.reasons.most_common(8):
-        told = f"{reason}: {count} times in {listening.arrived} datagrams"
+    for reason, count in capture.stream.decoder.dropped.reasons.most_common(8):
+        what = f"{reason}: {count} times in {capture.arrived} datagrams"
         if any(part in reason for part in _HARMLESS):
-            found.append(ok("decoder", told))
-        elif count > DAMAGED_SHARE * listening.arrived:
-            found.append(fix("decoder", told, "Look at the sender's settings and version"))
+            found.append(ok("decoder", what))
+        elif count > DAMAGED_SHARE * capture.arrived:
+            found.append(fix("decoder", what, "Look at the sender's settings and version"))
         else:
-            found.append(note("decoder", told))
+            found.append(note("decoder", what))
     return found
 
 
-def _lost(listening: Listening) -> list[Finding]:
-    overflowed = int(getattr(listening.stream.receiver, "overflowed", 0))
+def _lost(capture: StreamCapture) -> list[Finding]:
+    overflowed = int(getattr(capture.stream.receiver, "overflowed", 0))
     if not overflowed:
         return []
-    step = "End what else runs, and raise the buffer: sudo sysctl -w net.core.rmem_max=1048576"
+    step = "End other programs, and raise the buffer: sudo sysctl -w net.core.rmem_max=1048576"
     return [fix("buffer", f"the kernel lost {overflowed} datagrams that were not fetched in time", step)]
 
 
-def _large(listening: Listening) -> list[Finding]:
-    """Datagrams that travel in pieces, of which one that is lost costs the whole."""
+def _large(capture: StreamCapture) -> list[Finding]:
+    """Datagrams of other machines that are longer than an Ethernet frame: losing one fragment loses all of it."""
     found = []
-    for host, size in listening.largest.items():
+    for host, size in capture.largest.items():
         if size > UNFRAGMENTED and not _is_here(host):
-            step = "Use a cable, not Wi-Fi; let the sender tell less, if it can"
+            step = "Use a cable, not Wi-Fi; let the sender send less, if it can"
             what = f"{host} sends datagrams of {size} bytes, in IP fragments: one lost piece loses the frame"
             found.append(note("network", what, step))
     return found
@@ -287,14 +286,14 @@ def _is_here(host: str) -> bool:
         return False
 
 
-def _states(listening: Listening) -> list[Finding]:
-    """What the sender says of itself."""
-    decoder = listening.stream.decoder
+def _states(capture: StreamCapture) -> list[Finding]:
+    """The state that the sender reports: no avatar, bad tracking, bodies without names."""
+    decoder = capture.stream.decoder
     if isinstance(decoder, VmcDecoder):
         if decoder.loaded is False:
-            return [fix("sender", "it says that no avatar is loaded: no pose counts", "Load one in the sender")]
+            return [fix("sender", "it reports that no avatar is loaded: no pose counts", "Load one in the sender")]
         if decoder.tracking is False:
-            return [fix("sender", "it says that its tracking is bad: no pose counts", "Look at its trackers")]
+            return [fix("sender", "it reports that its tracking is bad: no pose counts", "Look at its trackers")]
     if isinstance(decoder, NatnetDecoder) and decoder.names_missing:
         step = "See that nothing drops large UDP datagrams from port 1510, and that the bodies are streamed"
         return [fix("sender", "bodies have numbers and no names", step)]
@@ -304,7 +303,7 @@ def _states(listening: Listening) -> list[Finding]:
 def stream_findings(
     address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float, everywhere: bool = False
 ) -> list[Finding]:
-    """Listen for so long and judge. Raises InputError for a recording that cannot be read."""
+    """Findings on a stream after listening for `seconds`. Raises InputError for a recording that cannot be read."""
     kind = recorded_kind(address) if address.kind == "replay" else address.kind
     convention = performer.roles or stream_kinds()[kind].roles
     holder = _holder(address)
@@ -313,33 +312,35 @@ def stream_findings(
     except InputError as error:
         if address.kind == "replay":
             raise
-        return mend_all("port", error.problems)
-    with closing(stream.receiver), closing(Elsewhere(address, everywhere=everywhere)) as elsewhere:
-        heard = listen_to(stream, clock=clock, seconds=seconds, beside=elsewhere.poll)
-        found = judge(address, performer, convention, heard, kind=kind)
-        if not heard.arrived:
-            found += silence_findings(address, elsewhere.strays, seconds=heard.seconds, answered=bool(found))
-        elif not heard.frames:
-            found += [stray_finding(address, stray) for stray in elsewhere.strays]
+        return fix_all("port", error.problems)
+    with closing(stream.receiver), closing(OtherPorts(address, everywhere=everywhere)) as other_ports:
+        capture = capture_stream(stream, clock=clock, seconds=seconds, on_step=other_ports.poll)
+        found = judge(address, performer, convention, capture, kind=kind)
+        if not capture.arrived:
+            found += silence_findings(address, other_ports.strays, seconds=capture.seconds, answered=bool(found))
+        elif not capture.frames:
+            found += [stray_finding(address, stray) for stray in other_ports.strays]
     return found + holder
 
 
 def judge(
-    address: StreamAddress, performer: Performer, convention: str, listening: Listening, *, kind: str
+    address: StreamAddress, performer: Performer, convention: str, capture: StreamCapture, *, kind: str
 ) -> list[Finding]:
-    """What was heard, judged; nothing where nothing arrived and nobody answered."""
-    found = _motive(address, listening.stream, listening.ended)
-    if listening.arrived:
-        found += sender_findings(address, kind, listening) if not (found and not listening.frames) else []
-        found += rate_findings(kind, listening)
-        found += role_findings(performer, convention, listening)
-        found += invented_findings(convention, listening)
+    """Findings on a capture; none where nothing arrived and Motive did not answer."""
+    found = _motive(address, capture.stream, capture.ended)
+    if capture.arrived:
+        found += sender_findings(address, kind, capture) if not (found and not capture.frames) else []
+        found += rate_findings(kind, capture)
+        found += role_findings(performer, convention, capture)
+        found += invented_findings(convention, capture)
     return found
 
 
 def named_for(performer: Performer, convention: str) -> Performer:
-    """The performer, with a role that nobody tells for each sensor that this convention does not name: it is then
-    found missing, beside what the sender tells instead."""
+    """The performer with the role UNNAMED for each sensor that this convention does not name.
+
+    No sender has a pose of that name, so the sensor is reported as missing.
+    """
     sensors = dict[str, PerformerSensor]()
     for name, sensor in performer.sensors.items():
         alone = performer.model_copy(update={"sensors": {name: sensor}})
@@ -355,14 +356,14 @@ def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Find
     receiver = stream.receiver
     if not isinstance(receiver, NatnetReceiver):
         return []
-    found = mend_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
+    found = fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
     if receiver.join_error:
         found.append(fix("multicast", receiver.join_error, "Add interface=ADDRESS of the card that faces Motive"))
     return found
 
 
 def _holder(address: StreamAddress) -> list[Finding]:
-    """Who else has the port, on another address of this machine: looked at before it is opened."""
+    """Another process that has the port, on another address of this machine. Call it before opening the port."""
     if address.kind == "replay" or not address.port:
         return []
     protocol = "tcp" if address.kind == "mvn" and address.host is not None else "udp"
@@ -370,5 +371,7 @@ def _holder(address: StreamAddress) -> list[Finding]:
     if holder == "another process":
         return []
     return [
-        note("port", f"{holder} has a socket on port {address.port} too", "What is sent to that one is not heard here")
+        note(
+            "port", f"{holder} has a socket on port {address.port} too", "What is sent to that one does not arrive here"
+        )
     ]

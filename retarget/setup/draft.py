@@ -25,7 +25,10 @@ EMPTY = "ignore_pairs: []"
 
 
 def observer_text(fitted: str, touching: tuple[tuple[str, str], ...]) -> str:
-    """Without what is said to somebody who copies it; with pairs that touch in the drafted postures ignored too."""
+    """The two sections for a profile, without instructions for copying them.
+
+    fitted: text of `fit-observers`. touching: pairs that touch in the drafted postures, which are ignored too.
+    """
     text = HEAD + fitted[fitted.index("observers:\n") :]
     if not touching:
         return text
@@ -111,8 +114,11 @@ class FootDraft:
 
 @dataclass(frozen=True)
 class Draft:
-    """source: name of the file that it is made from. postures: name -> joint -> rad. facing: what told front from
-    back. missing: what could not be found; notes: what was changed or assumed. observers: their sections as text."""
+    """A drafted profile as data.
+
+    source: name of the file that it is made from. postures: name -> joint -> rad. facing: by what front and back were
+    found. missing: what could not be found. notes: what was changed or assumed. observers: their sections as text.
+    """
 
     name: str
     source: str
@@ -133,13 +139,13 @@ class Draft:
 
 WIDTH = 118
 FEW_SERVOS, FAST_HZ, SLOW_HZ = 22, 100, 50
-"""So few servos can be asked and told so often by one line of 1 Mbaud, more of them less often."""
+"""Up to FEW_SERVOS servos, one line of 1 Mbaud has time to read and write all of them at FAST_HZ; else at SLOW_HZ."""
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
 _POSTURES = {
     "neutral": "Where pairs of observers that touch are no longer looked at.",
     "stand": "Where a run begins and ends.",
-    "rest": "Parked, before torque goes.",
+    "rest": "At rest, before torque goes off.",
     "attractor": "Arms away from the trunk, knees bent: in reach of everything.",
 }
 
@@ -163,8 +169,9 @@ def profile_text(draft: Draft) -> str:
 
 def _head(draft: Draft) -> str:
     lines = _comment(
-        f"{draft.name}: drafted by retarget import from {draft.source}. Nobody has tried it on a robot: what the body "
-        f"file cannot tell ends in {DRAFT}; take the word away once a line is right. retarget check counts the rest."
+        f"{draft.name}: drafted by retarget import from {draft.source}, and not yet tried on a robot. Lines that the "
+        f"body file does not settle end in {DRAFT}; take the mark away once a line is right. retarget check counts the "
+        "lines that are left."
     )
     lines += _comment("Units m, rad, s, kg; x forward, y left, z up.")
     lines += _comment(f"Front and back: {draft.facing}.")

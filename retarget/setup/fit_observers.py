@@ -1,4 +1,4 @@
-"""A robot's body in, its observers and pairs to ignore out."""
+"""Fits observers to a robot's body: the shapes, the pairs to ignore, and both as YAML text with reasons."""
 
 import json
 import re
@@ -84,7 +84,7 @@ def _always(record: PairRecord, largest: float, names: tuple[str, str], own: Own
     if not own.may_collide:
         return Verdict("always", names, f"{reason}; their own geoms stay {_mm(own.smallest)} mm apart")
     apart = f"their own geoms come {_mm(own.largest)} mm apart and {_mm(-own.smallest)} mm into each other"
-    warning = f"{names[0]} and {names[1]} can collide, which these shapes cannot tell: give one a tighter shape"
+    warning = f"{names[0]} and {names[1]} can collide, which these shapes do not show: give one a tighter shape"
     return Verdict("always", names, f"{reason}; {apart}", warning)
 
 

@@ -77,8 +77,8 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[Found
     roles = leg_roles(tree, leg, anatomy.left)
     others = [node for node in leg.nodes if abs(tree.nodes[node].axis @ anatomy.left) <= 0.8]
     before = [node for node in others if node < roles.hip]
-    beside = before[-1:] or others[:1]
-    hip = crossing(tree, roles.hip, beside[0]) if beside else tree.nodes[roles.hip].anchor
+    crossed = before[-1:] or others[:1]
+    hip = crossing(tree, roles.hip, crossed[0]) if crossed else tree.nodes[roles.hip].anchor
     frames = [FoundFrame(f"{side}_hip", leg.parent, hip, axes, "where the axes of the hip meet")]
 
     def in_plane(node: int) -> FloatArray:
@@ -126,18 +126,18 @@ def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str, axes: FloatArray) -
     frames = [FoundFrame(f"{side}_shoulder", arm.parent, shoulder, axes, "on the trunk: the arm does not move it")]
     start = shoulder
     if roles.elbow is not None:
-        start = _beside(tree, roles.elbow, _middle(tree, roles.elbow))
+        start = _nearest_on_axis(tree, roles.elbow, _middle(tree, roles.elbow))
         frames.append(FoundFrame(f"{side}_elbow", roles.elbow, start, axes))
     if roles.wrist is not None:
         node = arm.nodes[arm.nodes.index(roles.wrist) - 1]
-        place = _beside(tree, roles.wrist, start)
+        place = _nearest_on_axis(tree, roles.wrist, start)
         frames.append(FoundFrame(f"{side}_hand", node, place, axes, "the wrist: the end of the forearm"))
     else:
         frames.append(FoundFrame(f"{side}_hand", arm.nodes[-1], tip(tree, arm, start), axes, "the tip of the forearm"))
     return frames
 
 
-def _beside(tree: Tree, node: int, point: FloatArray) -> FloatArray:
+def _nearest_on_axis(tree: Tree, node: int, point: FloatArray) -> FloatArray:
     """The point of a node's axis that is nearest to a point, (3,)."""
     line = tree.nodes[node]
     return np.asarray(line.anchor + ((point - line.anchor) @ line.axis) * line.axis)

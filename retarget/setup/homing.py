@@ -1,4 +1,4 @@
-"""Homing: a person places the limp robot in a known posture; what the servos then read becomes their calibration."""
+"""Homing: the operator places the limp robot in a known posture; the ticks read then become its calibration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,21 +16,21 @@ __all__ = ["FAR", "Homing", "calibration_of", "home", "homed_columns"]
 
 READS = 25
 """Cycles that are read once the robot is in place."""
-PERIOD = 0.02  # [s] between them
-STILL = 0.01  # [rad] most that a joint may move meanwhile
+PERIOD = 0.02  # [s] between cycles
+STILL = 0.01  # [rad] most that a joint may move during the cycles
 TRIES = 5
-"""How often the person is asked to keep still."""
+"""How often the operator is asked to keep the robot still."""
 FAR = 0.35
-"""A joint farther than this, rad, from where the profile has it was probably not placed, or is another one."""
+"""A joint farther than this, rad, from the profile's zero was probably not placed, or is another one."""
 FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
 class Homing:
-    """What was read, for all servos (n,), those that were not to be homed included.
+    """Result of homing for all n servos, those that were not chosen included.
 
-    ticks: as the servos said, on the turn that is nearest to the profile's zero. zero: the zero ticks that follow.
-    off: by how much the joints are then shifted from the profile's zero, rad. chosen: which were to be homed.
+    ticks (n,): as read, on the turn that is nearest to the profile's zero. zero (n,): the zero ticks that follow.
+    off (n,): shift of the joints from the profile's zero, rad. chosen (n,): the servos to be homed.
     """
 
     ticks: TickArray
@@ -74,11 +74,11 @@ def home(
     chosen: BoolArray,
     name: str = "neutral",
 ) -> Homing | None:
-    """Read the servos of an open bus while a person holds the robot in `posture` (n,), rad, called `name`.
+    """Read the servos of an open bus while the operator holds the robot in `posture` (n,), rad, called `name`.
 
-    joint_map: with the zero ticks of the profile. ask: whether the person agrees to go on; None is returned if not. It
-    gets the question, and whether ENTER alone may be a yes: not where torque goes off.
-    Torque is off afterwards, unless nobody agreed to that. Raises BusError: torque not off, a servo that is silent;
+    joint_map: with the zero ticks of the profile. ask(question, enter): whether the operator agrees to go on; None is
+    returned if not. enter: whether ENTER alone is a yes, which it is not where torque goes off. Torque is off
+    afterwards, unless the operator refused that. Raises BusError: torque not off, a servo that is silent;
     HardwareError: the robot is never still.
     """
     if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
@@ -90,11 +90,11 @@ def home(
             return None
         read = _read(bus, joint_map, clock, chosen)
         moved: FloatArray = np.ptp(joint_map.to_radians(read), axis=0)
-        restless = chosen & (moved > STILL)
-        if not restless.any():
+        unsteady = chosen & (moved > STILL)
+        if not unsteady.any():
             return _homing(joint_map, np.rint(np.median(read, axis=0)).astype(np.int64), posture, chosen)
-        joints = _named(joint_map, restless)
-        notify(f"It moved: {joints} by up to {moved[restless].max():.3f} rad; {STILL:g} is still enough.")
+        joints = _named(joint_map, unsteady)
+        notify(f"The robot moved: {joints} by up to {moved[unsteady].max():.3f} rad, where {STILL:g} rad is allowed.")
     raise HardwareError(
         describe(what="the robot is never still", where="homing", found=joints, then="Support it, and try again")
     )
@@ -103,7 +103,7 @@ def home(
 def calibration_of(
     robot: str, joint_map: JointMap, homing: Homing, posture: FloatArray, *, name: str, date: str
 ) -> ServoCalibration:
-    """What was read, as the calibration of the robot called `robot`; only servos that were to be homed are in it."""
+    """The calibration of the robot called `robot`; only the chosen servos are in it."""
     return ServoCalibration(
         robot=robot,
         servos={
@@ -123,8 +123,10 @@ def calibration_of(
 
 
 def _read(bus: ServoBus, joint_map: JointMap, clock: Clock, chosen: BoolArray) -> TickArray:
-    """Ticks (READS, n), without jumps of a whole turn. A servo may be silent in less than half of the cycles: then what
-    it said before stands in."""
+    """Ticks (READS, n), without jumps of a whole turn.
+
+    A servo may be silent in less than half of the cycles; there its last ticks are repeated.
+    """
     rows, answers = [], []
     begun = clock.now()
     for index in range(READS):
@@ -132,8 +134,8 @@ def _read(bus: ServoBus, joint_map: JointMap, clock: Clock, chosen: BoolArray) -
         states = bus.read()
         rows.append(states.position)
         answers.append(states.valid)
-    read, heard = np.array(rows), np.array(answers)
-    silent = chosen & (2 * heard.sum(axis=0) < READS)
+    read, answered = np.array(rows), np.array(answers)
+    silent = chosen & (2 * answered.sum(axis=0) < READS)
     if silent.any():
         raise BusError(
             describe(
@@ -142,8 +144,8 @@ def _read(bus: ServoBus, joint_map: JointMap, clock: Clock, chosen: BoolArray) -
                 then="Check power and wiring, or home the others with --joints",
             )
         )
-    first = read[heard.argmax(axis=0), np.arange(len(joint_map))]  # (n,) before it, nothing was said
-    read = np.where(np.maximum.accumulate(heard, axis=0), read, first)
+    first = read[answered.argmax(axis=0), np.arange(len(joint_map))]  # (n,) the first answer of each servo
+    read = np.where(np.maximum.accumulate(answered, axis=0), read, first)
     steady: TickArray = first + _without_turns(joint_map, read - first)
     return steady
 

@@ -1,4 +1,4 @@
-"""A body file in, a folder with a drafted profile out; written whole or not at all."""
+"""Imports a body file: a folder with a drafted profile and the body, written whole or not at all."""
 
 import re
 import shutil
@@ -115,8 +115,8 @@ def _taken(name: str) -> tuple[str, ...]:
     """A note where a robot of that name is known already: calibrations go by names."""
     if name not in {entry.name for entry in entries(Kind.ROBOT)}:
         return ()
-    told = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
-    return (f"{told}; give this one another --name",)
+    note = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
+    return (f"{note}; give this one another --name",)
 
 
 def _checked(folder: Path) -> tuple[tuple[str, ...], float | None]:
@@ -210,7 +210,7 @@ def _observed(
 def _settled(draft: Draft, cleared: Cleared, observers: str) -> Draft:
     notes = draft.notes
     if draft.feet and not cleared.postures.stands:
-        notes = (*notes, "no posture was found in which it stands with flat soles: mend `postures`")
+        notes = (*notes, "no posture was found in which it stands with flat soles: correct `postures`")
     return replace(draft, postures=cleared.postures.angles, observers=observers, notes=notes)
 
 

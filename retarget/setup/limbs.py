@@ -35,9 +35,12 @@ class Limb:
 
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """forward, left (3,): the robot's axes in its zero pose, z up. legs, arms: left and right one, or none; an arm
-    alone is one. pelvis, chest: nodes that carry legs and arms. head: nodes of the neck and head, from the chest on;
-    empty where there is none. facing: what told `forward`. odd: joints without a counterpart."""
+    """Limbs of a robot.
+
+    forward, left (3,): the robot's axes in its zero pose, z up. legs, arms: left and right one, or none; an arm alone
+    is one. pelvis, chest: nodes that carry legs and arms. head: nodes of the neck and head, from the chest on, or
+    empty. facing: by what `forward` was found. odd: joints without a counterpart.
+    """
 
     forward: FloatArray
     left: FloatArray
@@ -52,7 +55,7 @@ class Anatomy:
 
 
 def find_anatomy(tree: Tree) -> Anatomy:
-    """Legs, arms and head of a body, by its topology and geometry; names only help to tell left from right."""
+    """Legs, arms and head of a body, by its topology and geometry; names only help to distinguish left from right."""
     mirror = find_mirror(tree)
     if mirror is None:
         arm = _limb(tree, _deepest(tree, BASE))
@@ -154,7 +157,7 @@ def _head(tree: Tree, mirror: Mirror, chest: int, pelvis: int) -> tuple[int, ...
 def _forward(
     tree: Tree, mirror: Mirror, legs: tuple[Limb, Limb] | None, arms: tuple[Limb, Limb] | None
 ) -> tuple[FloatArray, str]:
-    """Forward (3,), and what told it. Of two ways across the plane's normal, that with more evidence."""
+    """Forward (3,), and by what it was found: of the two directions in the mirror plane, that with more evidence."""
     ahead = np.cross(mirror.normal, UP)  # forward, if the normal points left
     evidence: list[tuple[float, str]] = []
     if named := _named(tree, mirror):
@@ -173,9 +176,9 @@ def _forward(
     total = sum(weight for weight, _ in evidence)
     if total == 0.0:
         usual = ahead if ahead @ np.array([1.0, 1.0, 0.0]) > 0.0 else -ahead
-        return usual, "assumed, as nothing tells front from back"
-    told = ", ".join(text for weight, text in evidence if weight * total > 0.0)
-    return (ahead if total > 0.0 else -ahead), told
+        return usual, "assumed, as the body does not show front and back"
+    reasons = ", ".join(text for weight, text in evidence if weight * total > 0.0)
+    return (ahead if total > 0.0 else -ahead), reasons
 
 
 def _named(tree: Tree, mirror: Mirror) -> float:

@@ -1,4 +1,4 @@
-"""The observer that each link is given: a capsule, or a flat shape where a capsule would be far too large."""
+"""Proposed observers: a capsule per link, or a flat shape where a capsule is far too large; and their distances."""
 
 import math
 from dataclasses import dataclass, replace
@@ -161,10 +161,10 @@ def round_up(value: float) -> float:
     return round(math.ceil(value * 10.0**DIGITS - 10.0 ** (DIGITS - 12)) / 10.0**DIGITS, DIGITS)
 
 
-# The proposed shapes on the robot's tree, as a MuJoCo model that tells the distance between any two of them.
+# The proposed shapes on the robot's tree, as a MuJoCo model that computes the distance between any two of them.
 
 FAR = 1e3
-"""[m] distances beyond this are not told apart."""
+"""[m] larger distances are reported as this one."""
 
 Pair = tuple[int, int]
 """Two shapes by their place in the list of proposals, the smaller one first."""

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 
-# Arms beside the trunk with bent elbows: the joint angles of it, whatever joints the arms have.
+# Joint angles of arms next to the trunk with bent elbows, for any joints of the arms.
 
 REST = 0.02
 """Weight of staying near the middle of 0: joints that do not matter stay there."""
@@ -241,7 +241,7 @@ def find_postures(posed: Posed, *, spread: float, crouches: tuple[float, ...] = 
 
 
 def _whole(posed: Posed, angles: dict[str, float]) -> dict[str, float]:
-    """With the joints whose limits leave 0 out, inside them; in the order of the body."""
+    """The non-zero angles of a posture in the order of the body; joints whose limits exclude 0 are moved inside."""
     whole = {}
     for node in posed.tree.nodes[1:]:
         angle = angles.get(node.joint, posed.inside(node.joint, 0.0))

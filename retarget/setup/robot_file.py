@@ -1,4 +1,4 @@
-"""The body file that is imported: looked at as XML first, its meshes found, and a URDF made ready for MuJoCo."""
+"""Reads the body file of an import: checks it as XML, finds its meshes, and makes a URDF ready for MuJoCo."""
 
 import copy
 import struct
@@ -72,7 +72,7 @@ def _content(path: Path) -> bytes:
 
 
 def _scanned(path: Path, content: bytes) -> str:
-    """The outermost tag of sound and harmless XML. Raises InputError."""
+    """The outermost tag of valid XML without entities. Raises InputError for other XML."""
     parser: Any = expat.ParserCreate()
     depth, count, outermost = 0, 0, ""
 
@@ -122,7 +122,7 @@ def _tree(path: Path, content: bytes) -> ElementTree.Element:
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
-    step = f"Mend the XML; {XACRO}"
+    step = f"Correct the XML; {XACRO}"
     return InputError("not XML that can be read", where=str(path), found=str(error), next_step=step)
 
 
@@ -155,21 +155,22 @@ STL_TRIANGLE = struct.Struct("<12fH")
 
 @dataclass(frozen=True)
 class MeshFile:
-    """path: what is read. twin: it stands beside the file that was named, which is of a kind that is not read."""
+    """A mesh to read. twin: whether it replaces a file of the same name and of a kind that is not read."""
 
     path: Path
     twin: bool
 
     def content(self) -> bytes:
-        """As MuJoCo reads it: an STL of text becomes one of bytes. Raises OSError."""
+        """Bytes for MuJoCo, with a text STL converted to a binary one. Raises OSError."""
         content = self.path.read_bytes()
         return _binary(content) if self.path.suffix.lower() == ".stl" else content
 
 
 def find_mesh(name: str, body: Path) -> MeshFile | None:
-    """The mesh of a name: beside the body file, or in a folder above it that holds the package's path.
+    """The mesh of a name: relative to the body file, or in a folder above it that holds the package's path.
 
-    Of another kind (`.dae`): the mesh of the same name beside it that can be read. None: there is no such file.
+    For a file of another kind (`.dae`): the mesh of the same name in the same folder that can be read. None: there is
+    no such file.
     """
     plain = name.removeprefix("file://")
     parts = Path(name.split("://", 1)[1]).parts if name.startswith(("package://", "model://")) else None
@@ -191,7 +192,7 @@ def find_mesh(name: str, body: Path) -> MeshFile | None:
 
 
 def _binary(content: bytes) -> bytes:
-    """An STL of text as one of bytes; what is none stays, and MuJoCo says what is wrong with it."""
+    """A text STL as a binary one; other content is returned as it is, for MuJoCo to refuse."""
     is_binary = len(content) >= STL_HEAD and len(content) == STL_HEAD + STL_TRIANGLE.size * _count(content)
     if is_binary or content.lstrip()[:5].lower() != b"solid":
         return content
@@ -206,7 +207,7 @@ def _binary(content: bytes) -> bytes:
 
 
 def _count(content: bytes) -> int:
-    """How many triangles a binary STL says that it has."""
+    """Number of triangles in the header of a binary STL."""
     return int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
 
 
@@ -215,13 +216,13 @@ def _count(content: bytes) -> int:
 TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
 DROPPED = "collision meshes that cannot be read are left out, these links have other shapes"
-TWINS = "meshes of a kind that is not read were read from the file of the same name beside them"
+TWINS = "meshes of a kind that is not read were read from the file of the same name in their folder"
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 @dataclass(frozen=True)
 class Relaxed:
-    """What the user lets go: joints that no servo turns are made rigid; meshes that cannot be read are left out."""
+    """Options of the user. freeze: make joints without a servo rigid. no_meshes: leave out unreadable meshes."""
 
     freeze: bool = False
     no_meshes: bool = False
@@ -229,8 +230,8 @@ class Relaxed:
 
 @dataclass(frozen=True, eq=False)
 class ReadyUrdf:
-    """text: URDF whose meshes are the keys of `meshes` (name -> content). changed: whether it differs from the file in
-    more than their names. notes: what was changed."""
+    """A URDF for MuJoCo. text: names its meshes by the keys of `meshes` (name -> content). changed: whether it differs
+    from the file in more than these names. notes: what was changed."""
 
     text: str
     meshes: dict[str, bytes]
@@ -239,7 +240,7 @@ class ReadyUrdf:
 
 
 def ready_urdf(source: Source, relaxed: Relaxed) -> ReadyUrdf:
-    """The URDF that is imported. Raises InputError with all that is wrong with it."""
+    """The URDF that is imported. Raises InputError with all of its problems."""
     root = copy.deepcopy(source.root)
     problems: list[Problem] = []
     notes: list[str] = []
@@ -251,8 +252,8 @@ def ready_urdf(source: Source, relaxed: Relaxed) -> ReadyUrdf:
     elif meshes.missing:
         _drop(root, meshes.missing)
         notes.append(f"{len(meshes.missing)} meshes that cannot be read are left out: {_listed(meshes.missing)}")
-    for told, names in ((DROPPED, meshes.dropped), (TWINS, meshes.twins)):
-        notes += [f"{told}: {_listed(names)}"] if names else []
+    for note, names in ((DROPPED, meshes.dropped), (TWINS, meshes.twins)):
+        notes += [f"{note}: {_listed(names)}"] if names else []
     if problems:
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
     text = ElementTree.tostring(root, encoding="unicode")
@@ -303,13 +304,13 @@ def _joints(root: ElementTree.Element, source: Source, relaxed: Relaxed, notes: 
 
 
 def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
-    """A robot without any mass cannot be balanced; a link without one is told, if it has a shape."""
+    """A problem for a robot without any mass, which cannot be balanced; a note for links with a shape and no mass."""
     links = root.findall("link")
-    yield from _unsound_inertias(links, source)
+    yield from _inertia_problems(links, source)
     masses = {link.get("name", ""): link.find("inertial/mass") for link in links}
     if links and not any(mass is not None and _positive(mass.get("value")) for mass in masses.values()):
         yield Problem(
-            "no link has a mass, so nothing tells whether the robot stands",
+            "no link has a mass, so its balance cannot be checked",
             str(source.path),
             f"{len(links)} links without <inertial>, or with a mass of 0",
             next_step="Add <inertial> with mass, origin and inertia to every link that weighs something",
@@ -324,8 +325,8 @@ def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
         notes.append(f"links with a shape but without <inertial> weigh nothing here: {_listed(bare)}")
 
 
-def _unsound_inertias(links: list[ElementTree.Element], source: Source) -> Iterator[Problem]:
-    """Parts of <inertial> that are missing or no numbers, each told once with its links."""
+def _inertia_problems(links: list[ElementTree.Element], source: Source) -> Iterator[Problem]:
+    """Problems of <inertial> with parts that are missing or no numbers, each once with all its links."""
     found: dict[str, list[str]] = {}
     for link in links:
         inertial, name = link.find("inertial"), link.get("name", "without a name")
@@ -337,7 +338,7 @@ def _unsound_inertias(links: list[ElementTree.Element], source: Source) -> Itera
         if inertia is None or not all(isfinite(_number(inertia.get(key, "0"))) for key in INERTIA):
             found.setdefault("no <inertia> of six numbers", []).append(name)
     for what, names in found.items():
-        step = "Mend it, or remove <inertial>: then the link weighs nothing"
+        step = "Correct it, or remove <inertial>: then the link weighs nothing"
         yield Problem(f"links with an <inertial> that has {what}", str(source.path), _listed(names), "", step)
 
 
@@ -357,8 +358,9 @@ def _positive(text: str | None) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Meshes:
-    """contents: by new names, which the elements now bear. missing: names of those that cannot be read. dropped:
-    shapes, told by link, that cannot be read and whose links have others. twins: those read in the place of others."""
+    """Meshes of a URDF. contents: by the new names in its elements. missing: names of those that cannot be read.
+    dropped: "link (name)" of those that cannot be read and whose links have other shapes. twins: names of the files
+    that were read instead."""
 
     contents: dict[str, bytes] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
@@ -367,7 +369,8 @@ class _Meshes:
 
 
 def _meshes(root: ElementTree.Element, path: Path) -> _Meshes:
-    """Find them. A picture that cannot be read is no loss where the link has another shape: of that nothing is told."""
+    """Find the meshes, and remove shapes that cannot be read of links with other shapes. Only collision shapes among
+    them are listed in `dropped`: a visual shape more or less changes nothing."""
     found = _Meshes()
     missing: dict[str, None] = {}
     for link in root.findall("link"):
@@ -402,7 +405,7 @@ def _missing_meshes(source: Source, missing: list[str]) -> Problem:
         "meshes that cannot be read, without which soles and hands cannot be found",
         str(source.path),
         _listed(missing),
-        f"files {', '.join(READABLE)}, beside the URDF, or in its package above it",
+        f"files {', '.join(READABLE)}, in the folder of the URDF, or in its package above it",
         "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl of the same name "
         "in the same folder (Blender, MeshLab, or trimesh: see docs/own-robot.md); the URDF may stay as it is",
     )

@@ -22,7 +22,7 @@ ACCELERATIONS = (8.0, 40.0)
 IN_LEGS = 30.0
 """[rad/s^2] most in legs and trunk, which carry more than hangs on them."""
 ALIKE = 1.35
-"""A stated torque so many times a model's, or less, tells the model."""
+"""Largest ratio of a stated torque to a model's stall torque that identifies the model."""
 UNKNOWN = "XM430-W350"
 LOW_VOLTAGE = 9.0
 """[V] servos made for less do not share a line with the others."""
@@ -32,7 +32,7 @@ END_TICKS = 4
 
 @dataclass(frozen=True)
 class ServoDraft:
-    """A servo as drafted. why: what told the model. note: what was changed of the joint, for a comment."""
+    """A servo as drafted. why: by what the model was chosen. note: what was changed of the joint, for a comment."""
 
     joint: str
     number: int
@@ -86,9 +86,9 @@ def _candidates(strongest: float) -> list[ServoModel]:
 
 
 def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[ServoModel, str]:
-    """The model whose stall torque, and speed if told, is nearest by ratio."""
+    """The model whose stall torque, and speed if stated, is nearest by ratio."""
     if torque <= 0.0:
-        return SERVO_MODELS[UNKNOWN], "nothing tells the model"
+        return SERVO_MODELS[UNKNOWN], "the body states no torque"
 
     def off(entry: ServoModel) -> float:
         fast = abs(math.log(speed / entry.no_load_speed)) if 0.5 < speed < 20.0 else 0.0

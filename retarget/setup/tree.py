@@ -283,14 +283,14 @@ def _sign(tree: Tree, normal: FloatArray, node: int, other: int) -> float:
 STEEPEST = np.cos(np.radians(50.0))
 """A foot is turned no further from flat than this in the zero pose."""
 ALIKE = np.cos(np.radians(8.0))
-"""Faces whose normals are so near to each other are one underside."""
+"""Cosine of the largest angle between the normals of the faces of one underside."""
 TOUCHING_M = 0.0015
-"""What is so near to the ground touches it."""
+"""Largest height above the ground of a point that touches it."""
 ROUNDS = 4
 MAX_CORNERS = 16
-"""Of the outline in a profile."""
+"""Corners of the outline in a profile at most."""
 MIN_AREA = 1e-4
-"""[m^2] Less is a point or an edge, which nobody stands on."""
+"""[m^2] A smaller underside is a point or an edge, on which the robot cannot stand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +345,7 @@ def outline(points: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _thinned(ring: list[int], flat: FloatArray) -> list[int]:
-    """Without the corners whose loss costs least area: those in line, and those beyond MAX_CORNERS."""
+    """The outline without collinear corners, and with at most MAX_CORNERS: those that cost least area go first."""
     while len(ring) > 3:
         a, b, c = (flat[np.roll(ring, shift)] for shift in (1, 0, -1))
         lost = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])

@@ -271,7 +271,7 @@ def read_amc(
 ) -> SensorFrames:
     """Read a motion and its skeleton.
 
-    skeleton: the ASF; by default the one beside the AMC, by subject number (02_06.amc: 02.asf) or by the same name.
+    skeleton: the ASF; by default one in the AMC's folder, by subject number (02_06.amc: 02.asf) or by the same name.
     unit: a name of `units.UNITS`; by default CMU's for `length 0.45`, else guessed from the body's size. rate: frames
     per second, 120 by default. Raises InputError with file and line.
     """
@@ -296,23 +296,23 @@ def read_amc(
 
 
 def find_skeleton(path: Path) -> Path:
-    """The ASF beside an AMC, in any case: by subject number, else by the same name. Raises InputError if none."""
+    """The ASF in an AMC's folder, in any case: by subject number, else by the same name. Raises InputError if none."""
     wanted = [f"{path.stem.split('_')[0]}.asf", f"{path.stem}.asf"]
     try:
-        beside = sorted(entry for entry in path.parent.iterdir() if entry.suffix.lower() == ".asf")
+        candidates = sorted(entry for entry in path.parent.iterdir() if entry.suffix.lower() == ".asf")
     except OSError:
-        beside = []
+        candidates = []
     for name in wanted:
-        for entry in beside:
+        for entry in candidates:
             if entry.name.lower() == name.lower():
                 return entry
-    names = ", ".join(entry.name for entry in beside[:5])
+    names = ", ".join(entry.name for entry in candidates[:5])
     raise InputError(
         "no skeleton (ASF) for this motion",
         where=str(path),
-        found=f"beside it: {names}" if names else "no ASF file beside it",
+        found=f"{names} in the same folder" if names else "no ASF file in the same folder",
         allowed=" or ".join(dict.fromkeys(wanted)),
-        next_step="Put it beside the AMC or name it with --skeleton FILE.asf",
+        next_step="Put it into the folder of the AMC, or name it with --skeleton FILE.asf",
     )
 
 
@@ -403,8 +403,8 @@ def _regular_values(tokens: list[str], asf: AsfSkeleton) -> FloatArray | None:
     except (ValueError, OverflowError):
         return None
     values = np.ascontiguousarray(table[:, 1:])
-    sound = np.all(np.abs(values) <= MAX_VALUE) and np.all(np.diff(table[:, 0]) == 1.0)
-    return values if sound else None
+    valid = np.all(np.abs(values) <= MAX_VALUE) and np.all(np.diff(table[:, 0]) == 1.0)
+    return values if valid else None
 
 
 def _checked_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) -> FloatArray:

@@ -354,7 +354,7 @@ def _row(words: list[str], width: int, where: str) -> list[float]:
 
 
 def _notes(motion: BvhMotion, pose: Pose) -> tuple[str, ...]:
-    """What the user should know about this export."""
+    """Messages to the user about this export."""
     notes = []
     tree = motion.hierarchy.tree
     # The conversion of the CMU database by B. Hahne is known by its joints without length.

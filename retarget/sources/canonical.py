@@ -117,7 +117,7 @@ POSSIBLE_HEIGHT_M = (1.0, 2.5)
 
 @dataclass(frozen=True)
 class Unit:
-    """A length unit and what to tell the user about it (empty: nothing)."""
+    """A length unit. note: message to the user about it, or empty."""
 
     name: str
     metres: float
@@ -156,7 +156,7 @@ def choose_unit(body_height: float | None, *, where: str) -> Unit:
 
 
 _SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
-"""Segments that a file may split (twist joints): the part next to the far joint tells the orientation."""
+"""Segments that a file may split (twist joints): the part next to the far joint gives the orientation."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
     joints = {name: CanonicalJoint(joint, np.zeros(3)) for name, joint in found.items() if name in JOINTS}
     _add_trunk(tree, joints)
     if not _centre_head(tree, joints, found.get("head_top")):
-        notes.append("the file does not know the top of the head: its head sensor is the head joint")
+        notes.append("the file has no top of the head: its head sensor is the head joint")
     for side in "lr":
         _add_toe(tree, joints, side)
     return joints, tuple(notes)
@@ -289,7 +289,7 @@ def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
 
 
 def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> bool:
-    """Move the head from its joint to half way to its top; False if the file does not know the top."""
+    """Move the head from its joint to half way to its top; False if the file has no top of the head."""
     head = joints["head"].joint
     if top is not None and tree.parents[top] == head:
         end = tree.offsets[top]

@@ -1,11 +1,11 @@
-"""Poses as JSON, one object per datagram: our own input for any tracker that somebody can write 20 lines for.
+"""Poses as JSON, one object per datagram: this project's own input, for any tracker with 20 lines of glue code.
 
     {"axes": "unity", "quaternion": "xyzw", "time": 12.345, "frame": 741,
      "poses": {"l_wrist": {"p": [0.1, 1.2, 0.3], "q": [0, 0, 0, 1], "tracked": true}, ...}}
 
-docs/json-input.md is the specification. Strict, so that a sender's mistake shows on the first datagram: an unknown,
-missing or doubled key or a value of the wrong type refuses the datagram with a reason; numbers that are no place or no
-rotation cost only the pose they stand in.
+docs/json-input.md is the specification. It is strict, so that an error of a sender shows on the first datagram. An
+unknown, missing or doubled key, or a value of the wrong type, refuses the datagram with a reason. Numbers that are no
+position or no rotation drop only their own pose.
 """
 
 import json
@@ -28,7 +28,7 @@ from retarget.sources.stream_frame import (
 __all__ = ["DEFAULT_PORT", "ORDERS", "JsonPoseDecoder"]
 
 DEFAULT_PORT = 14150
-"""UDP port that senders use unless told otherwise."""
+"""Default UDP port of senders."""
 
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Where w, x, y and z stand in a quaternion of this order."""
@@ -59,7 +59,7 @@ class JsonPoseDecoder:
         self.dropped = Dropped()
         self._names: tuple[str, ...] = ()
         self.work = 0.0
-        """Microseconds, about, that datagrams have cost beyond their length: text costs more than numbers."""
+        """Approximate cost of the datagrams beyond that of their length, microseconds: text costs more than numbers."""
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The poses of one datagram. See `StreamDecoder`."""
@@ -79,13 +79,13 @@ class JsonPoseDecoder:
             raise _Refused(f'"poses" is no object of 1 to {MAX_POSES} poses')
         places, turns, tracked = [], [], []
         for pose in poses.values():
-            place, turn, told = _pose(pose, order)
+            place, turn, is_tracked = _pose(pose, order)
             bad = place is None or turn is None
-            if bad and told:
+            if bad and is_tracked:
                 self.dropped.note("pose that is no number or no rotation")
             places.append(_NOWHERE if place is None or bad else place)
             turns.append(_NO_TURN if turn is None or bad else turn)
-            tracked.append(told and not bad)
+            tracked.append(is_tracked and not bad)
         return StreamFrame(
             names=self._named(tuple(poses)),
             position=axes.positions(np.array(places)),
@@ -169,7 +169,7 @@ def _number(message: dict[str, Any]) -> int | None:
 
 
 def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:
-    """Place (3), quaternion (4) wxyz of norm 1, tracked. NaN for what is not told, None for what is not usable."""
+    """Position (3), quaternion (4) wxyz of norm 1, tracked. NaN for what is not sent, None for what is not usable."""
     if type(pose) is not dict or not pose.keys() <= _POSE_KEYS or not ("p" in pose or "q" in pose):
         raise _Refused('a pose is no object of "p", "q" or both, and "tracked"')
     tracked = pose.get("tracked", True)

@@ -2,8 +2,8 @@
 
 Used: type 02 (quaternions; the one to choose in MVN), type 01 (Euler angles, only while no quaternions come), 12 (the
 performer's name) and 13 (the T-pose). All else is counted. Names of poses are MVN's own: "Pelvis", "L5", "RightForeArm"
-(`mvn_wire.SEGMENTS`); props and fingers are left out. The stamp is the time code, the number the sample counter: a
-sender may skip samples, and arrival is off by 15 ms, so samples belong where these say.
+(`SEGMENTS`); props and fingers are left out. The stamp is the time code, the number the sample counter: a sender may
+skip samples, and arrival times are off by 15 ms, so these two place a sample in time.
 """
 
 import struct
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 
-# Bytes of the Xsens MVN network streamer: the header of every datagram, and the small texts beside the poses.
+# Bytes of the Xsens MVN network streamer: the header of every datagram, and the names and scale that come with poses.
 #
 # Big-endian. Source: MVN real-time network streaming protocol specification, revision N (2018).
 
@@ -184,11 +184,11 @@ class SampleParts:
         self._parts.clear()
 
 
-# Cutting the MVN streamer's TCP bytes into datagrams: it puts them end to end, and only headers tell their sizes.
+# Splitting the MVN streamer's TCP bytes into datagrams: they follow each other, and only their headers give sizes.
 
 MAGIC = b"MXTP"
 MOST_SKIPS = 256
-"""Headers in one chunk that are none; then all of the chunk is thrown away, for looking at each costs a microsecond."""
+"""False headers in one chunk, beyond which all of it is dropped, as checking each costs a microsecond."""
 MAX_PAYLOAD = MAX_DATAGRAM - HEADER_BYTES
 
 
@@ -244,16 +244,16 @@ def _plausible(header: MvnHeader) -> bool:
     return header.size <= MAX_PAYLOAD and (stride is None or header.items * stride == header.size)
 
 
-# Which MVN segment tells the place and which the orientation of each canonical sensor, and of each canonical joint.
+# MVN segments that give the position and the orientation of each canonical sensor, and of each canonical joint.
 #
 # The origin of a segment is the joint at its start (RightForeArm: the elbow; T8: where neck and arms part; Head: the
 # joint below the skull; RightToe: the ball of the foot). Every orientation is the identity in the T-pose, standing
-# upright and facing the calibrated x, which is the rest pose that canonical sensors are told in.
+# upright and facing the calibrated x, which is the rest pose of canonical sensors.
 
 
 @dataclass(frozen=True, slots=True)
 class SegmentRole:
-    """Names of segments: `position`, whose origin is the place of a sensor, and `orientation`, which turns with it."""
+    """Names of the segments of a sensor: the origin of `position` is its place, `orientation` turns with it."""
 
     position: str
     orientation: str
@@ -302,7 +302,7 @@ MVN_JOINTS = MappingProxyType(
 TALL = 10.0
 """A pelvis higher than this, or a T-pose taller, is in centimetres."""
 TALL_SAMPLES = 5
-"""So many samples in a row must say so: one damaged sample must not shrink the performer for good."""
+"""Tall samples in a row that change the unit: one damaged sample must not shrink the performer for good."""
 
 CENTIMETRES = "MVN sends centimetres (pelvis above 10): taken as such"
 
@@ -325,7 +325,7 @@ class MvnRest:
     position: FloatArray
 
     def skeleton(self) -> Skeleton:
-        """Its canonical joints, for limb lengths; only those whose segments were told. The pelvis must be there."""
+        """The canonical joints whose segments were sent, for limb lengths. The pelvis must be among them."""
         place = dict(zip(self.names, self.position, strict=True))
         joints = {joint: place[segment] for joint, segment in MVN_JOINTS.items() if segment in place}
         return Skeleton(tuple(joints), np.stack(list(joints.values())) - place["Pelvis"])
@@ -343,10 +343,10 @@ class _Layout:
 
 
 class MvnDecoder:
-    """Implements StreamDecoder. character: its id in MVN; None takes the first that is seen and stays with it.
+    """Implements StreamDecoder. character: its id in MVN; None takes the first that arrives and keeps it.
 
-    rest: the T-pose, None until a type 13 datagram told it. name: of the performer, "" until a type 12 one did.
-    types: datagrams by type. notes: what the user should know, each once.
+    rest: the T-pose, None before the first type 13 datagram. name: of the performer, "" before the first type 12
+    datagram. types: datagrams by type. notes: messages to the user, each once.
     """
 
     def __init__(self, *, character: int | None = None) -> None:
@@ -365,7 +365,7 @@ class MvnDecoder:
         """The sample that this datagram holds or completes. See `StreamDecoder`."""
         header = read_header(datagram) if len(datagram) <= MAX_DATAGRAM else None
         if header is None or header.size != len(datagram) - HEADER_BYTES:
-            self.dropped.note("not an MVN datagram" if header is None else "not of the size it tells")
+            self.dropped.note("not an MVN datagram" if header is None else "not of the size in its header")
             return []
         if self.character is None:
             self.character = header.character
@@ -434,7 +434,7 @@ class MvnDecoder:
         return self._layout
 
     def _unit_is_clear(self, height: float) -> bool:
-        """Whether the unit fits a pelvis (sender's unit) at this height; changes it when several samples say so."""
+        """Whether the unit fits a pelvis at this height (sender's unit); TALL_SAMPLES in a row change the unit."""
         if self._metres != 1.0 or not height > TALL:
             self._tall = 0
             return True
@@ -480,7 +480,7 @@ def _layout(ids: bytes) -> _Layout:
     elif columns.size == 0:
         error = "no body segment"
     elif len(set(used.tolist())) < used.size:
-        error = "segment told twice"
+        error = "segment sent twice"
     if error:
         return _Layout(ids, (), slice(0), None, error)
     names = tuple(SEGMENTS[number - 1] for number in used.tolist())

@@ -1,4 +1,5 @@
-"""NatNet datagrams in, frames of named poses out."""
+"""Decodes NatNet datagrams into frames of named world poses: names, skeleton parents, and the rest pose of a
+skeleton."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +59,7 @@ PARENTLESS = None
 
 @dataclass(frozen=True, slots=True)
 class PoseName:
-    """Of one pose. defined: the definitions know it. parent: number of the parent bone, None at the root.
+    """Name of one pose. defined: whether the definitions have it. parent: number of the parent bone, None at the root.
 
     number: id within its owner (of a bone: without the skeleton's id, which the wire keeps in the upper 16 bits).
     """
@@ -70,7 +71,7 @@ class PoseName:
 
 
 class NameTable:
-    """Looks names up. Two things of one name are told apart by their numbers."""
+    """Names of poses by the definitions. Of two poses with one name, the second is named by its number."""
 
     def __init__(self, definitions: Definitions | None = None) -> None:
         known = definitions or Definitions()
@@ -104,7 +105,7 @@ class _Group:
 
 
 def _by_number(bodies: Sequence[BodyDefinition]) -> dict[int, BodyDefinition]:
-    """The first of each number; a name that was there before is left out."""
+    """The first body of each number; a name that an earlier body has becomes ""."""
     found: dict[int, BodyDefinition] = {}
     names: set[str] = set()
     for body in bodies:
@@ -139,7 +140,7 @@ def pose_names(table: NameTable, groups: Sequence[PoseGroup], numbers: Sequence[
     return names
 
 
-# What is worked out once for a set of NatNet ids and not again in every frame: names, rows kept, parents of bones.
+# Plan of a set of NatNet ids, made when they change and used in every frame: names, rows kept, parents of bones.
 
 ROOT = -1
 """Parent row of a pose that is already in the world."""
@@ -149,7 +150,7 @@ UNKNOWN = -2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePlan:
-    """Of k poses kept. rows (k,) of the frame, None if all. doubled, surplus: rows left out, by reason.
+    """Plan of the k poses that are kept. rows (k,) of the frame, None if all. doubled, surplus: rows left out.
 
     bones: (row, parent row) of the bones that are not roots, parents first; lost: rows of bones whose parents are not
     known. Both index the rows kept.
@@ -203,7 +204,7 @@ def _parents(groups: Sequence[PoseGroup], found: Sequence[PoseName], kept: Seque
 
 
 def _depth(parents: Sequence[int], row: int) -> int:
-    """Steps to the root; -1 where the chain is not known or goes round."""
+    """Steps to the root; -1 where the chain is not known or is a cycle."""
     for steps in range(len(parents) + 1):
         row = parents[row]
         if row == ROOT:
@@ -214,9 +215,9 @@ def _depth(parents: Sequence[int], row: int) -> int:
 
 
 def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
-    """Turns parent-relative poses of bones into the world, in place: T_world_bone = T_world_parent T_parent_bone.
+    """Turn parent-relative poses of bones into world poses, in place: T_world_bone = T_world_parent T_parent_bone.
 
-    A bone is vouched for only if its parents are. Bones whose parents are not known become NaN and are not.
+    A bone is tracked only if its parents are. Bones whose parents are not known become NaN and are not tracked.
     """
     points = [(p[0], p[1], p[2]) for p in position.tolist()]
     turns = [(q[0], q[1], q[2], q[3]) for q in orientation.tolist()]
@@ -236,10 +237,10 @@ def compose_bones(plan: PosePlan, position: FloatArray, orientation: FloatArray,
 
 
 def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
-    """The canonical joints of a skeleton in its T-pose, facing x; None where names or parents make no human.
+    """The canonical joints of a skeleton in its T-pose, facing x; None where names or parents are not a human's.
 
-    In that pose no bone is turned, so each offset, which is told in its parent's frame, adds to the parent's place.
-    Which way a T-pose faces in the lab is not told: from the right hip to the left one is left.
+    In that pose no bone is turned, so each offset, given in its parent's frame, adds to the parent's position. The
+    stream does not say which way the T-pose faces, so the direction from the right hip to the left one is taken as y.
     """
     bones = {bone.number & 0xFFFF: bone for bone in group.bones}
     prefix = f"{group.name}_"
@@ -248,18 +249,18 @@ def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
     if joints is None:
         return None
     found = {joint: places[at] for joint, at in joints.items()}
-    told = {joint: place for joint, place in found.items() if place is not None}
-    if not {"pelvis", "l_hip", "r_hip"} <= set(told):
+    known = {joint: place for joint, place in found.items() if place is not None}
+    if not {"pelvis", "l_hip", "r_hip"} <= set(known):
         return None
-    position = axes.positions(np.array(list(told.values())))
-    names = tuple(told)
+    position = axes.positions(np.array(list(known.values())))
+    names = tuple(known)
     position -= position[names.index("pelvis")]
     left = position[names.index("l_hip")] - position[names.index("r_hip")]
     return Skeleton(names, position @ _turned_to_y(left))
 
 
 def _place(bone: BodyDefinition, bones: dict[int, BodyDefinition]) -> FloatArray | None:
-    """From the skeleton's root (3,), m, in the server's axes; None where its parents go round in a circle."""
+    """Position (3,) from the skeleton's root, m, in the server's axes; None where its parents are a cycle."""
     place, steps = np.array(bone.offset), 0
     while (parent := bones.get(bone.parent & 0xFFFF)) is not None and parent is not bone:
         bone, steps = parent, steps + 1
@@ -295,18 +296,20 @@ _SILENT = {
     MessageId.KEEP_ALIVE,
     MessageId.UNRECOGNISED,
 }
-"""What a server may send and what tells no pose."""
+"""Messages of a server that hold no pose."""
 _AXES = {"y": CONVENTIONS["motive_y_up"], "z": CONVENTIONS["motive_z_up"]}
-"""By Motive's up axis. The stream does not tell which is on."""
+"""Conventions by Motive's Up Axis. The stream does not say which one is set."""
 _WXYZ = np.array([6, 3, 4, 5])
 """Columns of the wire's x, y, z, qx, qy, qz, qw."""
 
 _PlanKey = tuple[tuple[PoseGroup, ...], bytes]
-"""What decides a plan: the groups, and the ids of their poses."""
+"""Key of a plan: the groups, and the ids of their poses."""
 
 
 class NatnetDecoder:
-    """Of one Motive server. Frames before the first ServerInfo and definitions are decoded too, with less to tell.
+    """A `StreamDecoder` of one Motive server.
+
+    Frames before the first ServerInfo and definitions are decoded too, with numbers instead of names.
 
     bones: how Motive streams skeletons (Settings, Streaming, Skeleton Coordinates): `global`, or `local` to the parent.
     up: its Up Axis. Raises UsageError for other options. stamp of a frame: mid-exposure in s of the server's clock; its
@@ -329,16 +332,16 @@ class NatnetDecoder:
 
     @property
     def names_missing(self) -> bool:
-        """The last frame had ids that no definition names: a reason to ask for definitions."""
+        """Whether the last frame had ids without a definition: a reason to ask for definitions."""
         return self._plan is not None and not self._plan[1].all_defined
 
     def rest(self, skeleton: str) -> Skeleton | None:
-        """The T-pose of a skeleton by its name, as its definition tells it; None where it tells none that is known."""
+        """The T-pose of a skeleton by its name; None where its definition is missing or not a human's."""
         group = next((group for group in self._definitions.skeletons if group.name == skeleton), None)
         return None if group is None else rest_skeleton(group, self._axes)
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
-        """The frame, if it is one. ServerInfo and definitions are kept and give none."""
+        """The frame of a datagram. ServerInfo and definitions are kept and give no frame."""
         if len(datagram) > MAX_DATAGRAM:
             return self._drop(TOO_LONG)
         parts = split(datagram)
@@ -389,7 +392,7 @@ class NatnetDecoder:
         if other is not None and other.surplus == 0:
             self._version = _OLDEST if sized else SIZED_SINCE
             return other
-        # Blocks that tell their sizes let the suffix of a later version be longer than it is today.
+        # Blocks that carry their sizes let the suffix of a later version be longer than it is today.
         return frame if sized else None
 
     def _frame(self, frame: FrameOfData) -> StreamFrame:
@@ -412,14 +415,14 @@ class NatnetDecoder:
         return StreamFrame(plan.names, position, orientation, tracked, self._stamp(frame), frame.number)
 
     def _planned(self, frame: FrameOfData, ids: NDArray[np.int32]) -> PosePlan:
-        """The plan of these ids; worked out again only when they change."""
+        """The plan of these ids, made again only when they change."""
         key = (frame.groups, ids.tobytes())
         if self._plan is None or self._plan[0] != key:
             self._plan = (key, plan_poses(self._table, frame.groups, ids.tolist(), limit=MAX_POSES))
         return self._plan[1]
 
     def _check(self, position: FloatArray, orientation: FloatArray, tracked: BoolArray) -> None:
-        """Unit quaternions; NaN, and not vouched for, where a pose is none."""
+        """Normalise the quaternions in place; a pose that is unusable becomes NaN and is not tracked."""
         bad = unusable(position, orientation)
         norm = np.sqrt(np.einsum("ij,ij->i", orientation, orientation))
         if not bad.any():

@@ -32,7 +32,7 @@ __all__ = [
 
 
 SIZED_SINCE = Version(4, 1)
-"""The bitstream in which blocks began to tell their sizes."""
+"""The first bitstream whose blocks carry their sizes."""
 
 BODY = np.dtype([("id", "<i4"), ("pose", "<f4", 7), ("error", "<f4"), ("flags", "<i2")])
 """One pose on the wire, 38 bytes: position m and quaternion xyzw, mean marker error m; bit 0 of flags: tracked."""
@@ -48,7 +48,7 @@ _PLAIN_SUFFIX = struct.Struct("<IIdQQQHI")
 _SIZED_SUFFIX = struct.Struct("<IIdQQQIIHI")
 _TAIL = struct.Struct("<H4x")
 _SHORTEST = 4 + 7 * 4 + _PLAIN_SUFFIX.size
-"""Bytes of a frame of nothing."""
+"""Bytes of an empty frame."""
 
 
 class Owner(Enum):
@@ -97,9 +97,9 @@ class FrameFlags:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameOfData:
-    """What a frame tells. poses: records of `BODY`, group after group, as they came. markers: records of `MARKER`.
+    """Content of a frame. poses: records of `BODY`, group after group, as they came. markers: records of `MARKER`.
 
-    timestamp: s, as Motive counts them. mid_exposure, received, transmitted: ticks of the server's clock (0: not told).
+    timestamp: s, as Motive counts them. mid_exposure, received, transmitted: ticks of the server's clock (0: unknown).
     precision: seconds and fraction of an outer clock (2^-32 s), from 4.1. surplus: bytes behind the suffix.
     """
 

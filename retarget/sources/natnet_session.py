@@ -1,8 +1,8 @@
-"""Talks to a Motive server: what to send and when, what is known of it. No socket and no clock is in here.
+"""The session with a Motive server: what to send and when, and what is wrong with it. No socket and no clock.
 
-The side with the sockets: send each datagram of `poll` to `COMMAND_PORT` of the server, give every datagram that comes
-from the server to `receive` and to a `NatnetDecoder`, and call `poll` at least ten times a second. `names_missing` is
-to tell what the decoder's property of that name says. `natnet_trouble` tells what is wrong.
+The owner of the sockets sends each datagram of `poll` to `COMMAND_PORT` of the server, gives every datagram that the
+server sends to `receive` and to a `NatnetDecoder`, and calls `poll` at least ten times a second. `names_missing`
+returns the decoder's property of that name. `natnet_problems` lists what is wrong.
 
 * Unicast: one socket on any free port, for everything: the server sends its frames to the port that connected.
 * Multicast: that socket for questions and answers, and a second one, bound to `data_port` with address reuse, which
@@ -52,21 +52,21 @@ __all__ = [
 OLDEST, NEWEST = Version(3, 0), Version(4, 255)
 """Bitstreams that can be read."""
 PINNED = Version(4, 1)
-"""The first one whose blocks tell their sizes."""
+"""The first one whose blocks carry their sizes."""
 UNNAMED_S = 5.0
-"""Between two questions for names that the last answer did not have either."""
+"""Time between two requests for names that the last answer did not have."""
 _PIN_TRIES = 3
 _READINGS = 16
 
 
 @dataclass(frozen=True, slots=True)
 class SessionSettings:
-    """How to talk. Raises UsageError for values that cannot be.
+    """Transport, bitstream and intervals of a session. Raises UsageError for values out of range.
 
     version: bitstream that a unicast server from 4.0 on is asked for, so that a newer Motive changes nothing here;
-    None: its own. retry_s: between questions without answer. keep_alive_s: between signs of life to a unicast server.
-    silence_s: without frames, after which the server is asked again. echo_s: between readings of its clock, None:
-    never (a running minimum of arrival minus stamp does as well).
+    None: its own. retry_s: between requests without answer. keep_alive_s: between keep-alive messages to a unicast
+    server. silence_s: time without frames after which the session connects again. echo_s: between readings of the
+    server's clock, None: never (a running minimum of arrival minus stamp does as well).
     """
 
     transport: Literal["unicast", "multicast"] = "unicast"
@@ -89,21 +89,21 @@ class SessionSettings:
 
 @dataclass(frozen=True, slots=True)
 class ClockReading:
-    """Of the server's clock. offset: its s minus ours, right within half the round trip (s)."""
+    """A reading of the server's clock. offset: its s minus the local s, right within half the round trip (s)."""
 
     offset: float
     round_trip: float
 
 
 class _Due:
-    """Lets one through at most every `interval` s."""
+    """A timer that is due at most every `interval` s."""
 
     def __init__(self, interval: float) -> None:
         self.interval = interval
         self.last: float | None = None
 
     def take(self, now: float) -> bool:
-        """Whether it is time; if so, it counts from now."""
+        """Whether it is due; if so, it starts again."""
         if self.last is not None and now - self.last < self.interval:
             return False
         self.last = now
@@ -111,11 +111,12 @@ class _Due:
 
 
 class NatnetSession:
-    """State of one conversation. `now`: s of one monotonic clock throughout.
+    """State of one session. `now`: s of one monotonic clock throughout.
 
-    Public to read: settings, server (None until it answered), version (of the frames, as far as told), frames (count),
-    started, server_at, frame_at, asked_at (s; None before; asked_at: since when definitions are waited for), refused
-    (count of questions that the server did not know). To set: names_missing, whether frames have ids without a name.
+    To read: settings; server (None until it answered); version (of the frames, None while unknown); frames (count);
+    started, server_at, frame_at, asked_at (s, None before; asked_at: since when definitions are waited for); refused
+    (count of messages that the server did not recognise). To set: names_missing, whether frames have ids without a
+    name.
     """
 
     def __init__(self, settings: SessionSettings | None = None) -> None:
@@ -145,7 +146,7 @@ class NatnetSession:
 
     @property
     def clock_hz(self) -> int:
-        """Ticks per second of the server's clock; 0 while it is not told."""
+        """Ticks per second of the server's clock; 0 while unknown."""
         return self.server.clock_hz if self.server else 0
 
     @property
@@ -160,11 +161,11 @@ class NatnetSession:
 
     @property
     def clock(self) -> ClockReading | None:
-        """The reading with the shortest round trip of the last sixteen."""
+        """The reading with the shortest round trip of the last _READINGS."""
         return min(self._readings, key=lambda reading: reading.round_trip, default=None)
 
     def silent(self, now: float) -> bool:
-        """No frame for `silence_s`, though the server answered at least that long ago."""
+        """Whether no frame came for `silence_s`, and the server answered at least that long ago."""
         since = max((at for at in (self.server_at, self.frame_at) if at is not None), default=None)
         return since is not None and now - since >= self.settings.silence_s
 
@@ -194,7 +195,7 @@ class NatnetSession:
         return out
 
     def _connecting(self) -> bytes:
-        """With the version pinned and without it by turns: an old server may not know the longer message."""
+        """Connect message, alternately with and without the pinned version: old servers may reject the longer one."""
         self._connects += 1
         pin = self.settings.transport == "unicast" and self._connects % 2 == 1
         return connect_message(self.settings.version if pin else None)
@@ -211,7 +212,7 @@ class NatnetSession:
         )
 
     def receive(self, now: float, datagram: bytes) -> None:
-        """Takes in a datagram of the server. Never raises; what is not understood is left to the decoder to count."""
+        """Update the session from a datagram of the server. Never raises; the decoder counts what cannot be read."""
         parts = split(datagram)
         if parts is None:
             return
@@ -248,7 +249,7 @@ class NatnetSession:
         if flags is None:
             return
         if self.frames and self.silent(now):
-            # Motive was paused or started again: what its ids mean may have changed unseen.
+            # Motive was paused or started again, so its ids may have changed meaning.
             self._wants_definitions = True
             self._pins = 0
             self.version = self.server.version if self.server else None
@@ -269,7 +270,7 @@ class NatnetSession:
         self._readings.append(ClockReading(answer.server_ticks / self.clock_hz - 0.5 * (sent + now), now - sent))
 
     def _commanded(self, text: str) -> None:
-        """`Bitstream,4.1` tells what is sent from now on."""
+        """Take the version from `Bitstream,4.1`, which announces it for the frames that follow."""
         word, _, version = text.partition(",")
         numbers = version.split(".")[:2]
         if word != "Bitstream" or len(numbers) != 2 or not all(part.isascii() and part.isdigit() for part in numbers):
@@ -279,17 +280,14 @@ class NatnetSession:
             self.version = found
 
 
-# What is wrong with a NatNet session, in plain words, and what to set in Motive.
+# Problems of a NatNet session, and what to set in Motive.
 
 PATIENCE_S = 3.0
-"""s without an answer before it is called missing."""
+"""Time, s, after which an answer counts as missing."""
 
 
 def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
-    """All that is wrong at `now`, the cause before its consequences; empty where nothing is.
-
-    host: as the user gave it, for the text.
-    """
+    """Problems at `now`, causes before consequences. host: as the user gave it, for the text."""
     server = session.server
     if server is None:
         waited = session.started is not None and now - session.started >= PATIENCE_S
@@ -303,7 +301,7 @@ def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[P
     if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
         found.append(
             Problem(
-                "Motive tells no model definitions, so bodies have numbers and no names",
+                "Motive sends no model definitions, so bodies have numbers and no names",
                 where=host,
                 next_step=f"Check that no firewall drops large UDP datagrams from port {COMMAND_PORT}",
             )
@@ -344,7 +342,7 @@ def _other_transport(server: ServerInfo, host: str) -> Problem:
     wanted = "unicast" if server.multicast else "multicast"
     detail = f" to {server.group}, port {server.data_port}" if server.multicast else ""
     return Problem(
-        "Motive streams another way than is listened for",
+        "Motive streams in the other transport than this session expects",
         where=host,
         found=sent + detail,
         allowed=wanted,

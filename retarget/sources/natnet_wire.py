@@ -35,7 +35,7 @@ COMMAND_PORT = 1510
 DATA_PORT = 1511
 """UDP port that multicast frames are sent to."""
 MULTICAST_GROUP = "239.255.42.99"
-"""Group that Motive sends to unless told otherwise."""
+"""Default multicast group of Motive."""
 
 MAX_NAME = 128
 """Characters of a name that are kept."""
@@ -80,7 +80,8 @@ class Version(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ServerInfo:
-    """Who answered. clock_hz: of its ticks (0: not told). data_port and group: of its multicast frames."""
+    """Answer of a server to the connect message. clock_hz: of its ticks (0: unknown). data_port and group:
+    multicast."""
 
     name: str
     app_version: tuple[int, int, int, int]
@@ -152,7 +153,7 @@ def command_message(text: str) -> bytes:
 
 
 def echo_message(client_ticks: int) -> bytes:
-    """Asks what the server's clock says; our own ticks (u64) come back beside its."""
+    """Asks for the server's clock; the answer repeats the client's ticks (u64)."""
     return message(MessageId.ECHO, struct.pack("<Q", client_ticks))
 
 

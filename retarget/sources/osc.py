@@ -73,12 +73,12 @@ class OscMessage:
 
 @dataclass(slots=True)
 class OscPacket:
-    """What one datagram holds.
+    """Content of one datagram.
 
     messages: in the order of the wire. time_tags: first byte of the time tag of each bundle (they carry no time: every
-    sender known says "immediately"). dropped: a constant reason for each thing that could not be read. A datagram whose
-    sizes do not fit, or that passes a bound, has no messages at all: a part of it may be missing. arguments, elements:
-    that were looked at, those of what was dropped too.
+    known sender writes "immediately"). dropped: a constant reason for each part that could not be read. A datagram
+    whose sizes do not fit, or that exceeds a limit, has no messages at all: a part of it may be missing. arguments,
+    elements: counts of those that were decoded, dropped ones included.
     """
 
     messages: list[OscMessage] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Recordings of datagrams as they came: written beside a live run, read back by replay.
+"""Recordings of datagrams as they came: written during a live run, read back by replay.
 
 A file is `RAWDGM01`, u16 length and UTF-8 text of the stream's address, then records, all little-endian:
 
@@ -50,8 +50,8 @@ def is_recording(head: bytes) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Datagram:
-    """One datagram: time_s of its arrival (local monotonic s; unix s in the old format), source port, payload, and the
-    source's address ("" in the old format)."""
+    """One datagram. time_s: its arrival, local monotonic s (unix s in the old format). port, address: its source's
+    (address "" in the old format)."""
 
     time_s: float
     port: int
@@ -60,10 +60,12 @@ class Datagram:
 
 
 class RawWriter:
-    """Appends from the tick or a receiving thread without touching the disk; `flush`, from a slower thread, writes.
+    """Writer of a recording. `append`, from the tick or a receiving thread, does not touch the disk; `flush`, from a
+    slower thread, writes.
 
-    What is not flushed is lost in a crash, no more. lost: datagrams for which there was no room, or no disk (`trouble`
-    says why: the system's reason, "" while all is well). It must not stop the robot, so neither raises.
+    A crash loses only what was not flushed. lost: count of datagrams dropped because the buffer was full or the disk
+    refused them. error: the system's reason, "" while there is none. Neither method raises, so that a recording never
+    stops the robot.
     """
 
     def __init__(self, path: Path, *, url: str, option: str = "--record-raw") -> None:
@@ -71,7 +73,7 @@ class RawWriter:
         refuse_existing(path, option=option)
         text = url.encode("utf-8")[:MAX_ADDRESS]
         self.lost = 0
-        self.trouble = ""
+        self.error = ""
         self._lock = Lock()
         self._count = 0
         self._unwritten = bytearray(_MAGIC + _LENGTH.pack(len(text)) + text)
@@ -80,14 +82,14 @@ class RawWriter:
         except (OSError, ValueError) as error:
             raise _unwritable(path, option, getattr(error, "strerror", None) or str(error)) from None
         self.flush()
-        if self.trouble:
-            raise _unwritable(path, option, self.trouble)
+        if self.error:
+            raise _unwritable(path, option, self.error)
 
     def append(self, payload: bytes, *, time_ns: int, address: str, port: int) -> None:
         """Take one datagram. time_ns: local monotonic. address: IPv4 or IPv6, as the socket gave it."""
         record = _RECORD.pack(time_ns, port, _packed(address), len(payload)) + payload
         with self._lock:
-            if len(payload) > MAX_DATAGRAM or self.trouble or len(self._unwritten) + len(record) > MAX_UNWRITTEN:
+            if len(payload) > MAX_DATAGRAM or self.error or len(self._unwritten) + len(record) > MAX_UNWRITTEN:
                 self.lost += 1
                 return
             self._unwritten += _CRC.pack(zlib.crc32(record))
@@ -104,7 +106,7 @@ class RawWriter:
             while view:
                 view = view[self._file.write(view) :]
         except (OSError, ValueError) as error:  # ValueError: closed
-            self.trouble = getattr(error, "strerror", None) or str(error)
+            self.error = getattr(error, "strerror", None) or str(error)
             self.lost += count
 
     def close(self) -> None:
@@ -121,7 +123,7 @@ class RawReader:
     """The datagrams of a recording, in order; iterate it as often as wanted, one record is held at a time.
 
     url: of the stream ("" in the old format). damage: after an iteration, where and how the file ended early, "" if it
-    was whole. What stands before the damage was yielded; what stands behind it is not trusted.
+    was whole. All before the damage was yielded, and nothing after it.
     """
 
     def __init__(self, path: Path) -> None:

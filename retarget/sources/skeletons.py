@@ -199,7 +199,7 @@ def _shared_start(names: list[str]) -> str:
 
 
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
-    """Canonical joint (and `head_top`) -> index in `names`, by the style that knows the most; None if none fits."""
+    """Canonical joint (and `head_top`) -> index in `names`, by the style that names the most; None if none fits."""
     plain = plain_names(names)
     index: dict[str, int] = {}
     for i, name in enumerate(plain):

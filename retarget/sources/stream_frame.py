@@ -1,6 +1,4 @@
-"""What every live stream is decoded into: poses of one datagram, by the sender's own names, in our axes, within
-bounds.
-"""
+"""The frame that every live stream is decoded into: poses of one datagram by the sender's names, in world axes."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -29,19 +27,19 @@ __all__ = [
 
 
 MAX_DATAGRAM = 65_536
-"""Bytes of the longest datagram that is looked at."""
+"""Bytes of the longest datagram that is decoded."""
 MAX_POSES = 256
-"""Poses of one datagram; what is beyond is dropped."""
+"""Poses of one datagram that are used; further ones are dropped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamFrame:
-    """The poses that one datagram told, all of one performer. World REP-103 (x forward, y left, z up).
+    """The poses of one datagram, all of one performer. World REP-103 (x forward, y left, z up).
 
     names: the sender's own names of k poses, each once; the same tuple as long as they do not change. position (k, 3)
-    m and orientation (k, 4) wxyz: NaN where the datagram has none. tracked (k,): whether the sender vouches for the
-    pose; True where it says nothing of it. stamp: when it was captured, s of the sender's clock, and number: of the
-    frame; both as they came (they may jump, wrap or repeat), None where the sender tells none.
+    m and orientation (k, 4) wxyz: NaN where the datagram has none. tracked (k,): whether the sender marks the pose as
+    tracked; True where it has no such mark. stamp: time of capture, s of the sender's clock, and number: of the frame;
+    both as they came (they may jump, wrap or repeat), None where the sender sends none.
     """
 
     names: tuple[str, ...]
@@ -177,7 +175,7 @@ def convention(name: str, *, where: str = "") -> Convention:
         ) from None
 
 
-# What a pose from outside must keep to before anything is computed from it.
+# Checks of a pose from outside, before anything is computed from it.
 
 MAX_COORDINATE = 1e6
 """Larger coordinates, in any unit from millimetres up, are no place in a room."""

@@ -1,8 +1,9 @@
 """VMC protocol 3.1 (github.com/sh-akira/VirtualMotionCaptureProtocol), the receiving side: poses over OSC and UDP.
 
-Names of a frame: the serial of a device, as it is told (`human://HEAD`), whether it comes as a headset, controller or
-tracker; `local://SERIAL` for its raw pose (address with `/Local`); `bone://LeftUpperArm` in Unity's spelling;
-`root://root`. Devices are world poses. Bones are relative to their parent, with the T-pose as identity.
+`VmcDecoder` gives the poses as they are sent. Names of a frame: the serial of a device (`human://HEAD`), whether it is
+sent as a headset, controller or tracker; `local://SERIAL` for its raw pose (address with `/Local`);
+`bone://LeftUpperArm` in Unity's spelling; `root://root`. Devices are world poses. Bones are relative to their parent,
+with the T-pose as identity. `VmcBodyDecoder` gives the bones as world poses, by forward kinematics.
 """
 
 from collections import Counter
@@ -41,10 +42,10 @@ __all__ = [
 ]
 
 
-# Names of the poses of VMC: the bones of Unity's humanoid, and which serials of devices are taken.
+# Names of the poses of VMC: the bones of Unity's humanoid, and the serials of devices that are accepted.
 
 MAX_SERIAL = 128
-"""Letters of the longest serial that is taken."""
+"""Characters of the longest serial that is accepted."""
 
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
@@ -71,9 +72,9 @@ _BY_LOWER_CASE = {name.lower(): f"bone://{name}" for name in BONES}
 _RESERVED = ("bone://", "root://", "local://")
 
 
-def bone_name(told: str) -> str | None:
-    """`bone://LeftUpperArm` of a bone told in any case; None for a name that Unity does not have."""
-    return _BY_LOWER_CASE.get(told.lower())
+def bone_name(name: str) -> str | None:
+    """`bone://LeftUpperArm` for this bone in any spelling of case; None for a name that Unity does not have."""
+    return _BY_LOWER_CASE.get(name.lower())
 
 
 def device_name(serial: str) -> str | None:
@@ -83,17 +84,19 @@ def device_name(serial: str) -> str | None:
     return serial
 
 
-# Forward kinematics over the bones of Unity's humanoid: from parent-relative poses to the world's.
+# Forward kinematics over the bones of Unity's humanoid: from parent-relative poses to world poses.
 #
-# For senders that tell bones only (VirtualMotionCapture, VSeeFace), and to check those that tell both. Rows are those
-# of
-# `BODY_BONES`. The reference is the T-pose: there every rotation is the identity.
+# For senders that send bones only (VirtualMotionCapture, VSeeFace), and to check senders of both bones and devices.
+# Rows are those of `BODY_BONES`. The reference is the T-pose, where every rotation is the identity.
 
 OPTIONAL: tuple[str, ...] = (
     *("Chest", "UpperChest", "Neck"),
     *(f"{side}{part}" for part in ("Shoulder", "Toes") for side in ("Left", "Right")),
 )
-"""Bones that an avatar may lack (docs.unity3d.com, HumanTrait.RequiredBone); their children hang from their parents."""
+"""Bones that an avatar may be without (docs.unity3d.com, HumanTrait.RequiredBone).
+
+The children of a missing bone are attached to its parent.
+"""
 
 _TRUNK = ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
 _ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
@@ -142,7 +145,7 @@ _POINTS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalBones:
-    """Bones relative to their parents, in the world's axes; NaN where not told.
+    """Bones relative to their parents, in the world's axes; NaN where not sent.
 
     rotation (22, 4) wxyz and position (22, 3) m by `BODY_BONES`; root_rotation (4,), root_position (3,) of the avatar.
     """
@@ -154,7 +157,7 @@ class LocalBones:
 
 
 def local_bones(frame: StreamFrame) -> LocalBones:
-    """The bones of one frame that its sender vouches for."""
+    """The tracked bones of one frame."""
     poses = np.full((len(BODY_BONES) + 1, 7), np.nan)
     for index, name in enumerate(frame.names):
         row = len(BODY_BONES) if name == "root://root" else _COLUMN.get(name)
@@ -165,7 +168,7 @@ def local_bones(frame: StreamFrame) -> LocalBones:
 
 
 def merged(later: LocalBones, earlier: LocalBones) -> LocalBones:
-    """What `later` tells, and for the rest what `earlier` did: for senders that split an avatar over datagrams."""
+    """`later`, with what it lacks from `earlier`: for senders that split an avatar over datagrams."""
     return LocalBones(
         np.where(np.isnan(later.rotation), earlier.rotation, later.rotation),
         np.where(np.isnan(later.position), earlier.position, later.position),
@@ -177,8 +180,8 @@ def merged(later: LocalBones, earlier: LocalBones) -> LocalBones:
 def world_rotations(bones: LocalBones) -> FloatArray:
     """World orientation (22, 4) wxyz of each bone's segment.
 
-    A root that is not told is the identity, and so is an optional bone. A required bone that is not told is NaN, and
-    all that hangs from it.
+    A root or an optional bone that is not sent is the identity. A required bone that is not sent is NaN, and so are
+    its descendants.
     """
     world = np.where(_IS_OPTIONAL[:, None] & np.isnan(bones.rotation), IDENTITY, bones.rotation)
     root = np.where(np.isnan(bones.root_rotation), IDENTITY, bones.root_rotation)
@@ -193,8 +196,8 @@ def world_positions(bones: LocalBones, rotations: FloatArray, offsets: FloatArra
     """World position (22, 3) m of the joint where each bone begins.
 
     rotations (22, 4): of `world_rotations`. offsets (22, 3) m, see `t_pose_offsets`: from parent to bone in the T-pose,
-    used where the sender tells no position. An optional bone of which nothing is known begins where its parent does;
-    any other is NaN, and all that hangs from it.
+    used where the sender sends no position. An optional bone of which nothing is known begins where its parent does;
+    any other is NaN, and so are its descendants.
     """
     step = bones.position if offsets is None else np.where(np.isnan(bones.position), offsets, bones.position)
     absent = _IS_OPTIONAL & np.isnan(bones.rotation[:, 0]) & np.isnan(step[:, 0])
@@ -221,16 +224,16 @@ def t_pose_offsets(person: HumanDimensions) -> FloatArray:
     return offsets
 
 
-# Poses as Unity's wire formats have them (VMC, VRChat OSC) into the world's axes.
+# Poses of Unity's wire formats (VMC, VRChat OSC) into the world's axes.
 #
-# Which axes those are stands in `stream_axes`; here are the order of the numbers and Unity's Euler angles.
+# `stream_frame.CONVENTIONS` has the axes; here are the order of the numbers and Unity's Euler angles.
 
 _UNITY = CONVENTIONS["unity"]
 _WXYZ = np.array([3, 0, 1, 2])
 _POSE = np.zeros((7, 7))
 _POSE[:3, :3] = _UNITY.positions(np.eye(3))
 _POSE[3:, 3:] = _UNITY.orientations(np.eye(4)[:, _WXYZ])
-"""A row of seven numbers times this is the pose; every entry is 0, 1 or -1, so that nothing is rounded."""
+"""A row of seven numbers times this matrix is the pose; every entry is 0, 1 or -1, so nothing is rounded."""
 _HALF_DEGREE = np.pi / 360.0
 
 
@@ -240,7 +243,7 @@ def position_from_unity(position: ArrayLike) -> FloatArray:
 
 
 def poses_from_unity(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Position (..., 3) and quaternion wxyz (..., 4) of Unity's x, y, z, qx, qy, qz, qw (..., 7), in one go.
+    """Position (..., 3) and quaternion wxyz (..., 4) of Unity's x, y, z, qx, qy, qz, qw (..., 7).
 
     A pose with one number that is not finite is NaN throughout.
     """
@@ -269,7 +272,7 @@ UNKNOWN_ADDRESS = "OSC address that is not used"
 WRONG_ARGUMENTS = "VMC message with too few arguments or of the wrong types"
 UNKNOWN_BONE = "bone that Unity's humanoid does not have"
 BAD_SERIAL = "serial that is empty, too long, not printable, or reserved"
-TOLD_TWICE = "pose told twice in one datagram"
+SENT_TWICE = "pose sent twice in one datagram"
 TOO_MANY_POSES = "more than 256 poses in one datagram"
 BAD_STAMP = "time that is not finite"
 BAD_POSE = "pose that is not finite, far away, or without a unit quaternion"
@@ -282,13 +285,13 @@ _POSES: Mapping[str, int] = {
     **{f"/VMC/Ext/{device}/Pos/Local": _RAW for device in ("Hmd", "Con", "Tra")},
 }
 _UNUSED = ("/VMC/Ext/", "/VMC/Thru/")
-"""Addresses of the protocol that tell no pose (expressions, camera, light, keys): not used, and no fault either."""
+"""Addresses of the protocol without a pose (expressions, camera, light, keys): not used, and not counted as dropped."""
 _FLOAT = Struct(">f")
 _INT = Struct(">i")
 
 
 class _State(NamedTuple):
-    """Where /VMC/Ext/OK has its numbers, in bytes; None for what it does not tell."""
+    """Byte offsets of the numbers of /VMC/Ext/OK; None for those that it does not have."""
 
     loaded: int
     calibration: int | None
@@ -300,31 +303,31 @@ class _State(NamedTuple):
 class _Plan:
     """Where one layout of a datagram has its poses.
 
-    words (k, 7): index of each number among the datagram's 32-bit words. bones (k,). vouched, doubted (k,): all True
-    and all False. stamp: byte of the time.
+    words (k, 7): index of each number among the datagram's 32-bit words. bones (k,): whether a pose is a bone.
+    all_tracked, none_tracked (k,): all True and all False. stamp: byte of the time.
     """
 
     names: tuple[str, ...]
     words: NDArray[np.intp]
     bones: BoolArray
-    vouched: BoolArray
-    doubted: BoolArray
+    all_tracked: BoolArray
+    none_tracked: BoolArray
     stamp: int | None
     state: _State | None
     reasons: Counter[str]
 
 
 class VmcDecoder:
-    """One sender's datagrams into frames.
+    """A `StreamDecoder` of one sender's datagrams.
 
-    Nothing is carried over from one datagram to the next but what `/VMC/Ext/OK` told: `loaded` (the sender has a
-    model), `calibration` (0 not done, 1 waiting, 2 under way, 3 done), `calibration_mode` and `tracking`; None until
-    told. While the sender says that nothing is loaded, or that tracking is bad, no pose is `tracked`. `time` is the
-    last /VMC/Ext/T, s: a frame's stamp is that of its own datagram only.
+    The decoder keeps only the sender's state of `/VMC/Ext/OK` between datagrams: `loaded` (the sender has a model),
+    `calibration` (0 not done, 1 waiting, 2 under way, 3 done), `calibration_mode` and `tracking`; None until sent.
+    While the sender reports that no model is loaded, or that tracking is bad, no pose is `tracked`. `time` is the last
+    /VMC/Ext/T, s. A frame's stamp is that of its own datagram only.
 
-    The position of a bone that is exactly zero is NaN: SlimeVR without an avatar file, iFacialMocap and others send
-    zeros for what they do not know, and no bone of a body lies in its parent's joint. A pose that is not finite, out of
-    any room or without a unit quaternion keeps its name, is NaN and not tracked.
+    A bone position of exactly zero becomes NaN: SlimeVR without an avatar file, iFacialMocap and others send zeros for
+    unknown positions, and no bone of a body lies in its parent's joint. A pose that is not finite, out of any room or
+    without a unit quaternion keeps its name, becomes NaN and is not tracked.
     """
 
     def __init__(self) -> None:
@@ -339,30 +342,30 @@ class VmcDecoder:
 
     @property
     def work(self) -> float:
-        """Microseconds, about, that datagrams have cost beyond their length."""
+        """Approximate cost of the datagrams beyond that of their length, microseconds."""
         return self._layouts.work
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
-        """The frame of one datagram; none if it tells no pose."""
+        """The frame of one datagram; none if it has no pose."""
         plan = self._layouts.of(datagram)
         if plan.reasons:
             self.dropped.reasons.update(plan.reasons)
         if plan.state is not None:
-            self._told(datagram, plan.state)
+            self._keep_state(datagram, plan.state)
         stamp = None if plan.stamp is None else self._stamp(datagram, plan.stamp)
         if not plan.names:
             return []
         if plan.names != self._names:
             self._names = plan.names
-        vouched = self.loaded is not False and self.tracking is not False
-        position, orientation, tracked = self._poses(datagram, plan, vouched)
+        tracking = self.loaded is not False and self.tracking is not False
+        position, orientation, tracked = self._poses(datagram, plan, tracking)
         return [StreamFrame(self._names, position, orientation, tracked, stamp)]
 
-    def _poses(self, datagram: bytes, plan: _Plan, vouched: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def _poses(self, datagram: bytes, plan: _Plan, tracking: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Position (k, 3), orientation (k, 4) and tracked (k,) by the plan."""
         poses = _numbers(datagram, plan.words)
         bad = unusable(poses[:, :3], poses[:, 3:])
-        tracked = plan.vouched if vouched else plan.doubted
+        tracked = plan.all_tracked if tracking else plan.none_tracked
         if bad.any():
             self.dropped.reasons[BAD_POSE] += int(np.count_nonzero(bad))
             poses[bad] = np.nan
@@ -372,8 +375,8 @@ class VmcDecoder:
         norm = np.sqrt(np.einsum("ij,ij->i", orientation, orientation))
         return position, orientation / norm[:, None], tracked
 
-    def _told(self, datagram: bytes, state: _State) -> None:
-        """What /VMC/Ext/OK says, kept until it says otherwise."""
+    def _keep_state(self, datagram: bytes, state: _State) -> None:
+        """Keep the state of /VMC/Ext/OK until the next one."""
         self.loaded = _INT.unpack_from(datagram, state.loaded)[0] != 0
         if state.calibration is not None and state.mode is not None:
             self.calibration = _INT.unpack_from(datagram, state.calibration)[0]
@@ -382,7 +385,7 @@ class VmcDecoder:
             self.tracking = _INT.unpack_from(datagram, state.tracking)[0] != 0
 
     def _stamp(self, datagram: bytes, at: int) -> float | None:
-        """Seconds of the sender's clock; None, and counted, if they are not finite."""
+        """Seconds of the sender's clock; None if they are not finite, which is counted."""
         stamp = float(_FLOAT.unpack_from(datagram, at)[0])
         if not np.isfinite(stamp):
             self.dropped.note(BAD_STAMP)
@@ -392,13 +395,13 @@ class VmcDecoder:
 
 
 def _numbers(datagram: bytes, words: NDArray[np.intp]) -> FloatArray:
-    """The float32 at these words, as float64. A signalling NaN is a NaN like others here."""
+    """The float32 at these words, as float64. A signalling NaN raises no warning."""
     with np.errstate(invalid="ignore"):
         return np.frombuffer(datagram, ">f4").take(words).astype(np.float64)
 
 
 def _plan(packet: OscPacket) -> _Plan:
-    """Where the poses are, and what is dropped; it looks at no number."""
+    """Where the poses are, and what is dropped. The plan holds for every datagram of this layout."""
     reasons = Counter(packet.dropped)
     places: dict[str, int] = {}
     stamp: int | None = None
@@ -414,22 +417,22 @@ def _plan(packet: OscPacket) -> _Plan:
                 reasons[reason] += 1
     count = len(places)
     first = np.array(list(places.values()), np.intp).reshape(count, 1)
-    vouched, doubted = np.ones(count, bool), np.zeros(count, bool)
-    vouched.flags.writeable = doubted.flags.writeable = False
+    all_tracked, none_tracked = np.ones(count, bool), np.zeros(count, bool)
+    all_tracked.flags.writeable = none_tracked.flags.writeable = False
     bones = np.array([name.startswith("bone://") for name in places], bool)
-    return _Plan(tuple(places), first + np.arange(7), bones, vouched, doubted, stamp, state, reasons)
+    return _Plan(tuple(places), first + np.arange(7), bones, all_tracked, none_tracked, stamp, state, reasons)
 
 
 def _place(message: OscMessage, places: dict[str, int]) -> str:
-    """Note the first word of a pose by its name; the last of a name counts. The reason if it is not used."""
+    """Keep the first word of a pose by its name (the last pose of a name counts); return why it is not used, or ""."""
     kind = _POSES.get(message.address)
     if kind is None:
         known = message.address.startswith(_UNUSED) and message.address not in ("/VMC/Ext/T", "/VMC/Ext/OK")
         return "" if known else WRONG_ARGUMENTS if message.address.startswith("/VMC/Ext/") else UNKNOWN_ADDRESS
     if not message.tags.startswith("sfffffff"):
         return WRONG_ARGUMENTS
-    told = str(message.arguments[0])
-    name = "root://root" if kind == _ROOT else bone_name(told) if kind == _BONE else device_name(told)
+    sent = str(message.arguments[0])
+    name = "root://root" if kind == _ROOT else bone_name(sent) if kind == _BONE else device_name(sent)
     if name is None:
         return UNKNOWN_BONE if kind == _BONE else BAD_SERIAL
     if kind == _RAW:
@@ -438,11 +441,11 @@ def _place(message: OscMessage, places: dict[str, int]) -> str:
     if not again and len(places) >= MAX_POSES:
         return TOO_MANY_POSES
     places[name] = message.at[1] // 4
-    return TOLD_TWICE if again else ""
+    return SENT_TWICE if again else ""
 
 
 def _state(message: OscMessage) -> _State:
-    """Three forms: loaded; with calibration state and mode (2.5); with tracking as well (2.7)."""
+    """The layout of /VMC/Ext/OK: loaded; from 2.5 on, calibration state and mode too; from 2.7 on, tracking too."""
     at = message.at
     calibrated = message.tags.startswith("iii")
     return _State(
@@ -453,12 +456,12 @@ def _state(message: OscMessage) -> _State:
     )
 
 
-# VMC senders that tell bones only: the avatar's bones as poses in the world.
+# VMC senders that send bones only: the avatar's bones as world poses.
 
 STATURE_M = 1.70
-"""Of a person whose size nobody has told, m: calibration measures the rest."""
+"""Stature of a person of unknown size, m: calibration measures the limbs."""
 PARTS = 8
-"""A bone counts for so many datagrams with bones after it was told: some senders split an avatar."""
+"""Datagrams with bones for which a bone stays valid after it was sent: some senders split an avatar."""
 _NAMES = tuple(f"bone://{bone}" for bone in BODY_BONES)
 _FEET = [BODY_BONES.index("LeftFoot"), BODY_BONES.index("RightFoot")]
 _HIPS = BODY_BONES.index("Hips")
@@ -467,8 +470,8 @@ _HIPS = BODY_BONES.index("Hips")
 class VmcBodyDecoder:
     """A `StreamDecoder`: the 22 bones of a humanoid, each `bone://NAME`, position of the joint where it begins.
 
-    Bone lengths that the sender does not tell are those of `person`. Where it does not tell where the hips are, the
-    lower foot stands on the ground.
+    Bone lengths that are not sent are those of `person`. Where the position of the hips is not sent, the lower foot
+    stands on the ground.
     """
 
     def __init__(self, person: HumanDimensions | None = None) -> None:
@@ -480,19 +483,18 @@ class VmcBodyDecoder:
 
     @property
     def work(self) -> float:
-        """Microseconds, about, that datagrams have cost beyond their length."""
+        """Approximate cost of the datagrams beyond that of their length, microseconds."""
         return self._decoder.work
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
-        """The body of one datagram; none when it tells no bone."""
+        """The body of one datagram; none if it has no bone."""
         return [body for frame in self._decoder.decode(datagram) if (body := self._body(frame)) is not None]
 
     def _body(self, frame: StreamFrame) -> StreamFrame | None:
-        told = local_bones(frame)
-        if np.isnan(told.rotation).all():
+        bones = local_bones(frame)
+        if np.isnan(bones.rotation).all():
             return None
-        self._before = [told, *self._before[: PARTS - 1]]
-        bones = told
+        self._before = [bones, *self._before[: PARTS - 1]]
         for earlier in self._before[1:]:
             if not np.isnan(bones.rotation).any():
                 break

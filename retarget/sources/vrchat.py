@@ -1,8 +1,8 @@
 """VRChat's OSC trackers (docs.vrchat.com, OSC Trackers), the receiving side: eight trackers and the head.
 
 `/tracking/trackers/N/position` and `.../rotation`, N 1 to 8 or `head`; Unity's axes, metres, Euler angles in degrees.
-Names of a frame: `tracker://1` to `tracker://8`, `tracker://head`. The stream has no time and no numbers. Which
-tracker sits where is the sender's affair: see `vmc_roles` for SlimeVR's.
+Names of a frame: `tracker://1` to `tracker://8`, `tracker://head`. The stream has no time and no frame numbers. Each
+sender numbers the body parts in its own way: `live/roles.py` has SlimeVR's.
 """
 
 from collections import Counter
@@ -21,12 +21,12 @@ __all__ = ["VrchatDecoder"]
 UNKNOWN_ADDRESS = "OSC address that is not used"
 NOT_A_TRACKER = "tracker that is none of 1 to 8 and head"
 WRONG_ARGUMENTS = "VRChat message with too few arguments or of the wrong types"
-TOLD_TWICE = "pose told twice in one datagram"
+SENT_TWICE = "pose sent twice in one datagram"
 BAD_POSITION = "position that is not finite or far away"
 BAD_ROTATION = "Euler angle that is not finite or beyond 100 turns"
 
 MAX_DEGREES = 36_000.0
-"""Beyond it an angle of single precision has no degree left to tell."""
+"""Beyond it, an angle of single precision does not resolve a hundredth of a degree."""
 
 _PREFIX = "/tracking/trackers/"
 _IDS = frozenset([*"12345678", "head"])
@@ -45,10 +45,10 @@ class _Plan:
 
 
 class VrchatDecoder:
-    """One sender's datagrams into frames; nothing is carried over from one to the next.
+    """A `StreamDecoder` of one sender's datagrams, each decoded by itself.
 
-    A tracker of which a datagram tells the position only has an orientation of NaN, and the other way round. SlimeVR
-    tells head and hands under the id -1 as well: not used, and counted.
+    A tracker without a rotation in the datagram has an orientation of NaN; one without a position has a position of
+    NaN. SlimeVR also sends head and hands under the id -1: these are counted and not used.
     """
 
     def __init__(self) -> None:
@@ -58,11 +58,11 @@ class VrchatDecoder:
 
     @property
     def work(self) -> float:
-        """Microseconds, about, that datagrams have cost beyond their length."""
+        """Approximate cost of the datagrams beyond that of their length, microseconds."""
         return self._layouts.work
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
-        """The frame of one datagram; none if it tells no tracker."""
+        """The frame of one datagram; none if it has no tracker."""
         plan = self._layouts.of(datagram)
         if plan.reasons:
             self.dropped.reasons.update(plan.reasons)
@@ -74,10 +74,10 @@ class VrchatDecoder:
         tracked = np.ones(len(plan.names), bool)
         position = np.full((len(plan.names), 3), np.nan)
         orientation = np.full((len(plan.names), 4), np.nan)
-        told = self._triples(numbers, plan.positions, MAX_COORDINATE, BAD_POSITION, plan.position_rows, tracked)
-        position[plan.position_rows] = position_from_unity(told)
-        told = self._triples(numbers, plan.rotations, MAX_DEGREES, BAD_ROTATION, plan.rotation_rows, tracked)
-        orientation[plan.rotation_rows] = euler_from_unity(told)
+        metres = self._triples(numbers, plan.positions, MAX_COORDINATE, BAD_POSITION, plan.position_rows, tracked)
+        position[plan.position_rows] = position_from_unity(metres)
+        degrees = self._triples(numbers, plan.rotations, MAX_DEGREES, BAD_ROTATION, plan.rotation_rows, tracked)
+        orientation[plan.rotation_rows] = euler_from_unity(degrees)
         return [StreamFrame(self._names, position, orientation, tracked)]
 
     def _triples(
@@ -89,8 +89,8 @@ class VrchatDecoder:
         rows: NDArray[np.intp],
         tracked: BoolArray,
     ) -> FloatArray:
-        """The numbers (n, 3) at these words; what is unusable becomes NaN, and its row is no longer tracked."""
-        with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN like others here
+        """The numbers (n, 3) at these words; an unusable triple becomes NaN, and its row is no longer tracked."""
+        with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
             triples = numbers.take(words).astype(np.float64)
         bad = ~(np.abs(triples) <= limit).all(axis=1)
         if bad.any():
@@ -101,7 +101,7 @@ class VrchatDecoder:
 
 
 def _plan(packet: OscPacket) -> _Plan:
-    """Where the numbers are, and what is dropped; it looks at no number."""
+    """Where the numbers are, and what is dropped. The plan holds for every datagram of this layout."""
     reasons = Counter(packet.dropped)
     names: dict[str, int] = {}
     positions: dict[int, int] = {}
@@ -114,13 +114,13 @@ def _plan(packet: OscPacket) -> _Plan:
         row = names.setdefault(f"tracker://{tracker}", len(names))
         places = positions if what == "position" else rotations
         if row in places:
-            reasons[TOLD_TWICE] += 1
+            reasons[SENT_TWICE] += 1
         places[row] = message.at[0] // 4
     return _Plan(tuple(names), *_columns(positions), *_columns(rotations), reasons)
 
 
 def _kind(message: OscMessage) -> tuple[str, str, str]:
-    """Why a message is not used, or "" with the tracker and what is told of it."""
+    """Why a message is not used ("" if it is), its tracker, and "position" or "rotation"."""
     tracker, _, what = message.address.removeprefix(_PREFIX).partition("/")
     if not message.address.startswith(_PREFIX) or what not in ("position", "rotation"):
         return UNKNOWN_ADDRESS, "", ""

@@ -43,7 +43,7 @@ def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[
     shows(shown)
     assert shown.endswith("1 to fix\n")
     (finding,) = json.loads((tmp_path / "found.json").read_text())["findings"]
-    assert finding["level"] == "mend" and finding["what"] in shown
+    assert finding["level"] == "fix" and finding["what"] in shown
 
 
 @pytest.fixture

@@ -273,7 +273,7 @@ def test_a_recording_that_ends_early_is_reported_in_the_run_and_at_its_end(
         news = StreamNews(stream, said.append)
         news.look()
         assert not said
-        writer.lost, writer.trouble = 7, failure
+        writer.lost, writer.error = 7, failure
         news.look()
         news.look()
         assert len(said) == 1

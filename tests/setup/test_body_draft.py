@@ -101,7 +101,7 @@ def test_joints_that_no_servo_of_their_own_turns(kind: str, more: str, tmp_path:
     shows(body.notes[0])
 
 
-def test_what_mujoco_refuses_is_told(tmp_path: Path) -> None:
+def test_a_refusal_of_mujoco_is_an_input_error(tmp_path: Path) -> None:
     with refuses(InputError, where="body.xml"):
         drafted(two(geom="<nonsense/>"), tmp_path)
 

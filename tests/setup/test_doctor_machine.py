@@ -1,4 +1,4 @@
-"""Findings as lines."""
+"""Findings as lines, and the findings on a machine, its ports and its firewall."""
 
 import importlib
 import os
@@ -15,10 +15,10 @@ from retarget.setup.doctor_machine import (
     Level,
     firewall_findings,
     fix,
+    fix_all,
     frame_findings,
     lateness_finding,
     machine_findings,
-    mend_all,
     note,
     ok,
     port_findings,
@@ -31,21 +31,21 @@ from retarget.setup.doctor_machine import (
 def test_a_line_for_each() -> None:
     assert ok("rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
     assert note("clock", "coarse").render() == "note clock: coarse"
-    assert fix("port", "taken", "Stop it").render() == "mend port: taken. Stop it."
+    assert fix("port", "taken", "Stop it").render() == "fix  port: taken. Stop it."
     assert fix("port", "taken", "Who?").render().endswith("Who?")
 
 
-def test_a_senders_words_cannot_move_the_cursor() -> None:
-    assert fix("sensors", "tells \x1b[2Jx\n\r", "No").render() == "mend sensors: tells ?[2Jx??. No."
+def test_control_characters_of_a_sender_are_not_printed() -> None:
+    assert fix("sensors", "has \x1b[2Jx\n\r", "No").render() == "fix  sensors: has ?[2Jx??. No."
 
 
 def test_problems_of_a_refusal() -> None:
-    found = mend_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
+    found = fix_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
     assert [finding.level for finding in found] == [Level.FIX, Level.FIX]
     assert found[0].what == "taken. Stop it."
 
 
-def test_what_is_there_is_told_with_its_command(tmp_path: Path) -> None:
+def test_each_firewall_has_a_finding_with_its_command(tmp_path: Path) -> None:
     (tmp_path / "etc/ufw").mkdir(parents=True)
     (tmp_path / "etc/ufw/ufw.conf").write_text("ENABLED=yes\n")
     (tmp_path / "run/firewalld").mkdir(parents=True)
@@ -57,7 +57,7 @@ def test_what_is_there_is_told_with_its_command(tmp_path: Path) -> None:
         assert part in text
 
 
-def test_one_that_is_off_is_not_blamed(tmp_path: Path) -> None:
+def test_a_firewall_that_is_off_has_no_finding(tmp_path: Path) -> None:
     (tmp_path / "etc/ufw").mkdir(parents=True)
     (tmp_path / "etc/ufw/ufw.conf").write_text("ENABLED=no\n")
     text = text_of(firewall_findings(9_763, protocol="tcp", root=tmp_path))
@@ -84,7 +84,7 @@ def said(root: Path, name: str, content: str) -> str:
         (GOVERNOR, "performance", "ok   governor: performance"),
         (CLOCK, "hpet", "note clock: source hpet"),
         (CLOCK, "tsc", "ok   clock: source tsc"),
-        ("proc/sys/net/core/rmem_max", "65536", "mend UDP buffer: net.core.rmem_max 65536"),
+        ("proc/sys/net/core/rmem_max", "65536", "fix  UDP buffer: net.core.rmem_max 65536"),
         ("proc/sys/net/core/rmem_max", "212992", "note UDP buffer"),
         ("proc/sys/net/core/rmem_max", "4194304", "ok   UDP buffer"),
         ("sys/fs/cgroup/cpu.max", "50000 100000", "limited to 0.5 by a cgroup"),
@@ -98,7 +98,7 @@ def test_each_file_is_read(tmp_path: Path, name: str, content: str, line: str) -
 
 
 def test_half_a_core_is_too_little(tmp_path: Path) -> None:
-    shows_lines(said(tmp_path, "sys/fs/cgroup/cpu.max", "50000 100000"), "mend cores", varies=CORES)
+    shows_lines(said(tmp_path, "sys/fs/cgroup/cpu.max", "50000 100000"), "fix  cores", varies=CORES)
 
 
 def test_without_the_files_nothing_fails(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_without_the_files_nothing_fails(tmp_path: Path) -> None:
     shows_lines(text, re.compile("disk|UDP buffer"))
 
 
-def test_who_wakes_in_time_and_who_late() -> None:
+def test_a_process_that_wakes_up_late_has_a_finding() -> None:
     assert not fixes([lateness_finding(VirtualClock())])
 
     class Late(VirtualClock):
@@ -118,13 +118,13 @@ def test_who_wakes_in_time_and_who_late() -> None:
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Path:
-    """A link to a device of characters that everybody may open."""
+    """A link to a device of characters that every user may open."""
     link = tmp_path / "servo"
     link.symlink_to(os.devnull)
     return link
 
 
-def test_a_sound_port(terminal: Path, tmp_path: Path) -> None:
+def test_a_good_port(terminal: Path, tmp_path: Path) -> None:
     found = port_findings(str(terminal), baud=1_000_000, devices=tmp_path, processes=tmp_path)
     assert not fixes(found)
     shows(text_of(found), 1000000)
@@ -151,7 +151,7 @@ def test_the_latency_timer(terminal: Path, tmp_path: Path, timer: str, count: in
         shows(lines[0], 16)
 
 
-def test_who_has_it(terminal: Path, tmp_path: Path) -> None:
+def test_the_process_that_holds_a_port_is_named(terminal: Path, tmp_path: Path) -> None:
     descriptors = tmp_path / "77/fd"
     descriptors.mkdir(parents=True)
     (descriptors / "5").symlink_to(os.devnull)
@@ -170,7 +170,7 @@ def test_ports_that_may_not(monkeypatch: pytest.MonkeyPatch) -> None:
     shows(fixes(serial_findings([os.devnull]))[0], "usermod")
 
 
-def test_where_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_port_the_group_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     shows(text_of(serial_findings([])))
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(os, "getegid", lambda: 1000)
@@ -178,7 +178,7 @@ def test_where_nothing_is_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not fixes(serial_findings([]))
 
 
-def test_this_python_will_do() -> None:
+def test_python_and_wheel_are_usable() -> None:
     assert not fixes(python_findings())
     assert "3.10.4" in fixes(python_findings((3, 10, 4)))[0]
 

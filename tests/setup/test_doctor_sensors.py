@@ -1,17 +1,17 @@
-"""Limbs that hang from the trunk to the millimetre."""
+"""Findings on sensors: limbs that a sender makes up, rate, gaps, loss, clock and roles."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from doctor_rig import FRAMES, fixes, heard, json_poses, played, steady, text_of
+from doctor_rig import FRAMES, captured, fixes, json_poses, played, steady, text_of
 from live_rig import five
 from messages import shows, shows_lines
 from retarget import rotations
 from retarget.live.admission import Datagram
 from retarget.schema.performer import load_performer
-from retarget.setup.doctor_listening import Listening
+from retarget.setup.doctor_capture import StreamCapture
 from retarget.setup.doctor_sensors import invented_findings, rate_findings, role_findings
 from retarget.setup.doctor_stream import named_for
 from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, silent, swapped
@@ -19,8 +19,8 @@ from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, sile
 RATE = 100.0
 
 
-def turned(*, own: float, turn: float = 1.0) -> Listening:
-    """A trunk that turns; the left hand hangs from it and swings by `own` m, the right one swings by 0.1 m."""
+def turned(*, own: float, turn: float = 1.0) -> StreamCapture:
+    """A trunk that turns with both hands; the left one also swings by `own` m, the right one by 0.1 m."""
     rows = []
     for k in range(400):
         time = k / RATE
@@ -36,22 +36,22 @@ def turned(*, own: float, turn: float = 1.0) -> Listening:
     return played(rows)
 
 
-def test_a_hand_that_hangs_is_made_up_and_the_other_is_not() -> None:
+def test_a_hand_fixed_to_the_trunk_is_made_up_and_the_other_is_not() -> None:
     lines = fixes(invented_findings("json", turned(own=0.0)))
-    assert len(lines) == 1 and lines[0].startswith("mend l_wrist: hangs from the chest")
+    assert len(lines) == 1 and lines[0].startswith("fix  l_wrist: moves with the chest")
 
 
 def test_a_hand_that_moves_by_itself_is_real() -> None:
     assert invented_findings("json", turned(own=0.01)) == []
 
 
-def test_nothing_can_be_said_while_nobody_moves() -> None:
+def test_without_motion_no_limb_is_judged() -> None:
     found = invented_findings("json", turned(own=0.0, turn=0.0))
     assert not fixes(found)
     shows(text_of(found))
 
 
-def test_a_sender_that_tells_no_trunk() -> None:
+def test_a_sender_without_a_trunk() -> None:
     assert invented_findings("natnet", turned(own=0.0)) == []
 
 
@@ -61,8 +61,8 @@ SOURCE = ("127.0.0.1", 1)
 
 def sent(
     *, rate: float = 100.0, seconds: float = 4.0, frame: Callable[[int], dict[str, object]] = lambda k: {}
-) -> Listening:
-    """Frame k at k / rate; `frame` says what else stands in it, {"leave": True}: it is lost."""
+) -> StreamCapture:
+    """Frame k at k / rate s; `frame` gives its other keys; {"leave": True}: it is lost."""
     rows = []
     for k in range(round(rate * seconds)):
         more = frame(k)
@@ -72,11 +72,11 @@ def sent(
     return played(rows, seconds=seconds)
 
 
-def wrong(listening: Listening) -> str:
-    return "\n".join(fixes(rate_findings("json", listening)))
+def wrong(capture: StreamCapture) -> str:
+    return "\n".join(fixes(rate_findings("json", capture)))
 
 
-def test_a_sound_stream_has_nothing_to_mend() -> None:
+def test_a_good_stream_has_nothing_to_fix() -> None:
     found = rate_findings("json", sent(frame=lambda k: {"frame": k}))
     assert not fixes(found)
     shows(text_of(found), 100, "frames/s", 0)
@@ -88,9 +88,9 @@ def test_a_slow_one() -> None:
 
 
 def test_silence_in_the_middle_and_at_the_end() -> None:
-    middle = "\n".join(fixes(rate_findings("json", heard(silent(3.0, 3.5)))))
+    middle = "\n".join(fixes(rate_findings("json", captured(silent(3.0, 3.5)))))
     shows(middle, 1, "0.13", "0.5")
-    shows(wrong(heard(silent(4.0, 9.0))), "1.0")
+    shows(wrong(captured(silent(4.0, 9.0))), "1.0")
 
 
 def test_uneven_arrivals() -> None:
@@ -110,7 +110,7 @@ def test_a_number_that_stands_still() -> None:
     shows(wrong(sent(frame=lambda k: {"frame": 7})))
 
 
-def test_frames_that_were_overtaken_are_counted() -> None:
+def test_frames_out_of_order_are_counted() -> None:
     found = rate_findings("json", sent(frame=lambda k: {"frame": k ^ 1}))
     shows(text_of(found))
 
@@ -119,20 +119,20 @@ def test_frames_that_were_overtaken_are_counted() -> None:
     ("stamp", "words"),
     [
         (lambda time: 5.0, "time stands still"),
-        (lambda time: time + (50.0 if time > 3.0 else 0.0), "leapt once by 49.99"),
-        (lambda time: time - (9.0 if time > 3.0 else 0.0) + 500.0, "leapt once by 9."),
-        (lambda time: 1.3 * time, "second lasts 0.77 of ours"),
-        (lambda time: 0.7 * time, "second lasts 1.43 of ours"),
+        (lambda time: time + (50.0 if time > 3.0 else 0.0), "jumped once by 49.99"),
+        (lambda time: time - (9.0 if time > 3.0 else 0.0) + 500.0, "jumped once by 9."),
+        (lambda time: 1.3 * time, "second lasts 0.77 local seconds"),
+        (lambda time: 0.7 * time, "second lasts 1.43 local seconds"),
     ],
 )
 def test_clocks(stamp: Callable[[float], float], words: str) -> None:
-    assert words in wrong(heard(sender=FakeSender(frames=FRAMES, stamp=stamp)))
+    assert words in wrong(captured(sender=FakeSender(frames=FRAMES, stamp=stamp)))
 
 
-def test_a_sender_without_time_is_told_so_and_not_blamed() -> None:
-    listening = sent()
-    listening.frames = [type(one)(one.arrival, None, None, one.names) for one in listening.frames]
-    found = rate_findings("json", listening)
+def test_a_sender_without_time_has_a_finding_that_is_not_wrong() -> None:
+    capture = sent()
+    capture.frames = [type(one)(one.arrival, None, None, one.names) for one in capture.frames]
+    found = rate_findings("json", capture)
     assert not fixes(found)
     shows(text_of(found))
 
@@ -142,24 +142,24 @@ def test_a_few_frames_say_little() -> None:
 
 
 def test_left_out_samples_of_mvn_are_not_its_fault() -> None:
-    listening = sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0})
-    assert not any("loss" in line for line in fixes(rate_findings("mvn", listening)))
+    capture = sent(frame=lambda k: {"frame": k, "leave": k % 5 == 0})
+    assert not any("loss" in line for line in fixes(rate_findings("mvn", capture)))
 
 
 def test_seconds_of_single_precision_grow_coarse() -> None:
-    listening = sent()
+    capture = sent()
     hours = 40.0 * 3600.0
-    listening.frames = [type(one)(one.arrival, hours + one.arrival, None, one.names) for one in listening.frames]
-    shows("\n".join(fixes(rate_findings("vmc", listening))), 16)
-    assert not fixes(rate_findings("json", listening))
+    capture.frames = [type(one)(one.arrival, hours + one.arrival, None, one.names) for one in capture.frames]
+    shows("\n".join(fixes(rate_findings("vmc", capture))), 16)
+    assert not fixes(rate_findings("json", capture))
 
 
 def found_with(*faults: SenderFault) -> str:
-    return "\n".join(fixes(role_findings(five(), "json", heard(*faults))))
+    return "\n".join(fixes(role_findings(five(), "json", captured(*faults))))
 
 
 def test_all_is_well() -> None:
-    found = role_findings(five(), "json", heard())
+    found = role_findings(five(), "json", captured())
     assert not fixes(found)
     shows(text_of(found), "head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")
 
@@ -179,10 +179,10 @@ def test_one_that_is_missing_is_named_with_what_comes_instead() -> None:
         (lost("head", 3.0, 99.0), "head", "cannot be used"),
     ],
 )
-def test_each_doubt_names_its_sensor_alone(fault: SenderFault, who: str, words: str) -> None:
+def test_each_wrong_state_names_its_sensor_alone(fault: SenderFault, who: str, words: str) -> None:
     lines = found_with(fault).splitlines()
     assert len(lines) == 1, lines
-    assert lines[0].startswith(f"mend {who}: ") and words in lines[0]
+    assert lines[0].startswith(f"fix  {who}: ") and words in lines[0]
 
 
 def test_all_in_millimetres_is_one_line() -> None:
@@ -191,9 +191,9 @@ def test_all_in_millimetres_is_one_line() -> None:
     assert sum("unit (metres)" in line for line in lines) == 1
 
 
-def test_names_of_the_senders_own_need_roles() -> None:
-    listening = played(steady(json_poses(1.0, {"Head": {"p": [0, 0, 1]}})))
-    shows("\n".join(fixes(role_findings(five(), "json", listening))), "`role`")
+def test_own_names_of_a_sender_need_roles() -> None:
+    capture = played(steady(json_poses(1.0, {"Head": {"p": [0, 0, 1]}})))
+    shows("\n".join(fixes(role_findings(five(), "json", capture))), "`role`")
 
 
 def test_vrchat_has_no_wrists() -> None:
@@ -203,14 +203,14 @@ def test_vrchat_has_no_wrists() -> None:
     assert named_for(optitrack, "natnet") == optitrack
 
 
-def test_nothing_is_said_of_nothing() -> None:
+def test_an_empty_stream_has_no_findings() -> None:
     assert role_findings(five(), "json", played([])) == []
 
 
-def test_who_takes_what_there_is_misses_only_what_measures() -> None:
+def test_a_partial_performer_misses_only_the_sensors_that_measure_it() -> None:
     everything = load_performer("all")
-    found = role_findings(everything, "json", heard(lost("l_toe", 0.0, 99.0), performer=everything))
+    found = role_findings(everything, "json", captured(lost("l_toe", 0.0, 99.0), performer=everything))
     assert not fixes(found)
     shows(text_of(found), "l_toe")
-    lines = fixes(role_findings(everything, "json", heard(lost("head", 0.0, 99.0), performer=everything)))
+    lines = fixes(role_findings(everything, "json", captured(lost("head", 0.0, 99.0), performer=everything)))
     shows_lines(lines, "head")

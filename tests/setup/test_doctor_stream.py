@@ -1,4 +1,4 @@
-"""Senders that send to another port of this machine."""
+"""Findings on a stream: senders to other ports, silence, wrong protocols, refused senders, recordings."""
 
 import select
 import socket
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from doctor_rig import HERE, fixes, heard, json_poses, judged, played, steady, text_of
+from doctor_rig import HERE, captured, fixes, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
 from live_rig import five
 from messages import refuses, shows, shows_lines
@@ -22,7 +22,7 @@ from retarget.live.datagram_kinds import Recognised
 from retarget.setup.doctor_stream import (
     UNFRAGMENTED,
     USUAL_PORTS,
-    Elsewhere,
+    OtherPorts,
     Stray,
     sender_findings,
     silence_findings,
@@ -44,15 +44,15 @@ def test_the_usual_port_of_every_kind_is_listened_on() -> None:
 
 def test_a_sender_to_another_port_is_named_once() -> None:
     port = free_port()
-    elsewhere = Elsewhere(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[port])
+    other_ports = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[port])
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for _ in range(3):
             sender.sendto(b"MXTP02" + bytes(18), ("127.0.0.1", port))
-        ready, _, _ = select.select([receiver for _, _, receiver in elsewhere._receivers], [], [], 5.0)
+        ready, _, _ = select.select([receiver for _, _, receiver in other_ports._receivers], [], [], 5.0)
     assert ready
-    elsewhere.poll(MonotonicClock().now())
-    elsewhere.close()
-    (stray,) = elsewhere.strays
+    other_ports.poll(MonotonicClock().now())
+    other_ports.close()
+    (stray,) = other_ports.strays
     assert (stray.host, stray.port, stray.got.kind) == ("127.0.0.1", port, "mvn")
 
 
@@ -60,27 +60,27 @@ def test_a_port_that_is_taken_is_left_out() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("0.0.0.0", 0))
         port = holder.getsockname()[1]
-        elsewhere = Elsewhere(parse_address("vmc://0.0.0.0:1?allow=any"), everywhere=True, ports=[port])
-        elsewhere.poll(0.0)
-        assert elsewhere.strays == ()
-        elsewhere.close()
+        other_ports = OtherPorts(parse_address("vmc://0.0.0.0:1?allow=any"), everywhere=True, ports=[port])
+        other_ports.poll(0.0)
+        assert other_ports.strays == ()
+        other_ports.close()
 
 
 def test_a_listener_on_loopback_looks_at_the_other_interfaces_too() -> None:
-    elsewhere = Elsewhere(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[])
+    other_ports = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=True, ports=[])
     others = [number for number in local_interfaces().values() if not number.startswith("127.")]
-    assert [bind for bind, _, _ in elsewhere._receivers] == others
-    elsewhere.close()
+    assert [bind for bind, _, _ in other_ports._receivers] == others
+    other_ports.close()
 
 
-def test_a_recording_has_no_elsewhere() -> None:
-    assert Elsewhere(parse_address("replay://a.raw"), everywhere=True)._receivers == []
+def test_a_recording_has_no_other_ports() -> None:
+    assert OtherPorts(parse_address("replay://a.raw"), everywhere=True)._receivers == []
 
 
-def test_it_stays_on_the_interface_that_was_asked_for() -> None:
-    elsewhere = Elsewhere(parse_address(f"vmc://:{free_port()}"), everywhere=False)
-    assert elsewhere._receivers and {bind for bind, _, _ in elsewhere._receivers} == {"127.0.0.1"}
-    elsewhere.close()
+def test_only_the_interface_of_the_address_is_opened() -> None:
+    other_ports = OtherPorts(parse_address(f"vmc://:{free_port()}"), everywhere=False)
+    assert other_ports._receivers and {bind for bind, _, _ in other_ports._receivers} == {"127.0.0.1"}
+    other_ports.close()
 
 
 ONE = json_poses(1.0, {"head": {"p": [0, 0, 1]}})
@@ -103,7 +103,7 @@ OTHER = ("192.168.1.9", 5)
         ("json://:14150", b"what?", "which program sends it"),
     ],
 )
-def test_mix_ups_are_said_in_one_line(text: str, payload: bytes, words: str) -> None:
+def test_a_wrong_protocol_is_one_line(text: str, payload: bytes, words: str) -> None:
     lines = fixes(judged(played(steady(payload), text=text), text=text))
     assert len(lines) == 1 and words in lines[0]
 
@@ -114,7 +114,7 @@ def test_a_sender_that_is_not_allowed() -> None:
     shows(lines[0], "192.168.1.9", 5)
 
 
-def test_a_second_source_and_who_was_first() -> None:
+def test_a_second_source_and_the_first_are_named() -> None:
     rows = sorted(steady(ONE) + [Datagram(1.0 + k / 10, OTHER, ONE) for k in range(5)])
     line = next(line for line in fixes(judged(played(rows))) if "second source" in line)
     shows(line, "192.168.1.9", HERE[0], HERE[1])
@@ -128,7 +128,7 @@ def test_fragments_matter_beyond_this_machine_only() -> None:
     shows(text_of(judged(played(steady(ONE, source=OTHER)))))
 
 
-def test_damage_is_told_by_its_share() -> None:
+def test_damage_is_reported_with_its_share() -> None:
     rows = [
         Datagram(one.arrival, one.source, one.payload[: -(k % 5 == 0) or None]) for k, one in enumerate(steady(ONE))
     ]
@@ -140,9 +140,9 @@ def test_a_rate_beyond_what_is_taken() -> None:
 
 
 def test_what_the_kernel_lost() -> None:
-    listening = played(steady(ONE))
-    vars(listening.stream.receiver)["overflowed"] = 12
-    assert any("lost 12 datagrams" in line for line in fixes(judged(listening)))
+    capture = played(steady(ONE))
+    vars(capture.stream.receiver)["overflowed"] = 12
+    assert any("lost 12 datagrams" in line for line in fixes(judged(capture)))
 
 
 def test_an_avatar_that_is_not_loaded() -> None:
@@ -151,7 +151,7 @@ def test_an_avatar_that_is_not_loaded() -> None:
     shows(fixes(judged(played(steady(payload), text=text), text=text)))
 
 
-def test_noise_of_many_kinds_is_one_line() -> None:
+def test_many_unknown_kinds_are_one_line() -> None:
     rows = [Datagram(k / 100, HERE, bytes([200, k, 1, 2, 3])) for k in range(200)]
     assert len(fixes(judged(played(rows)))) == 1
 
@@ -163,20 +163,20 @@ def test_a_recording_of_another_kind_is_read_as_that() -> None:
     assert line.endswith("Read it as replay://walk.raw?kind=vmc.")
 
 
-SILENCE_FINDINGS_VMC = Recognised("vmc", "VMC")
+SENT_VMC = Recognised("vmc", "VMC")
 
 
 def said(text: str, *strays: Stray) -> str:
     return text_of(silence_findings(parse_address(text), strays, seconds=5.0))
 
 
-def test_on_loopback_the_firewall_is_not_blamed() -> None:
+def test_on_loopback_no_firewall_is_a_cause() -> None:
     text = said("vmc://:39539")
     shows(text, "5.0", "127.0.0.1", "UDP", 39539)
     assert "vmc://0.0.0.0:39539?allow=ITS_ADDRESS" in text and "firewall" not in text
 
 
-def test_on_the_network_it_is() -> None:
+def test_on_the_network_the_firewall_may_be_the_cause() -> None:
     text = said("vmc://0.0.0.0:39539?allow=192.168.1.20")
     shows(text, "192.168.1.20/32")
 
@@ -186,7 +186,7 @@ def test_mvn_over_tcp_has_its_own_option() -> None:
     shows(text, "TCP", 9763, "?tcp=ITS_ADDRESS")
 
 
-def test_motive_is_started_and_asked() -> None:
+def test_motive_is_to_be_started() -> None:
     shows(said("natnet://127.0.0.1"))
     assert "1511/udp" in said("natnet://192.168.1.5") or "UDP port 1511" in said("natnet://192.168.1.5")
     answered = silence_findings(parse_address("natnet://127.0.0.1"), (), seconds=5.0, answered=True)
@@ -196,17 +196,17 @@ def test_motive_is_started_and_asked() -> None:
 @pytest.mark.parametrize(
     ("stray", "words"),
     [
-        (Stray("192.168.1.20", "192.168.1.5", 39_539, SILENCE_FINDINGS_VMC), "vmc://0.0.0.0:39539?allow=192.168.1.20"),
-        (Stray("127.0.0.1", "0.0.0.0", 39_540, SILENCE_FINDINGS_VMC), "Use vmc://:39540, or let it send to port 39539"),
+        (Stray("192.168.1.20", "192.168.1.5", 39_539, SENT_VMC), "vmc://0.0.0.0:39539?allow=192.168.1.20"),
+        (Stray("127.0.0.1", "0.0.0.0", 39_540, SENT_VMC), "Use vmc://:39540, or let it send to port 39539"),
         (
-            Stray("127.0.0.1", "127.0.0.1", 39_540, SILENCE_FINDINGS_VMC),
+            Stray("127.0.0.1", "127.0.0.1", 39_540, SENT_VMC),
             "Use vmc://:39540, or let it send to port 39539",
         ),
-        (Stray("192.168.1.20", "0.0.0.0", 39_540, SILENCE_FINDINGS_VMC), "Use vmc://0.0.0.0:39540?allow=192.168.1.20"),
+        (Stray("192.168.1.20", "0.0.0.0", 39_540, SENT_VMC), "Use vmc://0.0.0.0:39540?allow=192.168.1.20"),
         (Stray("192.168.1.20", "0.0.0.0", 1_511, Recognised("natnet", "NatNet")), "Use natnet://192.168.1.20"),
     ],
 )
-def test_a_sender_to_elsewhere_is_the_cause(stray: Stray, words: str) -> None:
+def test_a_sender_to_another_port_is_the_cause(stray: Stray, words: str) -> None:
     assert words in "\n".join(fixes([stray_finding(parse_address("vmc://:39539"), stray)]))
     assert "ITS_ADDRESS" not in said("vmc://:39539", stray)
 
@@ -214,13 +214,13 @@ def test_a_sender_to_elsewhere_is_the_cause(stray: Stray, words: str) -> None:
 @pytest.mark.parametrize(
     ("got", "words"), [(Recognised("mvn", "MVN"), "To use that: mvn://:9763"), (Recognised("", "mocopi"), "not read")]
 )
-def test_another_kind_elsewhere_is_only_worth_knowing(got: Recognised, words: str) -> None:
+def test_another_kind_at_another_port_is_a_note(got: Recognised, words: str) -> None:
     finding = stray_finding(parse_address("vmc://:39539"), Stray("127.0.0.1", "0.0.0.0", 9_763, got))
     assert not fixes([finding]) and words in finding.render()
 
 
-def test_a_sound_stream_has_nothing_to_mend() -> None:
-    found = judged(heard())
+def test_a_good_stream_has_nothing_to_fix() -> None:
+    found = judged(captured())
     assert not fixes(found), text_of(found)
     assert {"stream", "rate", "jitter", "clock", "sensors"} <= {finding.subject for finding in found}
 
@@ -246,7 +246,7 @@ def test_no_such_recording_is_a_bad_argument() -> None:
         stream_findings(parse_address("replay://nope?kind=vmc"), five(), clock=VirtualClock(), seconds=1.0)
 
 
-def test_a_port_that_is_taken_is_to_be_mended() -> None:
+def test_a_port_that_is_taken_is_to_be_fixed() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.1", 0))
         address = parse_address(f"vmc://:{holder.getsockname()[1]}")
@@ -267,7 +267,7 @@ CHANGES = st.lists(st.tuples(st.integers(0, 4), GAPS, st.integers(0, 300), st.bi
 
 @settings(max_examples=40)
 @given(CHANGES, st.sampled_from(["vmc://:1", "vrchat://:1", "mvn://:1", "json://:1"]))
-def test_whatever_comes_is_judged(changes: list[tuple[int, float, int, bytes]], text: str) -> None:
+def test_any_datagrams_are_judged(changes: list[tuple[int, float, int, bytes]], text: str) -> None:
     rows, time = list[Datagram](), 0.0
     for which, gap, at, new in changes:
         time += gap

@@ -236,7 +236,7 @@ def test_only_a_lone_named_box_or_cylinder_can_be_taken_over() -> None:
     assert arm('<geom name="g" type="ellipsoid" size="1 2 3"/>').lone is None
 
 
-def test_planes_are_left_out_and_told() -> None:
+def test_planes_are_left_out_with_a_note() -> None:
     text = """<mujoco><worldbody><body name="base"><geom type="plane" size="1 1 1"/>
     <body name="arm"><joint/><geom size="0.1"/></body></body></worldbody></mujoco>"""
     found, notes = link_geometries(compile_body_text(text, source="test").model)
@@ -245,7 +245,7 @@ def test_planes_are_left_out_and_told() -> None:
 
 
 @pytest.mark.parametrize("name", ["", 'name="a b"', 'name="a/b"'])
-def test_a_link_without_a_name_that_a_profile_can_hold_is_told(name: str) -> None:
+def test_a_link_without_a_name_for_a_profile_has_a_note(name: str) -> None:
     text = f"""<mujoco><worldbody><body {name}><joint/><geom size="1"/><body name="b"><geom size="1"/></body></body>
     </worldbody></mujoco>"""
     found, notes = link_geometries(compile_body_text(text, source="test").model)

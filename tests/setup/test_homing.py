@@ -1,4 +1,4 @@
-"""Homing on the mock bus: a robot whose zeros are elsewhere is measured, whoever moves or is silent is told."""
+"""Homing on the mock bus: zeros that differ from the profile's are measured; moving or silent servos are reported."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,17 +17,17 @@ from retarget.setup.homing import FAR, READS, TRIES, Homing, calibration_of, hom
 from servos import four_servos, waist_servos
 from sim.mock_bus import FaultKind, MockBus, MockFault
 
-EVERYBODY = np.ones(4, dtype=np.bool_)
+ALL_SERVOS = np.ones(4, dtype=np.bool_)
 
 
 class Person:
-    """Answers yes until told otherwise, and remembers what was said."""
+    """An operator who gives these answers, then yes, and keeps the questions and messages."""
 
     def __init__(self, *answers: bool) -> None:
         self._answers = list(answers)
         self.asked: list[str] = []
         self.enter: list[bool] = []
-        self.told: list[str] = []
+        self.messages: list[str] = []
 
     def ask(self, question: str, enter: bool) -> bool:
         self.asked.append(question)
@@ -35,11 +35,11 @@ class Person:
         return self._answers.pop(0) if self._answers else True
 
     def notify(self, text: str) -> None:
-        self.told.append(text)
+        self.messages.append(text)
 
 
-class Restless(MockBus):
-    """The person's hand shakes in the first reads: after each of them `shake` changes the ticks of a reading."""
+class ShakingBus(MockBus):
+    """A bus whose robot is held by a shaking hand: `shake(reads, ticks)` changes the ticks of each read."""
 
     shake: Callable[[int, TickArray], TickArray]
     reads = 0
@@ -57,10 +57,10 @@ def run(
     person: Person,
     *faults: MockFault,
     shake: Callable[[int, TickArray], TickArray] | None = None,
-    chosen: np.ndarray[tuple[int], np.dtype[np.bool_]] = EVERYBODY,
+    chosen: np.ndarray[tuple[int], np.dtype[np.bool_]] = ALL_SERVOS,
 ) -> tuple[Homing | None, MockBus]:
     clock = VirtualClock()
-    bus = Restless(servos, clock, start=ticks, faults=faults)
+    bus = ShakingBus(servos, clock, start=ticks, faults=faults)
     bus.shake = shake or (lambda _, position: position)
     bus.open()
     if not faults:
@@ -130,7 +130,7 @@ def test_a_hand_that_shakes_is_asked_again() -> None:
     assert homing is not None and len(person.asked) == 3
     assert person.enter == [False, True, True]
     shows(person.asked[0])
-    assert person.told[1] == "It moved: elbow (id 2) by up to 0.031 rad; 0.01 is still enough."
+    shows(person.messages[1], "elbow", 2, "0.031", "0.01")
     assert homing.zero.tolist() == [servo.zero_tick for servo in four_servos()]
 
 
@@ -143,7 +143,7 @@ def test_a_hand_that_never_rests_is_given_up() -> None:
 
 
 @pytest.mark.parametrize(("answers", "torque"), [((False,), True), ((True, False), False)])
-def test_who_does_not_agree_changes_nothing_more(answers: tuple[bool, ...], torque: bool) -> None:
+def test_without_the_operators_consent_nothing_more_changes(answers: tuple[bool, ...], torque: bool) -> None:
     homing, bus = run(four_servos(), np.array([2048, 2100, 2048, 512]), np.zeros(4), Person(*answers))
     assert homing is None and bus.torque_on is torque
 
@@ -159,13 +159,13 @@ def test_a_servo_that_loses_some_answers_is_read_all_the_same() -> None:
         """The fault is of reads here, not of torque."""
 
     bus.torque = quietly  # type: ignore[method-assign]
-    homing = home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=EVERYBODY)
+    homing = home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=ALL_SERVOS)
     assert homing is not None and homing.zero[1] == 2110
     bus = MockBus(four_servos(), clock, faults=[replace(gap, cycles=READS)])
     bus.open()
     bus.torque = quietly  # type: ignore[method-assign]
     with refuses(BusError, "elbow", 2):
-        home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=EVERYBODY)
+        home(bus, JointMap(four_servos()), np.zeros(4), person.ask, person.notify, clock=clock, chosen=ALL_SERVOS)
 
 
 def test_torque_that_stays_on_ends_it() -> None:

@@ -61,7 +61,7 @@ def test_outlines_are_thinned() -> None:
     assert len(line) == 0 and none == 0.0
 
 
-def test_an_arm_has_a_hand_and_is_told_what_it_lacks() -> None:
+def test_an_arm_has_a_hand_and_a_list_of_missing_parts() -> None:
     tree = text_tree(table_arm())
     found = find_frames(tree, find_anatomy(tree))
     assert set(found.frames) == {"neck", "head", "r_shoulder", "r_elbow", "r_hand"}

@@ -44,7 +44,7 @@ def test_the_same_body_gives_the_same_profile(tmp_path: Path) -> None:
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_an_arm_is_told_what_it_lacks(tmp_path: Path) -> None:
+def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
     path.write_text(table_arm())
     done = import_robot(path, tmp_path / "new", relaxed=Relaxed(), name="op3", samples=10)

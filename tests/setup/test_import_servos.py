@@ -55,16 +55,16 @@ def test_models_by_torque() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name, entry in SERVO_MODELS.items() if 2 in entry.protocols])
-def test_torque_and_speed_tell_a_model(name: str) -> None:
+def test_torque_and_speed_identify_a_model(name: str) -> None:
     entry = SERVO_MODELS[name]
     drafts = guessed(arm(entry.stall_torque), {f"j_{part.name}": entry.no_load_speed for part in ARM})
     found = {draft.model for draft in drafts}
     assert all(one.stall_torque == entry.stall_torque and one.voltage == entry.voltage for one in found)
 
 
-def test_what_tells_nothing_and_what_no_servo_has() -> None:
+def test_no_torque_and_a_torque_that_no_servo_has() -> None:
     nothing = guessed(arm(0.0))
-    assert {draft.model.name for draft in nothing} == {UNKNOWN} and nothing[0].why == "nothing tells the model"
+    assert {draft.model.name for draft in nothing} == {UNKNOWN} and nothing[0].why == "the body states no torque"
     strong = guessed(arm(200.0))
     assert strong[0].model.name == "XH540-W270" and strong[0].why.startswith("no known model has 200 N m")
 

@@ -71,7 +71,7 @@ def test_a_joint_of_no_known_type(tmp_path: Path) -> None:
         drafted(humanoid([*HUMANOID, finger(kind="rubber")]), tmp_path)
 
 
-def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
+def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
     text = re.sub("<inertial>.*?</inertial>", "", humanoid([*HUMANOID, finger(kind="planar")]))
     with refuses(InputError, 2):
         drafted(text, tmp_path)
@@ -92,7 +92,7 @@ def test_without_any_mass(tmp_path: Path) -> None:
         (r"<mass [^>]*/>", "", ("<mass>", 0, "chest")),
     ],
 )
-def test_an_inertia_that_is_none_is_told_by_its_link(wrong: str, right: str, message: Facts, tmp_path: Path) -> None:
+def test_an_invalid_inertia_is_reported_with_its_link(wrong: str, right: str, message: Facts, tmp_path: Path) -> None:
     """Not in the words of a parser, which knows no links."""
     with refuses(InputError, message):
         drafted(re.sub(wrong, right, humanoid(), count=1), tmp_path)
@@ -103,7 +103,7 @@ def test_a_mass_of_nothing_everywhere(tmp_path: Path) -> None:
         drafted(re.sub(r'<mass value="[^"]*"', '<mass value="0"', humanoid()), tmp_path)
 
 
-def test_one_link_without_mass_is_told(tmp_path: Path) -> None:
+def test_one_link_without_mass_has_a_note(tmp_path: Path) -> None:
     body = drafted(re.sub("<inertial>.*?</inertial>", "", humanoid(), count=1), tmp_path)
     assert body.notes == ("links with a shape but without <inertial> weigh nothing here: chest",)
 
@@ -144,7 +144,7 @@ def test_a_picture_that_is_missing_is_no_loss(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("first", [True, False], ids=["before the other shape", "after it"])
-def test_a_collision_mesh_that_is_dropped_is_told_by_its_link(first: bool, tmp_path: Path) -> None:
+def test_a_dropped_collision_mesh_is_reported_with_its_link(first: bool, tmp_path: Path) -> None:
     """Of a link that has another shape; the picture of another link goes without a word."""
     mesh = '<collision><geometry><mesh filename="gone/foot.stl"/></geometry></collision>'
     shape = re.search(r"<collision>(?:(?!</collision>).)*" + re.escape(FOOT) + ".*?</collision>", humanoid(), re.DOTALL)

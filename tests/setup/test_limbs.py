@@ -1,4 +1,4 @@
-"""Legs, arms, head and front of robots that nobody described."""
+"""Legs, arms, head and front of robots without a description."""
 
 import pytest
 
@@ -108,7 +108,7 @@ def test_arms_that_hang_below_the_trunk_are_no_legs() -> None:
     assert len(anatomy.arms) == 2 and not anatomy.legs
 
 
-def test_names_tell_where_shapes_do_not() -> None:
+def test_names_decide_where_shapes_do_not() -> None:
     """Feet and knees of a symmetric body say nothing; a name does."""
     two = "".join(
         f'<body name="{name}" pos="0 {y} -0.1"><joint name="{name}_a" axis="0 1 0"/><geom size="0.02"/>'

@@ -37,7 +37,7 @@ def test_a_capsule_gets_itself() -> None:
     assert found.stands_out < 1e-4
 
 
-def test_a_flat_foot_gets_its_geom_and_is_told_why() -> None:
+def test_a_flat_foot_gets_its_geom_with_a_reason() -> None:
     found = proposal(FOOT)
     assert isinstance(found.shape, Lone) and found.shape.geom == "sole"
     shows(found.why)

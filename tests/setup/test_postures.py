@@ -33,12 +33,12 @@ def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> 
     text = small_bust().replace('<box size="0.03 0.1 0.03"/>', '<box size="0.3 0.1 0.03"/>')
     folder = imported(text, tmp_path)
     (ignored,) = [entry for entry in load_profile(folder).ignore_pairs if set(entry.pair) == {"p2", "q2"}]
-    told = "overlap at every posture" in ignored.reason or "touch in the drafted postures" in ignored.reason
-    assert told and robot_observers(load_robot(folder)).names
+    has_reason = "overlap at every posture" in ignored.reason or "touch in the drafted postures" in ignored.reason
+    assert has_reason and robot_observers(load_robot(folder)).names
 
 
 @pytest.mark.parametrize(
-    ("steps", "neutral", "stand", "told"),
+    ("steps", "neutral", "stand", "listed"),
     [
         (2, 0.001, -0.0005, True),  # neighbours that a run would be refused for
         (2, 0.001, 0.001, False),
@@ -48,15 +48,15 @@ def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> 
         (3, 0.01, 0.01, False),
     ],
 )
-def test_a_pair_is_told_where_a_run_would_be_refused_for_it(
-    steps: int, neutral: float, stand: float, told: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_pair_is_listed_where_a_run_would_be_refused_for_it(
+    steps: int, neutral: float, stand: float, listed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = object.__new__(postures._Bench)
     bench._steps, bench._pairs, bench._of = np.array([steps]), np.array([[0, 1]]), ["a", "b"]
     distance = {"neutral": neutral, "stand": stand, "attractor": 1.0}
     monkeypatch.setattr(bench, "_distances", lambda angles: np.array([distance[angles["name"]]]), raising=False)
     found = bench.touching({name: {"name": name} for name in distance})  # type: ignore[dict-item]
-    assert found == ((("a", "b"),) if told else ())
+    assert found == ((("a", "b"),) if listed else ())
 
 
 @pytest.mark.long

@@ -42,7 +42,7 @@ def test_limits_of_the_servos_come_first() -> None:
         joint_ranges(BODY, {"z": (0.0, 1.0)})
 
 
-def test_a_joint_without_limits_is_told() -> None:
+def test_a_joint_without_limits_has_a_note() -> None:
     ranges = joint_ranges(BODY, {})
     assert ranges.notes == ("joint b has no limits, -3.14 to 3.14 rad was looked at",)
     assert not joint_ranges(BODY, {"b": (0.0, 1.0)}).notes
@@ -78,7 +78,7 @@ def test_the_smallest_distance_is_the_exact_one() -> None:
     assert record.largest is None and record.searches == 20
 
 
-def test_overlap_at_every_posture_is_told_with_its_depth() -> None:
+def test_overlap_at_every_posture_is_reported_with_its_depth() -> None:
     record = look(BALLS.format(low=-0.015, high=-0.005), samples=40)["base", "hand"]
     assert record.largest == pytest.approx(-0.005, abs=4e-5)
     assert record.smallest == pytest.approx(-0.015, abs=4e-5)

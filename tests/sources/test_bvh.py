@@ -220,7 +220,7 @@ def test_a_bad_value_in_a_frame_has_its_line(tmp_path: Path, value: str) -> None
     assert caught.value.problems[0].where == f"{path}:{len(lines) - 1}"
 
 
-def test_a_calibration_pose_in_front_is_told(tmp_path: Path) -> None:
+def test_a_calibration_pose_in_front_has_a_note(tmp_path: Path) -> None:
     still = bvh_text(4, rotations={"LeftArm": (-80.0, 0.0, 0.0), "RightArm": (80.0, 0.0, 0.0)}).splitlines()
     still[-4] = bvh_text(1).splitlines()[-1]
     assert CALIBRATION_POSE in read_bvh(write(tmp_path, "\n".join(still))).notes
@@ -267,7 +267,7 @@ def test_every_recording_is_a_human_with_constant_bones(shared: Path) -> None:
         assert -0.1 < ankle.min() < 0.2, path.name
 
 
-def test_what_is_told_about_recordings(shared: Path) -> None:
+def test_notes_about_recordings(shared: Path) -> None:
     notes = read_bvh(shared / "mocap/cmu_bvh_hahne/02_06.bvh").notes
     assert LOST_LENGTHS in notes and CALIBRATION_POSE in notes
     shows(read_bvh(shared / "mocap/other/bvh_test3.bvh").notes)

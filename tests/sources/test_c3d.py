@@ -78,7 +78,7 @@ def test_of_several_performers_the_best_seen_is_read() -> None:
     ("text", "up"),
     [("+Z", (0, 0, 1)), ("-Z", (0, 0, -1)), ("+Y", (0, 1, 0)), ("X", (1, 0, 0)), ("", (0, 0, 1)), ("?", (0, 0, 1))],
 )
-def test_the_screen_axis_tells_what_is_up(text: str, up: tuple[int, int, int]) -> None:
+def test_the_screen_axis_gives_the_up_axis(text: str, up: tuple[int, int, int]) -> None:
     np.testing.assert_array_equal(_up_axis(text), up)
 
 
@@ -160,7 +160,7 @@ def test_recordings(shared: Path) -> None:
         assert 0.25 < np.nanmedian(np.linalg.norm(across, axis=1)) < 0.5
 
 
-def test_markers_and_skeleton_of_one_trial_tell_the_same_motion(shared: Path) -> None:
+def test_markers_and_skeleton_of_one_trial_give_the_same_motion(shared: Path) -> None:
     from retarget.sources.asf_amc import read_amc
 
     markers = read_c3d(shared / "mocap/cmu_c3d/05_13.c3d")

@@ -41,7 +41,7 @@ def test_world_axes_keep_the_cyclic_order_of_the_file() -> None:
         np.testing.assert_array_equal(matrix @ up, [0, 0, 1])
 
 
-def test_the_rest_pose_tells_all_24_ways_to_stand() -> None:
+def test_the_rest_pose_decides_between_all_24_orientations() -> None:
     directions = [*np.eye(3), *-np.eye(3)]
     for up in directions:
         for left in directions:

@@ -19,7 +19,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("end", ["rto", "rtoes", "rtoes -", "lfemur 1.0 2"])
-def test_an_amc_cut_in_its_last_line_is_told_as_such(tmp_path: Path, end: str) -> None:
+def test_an_amc_cut_in_its_last_line_is_refused_as_cut_short(tmp_path: Path, end: str) -> None:
     (tmp_path / "01.asf").write_text(asf_text())
     lines = amc_text(frames=3).splitlines()
     place = next(i for i in reversed(range(len(lines))) if lines[i].startswith(end.split()[0][:3]))
@@ -41,7 +41,7 @@ def test_a_bad_value_says_what_to_do(tmp_path: Path, value: str) -> None:
 
 
 @pytest.mark.parametrize("share", [0.5, 0.0])
-def test_a_bvh_cut_in_its_last_line_is_told_as_such(tmp_path: Path, share: float) -> None:
+def test_a_bvh_cut_in_its_last_line_is_refused_as_cut_short(tmp_path: Path, share: float) -> None:
     lines = bvh_text().rstrip().splitlines()
     cut = lines[-1][: int(share * len(lines[-1]))] + " -"
     with refuses(InputError, where=f":{len(lines)}"):

@@ -18,7 +18,7 @@ def test_lines_of_any_line_ends_and_encodings(tmp_path: Path) -> None:
     assert files.read_lines(path) == ["Jürgen"]
 
 
-def test_binary_content_is_told_with_its_line(tmp_path: Path) -> None:
+def test_binary_content_is_refused_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"a\nb\n\0")
     with refuses(InputError, where="a:3"):

@@ -167,7 +167,7 @@ def test_a_number_beyond_floats_is_no_place() -> None:
         (pose({"q": {"x": 0, "y": 0, "z": 0, "w": 1}}), '"p" is not 3 numbers'),
     ],
 )
-def test_a_mistake_of_the_sender_is_told(message: object, words: str) -> None:
+def test_an_error_of_the_sender_is_counted_with_its_reason(message: object, words: str) -> None:
     assert words in reason(message)
 
 

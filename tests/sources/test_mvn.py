@@ -94,7 +94,7 @@ def test_euler_angles_turn_about_x_then_y_then_z_of_y_up_axes() -> None:
     assert rotations.angle_between(frame.orientation[0], wanted) < 1e-7
 
 
-def test_both_types_tell_the_same_pose() -> None:
+def test_both_types_give_the_same_pose() -> None:
     turn = rotations.from_axis_angle([0.0, 0.0, 1.0], np.pi / 2)
     upright = only(MvnDecoder(), quaternions([(1, (0.1, 0.2, 0.95), turn.tolist())]))
     y_up = only(MvnDecoder(), euler([(1, (0.2, 0.95, 0.1), (0.0, 90.0, 0.0))]))
@@ -198,10 +198,10 @@ def test_a_wrong_type_is_named() -> None:
 
 def test_datagrams_that_are_none() -> None:
     assert refused(b"") == refused(GOOD[:20]) == refused(b"OSC" + GOOD) == {"not an MVN datagram": 1}
-    assert refused(GOOD[:-1]) == refused(GOOD + b"x") == {"not of the size it tells": 1}
+    assert refused(GOOD[:-1]) == refused(GOOD + b"x") == {"not of the size in its header": 1}
     assert refused(mvn("02", GOOD[24:], items=22)) == {"items do not fill the datagram": 1}
     assert refused(mvn("02", b"", items=0)) == {"no body segment": 1}
-    assert refused(quaternions([standing()[0]] * 2)) == {"segment told twice": 1}
+    assert refused(quaternions([standing()[0]] * 2)) == {"segment sent twice": 1}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 3e38])

@@ -105,11 +105,11 @@ def test_stamps_without_ticks_or_without_sense() -> None:
     assert only(decoder.decode(frame(Motion(), Version(3, 0)))).stamp == 1000.0
 
 
-@pytest.mark.parametrize("told", VERSIONS, ids=str)
+@pytest.mark.parametrize("announced", VERSIONS, ids=str)
 @pytest.mark.parametrize("sent", VERSIONS, ids=str)
-def test_a_pinned_bitstream_is_read_though_the_server_is_newer(sent: Version, told: Version) -> None:
+def test_a_pinned_bitstream_is_read_though_the_server_is_newer(sent: Version, announced: Version) -> None:
     decoder = NatnetDecoder()
-    decoder.decode(server_info(told))
+    decoder.decode(server_info(announced))
     decoder.decode(definitions(CATALOGUE, sent))
     for _ in range(3):
         assert only(decoder.decode(frame(MOTION, sent))).names[0] == "rigid://Quad"
@@ -246,7 +246,7 @@ def body(name: str, number: int, parent: int = -1) -> BodyDefinition:
 
 
 BODIES = PoseGroup(Owner.RIGID_BODIES, 0, 1)
-NATNET_NAMES_ANN = PoseGroup(Owner.SKELETON, 5, 1)
+ANN_GROUP = PoseGroup(Owner.SKELETON, 5, 1)
 TABLE = NameTable(
     Definitions(
         (body("Quad", 2), body("Quad", 3), body("", 4)),
@@ -261,7 +261,7 @@ def test_rigid_bodies() -> None:
     assert TABLE.of(BODIES, 9) == PoseName("rigid://#9", 9, False)
 
 
-def test_a_name_told_twice_or_empty_becomes_a_number() -> None:
+def test_a_name_that_is_doubled_or_empty_becomes_a_number() -> None:
     assert TABLE.of(BODIES, 3).text == "rigid://#3"
     assert TABLE.of(BODIES, 4).text == "rigid://#4"
     twins = NameTable(Definitions(skeletons=(GroupDefinition("A", 1, ()), GroupDefinition("A", 2, ()))))
@@ -269,13 +269,13 @@ def test_a_name_told_twice_or_empty_becomes_a_number() -> None:
 
 
 def test_bones_carry_their_skeleton_in_the_upper_half() -> None:
-    assert TABLE.of(NATNET_NAMES_ANN, 5 << 16 | 2) == PoseName("bone://Ann/Spine", 2, True, 1)
-    assert TABLE.of(NATNET_NAMES_ANN, 5 << 16 | 7) == PoseName("bone://Ann/#7", 7, False)
+    assert TABLE.of(ANN_GROUP, 5 << 16 | 2) == PoseName("bone://Ann/Spine", 2, True, 1)
+    assert TABLE.of(ANN_GROUP, 5 << 16 | 7) == PoseName("bone://Ann/#7", 7, False)
     assert TABLE.of(PoseGroup(Owner.SKELETON, 6, 1), 6 << 16 | 1).text == "bone://#6/#1"
 
 
 def test_a_bone_has_no_parent_that_is_not_there() -> None:
-    assert [TABLE.of(NATNET_NAMES_ANN, number).parent for number in (1, 2, 3, 4)] == [None, 1, None, None]
+    assert [TABLE.of(ANN_GROUP, number).parent for number in (1, 2, 3, 4)] == [None, 1, None, None]
 
 
 def test_assets() -> None:
@@ -293,9 +293,6 @@ def test_names_follow_the_groups() -> None:
     ]
 
 
-NATNET_PLAN_ANN = 5 << 16
-
-
 def table(*parents: int) -> NameTable:
     """A skeleton whose bone i + 1 has the parent given."""
     bones = tuple(BodyDefinition(f"b{i + 1}", i + 1, parent, (0.0, 0.0, 0.0)) for i, parent in enumerate(parents))
@@ -303,9 +300,7 @@ def table(*parents: int) -> NameTable:
 
 
 def plan(names: NameTable, *bones: int, limit: int = 256) -> PosePlan:
-    return plan_poses(
-        names, (PoseGroup(Owner.SKELETON, 5, len(bones)),), [NATNET_PLAN_ANN | bone for bone in bones], limit=limit
-    )
+    return plan_poses(names, (PoseGroup(Owner.SKELETON, 5, len(bones)),), [ANN | bone for bone in bones], limit=limit)
 
 
 def test_parents_come_before_children_in_whatever_order_they_are_sent() -> None:
@@ -325,7 +320,7 @@ def test_bones_without_a_known_chain_are_lost() -> None:
 
 def test_rigid_bodies_and_assets_have_no_parents() -> None:
     groups = (PoseGroup(Owner.RIGID_BODIES, 0, 1), PoseGroup(Owner.ASSET, 5, 2))
-    found = plan_poses(table(0, 1), groups, [1, NATNET_PLAN_ANN | 1, NATNET_PLAN_ANN | 2], limit=256)
+    found = plan_poses(table(0, 1), groups, [1, ANN | 1, ANN | 2], limit=256)
     assert (found.bones, found.lost) == ((), ())
 
 
@@ -381,8 +376,8 @@ def test_composed_bones_are_what_matrices_say(choices: list[int], seed: int) -> 
 PERSON = proportional_dimensions(1.83)
 SIDED = {"collar": "Shoulder", "shoulder": "UArm", "elbow": "FArm", "wrist": "Hand"}
 SIDED |= {"hip": "Thigh", "knee": "Shin", "ankle": "Foot", "toe": "Toe"}
-NATNET_SKELETON_BONES_ = {"pelvis": "Hip", "spine": "Ab", "chest": "Chest", "neck": "Neck", "head": "Head"}
-NATNET_SKELETON_BONES_ |= {f"{side}_{part}": side.upper() + name for part, name in SIDED.items() for side in "lr"}
+BONE_NAMES = {"pelvis": "Hip", "spine": "Ab", "chest": "Chest", "neck": "Neck", "head": "Head"}
+BONE_NAMES |= {f"{side}_{part}": side.upper() + name for part, name in SIDED.items() for side in "lr"}
 HUMAN_IK = {"shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand", "hip": "UpLeg", "knee": "Leg", "ankle": "Foot"}
 V41 = Version(4, 1)
 LIMBS = ("knee", "ankle", "elbow", "wrist")
@@ -407,7 +402,7 @@ CHAIN = {"elbow": "shoulder", "wrist": "elbow", "knee": "hip", "ankle": "knee", 
 PARENTS = {f"{side}_{part}": f"{side}_{parent}" for part, parent in CHAIN.items() for side in "lr"}
 
 
-def told(owner: str, body: list[Body], *, version: Version = V41, up: str = "y") -> NatnetDecoder:
+def defined(owner: str, body: list[Body], *, version: Version = V41, up: str = "y") -> NatnetDecoder:
     decoder = NatnetDecoder(up="z" if up == "z" else "y")
     decoder.decode(server_info(version))
     decoder.decode(definitions(Catalogue(skeletons=[(owner, 3, body)]), version))
@@ -417,9 +412,9 @@ def told(owner: str, body: list[Body], *, version: Version = V41, up: str = "y")
 @pytest.mark.parametrize("up", ["y", "z"])
 @pytest.mark.parametrize("version", [Version(3, 0), V41, Version(4, 4)])
 @pytest.mark.parametrize("prefix", ["", "Al_"])
-def test_limbs_are_as_they_are_told(up: str, version: Version, prefix: str) -> None:
-    names = {joint: prefix + bone for joint, bone in NATNET_SKELETON_BONES_.items()}
-    decoder = told("Al", bones(names, up=up, parents=PARENTS), version=version, up=up)
+def test_limbs_have_the_lengths_of_the_definitions(up: str, version: Version, prefix: str) -> None:
+    names = {joint: prefix + bone for joint, bone in BONE_NAMES.items()}
+    decoder = defined("Al", bones(names, up=up, parents=PARENTS), version=version, up=up)
     skeleton = skeleton_of(decoder, ["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
     assert skeleton is not None
     size = dimensions_from_skeleton(skeleton)
@@ -433,15 +428,15 @@ def test_other_names_of_bones() -> None:
         f"{s}_{part}": word + bone for part, bone in HUMAN_IK.items() for s, word in (("l", "Left"), ("r", "Right"))
     }
     names = {"pelvis": "Hips", "neck": "Neck", "head": "Head"} | sided
-    skeleton = skeleton_of(told("Al", bones(names, parents=PARENTS)), ["bone://Al/Head"])
+    skeleton = skeleton_of(defined("Al", bones(names, parents=PARENTS)), ["bone://Al/Head"])
     assert skeleton is not None and skeleton.distance("l_knee", "l_ankle") == pytest.approx(PERSON.length("l_ankle"))
 
 
 @pytest.mark.parametrize(
     "names", [[], ["rigid://head"], ["bone://Bo/Head"], ["bone://Al/Head", "bone://Bo/Head"], ["bone://"]]
 )
-def test_whose_bones_nobody_listens_for_has_no_skeleton(names: list[str]) -> None:
-    assert skeleton_of(told("Al", bones(NATNET_SKELETON_BONES_)), names) is None
+def test_without_its_bones_among_the_names_there_is_no_skeleton(names: list[str]) -> None:
+    assert skeleton_of(defined("Al", bones(BONE_NAMES)), names) is None
 
 
 def _circle(body: list[Body]) -> list[Body]:
@@ -451,17 +446,16 @@ def _circle(body: list[Body]) -> list[Body]:
 
 
 def test_what_is_no_human_is_no_skeleton_and_no_error() -> None:
-    assert skeleton_of(told("Al", bones(NATNET_SKELETON_BONES_)[:4]), ["bone://Al/Head"]) is None
-    odd = skeleton_of(told("Al", _circle(bones(NATNET_SKELETON_BONES_, parents=PARENTS))), ["bone://Al/Head"])
+    assert skeleton_of(defined("Al", bones(BONE_NAMES)[:4]), ["bone://Al/Head"]) is None
+    odd = skeleton_of(defined("Al", _circle(bones(BONE_NAMES, parents=PARENTS))), ["bone://Al/Head"])
     assert odd is not None and "l_wrist" not in odd.names and "r_wrist" in odd.names
     assert (
-        skeleton_of(told("Al", [Body(bone.name, 1, 1) for bone in bones(NATNET_SKELETON_BONES_)]), ["bone://Al/Head"])
-        is None
+        skeleton_of(defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]), ["bone://Al/Head"]) is None
     )
 
 
 def test_it_faces_x() -> None:
-    decoder = told("Al", bones(NATNET_SKELETON_BONES_, parents=PARENTS, up="z"), up="z")
+    decoder = defined("Al", bones(BONE_NAMES, parents=PARENTS, up="z"), up="z")
     skeleton = decoder.rest("Al")
     assert skeleton is not None
     across: FloatArray = skeleton.of("l_shoulder") - skeleton.of("r_shoulder")

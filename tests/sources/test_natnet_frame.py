@@ -111,10 +111,10 @@ def test_a_longer_suffix_leaves_a_surplus() -> None:
     assert found.surplus == 6
 
 
-NATNET_MODELS_BONES = [Body("Hip", 1, 0, (0, 1, 0)), Body("Spine", 2, 1, (0, 0.5, 0), markers=0)]
+DEFINED_BONES = [Body("Hip", 1, 0, (0, 1, 0)), Body("Spine", 2, 1, (0, 0.5, 0), markers=0)]
 CATALOGUE = Catalogue(
     bodies=[Body("Quad", 2), Body("Held", -3, markers=0)],
-    skeletons=[("Ann", 5, NATNET_MODELS_BONES), ("Nobody", 6, [])],
+    skeletons=[("Ann", 5, DEFINED_BONES), ("Empty", 6, [])],
     assets=[("Cloth", 8, [Body("Patch", 1)])],
 )
 
@@ -123,7 +123,7 @@ def known(version: Version) -> Definitions:
     bones = (BodyDefinition("Hip", 1, 0, (0, 1, 0)), BodyDefinition("Spine", 2, 1, (0, 0.5, 0)))
     return Definitions(
         (BodyDefinition("Quad", 2, -1, (0, 0, 0)), BodyDefinition("Held", -3, -1, (0, 0, 0))),
-        (GroupDefinition("Ann", 5, bones), GroupDefinition("Nobody", 6, ())),
+        (GroupDefinition("Ann", 5, bones), GroupDefinition("Empty", 6, ())),
         (GroupDefinition("Cloth", 8, (BodyDefinition("Patch", 1, -1, (0, 0, 0)),)),) if version >= (4, 1) else (),
     )
 
@@ -133,10 +133,10 @@ def test_names_numbers_and_parents(version: Version) -> None:
     assert read_definitions(definitions(CATALOGUE, version)[4:], version) == known(version)
 
 
-@pytest.mark.parametrize("told", VERSIONS, ids=str)
+@pytest.mark.parametrize("announced", VERSIONS, ids=str)
 @pytest.mark.parametrize("version", VERSIONS, ids=str)
-def test_they_are_read_whatever_version_was_told(version: Version, told: Version) -> None:
-    assert read_definitions(definitions(CATALOGUE, version)[4:], told) == known(version)
+def test_they_are_read_whatever_version_was_announced(version: Version, announced: Version) -> None:
+    assert read_definitions(definitions(CATALOGUE, version)[4:], announced) == known(version)
 
 
 @pytest.mark.parametrize("version", SIZED_VERSIONS, ids=str)

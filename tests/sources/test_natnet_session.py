@@ -25,7 +25,7 @@ MULTICAST = SessionSettings(transport="multicast")
 
 
 def answered(settings: SessionSettings | None = None, version: Version = V41, now: float = 0.0) -> NatnetSession:
-    """A session whose server answered and told its definitions, and to which a frame came."""
+    """A session whose server answered, sent its definitions, and sent a frame."""
     session = NatnetSession(settings)
     session.poll(now)
     multicast = session.settings.transport == "multicast"
@@ -243,11 +243,6 @@ def test_settings_that_cannot_be(wrong: dict[str, object], message: Facts) -> No
         SessionSettings(**wrong)  # type: ignore[arg-type]
 
 
-NATNET_TROUBLE_V41 = Version(4, 1)
-NATNET_TROUBLE_FRAME = frame(Motion(), NATNET_TROUBLE_V41)
-NATNET_TROUBLE_CATALOGUE = definitions(Catalogue(bodies=[Body("Quad", 1)]), NATNET_TROUBLE_V41)
-
-
 def said(session: NatnetSession, now: float) -> list[str]:
     return [problem.render() for problem in natnet_problems(session, now, host="10.0.0.2")]
 
@@ -268,7 +263,7 @@ def test_no_answer() -> None:
 
 def test_frames_but_no_answer() -> None:
     session = started("multicast")
-    session.receive(1.0, NATNET_TROUBLE_FRAME)
+    session.receive(1.0, FRAME)
     (text,) = said(session, 3.0)
     shows(text)
 
@@ -287,7 +282,7 @@ def test_a_version_that_cannot_be_read(version: Version, cure: str) -> None:
 @pytest.mark.parametrize("mine", ["unicast", "multicast"])
 def test_the_other_way_of_streaming(mine: str) -> None:
     session = started(mine)
-    session.receive(0.0, server_info(NATNET_TROUBLE_V41, multicast=mine == "unicast"))
+    session.receive(0.0, server_info(V41, multicast=mine == "unicast"))
     assert said(session, 1.9) == []
     (text,) = said(session, 2.0)
     shows(text, mine)
@@ -299,7 +294,7 @@ def test_the_other_way_of_streaming(mine: str) -> None:
 )
 def test_no_frames(mine: str, hint: str) -> None:
     session = started(mine)
-    session.receive(0.0, server_info(NATNET_TROUBLE_V41, multicast=mine == "multicast"))
+    session.receive(0.0, server_info(V41, multicast=mine == "multicast"))
     (text,) = said(session, 2.5)
     shows(text)
     assert hint in text
@@ -307,20 +302,20 @@ def test_no_frames(mine: str, hint: str) -> None:
 
 def test_no_definitions() -> None:
     session = started()
-    session.receive(0.0, server_info(NATNET_TROUBLE_V41))
+    session.receive(0.0, server_info(V41))
     for i in range(40):
         session.poll(i / 10)
-        session.receive(i / 10, NATNET_TROUBLE_FRAME)
+        session.receive(i / 10, FRAME)
     (text,) = said(session, 4.0)
     shows(text)
-    session.receive(4.0, NATNET_TROUBLE_CATALOGUE)
+    session.receive(4.0, CATALOGUE)
     assert said(session, 4.0) == []
 
 
 def test_nothing_is_wrong() -> None:
     session = started()
-    session.receive(0.0, server_info(NATNET_TROUBLE_V41))
+    session.receive(0.0, server_info(V41))
     session.poll(0.0)
-    session.receive(0.0, NATNET_TROUBLE_CATALOGUE)
-    session.receive(0.0, NATNET_TROUBLE_FRAME)
+    session.receive(0.0, CATALOGUE)
+    session.receive(0.0, FRAME)
     assert said(session, 1.0) == []

@@ -85,5 +85,5 @@ def test_text(raw: bytes, text: str) -> None:
     assert text_until_zero(raw) == text
 
 
-def test_a_message_tells_its_size() -> None:
+def test_a_message_carries_its_size() -> None:
     assert message(MessageId.TEXT, b"abc") == b"\x08\0\x03\0abc"

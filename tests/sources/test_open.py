@@ -115,7 +115,7 @@ def test_every_shared_file_opens_or_says_why(shared: Path) -> None:
 
 
 @pytest.mark.parametrize("address", ["vmc://:39539", Path("vmc://:39539"), "osc://host:1/x"])
-def test_live_sources_are_told_to_be_missing(address: str | Path) -> None:
+def test_live_sources_are_refused_as_files(address: str | Path) -> None:
     with refuses(InputError, "ADDRESS"):
         open_source(address)
 
@@ -129,7 +129,7 @@ def test_binary_text_formats_say_what_to_do(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("magic", [b"RAWDGM01", b"UDPREC01"])
-def test_a_recording_of_datagrams_is_told_as_such(tmp_path: Path, magic: bytes, packed: bool) -> None:
+def test_a_recording_of_datagrams_is_refused_as_such(tmp_path: Path, magic: bytes, packed: bool) -> None:
     path = tmp_path / "session.udprec.gz"
     content = magic + bytes(range(256)) * 40
     path.write_bytes(gzip.compress(content) if packed else content)

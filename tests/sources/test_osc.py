@@ -63,19 +63,19 @@ def test_golden_bytes() -> None:
 def test_every_type_has_its_value_and_is_skipped_right() -> None:
     tags = "ifsbhdTFNIcrmtS[i]f"
     raw = message("/x", tags, -7, 0.5, "abc", b"12345", -(2**40), 0.1, 65, 1, 2, 3, "", 9, 2.5)
-    (told,) = read_osc(raw).messages
+    (osc,) = read_osc(raw).messages
     inf = float("inf")
     values = (-7, 0.5, "abc", b"12345", -(2**40), 0.1, True, False, None, inf, 65, 1, 2, 3, "", None, 9, None, 2.5)
-    assert told.arguments == values
-    assert struct.unpack_from(">f", raw, told.at[-1]) == (2.5,)
-    spans = told.numbers()
-    assert len(spans) == 10 and spans[2] == (told.at[4], told.at[4] + 8)  # i f h d c r m t i f; h is the third
+    assert osc.arguments == values
+    assert struct.unpack_from(">f", raw, osc.at[-1]) == (2.5,)
+    spans = osc.numbers()
+    assert len(spans) == 10 and spans[2] == (osc.at[4], osc.at[4] + 8)  # i f h d c r m t i f; h is the third
 
 
 @pytest.mark.parametrize("size", range(9))
 def test_what_follows_a_blob_is_found(size: int) -> None:
-    (told,) = read_osc(message("/x", "bi", bytes(size), 7)).messages
-    assert told.arguments == (bytes(size), 7)
+    (osc,) = read_osc(message("/x", "bi", bytes(size), 7)).messages
+    assert osc.arguments == (bytes(size), 7)
 
 
 def nested(depth: int) -> bytes:
@@ -130,7 +130,7 @@ def test_a_cut_datagram_has_nothing() -> None:
     whole = bundle(FINE, FINE)
     for length in range(len(whole)):
         packet = read_osc(whole[:length])
-        complete = length in (16, 16 + 4 + len(FINE))  # cut exactly between two elements: nobody can tell
+        complete = length in (16, 16 + 4 + len(FINE))  # cut exactly between two elements, which does not show
         assert complete == (packet.dropped == [])
         assert len(packet.messages) == (1 if length == 36 else 0)
 
@@ -162,9 +162,9 @@ def test_noise_never_raises(noise: bytes) -> None:
     for datagram in (noise, b"#bundle\0" + noise, b"/a\0\0," + noise):
         packet = read_osc(datagram)
         assert set(packet.dropped) <= REASONS
-        for told in packet.messages:
-            assert len(told.tags) == len(told.arguments) == len(told.at)
-            assert all(0 <= start < end <= len(datagram) and start % 4 == 0 for start, end in told.numbers())
+        for osc in packet.messages:
+            assert len(osc.tags) == len(osc.arguments) == len(osc.at)
+            assert all(0 <= start < end <= len(datagram) and start % 4 == 0 for start, end in osc.numbers())
 
 
 @settings(max_examples=100)

@@ -8,12 +8,12 @@ from retarget.types import FloatArray
 
 
 def test_every_frame_is_decoded_and_only_wrists_move_after_a_while() -> None:
-    decoder, told = JsonPoseDecoder(), list[FloatArray]()
+    decoder, sent = JsonPoseDecoder(), list[FloatArray]()
     for number in range(0, round(3 * STILL_S * RATE_HZ), 7):
         (frame,) = decoder.decode(message(number))
         assert frame.names == tuple(STANDING)
-        told.append(np.array(frame.position))
-    track = np.array(told)
+        sent.append(np.array(frame.position))
+    track = np.array(sent)
     still, wrists = round(STILL_S * RATE_HZ / 7) - 1, [name.endswith("wrist") for name in STANDING]
     assert decoder.dropped.count == 0
     assert np.ptp(track[:still], axis=0).max() < 0.001 < np.ptp(track[:, wrists, 2], axis=0).min()

@@ -26,7 +26,7 @@ def write(path: Path, datagrams: list[Datagram]) -> None:
     for sent in datagrams:
         writer.append(sent.payload, time_ns=round(sent.time_s * 1e9), address=sent.address, port=sent.port)
     writer.close()
-    assert (writer.lost, writer.trouble) == (0, "")
+    assert (writer.lost, writer.error) == (0, "")
 
 
 @pytest.fixture
@@ -182,7 +182,7 @@ def test_a_full_disk_stops_the_recording_only(tmp_path: Path) -> None:
     writer._file.close()  # as good as a disk that has gone
     writer.append(b"x", time_ns=0, address="1.2.3.4", port=5)
     writer.flush()
-    assert writer.trouble
+    assert writer.error
     writer.append(b"y", time_ns=0, address="1.2.3.4", port=5)
     assert writer.lost == 2
 

@@ -34,7 +34,7 @@ class Recording:
     decoder: StreamDecoder
     script: dict[str, FloatArray]
 
-    def told(self, name: str) -> FloatArray:
+    def orientations(self, name: str) -> FloatArray:
         return np.array([frame.orientation[frame.names.index(name)] for frame in self.frames])
 
     def angle(self, column: str) -> FloatArray:
@@ -63,7 +63,7 @@ def vrchat(shared: Path) -> Recording:
 def segments(recording: Recording, roles: str) -> dict[str, FloatArray]:
     """World orientations (T, 4), identity in the T-pose, by canonical sensor."""
     return {
-        role.segment: canonical_orientation(role, recording.told(role.name))
+        role.segment: canonical_orientation(role, recording.orientations(role.name))
         for role in role_set(roles).roles
         if role.segment
     }
@@ -80,7 +80,7 @@ def bone_segments(recording: Recording) -> dict[str, FloatArray]:
 
 
 def errors(recording: Recording, parts: dict[str, FloatArray], wrist: str = "r_wrist") -> dict[str, FloatArray]:
-    """Degrees (T,) between the told turn of a joint and the scripted one."""
+    """Degrees (T,) between the turn of a joint as sent and as scripted."""
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     hang = {side: from_axis_angle((1.0, 0.0, 0.0), -turn) for side, turn in DOWN.items()}
     joints = {
@@ -154,8 +154,8 @@ def test_two_references_in_one_packet(vmc: Recording) -> None:
         assert np.degrees(angle_between(by_role[segment], by_bone[segment])).max() < 0.1, segment
 
 
-def test_roles_that_nobody_wears_are_told_all_the_same(vmc: Recording) -> None:
-    """There was no tracker on the hands: they hang on the forearms, vouched for like all others."""
+def test_roles_without_a_tracker_are_sent_all_the_same(vmc: Recording) -> None:
+    """There was no tracker on the hands: they are fixed to the forearms, and marked as tracked like all others."""
     bones = bone_segments(vmc)
     hands = segments(vmc, "slimevr")
     for side in "lr":
@@ -164,7 +164,7 @@ def test_roles_that_nobody_wears_are_told_all_the_same(vmc: Recording) -> None:
     assert all(frame.tracked[frame.names.index("human://LEFT_HAND")] for frame in vmc.frames)
 
 
-def test_bone_positions_are_untold_and_the_rest_is_told(vmc: Recording) -> None:
+def test_bone_positions_are_not_sent_and_the_rest_is(vmc: Recording) -> None:
     for frame in vmc.frames[::50]:
         for name, place in zip(frame.names, frame.position, strict=True):
             assert np.isnan(place).all() == name.startswith("bone://"), name

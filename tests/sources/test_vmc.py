@@ -25,7 +25,7 @@ from retarget.sources.vmc import (
     BONES,
     MAX_SERIAL,
     OPTIONAL,
-    TOLD_TWICE,
+    SENT_TWICE,
     TOO_MANY_POSES,
     UNKNOWN_ADDRESS,
     UNKNOWN_BONE,
@@ -225,9 +225,9 @@ def test_a_zero_quaternion_and_a_signalling_nan_are_dropped() -> None:
     assert decode(signalling)[1].dropped.reasons == {BAD_POSE: 1}
 
 
-def test_a_name_told_twice_counts_last() -> None:
+def test_a_name_sent_twice_counts_last() -> None:
     frames, decoder = decode(pose(TRA, "a"), pose(HMD, "a", *TURNED))
-    assert frames[0].names == ("a",) and decoder.dropped.reasons == {TOLD_TWICE: 1}
+    assert frames[0].names == ("a",) and decoder.dropped.reasons == {SENT_TWICE: 1}
     assert_allclose(frames[0].position[0], [0.3, -0.1, 0.2], atol=1e-7)
 
 
@@ -236,7 +236,7 @@ def test_poses_are_bounded() -> None:
     assert len(frames[0].names) == MAX_POSES and decoder.dropped.reasons == {TOO_MANY_POSES: 3}
 
 
-def test_states_are_remembered_until_told_otherwise() -> None:
+def test_states_are_kept_until_the_next_one() -> None:
     decoder = VmcDecoder()
     tracker = pose(TRA, "a")
     assert (decoder.loaded, decoder.calibration, decoder.calibration_mode, decoder.tracking) == (None,) * 4
@@ -294,8 +294,8 @@ def check_damaged(count: int, seed: int, datagram: bytes) -> None:
         raw = damaged(source, datagram)
         frames = used.decode(raw)
         for frame in frames:
-            told = ~np.isnan(frame.orientation[:, 0])
-            assert_allclose(np.linalg.norm(frame.orientation[told], axis=1), 1.0, atol=1e-9)
+            given = ~np.isnan(frame.orientation[:, 0])
+            assert_allclose(np.linalg.norm(frame.orientation[given], axis=1), 1.0, atol=1e-9)
             assert not np.isinf(frame.position).any() and len(set(frame.names)) == len(frame.names)
         if number % 10 == 0:
             fresh = VmcDecoder()
@@ -370,7 +370,7 @@ QUARTER = 0.5 * np.pi
 
 
 def frame_of(turns: dict[str, FloatArray], *, tracked: bool = True, position: FloatArray | None = None) -> StreamFrame:
-    """Bones (and "root") with these rotations; positions not told unless one is given for all."""
+    """Bones (and "root") with these rotations; positions are NaN unless one is given for all."""
     names = tuple("root://root" if bone == "root" else f"bone://{bone}" for bone in turns)
     count = len(names)
     places = np.full((count, 3), np.nan) if position is None else np.tile(position, (count, 1))
@@ -410,11 +410,11 @@ vectors = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
 @given(st.lists(vectors, min_size=8, max_size=8))
 def test_a_chain_is_the_product_of_its_bones(turns: list[FloatArray]) -> None:
     chain = ("root", "Hips", "Spine", "Chest", "RightShoulder", "RightUpperArm", "RightLowerArm", "RightHand")
-    told = dict(zip(chain, from_rotation_vector(turns), strict=True))
-    world = world_rotations(local_bones(frame_of({**still(*REQUIRED), **told})))
+    turned = dict(zip(chain, from_rotation_vector(turns), strict=True))
+    world = world_rotations(local_bones(frame_of({**still(*REQUIRED), **turned})))
     product = np.array([1.0, 0.0, 0.0, 0.0])
     for bone in chain:
-        product = multiply(product, told[bone])
+        product = multiply(product, turned[bone])
     assert angle_between(world[ROW["RightHand"]], product) < 1e-6
 
 
@@ -437,7 +437,7 @@ def test_a_missing_required_bone_is_unknown_and_so_is_all_below(bone: str) -> No
         assert unknown == {"Hips": set(BODY_BONES), "LeftUpperArm": arm, "RightFoot": {"RightFoot", "RightToes"}}[bone]
 
 
-def test_bones_that_are_not_vouched_for_are_not_told() -> None:
+def test_bones_that_are_not_tracked_are_nan() -> None:
     bones = local_bones(frame_of(still("Hips", "root"), tracked=False))
     assert np.isnan(bones.rotation).all() and np.isnan(bones.root_rotation).all()
 
@@ -471,7 +471,7 @@ def test_positions_of_the_t_pose_are_those_of_our_human() -> None:
         assert_allclose(ours[bone] - ours["Hips"], theirs[point] - theirs["pelvis"], atol=1e-9, err_msg=bone)
 
 
-def test_told_positions_go_before_lengths() -> None:
+def test_sent_positions_go_before_lengths() -> None:
     bones = local_bones(frame_of({**still(), "root": from_axis_angle(Z, QUARTER)}, position=X))
     world = world_positions(bones, world_rotations(bones), np.full((22, 3), 9.0))
     assert_allclose(world[ROW["Hips"]], X + Y, atol=1e-12)  # the root's position, and then one step turned
@@ -512,7 +512,7 @@ def test_a_bent_elbow_moves_the_hand() -> None:
     assert forearm[0] > 0.2
 
 
-def test_told_nothing() -> None:
+def test_nothing_is_sent() -> None:
     bones = local_bones(frame_of({}))
     assert isinstance(bones, LocalBones) and np.isnan(world_rotations(bones)[0]).all()
 
@@ -522,14 +522,14 @@ def test_unity_has_55_bones() -> None:
     assert {"LeftThumbProximal", "RightLittleDistal", "Jaw", "LeftEye", "UpperChest"} <= set(BONES)
 
 
-@pytest.mark.parametrize("told", ["LeftUpperArm", "leftUpperArm", "LEFTUPPERARM", "leftupperarm"])
-def test_bones_in_any_case(told: str) -> None:
-    assert bone_name(told) == "bone://LeftUpperArm"
+@pytest.mark.parametrize("name", ["LeftUpperArm", "leftUpperArm", "LEFTUPPERARM", "leftupperarm"])
+def test_bones_in_any_case(name: str) -> None:
+    assert bone_name(name) == "bone://LeftUpperArm"
 
 
-@pytest.mark.parametrize("told", ["", "LastBone", "Left Upper Arm", "LeftUpperArm ", "bone://Hips"])
-def test_no_bones(told: str) -> None:
-    assert bone_name(told) is None
+@pytest.mark.parametrize("name", ["", "LastBone", "Left Upper Arm", "LeftUpperArm ", "bone://Hips"])
+def test_no_bones(name: str) -> None:
+    assert bone_name(name) is None
 
 
 def test_serials() -> None:

@@ -13,7 +13,7 @@ from retarget.sources.vrchat import (
     BAD_POSITION,
     BAD_ROTATION,
     NOT_A_TRACKER,
-    TOLD_TWICE,
+    SENT_TWICE,
     UNKNOWN_ADDRESS,
     WRONG_ARGUMENTS,
     VrchatDecoder,
@@ -90,11 +90,11 @@ def test_names_stay_the_same_object() -> None:
     assert first.names is second.names
 
 
-def test_told_twice_counts_last() -> None:
+def test_a_pose_sent_twice_counts_last() -> None:
     decoder = VrchatDecoder()
     (frame,) = decoder.decode(bundle(at("1"), at("1", 0.0, 0.0, 5.0)))
     assert_allclose(frame.position, [[5.0, 0.0, 0.0]])
-    assert decoder.dropped.reasons == {TOLD_TWICE: 1}
+    assert decoder.dropped.reasons == {SENT_TWICE: 1}
 
 
 def check_damaged(count: int, seed: int, datagram: bytes) -> None:
@@ -104,8 +104,8 @@ def check_damaged(count: int, seed: int, datagram: bytes) -> None:
         raw = damaged(source, datagram)
         frames = used.decode(raw)
         for frame in frames:
-            told = ~np.isnan(frame.orientation[:, 0])
-            assert_allclose(np.linalg.norm(frame.orientation[told], axis=1), 1.0, atol=1e-9)
+            given = ~np.isnan(frame.orientation[:, 0])
+            assert_allclose(np.linalg.norm(frame.orientation[given], axis=1), 1.0, atol=1e-9)
             assert not np.isinf(frame.position).any() and len(set(frame.names)) == len(frame.names) <= 9
         if number % 10 == 0:
             fresh = VrchatDecoder().decode(raw)

@@ -1,4 +1,4 @@
-"""Streams that are heard by the doctor on virtual time: a sender of JSON with faults, or any datagrams at times."""
+"""Streams that the doctor captures on virtual time: of a JSON sender with faults, or any datagrams at given times."""
 
 import json
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
-from retarget.setup.doctor_listening import Listening, listen_to
+from retarget.setup.doctor_capture import StreamCapture, capture_stream
 from retarget.setup.doctor_machine import Finding, Level
 from retarget.setup.doctor_stream import judge, named_for
 from retarget.sources.stream_frame import Dropped
@@ -51,21 +51,21 @@ def json_poses(time: float, poses: dict[str, dict[str, list[float]]], **more: ob
     return json.dumps({"axes": "rep103", "time": time, "poses": poses} | more).encode()
 
 
-def heard(
+def captured(
     *faults: SenderFault,
     sender: FakeSender | None = None,
     performer: Performer | None = None,
     seconds: float = 5.0,
-) -> Listening:
+) -> StreamCapture:
     """A sender of JSON whose performer begins to move after 2 s."""
     sender = sender or FakeSender(frames=FRAMES)
     sender.faults += faults
-    return listen_to(live_stream(sender, performer or five()), clock=VirtualClock(), seconds=seconds)
+    return capture_stream(live_stream(sender, performer or five()), clock=VirtualClock(), seconds=seconds)
 
 
 def played(
     rows: Sequence[Datagram], *, text: str = "json://:14150", performer: Performer | None = None, seconds: float = 4.0
-) -> Listening:
+) -> StreamCapture:
     """Any datagrams, at an address."""
     address = parse_address(text)
     how, performer = stream_kinds()[address.kind], performer or five()
@@ -79,7 +79,7 @@ def played(
         validity=SensorValidity(roles.sensors),
         playout=Playout(len(roles.sensors)),
     )
-    return listen_to(stream, clock=VirtualClock(), seconds=seconds)
+    return capture_stream(stream, clock=VirtualClock(), seconds=seconds)
 
 
 def steady(payload: bytes, *, rate: float = 100.0, seconds: float = 2.0, source: Source = HERE) -> list[Datagram]:
@@ -87,10 +87,10 @@ def steady(payload: bytes, *, rate: float = 100.0, seconds: float = 2.0, source:
     return [Datagram(k / rate, source, payload) for k in range(round(rate * seconds))]
 
 
-def judged(listening: Listening, *, text: str = "json://:14150", performer: Performer | None = None) -> list[Finding]:
+def judged(capture: StreamCapture, *, text: str = "json://:14150", performer: Performer | None = None) -> list[Finding]:
     address = parse_address(text)
     roles = stream_kinds()[address.kind].roles
-    return judge(address, performer or five(), roles, listening, kind=address.kind)
+    return judge(address, performer or five(), roles, capture, kind=address.kind)
 
 
 def fixes(found: Sequence[Finding]) -> list[str]:
