@@ -449,9 +449,7 @@ def test_what_is_no_human_is_no_skeleton_and_no_error() -> None:
     assert skeleton_of(defined("Al", bones(BONE_NAMES)[:4]), ["bone://Al/Head"]) is None
     odd = skeleton_of(defined("Al", _circle(bones(BONE_NAMES, parents=PARENTS))), ["bone://Al/Head"])
     assert odd is not None and "l_wrist" not in odd.names and "r_wrist" in odd.names
-    assert (
-        skeleton_of(defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]), ["bone://Al/Head"]) is None
-    )
+    assert skeleton_of(defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]), ["bone://Al/Head"]) is None
 
 
 def test_it_faces_x() -> None:

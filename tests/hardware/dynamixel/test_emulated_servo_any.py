@@ -1,4 +1,4 @@
-"""Whatever a servo is told, it stays a servo: random instructions, times and faults."""
+"""Random instructions, times and faults: an emulated servo stays a servo."""
 
 import pytest
 from hypothesis import given, settings
