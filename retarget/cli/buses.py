@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from sim.physics.mount import Mount
     from sim.physics.witness import WitnessedBus
 
-__all__ = ["AFTER_FALL_S", "PhysicsBench", "make_bus", "standing_ticks"]
-
 
 def make_bus(name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None) -> ServoBus:
     """The bus of that name, or on the port of that path. Simulated servos begin in the robot's `stand` posture.

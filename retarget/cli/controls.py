@@ -23,26 +23,6 @@ from retarget.live.engagement import Engaged
 from retarget.live.performer import LivePerformer
 from retarget.run.control_socket import ControlSocket
 
-__all__ = [
-    "HELP",
-    "LET_GO_S",
-    "LONGEST_S",
-    "NEEDED",
-    "Clutch",
-    "DeadMan",
-    "HeldKey",
-    "Keys",
-    "LiveControls",
-    "LiveStatus",
-    "Oversight",
-    "Pedal",
-    "live_state",
-    "open_dead_man",
-    "refuse_oversight",
-    "words_for",
-]
-
-
 # A held key of the terminal, detected by its repeats: a terminal reports no release.
 
 LET_GO_S = 0.15

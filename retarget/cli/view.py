@@ -23,9 +23,6 @@ from retarget.viewer.recorded import open_viewed
 from retarget.viewer.server import PORT, close_server, open_server
 from retarget.viewer.snapshot import PHASE_WORDS, drawn
 
-__all__ = ["ON_THE_PAGE", "Viewing", "view", "viewing"]
-
-
 SHOWN_HZ = 30.0
 
 

@@ -30,19 +30,6 @@ from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
-__all__ = [
-    "BACK_M",
-    "FRONT_M",
-    "LONGEST_COUNTDOWN_S",
-    "RISE_M",
-    "LiveOptions",
-    "SideCheck",
-    "begin_live",
-    "live_rate_hz",
-    "measure",
-]
-
-
 LONGEST_COUNTDOWN_S = 600.0
 
 

@@ -26,9 +26,6 @@ from retarget.live.stream_report import (
 )
 from retarget.types import BoolArray, FloatArray
 
-__all__ = ["INTAKE", "LivePerformer", "base_sensors", "live_sample", "missing_sensors", "needed", "refuse_unmeasurable"]
-
-
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
 
 BASE_SENSORS = ("pelvis", "l_ankle", "r_ankle")

@@ -13,9 +13,6 @@ from retarget.sources import raw_record
 from retarget.sources.raw_record import RawReader, RawWriter
 from retarget.sources.stream_frame import Dropped
 
-__all__ = ["FLUSH_S", "RawTap", "ReplayReceiver", "open_replay", "recorded_kind"]
-
-
 UNKNOWN_SOURCE = "127.0.0.1"
 """The sender's address where a recording holds none."""
 LOOKED_AT = 100

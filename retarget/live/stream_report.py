@@ -21,20 +21,6 @@ from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
 from retarget.types import BoolArray
 
-__all__ = [
-    "HoldEvidence",
-    "Holds",
-    "LiveReport",
-    "StreamNews",
-    "StreamProblems",
-    "Tally",
-    "hold_reason_of",
-    "live_report",
-    "refuse_version",
-    "unusable",
-]
-
-
 NOTED_S = 0.05
 """After this long without a frame, counts are noted: what arrives from then on arrives instead of frames."""
 SILENT_S = 1.0

@@ -20,18 +20,6 @@ from retarget.types import FloatArray, IntArray
 if TYPE_CHECKING:
     from retarget import _solver
 
-__all__ = [
-    "BodyModel",
-    "Frame",
-    "Geom",
-    "JointLimits",
-    "JointType",
-    "joint_weights",
-    "load_body",
-    "load_body_text",
-    "low_inertia_joints",
-]
-
 
 class JointType(IntEnum):
     """Kinds of joint, with MuJoCo's numbers."""

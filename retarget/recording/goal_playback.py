@@ -27,7 +27,6 @@ from retarget.types import BoolArray, FloatArray, RobotPosture
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
 
-__all__ = ["RecordedGoals", "StillHuman", "goal_playback"]
 
 Notify = Callable[[str], object]
 

@@ -23,8 +23,6 @@ from retarget.run.run_result import truth_names
 from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray
 
-__all__ = ["Recorder"]
-
 SWITCH_S = 1e-3
 """So long a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5 ms."""
 

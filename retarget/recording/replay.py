@@ -28,20 +28,6 @@ from retarget.run.run_result import RunResult
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray
 
-__all__ = [
-    "Difference",
-    "Replayed",
-    "ReplayedBus",
-    "ReplayedClock",
-    "ReplayedSamples",
-    "goal_difference",
-    "posture_difference",
-    "refuse_other_robot",
-    "replay",
-    "what_computes",
-]
-
-
 # What stands in for clock, servos and performer while a recording is run again: each gives what it gave then.
 
 

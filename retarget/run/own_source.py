@@ -22,8 +22,6 @@ from retarget.run.prepare import Perform
 from retarget.schema.performer import Performer
 from retarget.sources.stream_frame import Dropped, StreamFrame
 
-__all__ = ["OwnSource", "Read", "performing"]
-
 Read = Callable[[float], Sequence[StreamFrame] | None]
 """From now, s of the run's clock, to the frames that came since the last poll, oldest first; None: it is over."""
 HERE = ("127.0.0.1", 0)

@@ -38,9 +38,6 @@ from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
 from retarget.schema.scene import load_scene, on_floor
 
-__all__ = ["MakeBus", "Perform", "Prepared", "make_gate", "prepare", "prepare_for"]
-
-
 # The last filter of a robot's goals: the gate with its collision check, or none, and deflection compensation.
 
 

@@ -16,18 +16,6 @@ from retarget.run.stages import FollowingStage
 from retarget.run.trajectory import approach
 from retarget.types import BoolArray, FloatArray
 
-__all__ = [
-    "ALONE_RAD",
-    "LONGEST_TO_REST_S",
-    "NEAR_REST",
-    "REST_WITHIN_S",
-    "RestTrajectory",
-    "Trajectory",
-    "not_at_rest",
-    "rest_trajectories",
-]
-
-
 # Trajectories from a stance to rest: straight, or around an obstacle.
 
 Trajectory = Iterator[FloatArray]

@@ -25,8 +25,6 @@ from retarget.run.trajectory import (
 from retarget.safety.clearance import PathClearance
 from retarget.types import FloatArray, HumanPosture, ModeArray, RobotPosture
 
-__all__ = ["GATED_RAD", "RobotSide"]
-
 FORCED_STOP = "torque off before the robot stood, forced by the user"
 GATED_RAD = 1e-8
 """The filter changed a goal if the one sent differs from the one asked by more than this, rad."""

@@ -12,8 +12,6 @@ from hardware.errors import BusError, HardwareError, describe
 from hardware.joint_map import JointMap
 from retarget.schema.servo_calibration import HomedServo, ServoCalibration
 
-__all__ = ["FAR", "Homing", "calibration_of", "home", "homed_columns"]
-
 READS = 25
 """Cycles that are read once the robot is in place."""
 PERIOD = 0.02  # [s] between cycles
