@@ -20,7 +20,7 @@ from retarget.run.prepare import Prepared
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult, Truth
 from retarget.schema.scene import load_scene
-from retarget.types import FloatArray
+from retarget.types import FloatArray, Notify
 
 if TYPE_CHECKING:
     from sim.physics.bus import PhysicsBus
@@ -88,8 +88,6 @@ LIVE_PUSH_S = 30.0
 """Within this time of a live performance a push comes, s; of a recording, within its length."""
 CHEST = "chest"
 """The frame that is pushed, where the profile has it; else the centre of mass of the root link."""
-
-Notify = Callable[[str], object]
 
 
 class PhysicsBench:
